@@ -1,0 +1,78 @@
+# Every target does its own set-up: only python3 (3.11 to 3.13) with pip, and make, are needed.
+
+PYTHON ?= python3
+BIN := .venv/bin
+
+# Pictures are written to files, on machines without a screen as well.
+export MPLBACKEND := Agg
+# The build tool is pinned like everything else (the first name is read by older pips, the second by newer ones).
+export PIP_CONSTRAINT := constraints.txt
+export PIP_BUILD_CONSTRAINT := constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint types imports audit clean
+
+help: ## this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | while IFS='|' read -r name text; do \
+		printf '  %-14s %s\n' "$$name" "$$text"; done
+
+demo: .venv/.core ## walk an investor through 27 years of real returns, into demo/
+	$(BIN)/inscrutable backtest --out demo
+	@echo "The table and the figures are in the folder demo:"
+	@ls -1 demo | sed 's/^/  demo\//'
+
+# Two test processes share two cores, so each does its linear algebra on one thread.
+test: export OPENBLAS_NUM_THREADS := 1
+test: export OMP_NUM_THREADS := 1
+test: lint types imports ## lint, types, layout, unit tests, doctests, documents and examples (under 10 minutes)
+	$(BIN)/pytest -n 2 --dist worksteal
+
+lint: .venv/.test ## style and formatting
+	$(BIN)/ruff check --quiet .
+	$(BIN)/ruff format --quiet --check .
+
+types: .venv/.test ## static types
+	$(BIN)/mypy
+
+imports: .venv/.test ## a step of the story imports only from the steps above it
+	$(BIN)/lint-imports --no-logo
+
+audit: .venv/.test ## the checks that take longer; their log is kept in audit/log.txt
+	$(BIN)/python tools/audit.py
+
+clean: ## remove the environment, the caches and the demo
+	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist demo
+	find src tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# ---- the environment: made once, renewed when a requirement changes -----------------------------
+
+EVERYTHING := .[test,global,data]
+
+define install
+	@echo "Installing into .venv (a minute or two the first time) ..."
+	@$(BIN)/python -m pip install -qq -c constraints.txt -e '$(1)' || { \
+		echo; \
+		echo "The installation failed; pip's reason is above."; \
+		echo "A broken connection, a timeout, or versions said to be missing or in conflict mean that the package"; \
+		echo "index was out of reach: run the same command again, what was downloaded is kept."; \
+		echo "If .venv itself is damaged: make clean, then the same command."; \
+		exit 1; } >&2
+endef
+
+.venv/.test: pyproject.toml constraints.txt | $(BIN)/pip
+	$(call install,$(EVERYTHING))
+	@touch .venv/.core $@
+
+.venv/.core: pyproject.toml constraints.txt | $(BIN)/pip
+	$(call install,.)
+	@touch $@
+
+$(BIN)/pip:
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' 2>/dev/null || { \
+		echo "Python 3.11, 3.12 or 3.13 is needed; '$(PYTHON) --version' says: $$($(PYTHON) --version 2>&1)"; \
+		echo "Name another one: make PYTHON=python3.12 ..."; \
+		exit 1; } >&2
+	@$(PYTHON) -m venv .venv || { \
+		echo "'$(PYTHON) -m venv' failed; on Debian and Ubuntu: apt install python3-venv"; \
+		exit 1; } >&2

@@ -1,0 +1,132 @@
+"""What does my decision give away, how do I change that, and what does it cost?
+
+Every public name is importable from here and loaded when it is first used, so `import inscrutable` stays fast.
+A new name is entered twice: in the table below, and, for editors and type checkers, among the imports.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+_EXPORTS: dict[str, str] = {
+    "BeliefFilter": "filtering",
+    "BeliefSet": "geometry",
+    "Budget": "budgets",
+    "Candidates": "decision_makers",
+    "CategoricalEmission": "worlds",
+    "CounterAdversarialDecisionMaker": "decision_makers",
+    "Decision": "decision_makers",
+    "DecisionProblem": "problems",
+    "DecisionStatus": "decision_makers",
+    "Decisions": "decision_makers",
+    "DesiredObfuscation": "privacy",
+    "Envelope": "decision_makers",
+    "FilterResult": "filtering",
+    "FittedWorld": "worlds",
+    "Frontier": "decision_makers",
+    "GaussianEmission": "worlds",
+    "GlobalSearch": "decision_makers",
+    "HiddenMarkovModel": "worlds",
+    "Infeasibility": "privacy",
+    "InputError": "errors",
+    "InscrutableError": "errors",
+    "LinearProgramme": "decision_makers",
+    "LocalSearch": "decision_makers",
+    "MarkowitzProblem": "problems",
+    "MaximalObfuscation": "privacy",
+    "MixedDecision": "decision_makers",
+    "MixedDecisions": "decision_makers",
+    "ModelError": "errors",
+    "NearOptimalBeliefs": "adversaries",
+    "NonExistence": "privacy",
+    "NonUniqueness": "privacy",
+    "OriginalDecisionMaker": "decision_makers",
+    "Polyhedron": "problems",
+    "PrivacyMeasure": "privacy",
+    "ProbabilisticDecisionMaker": "decision_makers",
+    "QuadraticProblem": "problems",
+    "SolverError": "errors",
+    "Trajectory": "worlds",
+    "action_grid": "decision_makers",
+    "box": "problems",
+    "consistent_beliefs": "adversaries",
+    "decoy_grid": "decision_makers",
+    "filter_beliefs": "filtering",
+    "fit_gaussian_hmm": "worlds",
+    "near_optimal_beliefs": "adversaries",
+    "plausibility_gap": "adversaries",
+    "privacy_frontier": "decision_makers",
+    "random_candidates": "decision_makers",
+    "simplex": "problems",
+    "simplex_grid": "geometry",
+}
+
+if TYPE_CHECKING:
+    from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
+    from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
+    from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
+    from inscrutable.adversaries import plausibility_gap as plausibility_gap
+    from inscrutable.budgets import Budget as Budget
+    from inscrutable.decision_makers import Candidates as Candidates
+    from inscrutable.decision_makers import CounterAdversarialDecisionMaker as CounterAdversarialDecisionMaker
+    from inscrutable.decision_makers import Decision as Decision
+    from inscrutable.decision_makers import Decisions as Decisions
+    from inscrutable.decision_makers import DecisionStatus as DecisionStatus
+    from inscrutable.decision_makers import Envelope as Envelope
+    from inscrutable.decision_makers import Frontier as Frontier
+    from inscrutable.decision_makers import GlobalSearch as GlobalSearch
+    from inscrutable.decision_makers import LinearProgramme as LinearProgramme
+    from inscrutable.decision_makers import LocalSearch as LocalSearch
+    from inscrutable.decision_makers import MixedDecision as MixedDecision
+    from inscrutable.decision_makers import MixedDecisions as MixedDecisions
+    from inscrutable.decision_makers import OriginalDecisionMaker as OriginalDecisionMaker
+    from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
+    from inscrutable.decision_makers import action_grid as action_grid
+    from inscrutable.decision_makers import decoy_grid as decoy_grid
+    from inscrutable.decision_makers import privacy_frontier as privacy_frontier
+    from inscrutable.decision_makers import random_candidates as random_candidates
+    from inscrutable.errors import InputError as InputError
+    from inscrutable.errors import InscrutableError as InscrutableError
+    from inscrutable.errors import ModelError as ModelError
+    from inscrutable.errors import SolverError as SolverError
+    from inscrutable.filtering import BeliefFilter as BeliefFilter
+    from inscrutable.filtering import FilterResult as FilterResult
+    from inscrutable.filtering import filter_beliefs as filter_beliefs
+    from inscrutable.geometry import BeliefSet as BeliefSet
+    from inscrutable.geometry import simplex_grid as simplex_grid
+    from inscrutable.privacy import DesiredObfuscation as DesiredObfuscation
+    from inscrutable.privacy import Infeasibility as Infeasibility
+    from inscrutable.privacy import MaximalObfuscation as MaximalObfuscation
+    from inscrutable.privacy import NonExistence as NonExistence
+    from inscrutable.privacy import NonUniqueness as NonUniqueness
+    from inscrutable.privacy import PrivacyMeasure as PrivacyMeasure
+    from inscrutable.problems import DecisionProblem as DecisionProblem
+    from inscrutable.problems import MarkowitzProblem as MarkowitzProblem
+    from inscrutable.problems import Polyhedron as Polyhedron
+    from inscrutable.problems import QuadraticProblem as QuadraticProblem
+    from inscrutable.problems import box as box
+    from inscrutable.problems import simplex as simplex
+    from inscrutable.worlds import CategoricalEmission as CategoricalEmission
+    from inscrutable.worlds import FittedWorld as FittedWorld
+    from inscrutable.worlds import GaussianEmission as GaussianEmission
+    from inscrutable.worlds import HiddenMarkovModel as HiddenMarkovModel
+    from inscrutable.worlds import Trajectory as Trajectory
+    from inscrutable.worlds import fit_gaussian_hmm as fit_gaussian_hmm
+else:  # hidden from type checkers, which would otherwise accept any misspelt name
+    __all__ = sorted(_EXPORTS)
+
+    def __getattr__(name: str) -> object:
+        """Load a public name from its module on first use (PEP 562)."""
+        if name not in _EXPORTS:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
+        from importlib import import_module
+
+        value = getattr(import_module(f"{__name__}.{_EXPORTS[name]}"), name)
+        globals()[name] = value
+        return value
+
+    def __dir__() -> list[str]:
+        """List the public names, loaded or not."""
+        return sorted({*globals(), *_EXPORTS})

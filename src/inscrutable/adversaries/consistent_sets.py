@@ -1,0 +1,156 @@
+"""Inverse optimisation of many decisions at once: points and segments in bulk, larger sets when asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, MutableMapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.geometry import BeliefSet
+from inscrutable.geometry.cones import stationarity_rows
+from inscrutable.geometry.hulls import affine_hulls, clip_to_segments
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentSets:
+    """The consistent beliefs of M decisions: dimension −1 empty, 0 a point, 1 a segment from start to end, 2 and more."""
+
+    problem: DecisionProblem
+    actions: Array  # (M, U)
+    dimension: np.ndarray  # (M,)
+    start: Array  # (M, X)
+    end: Array  # (M, X)
+    distinct: np.ndarray  # (M,): the first decision equal to this one
+    _larger: MutableMapping[int, BeliefSet] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return int(self.actions.shape[0])
+
+    def __getitem__(self, index: int) -> BeliefSet:
+        """Return the belief set of one decision; equal decisions share it."""
+        first = int(self.distinct[index])
+        if first not in self._larger:
+            self._larger[first] = belief_set_of(self.problem, self.actions[first])
+        return self._larger[first]
+
+    def joined(self, other: ConsistentSets) -> ConsistentSets:
+        """Return these sets followed by others of the same problem, without looking for decisions in common."""
+        shift = len(self)
+        # Sets of this object found later stay known to the joined one's successors too: the dictionary is shared.
+        known = _Offset(self._larger, other._larger, shift)
+        return ConsistentSets(
+            self.problem,
+            np.vstack([self.actions, other.actions]),
+            np.concatenate([self.dimension, other.dimension]),
+            np.vstack([self.start, other.start]),
+            np.vstack([self.end, other.end]),
+            np.concatenate([self.distinct, other.distinct + shift]),
+            known,
+        )
+
+    def distances(self, belief: Array) -> Array:
+        """Return the distance from `belief` (X,) to every set, shape (M,); infinite for empty ones."""
+        distances = self.bounds(belief)
+        larger = np.flatnonzero(self.dimension >= 2)
+        for first in np.unique(self.distinct[larger]):
+            distances[larger[self.distinct[larger] == first]] = self[int(first)].distance(belief)
+        return distances
+
+    def bounds(self, belief: Array) -> Array:
+        """Return the distance to points and segments, and for larger sets the one to a member: an upper bound."""
+        along = self.end - self.start
+        length = (along**2).sum(axis=1)
+        toward = belief - self.start
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(length > 0, np.clip((toward * along).sum(axis=1) / length, 0.0, 1.0), 0.0)
+        distances = np.linalg.norm(toward - share[:, None] * along, axis=1)
+        return np.where(self.dimension < 0, np.inf, distances)
+
+
+class _Offset(MutableMapping[int, BeliefSet]):
+    """Two stores of belief sets seen as one, the second with its numbers shifted."""
+
+    def __init__(
+        self, first: MutableMapping[int, BeliefSet], second: MutableMapping[int, BeliefSet], shift: int
+    ) -> None:
+        self._first, self._second, self._shift = first, second, shift
+
+    def _place(self, key: int) -> tuple[MutableMapping[int, BeliefSet], int]:
+        return (self._first, key) if key < self._shift else (self._second, key - self._shift)
+
+    def __getitem__(self, key: int) -> BeliefSet:
+        store, place = self._place(key)
+        return store[place]
+
+    def __setitem__(self, key: int, value: BeliefSet) -> None:
+        store, place = self._place(key)
+        store[place] = value
+
+    def __delitem__(self, key: int) -> None:
+        store, place = self._place(key)
+        del store[place]
+
+    def __iter__(self) -> Iterator[int]:
+        yield from self._first
+        yield from (key + self._shift for key in self._second)
+
+    def __len__(self) -> int:
+        return len(self._first) + len(self._second)
+
+
+def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | None = None) -> ConsistentSets:
+    """Return the consistent sets of decisions (M,U), each solved with those that share its tight rows.
+
+    `members` (M,X) are beliefs known to explain the decisions, such as their decoys; they stand for the sets of
+    dimension two and more, which are described when first asked for. Cost: one small singular value decomposition
+    a decision, in bulk.
+    """
+    region = problem.constraints
+    count, n_states = actions.shape[0], problem.n_states
+    dimension = np.full(count, -1)
+    start = np.zeros((count, n_states))
+    end = np.zeros((count, n_states))
+    tight = region.tight_rows(actions)
+    patterns, pattern_of = np.unique(tight, axis=0, return_inverse=True)
+    distinct = _first_equal(actions)
+    pending: dict[int, BeliefSet] = {}
+    for number, pattern in enumerate(patterns):
+        index = np.flatnonzero(pattern_of.reshape(-1) == number)
+        rows = stationarity_rows(region.A_ub[pattern], region.A_eq)
+        gradients = problem.cost_gradients(actions[index])
+        scale = np.abs(gradients).max(axis=(1, 2), keepdims=True)
+        scaled = (gradients / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1)
+        inequalities = rows.inequalities @ scaled
+        hulls = affine_hulls(rows.equalities @ scaled, tolerances.EXPLAINED)
+        for size in (0, 1):
+            which = np.flatnonzero(hulls.dimension == size)
+            if which.size:
+                cut = clip_to_segments(hulls, inequalities, which)
+                chosen = index[which[cut.present]]
+                start[chosen], end[chosen] = cut.start[cut.present], cut.end[cut.present]
+                longer = np.linalg.norm(end[chosen] - start[chosen], axis=1) > tolerances.SAME_BELIEF
+                dimension[chosen] = longer.astype(int)
+        for i in index[hulls.dimension >= 2]:
+            first = int(distinct[i])
+            if members is not None:
+                dimension[i] = 2
+                start[i] = end[i] = members[i]
+                continue
+            if first not in pending:
+                pending[first] = belief_set_of(problem, actions[first])
+            dimension[i] = min(pending[first].dimension, 2)
+            if dimension[i] >= 0:
+                start[i] = end[i] = pending[first].center()
+                dimension[i] = 2
+    return ConsistentSets(problem, actions, dimension, start, end, distinct, pending)
+
+
+def _first_equal(actions: Array) -> np.ndarray:
+    rounded = np.round(actions / tolerances.SAME_ACTION) * tolerances.SAME_ACTION
+    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[inverse.reshape(-1)])

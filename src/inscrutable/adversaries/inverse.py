@@ -1,0 +1,61 @@
+"""Inverse optimisation of one decision: the beliefs that it is optimal for."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries.near_optimal import plausibility_gap
+from inscrutable.errors import InputError
+from inscrutable.geometry import BeliefSet
+from inscrutable.geometry.cones import stationarity_rows
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+def consistent_beliefs(
+    problem: DecisionProblem, action: ArrayLike, *, tolerance: float = tolerances.EXPLAINED
+) -> BeliefSet:
+    """Return the beliefs for which `action` is optimal, as an explicit polytope.
+
+    Formula: Π(u) = {π ∈ Δ_X : ∃ λ ≥ 0, ν : G(u)π + A_act'λ + A_eq'ν = 0}, where the active rows are those with less
+    slack than the feasible set's `min_slack`; the multipliers are eliminated.
+
+    Args:
+        problem: The decision problem that the observer knows.
+        action: u, shape (U,), in the decision's unit; it must lie in the feasible set.
+        tolerance: Largest KKT residual of a member, relative to the gradient's scale; above 0.
+
+    Returns:
+        A `BeliefSet`; empty where no belief explains the decision.
+
+    Raises:
+        InputError: `action` has the wrong length, is not finite or lies outside the feasible set; `tolerance` ≤ 0.
+
+    Cost: one pseudo-inverse of the active rows. Source: the paper, Theorem 1 and eq. (4).
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.02, 0.03], [-0.03, 0.0]], [np.eye(2), 2 * np.eye(2)], 1.0)
+        >>> consistent_beliefs(problem, problem.solve([0.3, 0.7])).contains([0.3, 0.7])
+        True
+    """
+    u = problem.check_actions(action)
+    if u.ndim != 1:
+        raise InputError(f"action must be one decision of shape ({problem.n_actions},), got shape {u.shape}")
+    return belief_set_of(problem, u, validation.positive(tolerance, "tolerance"))
+
+
+def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = tolerances.EXPLAINED) -> BeliefSet:
+    """Return the consistent beliefs of a decision (U,) that is known to be feasible."""
+    region = problem.constraints
+    rows = stationarity_rows(region.A_ub[region.tight_rows(u)], region.A_eq)
+    gradients = problem.cost_gradients(u)
+    scale = np.abs(gradients).max()
+    scaled = gradients.T / (scale if scale > 0 else 1.0)
+    return BeliefSet(
+        rows.equalities @ scaled, rows.inequalities @ scaled, tolerance, partial(plausibility_gap, problem, u)
+    )

@@ -1,0 +1,293 @@
+"""Beliefs under which a decision is nearly optimal, and how nearly it can be: cutting planes on the value function.
+
+V(π) = min_u π·s(u) lies below π·s(v) for every decision v, so each solved belief gives a valid plane:
+ρ(π,u) ≥ π·(s(u) − s(v)), with equality where v = u*(π).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import linprog
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError, SolverError
+from inscrutable.geometry import simplex_grid
+from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.geometry.polytopes import (
+    Reduced,
+    minimise_over_rows,
+    project_on_rows,
+    reduce_polytope,
+    sample_polytope,
+)
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+_MOST_PLANES = 500
+_SHAPE = 0.01
+
+
+def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:
+    """Return r(u) = min_π ρ(π,u), the least regret that any belief leaves to a decision.
+
+    Formula: min_{π ∈ Δ} max_{v ∈ C} π·(s(u) − s(v)); zero exactly when some belief explains the decision.
+
+    Args:
+        problem: The decision problem.
+        action: u, shape (U,), feasible.
+
+    Returns:
+        The gap, in the cost's unit, at least 0.
+
+    Raises:
+        InputError: `action` is not a feasible decision.
+        SolverError: The cutting planes did not close.
+
+    Cost: some tens of forward solves. Source: a detection statistic on top of the paper's Theorem 1.
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem(np.zeros((2, 2)), [np.eye(2), 2 * np.eye(2)], 1.0)
+        >>> round(plausibility_gap(problem, [1.0, 0.0]), 6)
+        0.5
+    """
+    return nearest_explanation(problem, action)[1]
+
+
+def nearest_explanation(problem: DecisionProblem, action: ArrayLike) -> tuple[Array, float]:
+    """Return the belief (X,) that leaves the decision the least regret, and that regret."""
+    u = problem.check_actions(action)
+    own = problem.state_costs(u)
+    n_states = problem.n_states
+    points = np.vstack([np.full(n_states, 1.0 / n_states), np.eye(n_states)]) if n_states > 1 else np.ones((1, 1))
+    planes = own - problem.state_costs(problem.solve(points))
+    regrets = (points * planes).sum(axis=1)
+    best, upper = points[int(regrets.argmin())], float(max(regrets.min(), 0.0))
+    scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
+    for _ in range(_MOST_PLANES):
+        lower, trial = _lowest_of_planes(planes / scale)
+        if upper - lower * scale <= tolerances.GAP_STEP * scale:
+            break
+        # Half-way to the best belief so far: Kelley's corners alone zigzag.
+        for point in (trial, 0.5 * (trial + best)):
+            plane = own - problem.state_costs(problem.solve(point))
+            planes = np.vstack([planes, plane])
+            regret = float(point @ plane)
+            if regret < upper:
+                best, upper = point, max(regret, 0.0)
+    else:
+        raise SolverError(f"the plausibility gap did not close: between {lower * scale:.3g} and {upper:.3g}")
+    return best, upper
+
+
+def _lowest_of_planes(planes: Array) -> tuple[float, Array]:
+    n_states = planes.shape[1]
+    answer = linprog(
+        np.concatenate([np.zeros(n_states), [1.0]]),
+        A_ub=np.column_stack([planes, -np.ones(planes.shape[0])]),
+        b_ub=np.zeros(planes.shape[0]),
+        A_eq=np.concatenate([np.ones(n_states), [0.0]])[None],
+        b_eq=np.ones(1),
+        bounds=[(0, None)] * (n_states + 1),
+        method="highs",
+        options={"primal_feasibility_tolerance": tolerances.LINEAR_PROGRAMME},
+    )
+    if answer.status != 0:
+        raise SolverError(f"HiGHS could not minimise the cutting planes: {answer.message}")
+    return float(answer.fun), _onto_simplex(answer.x[None, :n_states])[0]
+
+
+def _onto_simplex(points: Array) -> Array:
+    clipped = np.maximum(points, 0.0)
+    return np.asarray(clipped / clipped.sum(axis=1, keepdims=True))
+
+
+@dataclass(frozen=True, eq=False)
+class NearOptimalBeliefs:
+    """The convex set Π_ε(u) = {π ∈ Δ : ρ(π,u) ≤ ε}, described from outside by planes added where they are needed.
+
+    The queries are those of `BeliefSet`. Bounds and distances are reached by members with a regret of at most
+    ε + `accuracy`; the set is smooth, so its vertices, centre and samples belong to an outer polytope whose corners
+    exceed ε by at most a hundredth of it.
+
+    Source: near-optimal inverse optimisation; equals Theorem 1's set at ε = 0.
+
+    Example: see `near_optimal_beliefs`.
+    """
+
+    problem: DecisionProblem
+    action: Array
+    regret: float
+    accuracy: float
+    _planes: list[Array] = field(default_factory=list, repr=False)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return self.problem.n_states
+
+    @cached_property
+    def _own_costs(self) -> Array:
+        return self.problem.state_costs(self.action)
+
+    @cached_property
+    def _explanation(self) -> tuple[Array, float]:
+        return nearest_explanation(self.problem, self.action)
+
+    @property
+    def plausibility_gap(self) -> float:
+        """Smallest regret over all beliefs, in the cost's unit."""
+        return self._explanation[1]
+
+    @property
+    def residual(self) -> float:
+        """By how much the least regret exceeds ε, in the cost's unit; zero where the set is not empty."""
+        return max(self.plausibility_gap - self.regret, 0.0)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether every belief leaves more regret than ε."""
+        return self.residual > self.accuracy
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of the outer polytope; −1 for the empty set."""
+        return -1 if self._outer is None else int(self._outer.directions.shape[0])
+
+    def contains(self, belief: ArrayLike) -> bool:
+        """Return whether the decision has a regret of at most ε under the belief."""
+        return float(self.problem.regret(belief, self.action)) <= self.regret + self.accuracy
+
+    @cached_property
+    def _outer(self) -> Reduced | None:
+        """An outer polytope whose corners exceed ε by at most a hundredth, for shapes and samples."""
+        if self.is_empty:
+            return None
+        self._seed()
+        allowed = max(_SHAPE * self.regret, self.accuracy)
+        while True:
+            outer = self._polytope()
+            if outer is None:
+                best = self._explanation[0]
+                return Reduced(best, np.zeros((0, self.n_states)), np.zeros((0, 0)), np.zeros(0), best[None])
+            corners = _onto_simplex(outer.vertices)
+            excess = self.problem.regret(corners, self.action) - self.regret
+            outside = corners[excess > allowed]
+            if not len(outside) or len(self._planes) > _MOST_PLANES:
+                return outer
+            self._add(outside)
+
+    def _seed(self) -> None:
+        if not self._planes:
+            self._add(simplex_grid(self.n_states, 6 if self.n_states <= 4 else 2))
+            self._add(self._explanation[0][None])
+
+    def _add(self, beliefs: Array) -> None:
+        self._planes.extend(self._own_costs - self.problem.state_costs(self.problem.solve(beliefs)))
+
+    @cached_property
+    def _basis(self) -> Array:
+        return sum_zero_basis(self.n_states)
+
+    def _rows(self) -> tuple[Array, Array]:
+        """Rows and offsets of the current outer polytope in the coordinates of `_basis` around the simplex's centre."""
+        centre = np.full(self.n_states, 1.0 / self.n_states)
+        planes = np.array(self._planes)
+        scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
+        normals = np.vstack([planes / scale, -np.eye(self.n_states)])
+        level = (self.regret + 0.5 * self.accuracy) / scale
+        allowed = np.concatenate([np.full(len(planes), level), np.zeros(self.n_states)])
+        return normals @ self._basis, allowed - normals @ centre
+
+    def _polytope(self) -> Reduced | None:
+        rows, offsets = self._rows()
+        return reduce_polytope(np.full(self.n_states, 1.0 / self.n_states), self._basis.T, rows, offsets)
+
+    def _converge(self, candidate: Callable[[Array, Array], Array]) -> Array:
+        """Add planes at the candidate the current polytope proposes until it is a member."""
+        self._seed()
+        centre = np.full(self.n_states, 1.0 / self.n_states)
+        for _ in range(_MOST_PLANES):
+            point = _onto_simplex((centre + self._basis @ candidate(*self._rows()))[None])[0]
+            if float(self.problem.regret(point, self.action)) <= self.regret + self.accuracy:
+                return point
+            self._add(point[None])
+        raise SolverError(f"cutting planes for the near-optimal beliefs at regret {self.regret:g} did not close")
+
+    def nearest(self, belief: ArrayLike) -> Array:
+        """Return the member nearest to `belief` (X,); NaN where the set is empty."""
+        point = validation.beliefs(belief, self.n_states)
+        if self.is_empty:
+            return np.full(self.n_states, np.nan)
+        if self.contains(point):
+            return point
+        wanted = self._basis.T @ (point - 1.0 / self.n_states)
+        return self._converge(lambda rows, offsets: project_on_rows(rows, offsets, wanted))
+
+    def distance(self, belief: ArrayLike) -> float:
+        """Return the Euclidean distance from `belief` (X,) to the set; infinite where it is empty."""
+        point = validation.beliefs(belief, self.n_states)
+        return float("inf") if self.is_empty else float(np.linalg.norm(point - self.nearest(point)))
+
+    def vertices(self) -> Array:
+        """Return the corners of the outer polytope, shape (V, X)."""
+        return np.zeros((0, self.n_states)) if self._outer is None else np.maximum(self._outer.vertices, 0.0)
+
+    def bounds(self) -> Array:
+        """Return the least and greatest probability of each state, shape (X, 2); NaN where the set is empty."""
+        if self.is_empty:
+            return np.full((self.n_states, 2), np.nan)
+        limits = np.empty((self.n_states, 2))
+        for i, direction in enumerate(self._basis):
+            limits[i, 0] = self._converge(lambda rows, offsets, d=direction: minimise_over_rows(d, rows, offsets))[i]
+            limits[i, 1] = self._converge(lambda rows, offsets, d=direction: minimise_over_rows(-d, rows, offsets))[i]
+        return limits
+
+    def center(self) -> Array:
+        """Return the mean of the corners, shape (X,); NaN where the set is empty."""
+        return np.full(self.n_states, np.nan) if self._outer is None else np.asarray(self.vertices().mean(axis=0))
+
+    def sample(self, n: int, *, rng: np.random.Generator) -> Array:
+        """Return `n` members drawn uniformly from the outer polytope, shape (n, X)."""
+        if self._outer is None:
+            raise InputError(f"cannot sample an empty set: every belief leaves a regret above {self.regret:g}")
+        drawn = sample_polytope(self._outer, validation.count(n, "n"), validation.generator(rng))
+        return np.maximum(drawn, 0.0)
+
+
+def near_optimal_beliefs(problem: DecisionProblem, action: ArrayLike, regret: float) -> NearOptimalBeliefs:
+    """Return the beliefs under which `action` costs at most `regret` more than the best decision.
+
+    Formula: Π_ε(u) = {π ∈ Δ_X : π·s(u) − V(π) ≤ ε}, convex because V is concave.
+
+    Args:
+        problem: The decision problem that the observer knows.
+        action: u, shape (U,), feasible.
+        regret: ε ≥ 0, in the cost's unit.
+
+    Returns:
+        A convex set with the queries of `BeliefSet`; empty where the plausibility gap is above ε.
+
+    Raises:
+        InputError: `action` is not a feasible decision or `regret` is negative.
+
+    Cost: some tens of forward solves at the first query. Source: Section 2.8 of the design; the paper's Theorem 1 at ε = 0.
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> near_optimal_beliefs(problem, [0.5, 0.5], 0.0001).bounds().round(2)
+        array([[0.43, 0.57],
+               [0.43, 0.57]])
+    """
+    u = problem.check_actions(action)
+    if u.ndim != 1:
+        raise InputError(f"action must be one decision of shape ({problem.n_actions},), got shape {u.shape}")
+    epsilon = validation.non_negative(regret, "regret")
+    scale = max(float(np.abs(problem.state_costs(u)).max()), np.finfo(float).tiny)
+    return NearOptimalBeliefs(problem, u, epsilon, tolerances.NEAR_OPTIMAL * max(scale, epsilon))

@@ -1,0 +1,61 @@
+"""What an agent is willing to pay for privacy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from inscrutable import validation
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A cost budget: a share of the optimal cost, or an amount of regret.
+
+    Formula: ρ ≤ c_b·|c*| for `Budget.relative(c_b)`; ρ ≤ r for `Budget.regret(r)`.
+
+    The paper's c* (1 + c_b) is the first one wherever c* > 0; with |c*| it stays feasible where c* < 0, which is the
+    rule on real returns. Decisions under `Budget.regret` do not change when a constant is added to all costs.
+
+    Args:
+        amount: c_b, a share of |c*|, or r in the cost's unit; at least 0.
+        is_relative: Which of the two.
+
+    Raises:
+        InputError: The amount is negative or not finite.
+
+    Source: the paper, eq. (8).
+
+    Example:
+        >>> Budget.relative(0.1).limit(-2.0)
+        0.2
+        >>> Budget.regret(0.05).limit(-2.0)
+        0.05
+    """
+
+    amount: float
+    is_relative: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "amount", validation.non_negative(self.amount, "budget"))
+
+    @classmethod
+    def relative(cls, share: float) -> Budget:
+        """Return the budget ρ ≤ share·|c*|."""
+        return cls(share, True)
+
+    @classmethod
+    def regret(cls, regret: float) -> Budget:
+        """Return the budget ρ ≤ regret, in the cost's unit."""
+        return cls(regret, False)
+
+    def limit(self, optimal_cost: float) -> float:
+        """Return the largest affordable regret at an optimal cost c*, in the cost's unit."""
+        return self.amount * abs(float(optimal_cost)) if self.is_relative else self.amount
+
+    def __str__(self) -> str:
+        return f"{self.amount:.4g} of |c*|" if self.is_relative else f"regret of {self.amount:.4g}"
+
+
+def as_budget(value: Budget | float) -> Budget:
+    """Return a budget; a number is a share of |c*|."""
+    return value if isinstance(value, Budget) else Budget.relative(value)

@@ -1,0 +1,23 @@
+"""Data to start from, and the user's own files: embedded returns, readers that name what is wrong, whole-file writers."""
+
+from __future__ import annotations
+
+from inscrutable.datasets.daily import load_daily_returns
+from inscrutable.datasets.files import output_folder, whole_file, write_json, write_table
+from inscrutable.datasets.french import IndustryReturns, load_industry_returns
+from inscrutable.datasets.tables import WeightsTable, read_beliefs, read_returns, read_weights, simple_returns
+
+__all__ = [
+    "IndustryReturns",
+    "WeightsTable",
+    "load_daily_returns",
+    "load_industry_returns",
+    "output_folder",
+    "read_beliefs",
+    "read_returns",
+    "read_weights",
+    "simple_returns",
+    "whole_file",
+    "write_json",
+    "write_table",
+]

@@ -1,0 +1,173 @@
+"""A user's CSV as text cells that know their line and column, and the numbers in them."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from inscrutable.errors import InputError
+
+_NUMBER = re.compile(
+    r"[+-]?(?:\d+(?:\.(?P<fraction>\d*))?|\.(?P<bare>\d+))(?:[eE](?P<exponent>[+-]?\d{1,6}))?", re.ASCII
+)
+_MISSING = {"", "-", "na", "nan", "n/a", "#n/a", "null", "none", "<na>", "nat"}
+_INFINITE = re.compile(r"[+-]?inf(?:inity)?", re.IGNORECASE)
+_SHOWN = 60
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """The header and the rows of a CSV file, blanks around cells removed; `lines` are line numbers in the file."""
+
+    path: Path
+    header: tuple[str, ...]
+    lines: tuple[int, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def place(self, row: int, column: int) -> str:
+        """File, line and column of one cell, the way every message starts."""
+        name = f"{self.header[column]!r}" if self.header[column] else f"{column + 1} (unnamed)"
+        return f"{self.path}, line {self.lines[row]}, column {name}"
+
+    def labels_from(self, column: int) -> pd.Index:
+        """Column labels from `column` on."""
+        return pd.Index(self.header[column:])
+
+
+def read_text_table(path: str | os.PathLike[str]) -> TextTable:
+    """Read a comma-separated file with one header line and at least one row, every row as long as the header."""
+    source = Path(path)
+    reader = csv.reader(StringIO(_text_of(source), newline=""), strict=True)
+    records: list[tuple[int, tuple[str, ...]]] = []
+    start = 1
+    try:
+        for record in reader:
+            if record:
+                records.append((start, tuple(cell.strip() for cell in record)))
+            start = reader.line_num + 1
+    except csv.Error as error:
+        raise InputError(f"{source}, line {start}: not readable as CSV ({error}); check the quotes") from None
+    if not records:
+        raise InputError(f"{source} is empty; expected a header line and rows of numbers")
+    (_, header), body = records[0], records[1:]
+    _check_separator(source, header)
+    _check_header(source, header)
+    if not body:
+        raise InputError(f"{source} has only a header; expected rows of numbers below it")
+    for line, cells in body:
+        if len(cells) != len(header):
+            raise InputError(f"{source}, line {line}: {len(cells)} cells, expected {len(header)} as in the header")
+    return TextTable(source, header, tuple(line for line, _ in body), tuple(cells for _, cells in body))
+
+
+def numbers(table: TextTable, columns: Sequence[int]) -> NDArray[np.float64]:
+    """The finite numbers in `columns`, one row per row of the file."""
+    return np.array(
+        [[_number(table, row, column) for column in columns] for row in range(len(table.rows))], dtype=np.float64
+    ).reshape(len(table.rows), len(columns))
+
+
+def decimal_digits(table: TextTable, columns: Sequence[int]) -> int:
+    """The largest number of decimal digits written in `columns`, which hold numbers: 0.2500 has four, 1e-5 five."""
+    most = 0
+    for cells in table.rows:
+        for column in columns:
+            found = _NUMBER.fullmatch(cells[column])
+            if found:
+                fraction = found["fraction"] or found["bare"] or ""
+                most = max(most, len(fraction) - int(found["exponent"] or 0))
+    return most
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell is written as a number."""
+    return _NUMBER.fullmatch(text) is not None
+
+
+def is_missing(text: str) -> bool:
+    """Whether a cell is empty or one of the usual words for nothing."""
+    return text.lower() in _MISSING
+
+
+def shown(text: str) -> str:
+    """A cell's text as a message quotes it, cut where it is long."""
+    return repr(text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…")
+
+
+def _number(table: TextTable, row: int, column: int) -> float:
+    text = table.rows[row][column]
+    if _NUMBER.fullmatch(text):
+        value = float(text)
+        if math.isfinite(value):
+            return value
+    place = table.place(row, column)
+    if is_missing(text):
+        what = f"missing ({shown(text)})" if text else "missing (empty cell)"
+        raise InputError(f"{place}: {what}, expected a number; drop the row or the column, nothing is filled in")
+    if _INFINITE.fullmatch(text) or _NUMBER.fullmatch(text):
+        raise InputError(f"{place}: infinite ({shown(text)}), expected a finite number")
+    raise InputError(f"{place}: found {shown(text)}, expected a number{_hint(text)}")
+
+
+def _hint(text: str) -> str:
+    if text.endswith("%") and is_number(text[:-1].strip()):
+        return "; write a percentage as a fraction, 2.5% as 0.025"
+    if is_number(text.replace(",", "")):
+        return " with a decimal point and without commas"
+    return ""
+
+
+def _text_of(source: Path) -> str:
+    if source.is_dir():
+        raise InputError(f"{source} is a folder, expected a CSV file")
+    try:
+        content = source.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{source} does not exist, expected a CSV file") from None
+    except OSError as error:
+        raise InputError(f"{source} cannot be read: {error.strerror or error}") from error
+    if content.startswith(b"PK\x03\x04"):
+        raise InputError(f"{source} is a zip archive or an Excel workbook, expected text: save it as CSV (UTF-8)")
+    if b"\0" in content:
+        raise InputError(f"{source} is binary or UTF-16, expected text: save it as CSV (UTF-8)")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        byte = content[error.start]
+        raise InputError(
+            f"{source}, line {line}: byte 0x{byte:02x} is not UTF-8 text: save it as CSV (UTF-8)"
+        ) from None
+    if not text.strip():
+        raise InputError(f"{source} is empty; expected a header line and rows of numbers")
+    return text
+
+
+def _check_separator(source: Path, header: tuple[str, ...]) -> None:
+    if len(header) == 1:
+        for separator, name in ((";", "';'"), ("\t", "tabs"), ("|", "'|'")):
+            if separator in header[0]:
+                raise InputError(f"{source}, line 1: looks separated by {name}, expected commas and decimal points")
+
+
+def _check_header(source: Path, header: tuple[str, ...]) -> None:
+    first: dict[str, int] = {}
+    for index, name in enumerate(header, start=1):
+        if not name and index > 1:
+            raise InputError(f"{source}, line 1: column {index} has a blank name, expected a label in every column")
+        if name in first:
+            raise InputError(
+                f"{source}, line 1: column {name!r} is duplicated (columns {first[name]} and {index}), "
+                "expected each name once"
+            )
+        first[name] = index

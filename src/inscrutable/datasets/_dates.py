@@ -1,0 +1,142 @@
+"""The first column of a user's CSV: dates in any unambiguous notation, or labels."""
+
+from __future__ import annotations
+
+import calendar
+import re
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from itertools import pairwise
+
+import pandas as pd
+
+from inscrutable.datasets._cells import TextTable, is_missing, shown
+from inscrutable.errors import InputError
+
+_EXPECTED = "expected a date such as 2020-01-31 (or 2020-01, 20200131, 31.01.2020)"
+_DASHED = re.compile(r"(\d{4})([-/])(\d{1,2})(?:\2(\d{1,2}))?", re.ASCII)
+_COMPACT = re.compile(r"(\d{4})(\d{2})(\d{2})?", re.ASCII)
+_WITH_TIME = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(?::\d{2}(?:\.\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?", re.ASCII)
+_YEAR_LAST = re.compile(r"(\d{1,2})([-./])(\d{1,2})\2(\d{4})", re.ASCII)
+_YEARS = range(1700, 2200)  # inside the years that pandas holds to the nanosecond
+
+
+def date_index(table: TextTable) -> pd.DatetimeIndex:
+    """Parse the first column as strictly increasing dates; the column's header is the index name."""
+    days = _reading(table, increasing=True)
+    if days is None:
+        raise _unreadable(table)
+    for row in range(1, len(days)):
+        if days[row] <= days[row - 1]:
+            problem = "is duplicated" if days[row] == days[row - 1] else "goes back in time"
+            raise InputError(
+                f"{table.place(row, 0)}: date {shown(table.rows[row][0])} {problem} "
+                f"(line {table.lines[row - 1]} has {shown(table.rows[row - 1][0])}), expected increasing dates"
+            )
+    return pd.DatetimeIndex(days, name=table.header[0] or None)
+
+
+def label_index(table: TextTable) -> pd.Index:
+    """The first column as dates if all of it reads as dates, else as text; no label may be blank or come twice."""
+    seen: dict[str, int] = {}
+    for row, cells in enumerate(table.rows):
+        label = cells[0]
+        if not label:
+            raise InputError(f"{table.place(row, 0)}: missing (empty cell), expected a date or a label of the row")
+        if label in seen:
+            raise InputError(
+                f"{table.place(row, 0)}: label {shown(label)} is duplicated (also on line {seen[label]}), "
+                "expected each once"
+            )
+        seen[label] = table.lines[row]
+    days = _reading(table, increasing=False)
+    name = table.header[0] or None
+    return (
+        pd.Index([cells[0] for cells in table.rows], name=name) if days is None else pd.DatetimeIndex(days, name=name)
+    )
+
+
+def is_date(text: str) -> bool:
+    """Whether a single cell reads as a date."""
+    return any(notation(text) is not None for notation in _NOTATIONS)
+
+
+def _reading(table: TextTable, *, increasing: bool) -> list[datetime] | None:
+    """The dates of the one notation that reads the whole column; None if none does.
+
+    01/02/2020 is read by the order that fits every row: no thirteenth month and, where asked, increasing dates.
+    """
+    cells = [row[0] for row in table.rows]
+    readings: list[list[datetime]] = []
+    for notation in _NOTATIONS:
+        days = _read_all(notation, cells)
+        if days is not None and days not in readings:
+            readings.append(days)
+    if increasing and len(readings) > 1:
+        readings = [days for days in readings if all(a < b for a, b in pairwise(days))] or readings
+    if len(readings) > 1:
+        raise InputError(
+            f"{table.place(0, 0)}: {shown(cells[0])} and the dates below it can be read day first or month first, "
+            "expected YYYY-MM-DD"
+        )
+    return readings[0] if readings else None
+
+
+def _unreadable(table: TextTable) -> InputError:
+    """The error for the first cell that stops the notation which comes furthest."""
+    cells = [row[0] for row in table.rows]
+    stops = [
+        next((row for row, text in enumerate(cells) if notation(text) is None), len(cells)) for notation in _NOTATIONS
+    ]
+    row = max(stops)
+    if is_missing(cells[row]):
+        return InputError(f"{table.place(row, 0)}: date missing, {_EXPECTED}")
+    return InputError(f"{table.place(row, 0)}: found {shown(cells[row])}, {_EXPECTED}")
+
+
+def _read_all(notation: Callable[[str], datetime | None], cells: Sequence[str]) -> list[datetime] | None:
+    days: list[datetime] = []
+    for text in cells:
+        day = notation(text)
+        if day is None:
+            return None
+        days.append(day)
+    return days
+
+
+def _year_first(text: str) -> datetime | None:
+    dashed = _DASHED.fullmatch(text)
+    if dashed:
+        return _day(dashed[1], dashed[3], dashed[4])
+    compact = _COMPACT.fullmatch(text)
+    if compact:
+        return _day(compact[1], compact[2], compact[3])
+    if _WITH_TIME.fullmatch(text):
+        try:
+            moment = datetime.fromisoformat(text).replace(tzinfo=None)
+        except ValueError:
+            return None
+        return moment if moment.year in _YEARS else None
+    return None
+
+
+def _day_first(text: str) -> datetime | None:
+    found = _YEAR_LAST.fullmatch(text)
+    return _day(found[4], found[3], found[1]) if found else None
+
+
+def _month_first(text: str) -> datetime | None:
+    found = _YEAR_LAST.fullmatch(text)
+    return _day(found[4], found[1], found[3]) if found and found[2] != "." else None
+
+
+def _day(year: str, month: str, day: str | None) -> datetime | None:
+    """The date, at the month's end where no day is written; None where the calendar has no such day."""
+    if int(year) not in _YEARS or not 1 <= int(month) <= 12:
+        return None
+    last = calendar.monthrange(int(year), int(month))[1]
+    number = last if day is None else int(day)
+    return datetime(int(year), int(month), number) if 1 <= number <= last else None
+
+
+_NOTATIONS: tuple[Callable[[str], datetime | None], ...] = (_year_first, _day_first, _month_first)

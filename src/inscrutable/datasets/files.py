@@ -1,0 +1,253 @@
+"""Writing results: a file appears whole or not at all, and the same data give the same bytes."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from datetime import date
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.errors import InputError
+
+PathLike = str | os.PathLike[str]
+
+
+@contextmanager
+def whole_file(path: PathLike) -> Iterator[Path]:
+    """Give a temporary path in the target's folder to write to, and move it to `path` when all went well.
+
+    Parameters
+    ----------
+    path
+        The file to create or replace. Its folder must exist. The temporary file keeps the suffix, so writers that go
+        by it (images, npz) work.
+
+    Yields
+    ------
+    Path
+        Where to write. After an exception it is deleted and the former file, if any, is as it was.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, with the operating system's reason. Other exceptions of the body pass through.
+
+    Notes
+    -----
+    Cost: one rename. The data are flushed to the disk before it.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inscrutable.datasets import whole_file
+    >>> with TemporaryDirectory() as folder:
+    ...     with whole_file(folder + "/note.txt") as temporary:
+    ...         _ = temporary.write_text("all of it")
+    ...     (Path(folder) / "note.txt").read_text()
+    'all of it'
+    """
+    target = Path(path)
+    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}") if target.name else target
+    try:
+        if target.is_dir():
+            raise InputError(f"{target} cannot be written: it is a folder, expected a file name")
+        yield temporary
+        with temporary.open("r+b") as written:
+            os.fsync(written.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        raise InputError(f"{target} cannot be written: {_reason(error)}") from error
+    finally:
+        _remove(temporary, unless=target)
+
+
+def write_table(frame: pd.DataFrame, path: PathLike) -> None:
+    """Write a frame as CSV with every float in full, so that reading it gives the same numbers bit for bit.
+
+    Parameters
+    ----------
+    frame
+        Any frame; its index becomes the first column, NaN an empty cell. UTF-8, commas, lines end in ``\\n``.
+    path
+        The file to create or replace, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+
+    Notes
+    -----
+    Cost: O(cells).
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inscrutable.datasets import write_table
+    >>> with TemporaryDirectory() as folder:
+    ...     write_table(pd.DataFrame({"A": [0.1 + 0.2]}, index=["x"]), folder + "/t.csv")
+    ...     (Path(folder) / "t.csv").read_text()
+    ',A\\nx,0.30000000000000004\\n'
+    """
+    text = frame.to_csv(lineterminator="\n")
+    _write_text(text, path)
+
+
+def write_json(data: Any, path: PathLike) -> None:
+    """Write plain data as JSON that is the same bytes for the same data: sorted keys, two spaces, one final newline.
+
+    Parameters
+    ----------
+    data
+        Mappings, sequences, dataclasses, strings, numbers, booleans, None, dates, enums, paths, NumPy scalars and
+        arrays. NaN (and pandas' missing values) become null; infinities become the strings "Infinity" and "-Infinity",
+        which ``float`` reads back.
+    path
+        The file to create or replace, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If something has no JSON form (said with its place in the data), two keys become the same text, or the file
+        cannot be written.
+
+    Notes
+    -----
+    Cost: O(size of the data).
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from inscrutable.datasets import write_json
+    >>> with TemporaryDirectory() as folder:
+    ...     write_json({"b": np.float64("nan"), "a": 1}, folder + "/s.json")
+    ...     print((Path(folder) / "s.json").read_text())
+    {
+      "a": 1,
+      "b": null
+    }
+    """
+    text = json.dumps(_plain(data, "data"), indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    _write_text(text + "\n", path)
+
+
+def output_folder(path: PathLike) -> Path:
+    """Return `path` as a folder that exists and can be written to, created with its parents where needed.
+
+    Parameters
+    ----------
+    path
+        The folder for results. Files in it stay.
+
+    Returns
+    -------
+    Path
+        The folder. A file was created in it and removed again, so writing is known to work before a long run.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be created or written to (a file in its place, read-only, disk full), with the reason.
+
+    Notes
+    -----
+    Cost: two file operations.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from inscrutable.datasets import output_folder
+    >>> with TemporaryDirectory() as folder:
+    ...     output_folder(folder + "/results/run").is_dir()
+    True
+    """
+    folder = Path(path)
+    probe = folder / f".probe.{secrets.token_hex(6)}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.write_bytes(b"\n")
+        probe.unlink()
+    except OSError as error:
+        _remove(probe, unless=folder)
+        raise InputError(f"output folder {folder} cannot be written: {_reason(error)}") from error
+    return folder
+
+
+def _write_text(text: str, path: PathLike) -> None:
+    try:
+        encoded = text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise InputError(f"{path} cannot be written: {text[error.start]!r} is not a character of UTF-8") from None
+    with whole_file(path) as temporary:
+        temporary.write_bytes(encoded)
+
+
+def _remove(temporary: Path, *, unless: Path) -> None:
+    if temporary != unless:
+        try:
+            temporary.unlink(missing_ok=True)
+        except OSError:
+            return  # the folder itself is out of reach; the first error is the one to report
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)
+
+
+def _plain(value: Any, place: str) -> Any:
+    """The JSON form of `value`; `place` is how an error names it, as one would write it in Python."""
+    if isinstance(value, Enum):
+        return _plain(value.value, place)
+    if value is None or value is pd.NaT or value is pd.NA:
+        return None
+    if isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, float):
+        return _plain_float(float(value))
+    if isinstance(value, np.generic | np.ndarray) and value.dtype.kind in "biufUO":
+        return _plain(value.tolist(), place)
+    if isinstance(value, date):
+        return value.isoformat()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name), f"{place}.{field.name}") for field in fields(value)}
+    if isinstance(value, Mapping):
+        return _plain_mapping(value, place)
+    if isinstance(value, (list, tuple)):
+        return [_plain(each, f"{place}[{index}]") for index, each in enumerate(value)]
+    raise InputError(f"{place} is a {type(value).__name__}, which has no JSON form")
+
+
+def _plain_float(value: float) -> float | str | None:
+    if math.isnan(value):
+        return None
+    if math.isinf(value):
+        return "Infinity" if value > 0 else "-Infinity"
+    return value
+
+
+def _plain_mapping(value: Mapping[Any, Any], place: str) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for key, each in value.items():
+        plain_key = _plain(key, f"a key of {place}")
+        if isinstance(plain_key, (list, dict)):
+            raise InputError(f"{place} has the key {key!r}, expected text, a number or a date")
+        name = plain_key if isinstance(plain_key, str) else json.dumps(plain_key)
+        if name in result:
+            raise InputError(f"{place} has two keys that both become {name!r} in JSON")
+        result[name] = _plain(each, f"{place}[{key!r}]")
+    return result

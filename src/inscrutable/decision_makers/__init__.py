@@ -1,0 +1,30 @@
+"""Step 6: who decides, and how much of the belief the decision gives away."""
+
+from inscrutable.decision_makers.candidates import Candidates, action_grid, decoy_grid, random_candidates
+from inscrutable.decision_makers.counter_adversarial import CounterAdversarialDecisionMaker, GlobalSearch
+from inscrutable.decision_makers.frontier import Frontier, privacy_frontier
+from inscrutable.decision_makers.local_search import LocalSearch
+from inscrutable.decision_makers.original import OriginalDecisionMaker
+from inscrutable.decision_makers.probabilistic import Envelope, LinearProgramme, ProbabilisticDecisionMaker
+from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecision, MixedDecisions
+
+__all__ = [
+    "Candidates",
+    "CounterAdversarialDecisionMaker",
+    "Decision",
+    "DecisionStatus",
+    "Decisions",
+    "Envelope",
+    "Frontier",
+    "GlobalSearch",
+    "LinearProgramme",
+    "LocalSearch",
+    "MixedDecision",
+    "MixedDecisions",
+    "OriginalDecisionMaker",
+    "ProbabilisticDecisionMaker",
+    "action_grid",
+    "decoy_grid",
+    "privacy_frontier",
+    "random_candidates",
+]

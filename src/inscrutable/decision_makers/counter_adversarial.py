@@ -1,0 +1,213 @@
+"""The deterministic decision maker that hides its belief within a budget."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.candidates import Candidates, as_candidates, make_candidates, near_decoys
+from inscrutable.decision_makers.local_search import LocalSearch, search_locally
+from inscrutable.decision_makers.original import cheap_bound, decision_for
+from inscrutable.decision_makers.polish import Goal, Trial, polish
+from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
+from inscrutable.decision_makers.scores import Scores, score
+from inscrutable.errors import InputError
+from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+_DIRECTIONS = 300
+
+
+@dataclass(frozen=True)
+class GlobalSearch:
+    """Search all candidates, then polish the best ones to a local optimum among admissible decisions.
+
+    Cost: one pass over the candidates and some tens of small optimisations. Source: facts F1 to F3 of the design.
+
+    Example:
+        >>> GlobalSearch()
+        GlobalSearch()
+    """
+
+
+class CounterAdversarialDecisionMaker:
+    """The most private decision that the budget allows (CDM).
+
+    Formula: max_ū Ψ(ū) over ū ∈ C with ρ(π,ū) ≤ budget; decisions that no belief explains are excluded by default.
+
+    Args:
+        problem: The decision problem, known to the observer.
+        measure: The privacy measure Ψ.
+        budget: A share of |c*|, or a `Budget`.
+        candidates: What the global search starts from; None is about 5,000 decoys. Decisions (M,U) are accepted.
+        method: `GlobalSearch()` or the paper's `LocalSearch(n_starts, rng)`.
+        on_empty: "exclude" or "infinite": what an empty consistent set is worth to measures (b), (d) and (e).
+
+    Raises:
+        InputError: An argument is malformed.
+
+    Cost: see `decide`. Source: the paper, Approach 1 and eq. (8).
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> decision = CounterAdversarialDecisionMaker(problem, budget=0.001).decide([0.5, 0.5])
+        >>> decision.regret <= 0.001 * abs(decision.optimal_cost)
+        True
+    """
+
+    def __init__(
+        self,
+        problem: DecisionProblem,
+        measure: PrivacyMeasure | None = None,
+        budget: Budget | float = 0.1,
+        *,
+        candidates: Candidates | ArrayLike | None = None,
+        method: GlobalSearch | LocalSearch | None = None,
+        on_empty: str = "exclude",
+    ) -> None:
+        self.problem = problem
+        self.measure = MaximalObfuscation() if measure is None else measure
+        if not isinstance(self.measure, PrivacyMeasure):
+            raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
+        self.budget = as_budget(budget)
+        self.method = GlobalSearch() if method is None else method
+        if on_empty not in ("exclude", "infinite"):
+            raise InputError(f'on_empty must be "exclude" or "infinite", got {on_empty!r}')
+        self.on_empty = on_empty
+        self._given = candidates
+        self._candidates: Candidates | None = None
+
+    @property
+    def candidates(self) -> Candidates:
+        """The candidates, solved at first use and kept."""
+        if self._candidates is None:
+            self._candidates = candidates_for(self.problem, self.measure, self._given)
+        return self._candidates
+
+    def decide(self, belief: ArrayLike) -> Decision:
+        """Return the decision for one belief (X,).
+
+        Cost: about a millisecond for the candidates and some ten for the polish; a local search some hundred.
+        """
+        held = validation.beliefs(np.asarray(belief), self.problem.n_states)
+        if held.ndim != 1:
+            raise InputError(f"decide takes one belief, got shape {held.shape}; use decide_many for many")
+        return self._decide(held, self.measure)
+
+    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
+        """Return the decisions for beliefs (T,X); a target per step is used in turn."""
+        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        return stack([self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)])
+
+    def _decide(self, belief: Array, measure: PrivacyMeasure) -> Decision:
+        if isinstance(self.method, LocalSearch):
+            return self._decide_locally(belief, measure, self.method)
+        optimal_cost = float(self.problem.optimal_cost(belief))
+        limit = self.budget.limit(optimal_cost)
+        scores = score(belief, optimal_cost, self.candidates, measure, self.on_empty)
+        return best_decision(self.problem, scores, limit, optimal_cost)
+
+    def _decide_locally(self, belief: Array, measure: PrivacyMeasure, method: LocalSearch) -> Decision:
+        limit = self.budget.limit(float(self.problem.optimal_cost(belief)))
+        action = search_locally(self.problem, belief, measure, limit, method)
+        if action is None:
+            status = DecisionStatus.NO_PLAUSIBLE_START
+            return decision_for(self.problem, belief, self.problem.solve(belief), measure, status)
+        return decision_for(self.problem, belief, action, measure, DecisionStatus.LOCAL_OPTIMUM)
+
+
+def candidates_for(
+    problem: DecisionProblem, measure: PrivacyMeasure, given: Candidates | ArrayLike | None
+) -> Candidates:
+    """Return given candidates, or the default: decoys, and decisions beside them where unexplained ones can be best."""
+    if given is None and measure.searches_actions:
+        return near_decoys(problem)
+    return as_candidates(problem, given)
+
+
+def best_decision(problem: DecisionProblem, scores: Scores, limit: float, optimal_cost: float) -> Decision:
+    """Return the polished best of scored candidates, never worse than the optimal decision."""
+    belief, measure = scores.belief, scores.measure
+    status = DecisionStatus.BEST_CANDIDATE
+    index = scores.best(limit)
+    optimal = problem.solve(belief)
+    if index is not None and np.isposinf(scores.privacies[index]):
+        return decision_for(problem, belief, scores.candidates.actions[index], measure, DecisionStatus.UNBOUNDED)
+    reference = measure.reference(belief)
+    if reference is None:
+        action = None if index is None else _cheapest(problem, scores, index, optimal)
+    else:
+        action, status = _most_private(Goal(problem, belief, limit, reference, optimal_cost), scores, index)
+    own = decision_for(problem, belief, optimal, measure, DecisionStatus.OPTIMAL)
+    if action is not None:
+        chosen = decision_for(problem, belief, action, measure, status)
+        if chosen.privacy > own.privacy:
+            return chosen
+    if (reference is None and own.privacy == 0) or (reference is not None and reference.sign < 0):
+        return own
+    return replace(own, privacy_bound=cheap_bound(belief, measure), status=DecisionStatus.NO_AFFORDABLE_PRIVACY)
+
+
+def _most_private(goal: Goal, scores: Scores, index: int | None) -> tuple[Array | None, DecisionStatus]:
+    start = None if index is None else Trial(scores.candidates.actions[index], float(scores.privacies[index]))
+    found = polish(goal, scores)
+    if found is not None and (start is None or found.privacy > start.privacy):
+        return found.action, DecisionStatus.POLISHED
+    return (None if start is None else start.action), DecisionStatus.BEST_CANDIDATE
+
+
+def _cheapest(problem: DecisionProblem, scores: Scores, index: int, optimal: Array) -> Array:
+    """Return the cheapest decision found that meets an indicator's goal, starting from its cheapest candidate."""
+    sets, belief = scores.candidates.sets, scores.belief
+    candidate, member = scores.candidates.actions[index], sets.start[index]
+    if sets.dimension[index] < 0:
+        return _shortened(problem, scores, candidate, lambda share: optimal + share * (candidate - optimal))
+    best = _shortened(problem, scores, candidate, lambda share: problem.solve(belief + share * (member - belief)))
+    return _cheapest_at(problem, scores, best)
+
+
+def _shortened(problem: DecisionProblem, scores: Scores, start: Array, along: Callable[[float], Array]) -> Array:
+    """Halve the way from the optimal decision (share 0) to `start` (share 1) as long as the goal is met."""
+    best, low, high = start, 0.0, 1.0
+    best_cost = float(problem.regret(scores.belief, start))
+    while high - low > tolerances.POLISH:
+        middle = 0.5 * (low + high)
+        trial = along(middle)
+        if not _meets(problem, scores, trial):
+            low = middle
+            continue
+        high = middle
+        cost = float(problem.regret(scores.belief, trial))
+        if cost <= best_cost:
+            best, best_cost = trial, cost
+    return best
+
+
+def _cheapest_at(problem: DecisionProblem, scores: Scores, best: Array) -> Array:
+    """Look around the true belief, at the distance the goal asks for, for a cheaper direction."""
+    radius = scores.measure.least_distance()
+    if radius is None:
+        return best
+    away = scores.candidates.sets.start[scores.candidates.sets.dimension >= 0] - scores.belief
+    length = np.linalg.norm(away, axis=1)
+    away = away[length > radius] / length[length > radius, None]
+    if not len(away):
+        return best
+    chosen = away[np.linspace(0, len(away) - 1, min(len(away), _DIRECTIONS)).astype(int)]
+    decoys = scores.belief + radius * (1.0 + tolerances.SLACK_SAFETY) * chosen
+    around = make_candidates(problem, problem.solve(decoys), decoys)
+    judged = score(scores.belief, float(problem.optimal_cost(scores.belief)), around, scores.measure, "exclude")
+    index = judged.best(float(problem.regret(scores.belief, best)))
+    return best if index is None else np.asarray(around.actions[index])
+
+
+def _meets(problem: DecisionProblem, scores: Scores, action: Array) -> bool:
+    candidate = make_candidates(problem, action[None])
+    return bool(candidate.usable[0]) and scores.measure(scores.belief, candidate.sets[0]) == 0.0

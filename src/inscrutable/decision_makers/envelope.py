@@ -1,0 +1,88 @@
+"""The best mixture of decisions at an expected regret: the upper concave envelope of (regret, privacy) points.
+
+With one budget row beside Σp = 1 some optimum has at most two atoms (fact F4 of the design), so the linear programme of
+the paper's eq. (12) is the value of a concave envelope; its slope is the price of privacy.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from inscrutable import tolerances
+from inscrutable.errors import SolverError
+from inscrutable.validation import Array
+
+
+class Mixture(NamedTuple):
+    """Indices of the mixed points, their probabilities, and the slope of the value in the budget."""
+
+    indices: np.ndarray
+    probabilities: Array
+    price: float
+
+
+def undominated(regrets: Array, privacies: Array) -> np.ndarray:
+    """Return the points that no cheaper point matches in privacy, by rising regret; −∞ privacy never counts."""
+    finite = np.flatnonzero(np.isfinite(privacies) | np.isposinf(privacies))
+    order = finite[np.lexsort((-privacies[finite], regrets[finite]))]
+    if not order.size:
+        return order
+    best_before = np.maximum.accumulate(privacies[order])
+    fresh = np.concatenate([[True], privacies[order][1:] > best_before[:-1]])
+    return np.asarray(order[fresh])
+
+
+def concave_envelope(regrets: Array, privacies: Array) -> np.ndarray:
+    """Return the corners of the least concave, non-decreasing majorant, by rising regret."""
+    hull: list[int] = []
+    for i in undominated(regrets, privacies):
+        while len(hull) >= 2 and _not_above(regrets, privacies, hull[-2], hull[-1], int(i)):
+            hull.pop()
+        hull.append(int(i))
+    return np.array(hull, dtype=np.int64)
+
+
+def _not_above(regrets: Array, privacies: Array, first: int, middle: int, last: int) -> bool:
+    run, rise = regrets[last] - regrets[first], privacies[last] - privacies[first]
+    return bool((privacies[middle] - privacies[first]) * run <= rise * (regrets[middle] - regrets[first]))
+
+
+def mixture_on_envelope(regrets: Array, privacies: Array, hull: np.ndarray, limit: float) -> Mixture | None:
+    """Return the at most two corners that mix to the envelope's value at an expected regret of `limit`."""
+    if not hull.size or regrets[hull[0]] > limit:
+        return None
+    right = int(np.searchsorted(regrets[hull], limit, side="right"))
+    if right == hull.size:
+        return Mixture(hull[-1:], np.ones(1), 0.0)
+    low, high = hull[right - 1], hull[right]
+    run = regrets[high] - regrets[low]
+    share = float((limit - regrets[low]) / run)
+    price = float((privacies[high] - privacies[low]) / run)
+    if share <= tolerances.PROBABILITY:
+        return Mixture(np.array([low]), np.ones(1), price)
+    return Mixture(np.array([low, high]), np.array([1.0 - share, share]), price)
+
+
+def mixture_by_linear_programme(regrets: Array, privacies: Array, limit: float) -> Mixture | None:
+    """Return the optimal probabilities of the paper's eq. (12) by HiGHS; the price is the budget row's dual."""
+    usable = np.flatnonzero(np.isfinite(privacies))
+    if not usable.size or regrets[usable].min() > limit:
+        return None
+    scale = max(float(regrets[usable].max()), np.finfo(float).tiny)
+    answer = linprog(
+        -privacies[usable],
+        A_ub=regrets[usable][None] / scale,
+        b_ub=[limit / scale],
+        A_eq=np.ones((1, usable.size)),
+        b_eq=[1.0],
+        bounds=(0, None),
+        method="highs",
+    )
+    if answer.status != 0:
+        raise SolverError(f"HiGHS could not solve the mixture's linear programme: {answer.message}")
+    kept = answer.x > tolerances.PROBABILITY
+    probabilities = answer.x[kept] / answer.x[kept].sum()
+    return Mixture(usable[kept], probabilities, float(-answer.ineqlin.marginals[0] / scale))

@@ -1,0 +1,123 @@
+"""Every budget at once: privacy against regret for one belief."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.counter_adversarial import candidates_for
+from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.probabilistic import with_extra
+from inscrutable.decision_makers.results import DecisionStatus
+from inscrutable.decision_makers.scores import score
+from inscrutable.errors import InputError
+from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Frontier:
+    """The best privacy of the candidates as a function of regret, without and with lotteries.
+
+    Args:
+        belief: The true belief, shape (X,).
+        optimal_cost: V(π), in the cost's unit; a share c_b of it is the regret c_b·|V(π)|.
+        points: Regret and privacy of the decisions no cheaper one matches, shape (K,2), by rising regret.
+        corners: Those of them on the concave envelope, shape (H,2).
+        indices: Which candidate each point is; the number of candidates itself stands for the optimal decision.
+
+    Source: the paper, eq. (12) and Figure 7, for all budgets. Example: see `privacy_frontier`.
+    """
+
+    belief: Array
+    optimal_cost: float
+    points: Array
+    corners: Array
+    indices: np.ndarray
+
+    def deterministic(self, regret: ArrayLike) -> float | Array:
+        """Return the privacy of the best single decision at a regret, or at many; −∞ where none is affordable."""
+        limits = _regrets(regret)
+        place = np.searchsorted(self.points[:, 0], limits, side="right") - 1
+        values = np.where(place >= 0, self.points[np.maximum(place, 0), 1] if len(self.points) else -np.inf, -np.inf)
+        return _as_given(values, regret)
+
+    def randomized(self, regret: ArrayLike) -> float | Array:
+        """Return the expected privacy of the best lottery at an expected regret, or at many."""
+        limits = _regrets(regret)
+        if not len(self.corners):
+            return _as_given(np.full(limits.shape, -np.inf), regret)
+        values = np.interp(limits, self.corners[:, 0], self.corners[:, 1])
+        return _as_given(np.where(limits < self.corners[0, 0], -np.inf, values), regret)
+
+    def price(self, regret: ArrayLike) -> float | Array:
+        """Return the privacy that one more unit of expected regret buys; zero where nothing more is to be had."""
+        limits = _regrets(regret)
+        if len(self.corners) < 2:
+            return _as_given(np.zeros(limits.shape), regret)
+        slopes = np.append(np.diff(self.corners[:, 1]) / np.diff(self.corners[:, 0]), 0.0)
+        place = np.searchsorted(self.corners[:, 0], limits, side="right") - 1
+        return _as_given(np.where(place >= 0, slopes[np.maximum(place, 0)], 0.0), regret)
+
+
+def _regrets(regret: ArrayLike) -> Array:
+    limits = validation.finite_array(regret, "regret", ndim=(0, 1))
+    if np.any(limits < 0):
+        raise InputError(f"regret must be at least 0, got {limits.min():g}")
+    return limits
+
+
+def _as_given(values: Array, like: ArrayLike) -> float | Array:
+    return float(values) if np.ndim(like) == 0 else np.asarray(values)
+
+
+def privacy_frontier(
+    problem: DecisionProblem,
+    belief: ArrayLike,
+    measure: PrivacyMeasure | None = None,
+    candidates: Candidates | ArrayLike | None = None,
+) -> Frontier:
+    """Return the best privacy at every regret, for single decisions and for lotteries, from one set of candidates.
+
+    Formula: max {Ψ(u_l) : ρ_l ≤ r} and the concave envelope of the points (ρ_l, Ψ_l), both as functions of r.
+
+    Args:
+        problem: The decision problem.
+        belief: π, shape (X,).
+        measure: The privacy measure; None is `MaximalObfuscation()`.
+        candidates: Decisions to choose from; None is about 5,000 decoys.
+
+    Raises:
+        InputError: The belief is not one point of the simplex.
+
+    Cost: one pass over the candidates. Source: fact F4 of the design; the paper's Figure 7.
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> frontier = privacy_frontier(problem, [0.5, 0.5])
+        >>> frontier.deterministic(0.0), round(frontier.deterministic(1.0), 3)
+        (0.0, 0.707)
+    """
+    held = validation.beliefs(np.asarray(belief), problem.n_states)
+    if held.ndim != 1:
+        raise InputError(f"a frontier is for one belief, got shape {held.shape}")
+    chosen = MaximalObfuscation() if measure is None else measure
+    given = candidates_for(problem, chosen, candidates)
+    optimal_cost = float(problem.optimal_cost(held))
+    own = decision_for(problem, held, problem.solve(held), chosen, DecisionStatus.OPTIMAL)
+    scores = with_extra(score(held, optimal_cost, given, chosen, "exclude"), [own])
+    single = scores.exact_undominated()
+    hull = scores.exact_envelope()
+    return Frontier(
+        held,
+        optimal_cost,
+        np.column_stack([scores.regrets[single], scores.privacies[single]]),
+        np.column_stack([scores.regrets[hull], scores.privacies[hull]]),
+        single,
+    )

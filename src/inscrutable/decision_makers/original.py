@@ -1,0 +1,80 @@
+"""The decision maker that hides nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.adversaries import consistent_beliefs
+from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
+from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+class OriginalDecisionMaker:
+    """The decision maker of least expected cost, as if nobody watched (ODM).
+
+    Formula: u*(π) = argmin_{u ∈ C} π·s(u).
+
+    Args:
+        problem: The decision problem.
+
+    Cost: one forward solve per belief. Source: the paper, eq. (3).
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> OriginalDecisionMaker(problem).decide([0.5, 0.5]).privacy
+        0.0
+    """
+
+    def __init__(self, problem: DecisionProblem) -> None:
+        self.problem = problem
+
+    def decide(self, belief: ArrayLike) -> Decision:
+        """Return the optimal decision for one belief (X,); privacy is the paper's measure (e)."""
+        held = validation.beliefs(np.asarray(belief), self.problem.n_states)
+        return decision_for(self.problem, held, self.problem.solve(held), MaximalObfuscation(), DecisionStatus.OPTIMAL)
+
+    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
+        """Return the optimal decisions for beliefs (T,X)."""
+        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        actions = self.problem.solve(held)
+        measure = MaximalObfuscation()
+        return stack(
+            [
+                decision_for(self.problem, belief, actions[step], measure, DecisionStatus.OPTIMAL)
+                for step, belief in counted(held, progress)
+            ]
+        )
+
+
+def decision_for(
+    problem: DecisionProblem, belief: Array, action: Array, measure: PrivacyMeasure, status: DecisionStatus
+) -> Decision:
+    """Return an action with its cost, regret and privacy judged afresh from the action alone."""
+    found = consistent_beliefs(problem, action)
+    optimal = float(problem.optimal_cost(belief))
+    cost = float(problem.expected_cost(belief, action))
+    privacy = float(measure(belief, found))
+    return Decision(
+        action,
+        cost,
+        optimal,
+        max(cost - optimal, 0.0),
+        privacy,
+        0.0 if status is DecisionStatus.OPTIMAL else max(cheap_bound(belief, measure), privacy),
+        found,
+        found.center(),
+        status,
+    )
+
+
+def cheap_bound(belief: Array, measure: PrivacyMeasure) -> float:
+    """Return an upper bound of the measure that costs nothing: the farthest corner of the simplex for distances."""
+    reference = measure.reference(belief)
+    if reference is None or reference.sign < 0:
+        return 0.0
+    return float(np.linalg.norm(reference.point - np.eye(belief.size), axis=1).max())

@@ -1,0 +1,190 @@
+"""The decision maker that hides its belief on average: a lottery over decisions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.candidates import Candidates, make_candidates
+from inscrutable.decision_makers.counter_adversarial import best_decision, candidates_for
+from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
+from inscrutable.decision_makers.original import cheap_bound, decision_for
+from inscrutable.decision_makers.results import (
+    Decision,
+    DecisionStatus,
+    MixedDecision,
+    MixedDecisions,
+    Progress,
+    counted,
+    stack_mixed,
+)
+from inscrutable.decision_makers.scores import Scores, score
+from inscrutable.errors import InputError
+from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Mix on the concave envelope of all candidates, the optimal decision and the polished CDM's: exact, any budget."""
+
+
+@dataclass(frozen=True)
+class LinearProgramme:
+    """Solve the paper's eq. (12) with HiGHS over the candidates and the optimal decision, without polish."""
+
+
+class ProbabilisticDecisionMaker:
+    """The lottery of largest expected privacy that the budget allows in expectation (PDM).
+
+    Formula: max_p Σ p_l Ψ(ū_l) with Σ p_l ρ(π,ū_l) ≤ budget, Σ p_l = 1, p ≥ 0.
+
+    Args:
+        problem: The decision problem, known to the observer.
+        measure: The privacy measure Ψ.
+        budget: A share of |c*|, or a `Budget`; it holds in expectation.
+        candidates: The set {ū_l}; None is about 5,000 decoys. Decisions (M,U) are accepted.
+        method: `Envelope()` or the paper's `LinearProgramme()`.
+        on_empty: "exclude" or "infinite": what an empty consistent set is worth to measures (b), (d) and (e).
+
+    Raises:
+        InputError: An argument is malformed.
+
+    Cost: one pass over the candidates per belief. Source: the paper, Approach 2 and eq. (12).
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> mixed = ProbabilisticDecisionMaker(problem, budget=0.001).decide([0.5, 0.5])
+        >>> len(mixed.probabilities) <= 2
+        True
+    """
+
+    def __init__(
+        self,
+        problem: DecisionProblem,
+        measure: PrivacyMeasure | None = None,
+        budget: Budget | float = 0.1,
+        *,
+        candidates: Candidates | ArrayLike | None = None,
+        method: Envelope | LinearProgramme | None = None,
+        on_empty: str = "exclude",
+    ) -> None:
+        self.problem = problem
+        self.measure = MaximalObfuscation() if measure is None else measure
+        if not isinstance(self.measure, PrivacyMeasure):
+            raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
+        self.budget = as_budget(budget)
+        self.method = Envelope() if method is None else method
+        if on_empty not in ("exclude", "infinite"):
+            raise InputError(f'on_empty must be "exclude" or "infinite", got {on_empty!r}')
+        self.on_empty = on_empty
+        self._given = candidates
+        self._candidates: Candidates | None = None
+
+    @property
+    def candidates(self) -> Candidates:
+        """The candidates, solved at first use and kept."""
+        if self._candidates is None:
+            self._candidates = candidates_for(self.problem, self.measure, self._given)
+        return self._candidates
+
+    def decide(self, belief: ArrayLike) -> MixedDecision:
+        """Return the lottery for one belief (X,)."""
+        held = validation.beliefs(np.asarray(belief), self.problem.n_states)
+        if held.ndim != 1:
+            raise InputError(f"decide takes one belief, got shape {held.shape}; use decide_many for many")
+        return self._decide(held, self.measure)
+
+    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
+        """Return the lotteries for beliefs (T,X); a target per step is used in turn."""
+        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        return stack_mixed(
+            [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
+        )
+
+    def _decide(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
+        problem = self.problem
+        optimal_cost = float(problem.optimal_cost(belief))
+        limit = self.budget.limit(optimal_cost)
+        scores = score(belief, optimal_cost, self.candidates, measure, self.on_empty)
+        unbounded = np.flatnonzero(np.isposinf(scores.privacies))
+        if unbounded.size and limit > 0:
+            cheapest = unbounded[scores.regrets[unbounded].argmin()]
+            return self._unbounded(scores, int(cheapest), limit, optimal_cost)
+        scores.privacies[unbounded] = -np.inf
+        extra = [decision_for(problem, belief, problem.solve(belief), measure, DecisionStatus.OPTIMAL)]
+        if isinstance(self.method, Envelope):
+            extra.append(best_decision(problem, scores, limit, optimal_cost))
+        return self._mixed(scores, extra, limit, optimal_cost)
+
+    def _mixed(self, scores: Scores, extra: list[Decision], limit: float, optimal_cost: float) -> MixedDecision:
+        m = len(self.candidates)
+        both = with_extra(scores, extra)
+        if isinstance(self.method, LinearProgramme):
+            for index in np.flatnonzero(~both.exact):
+                both.refine(int(index))
+            mixture = mixture_by_linear_programme(both.regrets, both.privacies, limit)
+        else:
+            hull = both.exact_envelope()
+            mixture = mixture_on_envelope(both.regrets, both.privacies, hull, limit)
+        if mixture is None:
+            return self._lottery(both, Mixture(np.array([m]), np.ones(1), 0.0), optimal_cost, _NOTHING)
+        polished = np.any(mixture.indices > m)
+        status = DecisionStatus.POLISHED if polished else DecisionStatus.BEST_CANDIDATE
+        return self._lottery(both, mixture, optimal_cost, status)
+
+    def _unbounded(self, scores: Scores, index: int, limit: float, optimal_cost: float) -> MixedDecision:
+        """Mix the cheapest infinitely private candidate with the optimal decision as far as the budget goes."""
+        own = decision_for(
+            self.problem, scores.belief, self.problem.solve(scores.belief), scores.measure, DecisionStatus.OPTIMAL
+        )
+        both = with_extra(scores, [own])
+        share = min(1.0, limit / max(float(scores.regrets[index]), np.finfo(float).tiny))
+        indices = np.array([len(self.candidates), index])
+        mixture = Mixture(indices, np.array([1.0 - share, share]), float("inf"))
+        return self._lottery(both, mixture, optimal_cost, DecisionStatus.UNBOUNDED)
+
+    def _lottery(self, scores: Scores, mixture: Mixture, optimal_cost: float, status: DecisionStatus) -> MixedDecision:
+        indices = mixture.indices[mixture.probabilities > 0]
+        probabilities = mixture.probabilities[mixture.probabilities > 0]
+        regrets = scores.regrets[indices]
+        sets = scores.candidates.sets
+        privacies = np.array([scores.measure(scores.belief, sets[int(i)]) for i in indices])
+        expected = float(probabilities @ privacies)
+        return MixedDecision(
+            scores.candidates.actions[indices],
+            probabilities,
+            regrets,
+            privacies,
+            optimal_cost + float(probabilities @ regrets),
+            expected,
+            optimal_cost,
+            max(cheap_bound(scores.belief, scores.measure), expected),
+            mixture.price,
+            tuple(sets[int(i)] for i in indices),
+            np.array([sets[int(i)].center() for i in indices]),
+            status,
+        )
+
+
+_NOTHING = DecisionStatus.NO_AFFORDABLE_PRIVACY
+
+
+def with_extra(scores: Scores, extra: list[Decision]) -> Scores:
+    """Return the scores with further decisions of known regret and privacy behind the candidates."""
+    added = make_candidates(scores.candidates.sets.problem, np.array([d.action for d in extra]))
+    candidates = scores.candidates.joined(added)
+    return Scores(
+        scores.belief,
+        candidates,
+        scores.measure,
+        np.concatenate([scores.regrets, [d.regret for d in extra]]),
+        np.concatenate([scores.privacies, [d.privacy for d in extra]]),
+        np.concatenate([scores.exact, np.ones(len(extra), dtype=bool)]),
+    )

@@ -1,0 +1,265 @@
+"""What a decision maker returns: frozen, able to print and to check itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from inscrutable import validation
+from inscrutable.geometry import BeliefSet
+from inscrutable.validation import Array
+
+Progress = Callable[[int, int], None]
+"""Called with (steps done, steps in all) in long runs."""
+
+
+class DecisionStatus(Enum):
+    """How a decision came about; the text says what to do about it."""
+
+    OPTIMAL = "optimal: the decision of least cost"
+    POLISHED = "best candidate, polished by a local search: no proof that nothing better exists"
+    BEST_CANDIDATE = "best of the candidates: more of them may find better"
+    LOCAL_OPTIMUM = "local optimum of a local search: more starts may find better"
+    NO_AFFORDABLE_PRIVACY = "nothing affordable reaches the goal, so the optimal decision is played: raise the budget"
+    NO_PLAUSIBLE_START = "no affordable start that a belief explains was found: use the global search"
+    UNBOUNDED = (
+        "unexplained decisions count as infinitely private and are affordable: the paper's letter has no optimum"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """One decision and what it gives away.
+
+    Args:
+        action: ū, shape (U,).
+        cost: π·s(ū), in the cost's unit.
+        optimal_cost: c* = V(π), in the cost's unit.
+        regret: cost − optimal cost, at least 0.
+        privacy: Ψ(ū) against an observer who takes the decision at face value.
+        privacy_bound: No affordable decision has more privacy than this.
+        belief_set: Π(ū), what that observer reconstructs.
+        decoy: A belief that the decision is optimal for, shape (X,); NaN where there is none.
+        status: How the decision came about.
+
+    Source: the paper, Approach 1. Example: see `CounterAdversarialDecisionMaker`.
+    """
+
+    action: Array
+    cost: float
+    optimal_cost: float
+    regret: float
+    privacy: float
+    privacy_bound: float
+    belief_set: BeliefSet
+    decoy: Array
+    status: DecisionStatus
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        share = f" ({self.regret / abs(self.optimal_cost):.1%} of |c*|)" if self.optimal_cost else ""
+        return "\n".join(
+            [
+                f"action        {_numbers(self.action)}",
+                f"cost          {self.cost:.6g}, {self.regret:.3g} above the optimal {self.optimal_cost:.6g}{share}",
+                f"privacy       {self.privacy:.4f} (at most {self.privacy_bound:.4f})",
+                f"observer sees {_describe(self.belief_set)}",
+                f"status        {self.status.value}",
+            ]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MixedDecision:
+    """A lottery over decisions: draw one with `sample`.
+
+    Args:
+        actions: Atoms, shape (k,U).
+        probabilities: Shape (k,), summing to one.
+        regrets: Of each atom, shape (k,), in the cost's unit.
+        privacies: Ψ of each atom, shape (k,).
+        expected_cost: Σ p_l π·s(ū_l), in the cost's unit.
+        expected_privacy: Σ p_l Ψ(ū_l).
+        optimal_cost: c* = V(π).
+        privacy_bound: No affordable mixture has more expected privacy than this.
+        price: Slope of the expected privacy in the budget, per unit of cost.
+        belief_sets: Π of each atom.
+        decoys: A belief each atom is optimal for, shape (k,X); NaN where there is none.
+        status: How the decision came about.
+
+    Source: the paper, Approach 2 and eq. (12). Example: see `ProbabilisticDecisionMaker`.
+    """
+
+    actions: Array
+    probabilities: Array
+    regrets: Array
+    privacies: Array
+    expected_cost: float
+    expected_privacy: float
+    optimal_cost: float
+    privacy_bound: float
+    price: float
+    belief_sets: tuple[BeliefSet, ...]
+    decoys: Array
+    status: DecisionStatus
+
+    @property
+    def expected_regret(self) -> float:
+        """Σ p_l ρ_l, in the cost's unit."""
+        return float(self.probabilities @ self.regrets)
+
+    def sample(self, *, rng: np.random.Generator | None = None) -> Decision:
+        """Return one atom as a `Decision`, drawn by its probability.
+
+        `rng` None draws from the operating system's entropy, because a rival who knows the seed knows the draw.
+        """
+        source = np.random.default_rng() if rng is None else validation.generator(rng)
+        index = int(source.choice(len(self.probabilities), p=self.probabilities))
+        regret = float(self.regrets[index])
+        return Decision(
+            self.actions[index],
+            self.optimal_cost + regret,
+            self.optimal_cost,
+            regret,
+            float(self.privacies[index]),
+            max(self.privacy_bound, float(self.privacies[index])),
+            self.belief_sets[index],
+            self.decoys[index],
+            self.status,
+        )
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        lines = [
+            f"expected cost     {self.expected_cost:.6g}, {self.expected_regret:.3g} above {self.optimal_cost:.6g}",
+            f"expected privacy  {self.expected_privacy:.4f} (at most {self.privacy_bound:.4f})",
+        ]
+        for share, action, regret, privacy in zip(
+            self.probabilities, self.actions, self.regrets, self.privacies, strict=True
+        ):
+            lines.append(f"with {share:7.2%}      {_numbers(action)}  regret {regret:.3g}  privacy {privacy:.4f}")
+        return "\n".join([*lines, f"status            {self.status.value}"])
+
+
+@dataclass(frozen=True, eq=False)
+class Decisions:
+    """`Decision` for T beliefs: the same fields with a leading T; belief sets and statuses as tuples."""
+
+    action: Array
+    cost: Array
+    optimal_cost: Array
+    regret: Array
+    privacy: Array
+    privacy_bound: Array
+    belief_set: tuple[BeliefSet, ...]
+    decoy: Array
+    status: tuple[DecisionStatus, ...]
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    def __getitem__(self, step: int) -> Decision:
+        """Return the decision of one step."""
+        return Decision(
+            self.action[step],
+            float(self.cost[step]),
+            float(self.optimal_cost[step]),
+            float(self.regret[step]),
+            float(self.privacy[step]),
+            float(self.privacy_bound[step]),
+            self.belief_set[step],
+            self.decoy[step],
+            self.status[step],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MixedDecisions:
+    """`MixedDecision` for T beliefs: the same fields with a leading T; atoms padded with probability 0."""
+
+    actions: Array  # (T, k, U)
+    probabilities: Array  # (T, k)
+    regrets: Array  # (T, k)
+    privacies: Array  # (T, k)
+    expected_cost: Array
+    expected_privacy: Array
+    optimal_cost: Array
+    privacy_bound: Array
+    price: Array
+    status: tuple[DecisionStatus, ...]
+    _steps: tuple[MixedDecision, ...] = field(repr=False, default=())
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    def __getitem__(self, step: int) -> MixedDecision:
+        """Return the mixture of one step."""
+        return self._steps[step]
+
+    def sample(self, *, rng: np.random.Generator | None = None) -> Decisions:
+        """Return one drawn decision per step; `rng` None draws from the operating system's entropy."""
+        source = np.random.default_rng() if rng is None else validation.generator(rng)
+        return stack([step.sample(rng=source) for step in self._steps])
+
+
+def counted(beliefs: Array, progress: Progress | None) -> Iterator[tuple[int, Array]]:
+    """Yield (step, belief) over beliefs (T,X) and report each step when it is done."""
+    for step, belief in enumerate(beliefs):
+        yield step, belief
+        if progress is not None:
+            progress(step + 1, len(beliefs))
+
+
+def stack(decisions: list[Decision]) -> Decisions:
+    """Return single decisions as one result with a leading T."""
+    return Decisions(
+        np.array([d.action for d in decisions]),
+        np.array([d.cost for d in decisions]),
+        np.array([d.optimal_cost for d in decisions]),
+        np.array([d.regret for d in decisions]),
+        np.array([d.privacy for d in decisions]),
+        np.array([d.privacy_bound for d in decisions]),
+        tuple(d.belief_set for d in decisions),
+        np.array([d.decoy for d in decisions]),
+        tuple(d.status for d in decisions),
+    )
+
+
+def stack_mixed(decisions: list[MixedDecision]) -> MixedDecisions:
+    """Return single mixtures as one result with a leading T, atoms padded to the largest number."""
+    most = max(len(d.probabilities) for d in decisions)
+
+    def padded(values: Array) -> Array:
+        extra = most - len(values)
+        return np.concatenate([values, np.repeat(values[:1], extra, axis=0)]) if extra else values
+
+    def zero_padded(values: Array) -> Array:
+        return np.concatenate([values, np.zeros(most - len(values))])
+
+    return MixedDecisions(
+        np.array([padded(d.actions) for d in decisions]),
+        np.array([zero_padded(d.probabilities) for d in decisions]),
+        np.array([padded(d.regrets) for d in decisions]),
+        np.array([padded(d.privacies) for d in decisions]),
+        np.array([d.expected_cost for d in decisions]),
+        np.array([d.expected_privacy for d in decisions]),
+        np.array([d.optimal_cost for d in decisions]),
+        np.array([d.privacy_bound for d in decisions]),
+        np.array([d.price for d in decisions]),
+        tuple(d.status for d in decisions),
+        tuple(decisions),
+    )
+
+
+def _numbers(values: Array) -> str:
+    return "[" + " ".join(f"{value:.4f}" for value in values) + "]"
+
+
+def _describe(belief_set: BeliefSet) -> str:
+    if belief_set.is_empty:
+        return f"a decision that no belief explains (least regret {belief_set.plausibility_gap:.3g})"
+    shape = {0: "the belief", 1: "a segment of beliefs around"}.get(belief_set.dimension, "a set of beliefs around")
+    return f"{shape} {_numbers(belief_set.center())}"

@@ -1,0 +1,39 @@
+"""Every error the library raises on purpose, sorted by what the reader can do about it.
+
+===============  ======================================  =========
+error            what to do                              exit code
+===============  ======================================  =========
+``InputError``   correct the data or the argument        3
+``ModelError``   change the model: it has no answer      4
+``SolverError``  report it: a solver failed on valid     1
+                 input
+===============  ======================================  =========
+
+A message says what was passed, what was expected, the offending number and where it stands.
+"""
+
+from __future__ import annotations
+
+
+class InscrutableError(Exception):
+    """Base of all errors raised on purpose by this library."""
+
+    exit_code = 1
+
+
+class InputError(InscrutableError, ValueError):
+    """What was passed in is malformed: wrong shape, not a number, off the simplex, unreadable file."""
+
+    exit_code = 3
+
+
+class ModelError(InscrutableError, ValueError):
+    """The input is well formed but has no answer: an infeasible or unbounded set, an indefinite covariance."""
+
+    exit_code = 4
+
+
+class SolverError(InscrutableError, RuntimeError):
+    """A numerical method did not reach its stated accuracy on valid input."""
+
+    exit_code = 1

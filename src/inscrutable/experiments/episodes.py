@@ -1,0 +1,96 @@
+"""An episode: one sequence of beliefs, decided by several decision makers and read by the observer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.decision_makers import Decisions, MixedDecisions
+from inscrutable.decision_makers.results import Progress
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+class DecisionMaker(Protocol):
+    """Whatever turns a belief into a decision or a lottery over decisions."""
+
+    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions | MixedDecisions:
+        """Return the decisions for beliefs (T,X)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What one decision maker played in an episode; of a lottery, the atom that was drawn.
+
+    Args:
+        decisions: The played decisions, T of them.
+        lotteries: The lotteries they were drawn from, or None.
+    """
+
+    decisions: Decisions
+    lotteries: MixedDecisions | None = None
+
+    @property
+    def expected_regret(self) -> Array:
+        """Regret in expectation over the lottery, shape (T,), in the cost's unit."""
+        if self.lotteries is None:
+            return self.decisions.regret
+        return np.asarray((self.lotteries.probabilities * self.lotteries.regrets).sum(axis=1))
+
+    @property
+    def expected_privacy(self) -> Array:
+        """Privacy in expectation over the lottery, shape (T,)."""
+        return self.decisions.privacy if self.lotteries is None else self.lotteries.expected_privacy
+
+    @property
+    def relative_increase(self) -> Array:
+        """(c̄ − c*)/|c*| of the played decision, shape (T,)."""
+        return np.asarray(self.decisions.regret / np.abs(self.decisions.optimal_cost))
+
+    @property
+    def estimates(self) -> Array:
+        """Centre of the observer's set at every step, shape (T,X); NaN where it is empty."""
+        return np.array([found.center() for found in self.decisions.belief_set])
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """A sequence of private beliefs and a record per decision maker, by name and in the order given."""
+
+    problem: DecisionProblem
+    beliefs: Array  # (T, X)
+    records: Mapping[str, Record]
+
+
+def run_episode(
+    problem: DecisionProblem,
+    beliefs: ArrayLike,
+    decision_makers: Mapping[str, DecisionMaker],
+    *,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> Episode:
+    """Let every decision maker decide on every belief (T,X), drawing lotteries with `rng`."""
+    held = validation.many_beliefs(beliefs, problem.n_states)
+    validation.generator(rng)
+    records: dict[str, Record] = {}
+    for done, (name, decision_maker) in enumerate(decision_makers.items()):
+        watch = None if progress is None else _part(progress, done, len(decision_makers))
+        made = decision_maker.decide_many(held, progress=watch)
+        if isinstance(made, MixedDecisions):
+            records[name] = Record(made.sample(rng=rng), made)
+        else:
+            records[name] = Record(made)
+    return Episode(problem, held, records)
+
+
+def _part(progress: Progress, done: int, parts: int) -> Progress:
+    def report(step: int, steps: int) -> None:
+        progress(done * steps + step, parts * steps)
+
+    return report

@@ -1,0 +1,168 @@
+"""The private belief: what the agent knows of the state from what it has observed so far, and nothing later."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable.errors import InputError, ModelError
+from inscrutable.validation import Array
+from inscrutable.worlds.hidden_markov import HiddenMarkovModel
+from inscrutable.worlds.observations import is_labelled, row_name
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Table = TypeVar("Table")
+
+
+@dataclass(frozen=True)
+class FilterResult(Generic[Table]):
+    """Beliefs over time, each from the observations up to its own row.
+
+    Attributes:
+        beliefs: (T,X), beliefs[t] = p(x_t | y_0..t).
+        predicted: (T,X), predicted[t] = p(x_{t+1} | y_0..t): a row's label is the time of its last observation.
+        log_likelihood: log p(y_0..T-1), natural logarithm.
+    """
+
+    beliefs: Table
+    predicted: Table
+    log_likelihood: float
+
+
+@overload
+def filter_beliefs(
+    world: HiddenMarkovModel, observations: pd.DataFrame | pd.Series[Any]
+) -> FilterResult[pd.DataFrame]: ...
+@overload
+def filter_beliefs(world: HiddenMarkovModel, observations: ArrayLike) -> FilterResult[Array]: ...
+def filter_beliefs(world: HiddenMarkovModel, observations: Any) -> FilterResult[Any]:
+    """Return the private beliefs of an agent that watches `observations` one by one.
+
+    π_t(j) ∝ p(y_t | x_t = j) Σ_i π_{t-1}(i) P_ij, where x_0 has the law `world.initial` before y_0 is seen. In log
+    space, so observations that favour one state by thousands of orders of magnitude, in turn, are filtered right.
+    Causal: more observations never change an earlier row, not even its last digit.
+
+    Args:
+        world: the hidden Markov model.
+        observations: (T,) symbols or (T,D) real vectors, T >= 1. With a DataFrame or Series the beliefs come back as
+            DataFrames with the same index and the states' names as columns.
+
+    Returns:
+        Beliefs (T,X), one-step predictions (T,X) and the log-likelihood.
+
+    Raises:
+        InputError: malformed observations; row and column are named.
+        ModelError: an observation that no reachable state can report; its step is named.
+
+    Cost: O(T X²) after the sensor's log-likelihoods.
+
+    Source: Lourenço et al. (2020), equation (1); the recursion is that of Rabiner, Proceedings of the IEEE 77 (1989),
+    equation (20), normalised.
+
+    Example:
+        >>> from inscrutable.filtering import filter_beliefs
+        >>> from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.3, 0.7]], CategoricalEmission([[0.8, 0.2], [0.1, 0.9]]))
+        >>> filter_beliefs(world, [0, 1]).beliefs.round(3).tolist()
+        [[0.96, 0.04], [0.611, 0.389]]
+    """
+    log_likelihoods = world.emission.log_likelihoods(observations)
+    with np.errstate(divide="ignore"):
+        log_prior = np.log(world.initial)
+    _, _, beliefs, predicted, increments = _pass(world, log_prior, log_likelihoods)
+    impossible = np.flatnonzero(np.isneginf(increments))
+    if impossible.size:
+        raise _impossible(row_name(observations, int(impossible[0])))
+    total = float(np.cumsum(increments)[-1])
+    if not is_labelled(observations):
+        return FilterResult(beliefs, predicted, total)
+    import pandas as pd
+
+    labels = {"index": observations.index, "columns": list(world.names)}
+    return FilterResult(pd.DataFrame(beliefs, **labels), pd.DataFrame(predicted, **labels), total)
+
+
+class BeliefFilter:
+    """The private belief of a live agent, one observation at a time: the numbers of `filter_beliefs`, bit for bit.
+
+    Args:
+        world: the hidden Markov model.
+
+    Example:
+        >>> from inscrutable.filtering import BeliefFilter
+        >>> from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.3, 0.7]], CategoricalEmission([[0.8, 0.2], [0.1, 0.9]]))
+        >>> agent = BeliefFilter(world)
+        >>> agent.update(0).round(3).tolist()
+        [0.96, 0.04]
+        >>> agent.predicted.round(3).tolist()
+        [0.876, 0.124]
+    """
+
+    def __init__(self, world: HiddenMarkovModel) -> None:
+        self._world = world
+        with np.errstate(divide="ignore"):
+            self._log_prior = np.log(world.initial)
+        self._predicted: Array = world.initial.copy()
+        self._log_likelihood = 0.0
+        self._n_updates = 0
+
+    @property
+    def predicted(self) -> Array:
+        """Belief (X,) about the next observation's state: p(x_{t+1} | y_0..t), the initial law before any update."""
+        return self._predicted.copy()
+
+    @property
+    def log_likelihood(self) -> float:
+        """Natural logarithm of p(y_0..t), zero before any update."""
+        return self._log_likelihood
+
+    def update(self, observation: Any) -> Array:
+        """Take in one observation and return the belief p(x_t | y_0..t); the first has no transition before it.
+
+        Args:
+            observation: a symbol or a (D,) real vector; a Series is aligned by the sensor's asset names.
+
+        Returns:
+            (X,) belief.
+
+        Raises:
+            InputError: a malformed observation.
+            ModelError: no reachable state can report it. In both cases the filter stays as it was.
+
+        Cost: O(X²) after the sensor's log-likelihoods.
+        """
+        row = observation.to_frame().T if is_labelled(observation) else np.asarray(observation)[None]
+        log_likelihoods = self._world.emission.log_likelihoods(row)
+        if log_likelihoods.shape[0] != 1:
+            raise InputError(
+                f"update takes one observation, got {log_likelihoods.shape[0]}; use filter_beliefs for many"
+            )
+        _, log_predicted, beliefs, predicted, increments = _pass(self._world, self._log_prior, log_likelihoods)
+        if np.isneginf(increments[0]):
+            raise _impossible(str(self._n_updates))
+        self._log_prior, self._predicted = log_predicted[0], predicted[0]
+        self._log_likelihood += float(increments[0])
+        self._n_updates += 1
+        return np.asarray(beliefs[0])
+
+
+def _pass(world: HiddenMarkovModel, log_prior: Array, log_likelihoods: Array) -> tuple[Array, ...]:
+    from inscrutable.kernels.hidden_markov import filter_pass
+
+    with np.errstate(divide="ignore"):
+        log_transition = np.log(world.transition)
+    result: tuple[Array, ...] = filter_pass(log_prior, log_transition, np.ascontiguousarray(log_likelihoods))
+    return result
+
+
+def _impossible(step: str) -> ModelError:
+    return ModelError(
+        f"the observation at step {step} has likelihood zero in every state that can be reached there; "
+        "the world does not explain it"
+    )

@@ -1,0 +1,173 @@
+"""A set of beliefs: a polytope on the simplex that is usually a point or a segment, and may be empty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError
+from inscrutable.geometry.hulls import Hulls, affine_hulls, clip_to_segments
+from inscrutable.geometry.polytopes import Reduced, nearest_point, reduce_polytope, sample_polytope
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class BeliefSet:
+    r"""The beliefs π on the simplex with P π = 0 and Q π ≥ 0, where each row is scaled to the gradient's size.
+
+    Formula: {π ≥ 0 : Σπ = 1, |P π| ≤ tolerance, Q π ≥ −tolerance}.
+
+    Args:
+        equalities: P, shape (k, X), dimensionless.
+        inequalities: Q, shape (m, X), dimensionless.
+        tolerance: Largest residual of a belief that counts as a member.
+        gap: Called for `plausibility_gap`; takes no argument.
+
+    Every query costs one small factorisation at first use and is kept. Source: Theorem 1 of the paper.
+
+    Example:
+        >>> half = BeliefSet(np.array([[1.0, -1.0, 0.0]]), np.zeros((0, 3)))
+        >>> half.dimension
+        1
+        >>> print(np.sort(half.vertices(), axis=0))
+        [[0.  0.  0. ]
+         [0.5 0.5 1. ]]
+    """
+
+    equalities: Array
+    inequalities: Array
+    tolerance: float = tolerances.EXPLAINED
+    gap: Callable[[], float] | None = field(default=None, repr=False)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return int(self.equalities.shape[1])
+
+    @cached_property
+    def _hull(self) -> Hulls:
+        return affine_hulls(self.equalities[None], self.tolerance)
+
+    @cached_property
+    def _shape(self) -> Reduced | None:
+        hull = self._hull
+        dimension = int(hull.dimension[0])
+        if dimension < 0:
+            return None
+        if dimension <= 1:
+            cut = clip_to_segments(hull, self.inequalities[None], np.array([0]))
+            return _between(cut.start[0], cut.end[0]) if cut.present[0] else None
+        directions = hull.directions[0, :dimension]
+        bounded = np.vstack([self.inequalities, np.eye(self.n_states)])
+        rows = -bounded @ directions.T
+        offsets = bounded @ hull.origin[0]
+        bands = hull.bands[0, :dimension]
+        for axis in np.flatnonzero(np.isfinite(bands[:, 0])):
+            unit = np.eye(dimension)[axis]
+            rows = np.vstack([rows, unit, -unit])
+            offsets = np.concatenate([offsets, [bands[axis, 1], -bands[axis, 0]]])
+        return reduce_polytope(hull.origin[0], directions, rows, offsets)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no belief explains the decision; a status, not an error."""
+        return self._shape is None
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of the set: 0 a point, 1 a segment, …, and −1 for the empty set."""
+        return -1 if self._shape is None else int(self._shape.directions.shape[0])
+
+    @cached_property
+    def residual(self) -> float:
+        """Smallest KKT residual over all beliefs, relative to the gradient's scale."""
+        if self._shape is not None:
+            return float(self.violation(self._shape.vertices.mean(axis=0)))
+        return smallest_violation(self.equalities, self.inequalities)
+
+    @property
+    def plausibility_gap(self) -> float:
+        """Smallest regret r(u) = min_π ρ(π, u) over all beliefs, in the cost's unit; zero where the set is not empty."""
+        if self._shape is not None or self.gap is None:
+            return 0.0 if self._shape is not None else float("nan")
+        return self.gap()
+
+    def violation(self, belief: ArrayLike) -> Array:
+        """Return the KKT residual of one belief (X,) or many (T,X), relative to the gradient's scale."""
+        points = np.asarray(belief, dtype=np.float64)
+        parts = [np.abs(points @ self.equalities.T), -(points @ self.inequalities.T), -points]
+        return np.asarray(np.concatenate(parts, axis=-1).max(axis=-1, initial=0.0))
+
+    def contains(self, belief: ArrayLike) -> bool:
+        """Return whether the belief explains the decision up to the tolerance."""
+        point = validation.beliefs(belief, self.n_states)
+        return bool(self.violation(point) <= self.tolerance)
+
+    def nearest(self, belief: ArrayLike) -> Array:
+        """Return the member nearest to `belief` (X,); NaN where the set is empty."""
+        point = validation.beliefs(belief, self.n_states)
+        if self._shape is None:
+            return np.full(self.n_states, np.nan)
+        if self.violation(point) <= self.tolerance:
+            return point
+        return nearest_point(self._shape, point)
+
+    def distance(self, belief: ArrayLike) -> float:
+        """Return min over members of the Euclidean distance to `belief` (X,); infinite where the set is empty."""
+        point = validation.beliefs(belief, self.n_states)
+        if self._shape is None:
+            return float("inf")
+        return float(np.linalg.norm(point - self.nearest(point)))
+
+    def vertices(self) -> Array:
+        """Return the corners, shape (V, X); V = 0 where the set is empty."""
+        return np.zeros((0, self.n_states)) if self._shape is None else np.maximum(self._shape.vertices, 0.0)
+
+    def bounds(self) -> Array:
+        """Return the least and greatest probability of each state over the set, shape (X, 2); NaN where it is empty."""
+        if self._shape is None:
+            return np.full((self.n_states, 2), np.nan)
+        corners = self.vertices()
+        return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
+
+    def center(self) -> Array:
+        """Return the mean of the corners, shape (X,); NaN where the set is empty."""
+        return np.full(self.n_states, np.nan) if self._shape is None else np.asarray(self.vertices().mean(axis=0))
+
+    def sample(self, n: int, *, rng: np.random.Generator) -> Array:
+        """Return `n` members drawn uniformly, shape (n, X); raises `InputError` where the set is empty."""
+        if self._shape is None:
+            raise InputError("cannot sample an empty belief set: no belief explains the decision (see is_empty)")
+        drawn = sample_polytope(self._shape, validation.count(n, "n"), validation.generator(rng))
+        return np.maximum(drawn, 0.0)
+
+
+def _between(start: Array, end: Array) -> Reduced:
+    length = float(np.linalg.norm(end - start))
+    if length <= tolerances.SAME_BELIEF:
+        return Reduced(start, np.zeros((0, start.size)), np.zeros((0, 0)), np.zeros(0), start[None])
+    direction = ((end - start) / length)[None]
+    return Reduced(start, direction, np.array([[1.0], [-1.0]]), np.array([length, 0.0]), np.vstack([start, end]))
+
+
+def smallest_violation(equalities: Array, inequalities: Array) -> float:
+    """Return the least max-norm residual of the rows over the simplex, by linear programming."""
+    from scipy.optimize import linprog
+
+    n_states = equalities.shape[1]
+    rows = np.vstack([equalities, -equalities, -inequalities])
+    answer = linprog(
+        np.concatenate([np.zeros(n_states), [1.0]]),
+        A_ub=np.column_stack([rows, -np.ones(rows.shape[0])]),
+        b_ub=np.zeros(rows.shape[0]),
+        A_eq=np.concatenate([np.ones(n_states), [0.0]])[None],
+        b_eq=np.ones(1),
+        bounds=(0, None),
+        method="highs",
+    )
+    return float(answer.fun)

@@ -1,0 +1,78 @@
+"""The cone of multipliers, written without the multipliers.
+
+A gradient g is stationary when −g lies in K = {A_act'λ + A_eq'ν : λ ≥ 0}. Here K is turned into rows:
+g ∈ −K  ⇔  P g = 0 and Q g ≥ 0.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space, orth
+
+from inscrutable import tolerances
+from inscrutable.errors import SolverError
+from inscrutable.validation import Array
+
+_MOST_FACETS = 200_000
+
+
+class StationarityRows(NamedTuple):
+    """Rows P and Q with: −g is a combination of the active constraints ⇔ P g = 0 and Q g ≥ 0."""
+
+    equalities: Array
+    inequalities: Array
+
+
+def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
+    """Return P (k,U) and Q (m,U) for active rows (n,U) and equality rows (e,U).
+
+    Where the rows are independent, Q holds the rows of the negative pseudo-inverse that give λ; otherwise the facets
+    of the cone are enumerated in the space that the active rows span beside the equalities.
+    """
+    normals = np.vstack([active, equalities])
+    n_actions = normals.shape[1]
+    if normals.shape[0] == 0:
+        return StationarityRows(np.eye(n_actions), np.zeros((0, n_actions)))
+    scale = np.maximum(np.abs(normals).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    normals = normals / scale
+    singular = np.linalg.svd(normals, compute_uv=False)
+    independent = normals.shape[0] <= n_actions and singular[-1] > tolerances.ON_FACE * singular[0]
+    complement = null_space(normals, rcond=tolerances.ON_FACE).T
+    if independent:
+        return StationarityRows(complement, -np.linalg.pinv(normals).T[: active.shape[0]])
+    return StationarityRows(complement, _facets(normals[: active.shape[0]], normals[active.shape[0] :]))
+
+
+def _facets(active: Array, equalities: Array) -> Array:
+    """Facets of cone(active) in span(active, equalities) modulo span(equalities), as rows Q with Q g ≥ 0 for −g in it."""
+    n_actions = active.shape[1]
+    free = null_space(equalities, rcond=tolerances.ON_FACE) if equalities.shape[0] else np.eye(n_actions)
+    generators = active @ free
+    generators = generators[np.linalg.norm(generators, axis=1) > tolerances.ON_FACE]
+    if generators.shape[0] == 0:
+        return np.zeros((0, n_actions))
+    span = orth(generators.T, rcond=tolerances.ON_FACE)
+    points = generators @ span
+    points = points / np.linalg.norm(points, axis=1, keepdims=True)
+    rank = span.shape[1]
+    if comb(points.shape[0], rank - 1) > _MOST_FACETS:
+        raise SolverError(
+            f"{points.shape[0]} active rows span only {rank} directions: too many faces of the multiplier cone; "
+            "remove redundant constraints"
+        )
+    facets: list[Array] = []
+    for chosen in combinations(range(points.shape[0]), rank - 1):
+        normal = null_space(points[list(chosen)], rcond=tolerances.ON_FACE) if rank > 1 else np.eye(1)
+        if normal.shape[1] != 1:
+            continue
+        for side in (normal[:, 0], -normal[:, 0]):
+            below = np.all(points @ side <= tolerances.ON_FACE)
+            if below and not any(np.allclose(side, known, atol=tolerances.ON_FACE, rtol=0) for known in facets):
+                facets.append(side)
+    if not facets:
+        return np.zeros((0, n_actions))
+    return np.asarray(np.array(facets) @ span.T @ free.T)

@@ -1,0 +1,118 @@
+"""Affine hulls of belief sets: the solutions π of M π = 0, 1'π = 1, decided by singular values.
+
+With B an orthonormal basis of the directions that keep Σπ, π = 1/X + B w and M B w = −M 1/X. Singular values above
+the rank tolerance determine coordinates of w; the others leave a direction free, inside the band in which the residual
+stays below the tolerance. All functions work on a stack of systems of one shape.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space
+
+from inscrutable import tolerances
+from inscrutable.validation import Array
+
+
+class Hulls(NamedTuple):
+    """Affine hulls of n systems in X coordinates; `directions[i, dimension[i]:]` are the determined ones."""
+
+    dimension: np.ndarray  # (n,), -1 where no point satisfies the equalities
+    origin: Array  # (n, X)
+    directions: Array  # (n, X-1, X), free directions first
+    bands: Array  # (n, X-1, 2): lowest and highest coordinate along each free direction
+    residual: Array  # (n,): what no belief can remove
+    noise: Array  # (n,): displacement of a belief that costs the tolerance in residual
+
+
+def sum_zero_basis(n_states: int) -> Array:
+    """Return an orthonormal basis, shape (X, X−1), of the vectors whose entries sum to zero."""
+    return np.asarray(null_space(np.ones((1, n_states))))
+
+
+def affine_hulls(equalities: Array, tolerance: float) -> Hulls:
+    """Return the hulls of stacked equalities, shape (n, k, X), each row scaled to the gradient's size."""
+    n, k, n_states = equalities.shape
+    basis = sum_zero_basis(n_states)
+    free = n_states - 1
+    centre = np.full(n_states, 1.0 / n_states)
+    if k == 0 or free == 0:
+        residual = np.abs(equalities @ centre).max(axis=1, initial=0.0)
+        dimension = np.where(residual <= tolerance, free, -1)
+        directions = np.broadcast_to(basis.T, (n, free, n_states))
+        bands = np.broadcast_to(np.array([-np.inf, np.inf]), (n, free, 2))
+        return Hulls(dimension, np.tile(centre, (n, 1)), directions, bands, residual, np.full(n, tolerances.ON_FACE))
+    left, singular, right = np.linalg.svd(equalities @ basis, full_matrices=True)
+    target = -(equalities @ centre)
+    along = np.einsum("nik,ni->nk", left, target)
+    padded = np.zeros((n, free))
+    padded[:, : singular.shape[1]] = singular
+    determined = padded > tolerances.RANK
+    aligned = np.zeros((n, free))
+    aligned[:, : min(k, free)] = along[:, : min(k, free)]
+    safe = np.where(determined, padded, 1.0)
+    coordinates = np.where(determined, aligned / safe, 0.0)
+    origin = centre + np.einsum("ni,nix->nx", coordinates, right @ basis.T)
+    fitted = np.einsum("nkx,nx->nk", equalities, origin)
+    free_part = np.where(determined, 0.0, aligned)[:, : min(k, free)]
+    fitted = fitted + np.einsum("nki,ni->nk", left[:, :, : min(k, free)], free_part)
+    residual = np.abs(fitted).max(axis=1)
+    dimension = np.where(residual <= tolerance, (~determined).sum(axis=1), -1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low = np.where(padded > 0, (aligned - tolerance) / padded, -np.inf)
+        high = np.where(padded > 0, (aligned + tolerance) / padded, np.inf)
+    smallest = np.where(determined, padded, np.inf).min(axis=1)
+    noise = np.maximum(tolerances.ON_FACE, tolerance / np.where(np.isfinite(smallest), smallest, 1.0))
+    # Singular values fall, so the free directions are the last ones: reverse to put them first.
+    return Hulls(dimension, origin, (right @ basis.T)[:, ::-1], np.stack([low, high], axis=2)[:, ::-1], residual, noise)
+
+
+class Segments(NamedTuple):
+    """Ends of n sets of dimension at most one; `present` is False where the inequalities leave nothing."""
+
+    present: np.ndarray
+    start: Array
+    end: Array
+
+
+def clip_to_segments(hulls: Hulls, inequalities: Array, which: np.ndarray) -> Segments:
+    """Cut the hulls `which` (all of one dimension, 0 or 1) with stacked rows Q π ≥ 0 and π ≥ 0."""
+    origin = hulls.origin[which]
+    rows = inequalities[which]
+    n, _, n_states = rows.shape
+    noise = hulls.noise[which][:, None]
+    everything = np.concatenate([rows, np.broadcast_to(np.eye(n_states), (n, n_states, n_states))], axis=1)
+    value = np.einsum("nmx,nx->nm", everything, origin)
+    if hulls.dimension[which[0]] == 0:
+        present = np.all(value >= -noise, axis=1)
+        point = _onto_simplex(origin)
+        return Segments(present, point, point)
+    direction = hulls.directions[which, 0]
+    slope = np.einsum("nmx,nx->nm", everything, direction)
+    flat = np.abs(slope) <= noise
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = -value / slope
+    low = np.where(~flat & (slope > 0), crossing, -np.inf).max(axis=1)
+    high = np.where(~flat & (slope < 0), crossing, np.inf).min(axis=1)
+    low = np.maximum(low, hulls.bands[which, 0, 0])
+    high = np.minimum(high, hulls.bands[which, 0, 1])
+    steepest = np.where(flat, np.inf, np.abs(slope)).min(axis=1)
+    crossed = low > high
+    touching = crossed & (low - high <= 2 * noise[:, 0] / np.minimum(steepest, 1.0))
+    middle = 0.5 * (low + high)
+    low = np.where(touching, middle, low)
+    high = np.where(touching, middle, high)
+    present = ~(crossed & ~touching) & np.all(~flat | (value >= -noise), axis=1) & np.isfinite(low) & np.isfinite(high)
+    low = np.where(present, low, 0.0)
+    high = np.where(present, high, 0.0)
+    return Segments(
+        present, _onto_simplex(origin + low[:, None] * direction), _onto_simplex(origin + high[:, None] * direction)
+    )
+
+
+def _onto_simplex(points: Array) -> Array:
+    clipped = np.maximum(points, 0.0)
+    total = clipped.sum(axis=1, keepdims=True)
+    return np.asarray(clipped / np.where(total > 0, total, 1.0))

@@ -1,0 +1,168 @@
+"""Polytopes {z : rows z ≤ offsets} of dimension two or more, reduced until they have an interior."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import daqp
+import numpy as np
+from scipy.linalg import null_space
+from scipy.optimize import linprog
+from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError
+
+from inscrutable import tolerances
+from inscrutable.errors import SolverError
+from inscrutable.validation import Array
+
+
+class Reduced(NamedTuple):
+    """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets."""
+
+    origin: Array  # (X,)
+    directions: Array  # (d, X)
+    rows: Array  # (n, d)
+    offsets: Array  # (n,)
+    vertices: Array  # (V, X)
+
+
+def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Array) -> Reduced | None:
+    """Return the polytope {origin + directions' z : rows z ≤ offsets} with its vertices, or None where it is empty.
+
+    Rows that hold with equality everywhere are found by linear programmes and taken out, one dimension each.
+    """
+    rows, offsets = _without_constant_rows(rows, offsets)
+    if rows is None:
+        return None
+    dimension = directions.shape[0]
+    if dimension == 0:
+        return Reduced(origin, directions, np.zeros((0, 0)), np.zeros(0), origin[None])
+    if dimension == 1:
+        return _segment(origin, directions, rows, offsets)
+    centre, radius = _deepest_point(rows, offsets)
+    if radius < -tolerances.ON_FACE:
+        return None
+    if radius > tolerances.ON_FACE:
+        return Reduced(origin, directions, rows, offsets, origin + _corners(rows, offsets, centre) @ directions)
+    tight = _always_tight(rows, offsets)
+    free = null_space(rows[tight], rcond=tolerances.ON_FACE)
+    if free.shape[1] == dimension:
+        raise SolverError("a belief set has no interior, yet no row of it is tight everywhere")
+    return reduce_polytope(
+        origin + centre @ directions, free.T @ directions, rows[~tight] @ free, offsets[~tight] - rows[~tight] @ centre
+    )
+
+
+def _without_constant_rows(rows: Array, offsets: Array) -> tuple[Array, Array] | tuple[None, Array]:
+    norms = np.linalg.norm(rows, axis=1)
+    constant = norms <= tolerances.ON_FACE
+    if np.any(offsets[constant] < -tolerances.ON_FACE):
+        return None, offsets
+    scale = norms[~constant]
+    return rows[~constant] / scale[:, None], offsets[~constant] / scale
+
+
+def _segment(origin: Array, directions: Array, rows: Array, offsets: Array) -> Reduced | None:
+    slope = rows[:, 0]
+    high = (offsets[slope > 0] / slope[slope > 0]).min(initial=np.inf)
+    low = (offsets[slope < 0] / slope[slope < 0]).max(initial=-np.inf)
+    if low - high > 2 * tolerances.ON_FACE:
+        return None
+    if high - low <= tolerances.ON_FACE:
+        point = origin + 0.5 * (low + high) * directions[0]
+        return Reduced(point, directions[:0], np.zeros((0, 0)), np.zeros(0), point[None])
+    ends = origin + np.array([[low], [high]]) * directions[0]
+    return Reduced(origin, directions, np.array([[1.0], [-1.0]]), np.array([high, -low]), ends)
+
+
+def _deepest_point(rows: Array, offsets: Array) -> tuple[Array, float]:
+    """Centre and radius of the largest inscribed ball; a negative radius is the amount by which rows conflict."""
+    objective = np.zeros(rows.shape[1] + 1)
+    objective[-1] = -1.0
+    answer = minimise_over_rows(objective, np.column_stack([rows, np.ones(rows.shape[0])]), offsets)
+    return np.asarray(answer[:-1]), float(answer[-1])
+
+
+def minimise_over_rows(objective: Array, rows: Array, offsets: Array) -> Array:
+    """Return a minimiser z of objective'z over rows z ≤ offsets."""
+    answer = linprog(
+        objective,
+        A_ub=rows,
+        b_ub=offsets,
+        bounds=(None, None),
+        method="highs",
+        options={
+            "primal_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
+            "dual_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
+        },
+    )
+    if answer.status != 0:
+        raise SolverError(f"HiGHS could not describe a belief set: {answer.message}")
+    return np.asarray(answer.x)
+
+
+def _always_tight(rows: Array, offsets: Array) -> np.ndarray:
+    slack = [offsets[j] - rows[j] @ minimise_over_rows(rows[j], rows, offsets + 0.0) for j in range(rows.shape[0])]
+    # A row that moves by less than the tolerance anywhere on the set is an equality of it.
+    return np.asarray(np.array(slack) <= 10 * tolerances.ON_FACE)
+
+
+def _corners(rows: Array, offsets: Array, centre: Array) -> Array:
+    try:
+        found = HalfspaceIntersection(np.column_stack([rows, -offsets]), centre).intersections
+    except QhullError:
+        found = HalfspaceIntersection(np.column_stack([rows, -offsets]), centre, qhull_options="QJ").intersections
+    found = found[np.all(np.isfinite(found), axis=1)]
+    kept: list[Array] = []
+    for corner in found:
+        if all(np.abs(corner - known).max() > tolerances.SAME_BELIEF for known in kept):
+            kept.append(corner)
+    return np.array(kept)
+
+
+def nearest_point(polytope: Reduced, target: Array) -> Array:
+    """Return the point of the polytope nearest to `target` in the Euclidean norm."""
+    dimension = polytope.directions.shape[0]
+    if dimension == 0:
+        return polytope.origin
+    wanted = polytope.directions @ (target - polytope.origin)
+    if dimension == 1:
+        low, high = -polytope.offsets[1], polytope.offsets[0]
+        return np.asarray(polytope.origin + np.clip(wanted[0], low, high) * polytope.directions[0])
+    z = project_on_rows(polytope.rows, polytope.offsets, wanted)
+    return np.asarray(polytope.origin + z @ polytope.directions)
+
+
+def project_on_rows(rows: Array, offsets: Array, wanted: Array) -> Array:
+    """Return the point of {z : rows z ≤ offsets} nearest to `wanted`."""
+    if np.all(rows @ wanted <= offsets):
+        return wanted
+    z, _, flag, _ = daqp.solve(
+        np.eye(wanted.size),
+        -wanted,
+        np.ascontiguousarray(rows),
+        offsets,
+        np.full(offsets.shape, -np.inf),
+        np.zeros(offsets.shape, dtype=np.int32),
+        primal_tol=tolerances.LINEAR_PROGRAMME,
+    )
+    if flag < 1:
+        raise SolverError(f"projection on a belief set failed with DAQP exit flag {flag}")
+    return np.asarray(z)
+
+
+def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Array:
+    """Return `n` points drawn uniformly from the polytope, shape (n, X)."""
+    dimension = polytope.directions.shape[0]
+    if dimension == 0:
+        return np.tile(polytope.origin, (n, 1))
+    corners = (polytope.vertices - polytope.origin) @ polytope.directions.T
+    if dimension == 1:
+        simplices = np.array([[0, 1]])
+        weights = np.ones(1)
+    else:
+        simplices = Delaunay(corners, qhull_options="Qbb Qc Qz QJ").simplices
+        edges = corners[simplices[:, 1:]] - corners[simplices[:, :1]]
+        weights = np.abs(np.linalg.det(edges))
+    chosen = rng.choice(len(simplices), size=n, p=weights / weights.sum())
+    mix = rng.dirichlet(np.ones(dimension + 1), size=n)
+    return np.asarray(polytope.origin + np.einsum("nk,nkd->nd", mix, corners[simplices[chosen]]) @ polytope.directions)

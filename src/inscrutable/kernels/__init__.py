@@ -1,0 +1,1 @@
+"""Inner loops: arrays in, arrays out, nothing checked. Only this package imports Numba, and only when a loop is run."""

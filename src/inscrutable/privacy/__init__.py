@@ -1,0 +1,19 @@
+"""Step 5: how well a decision hides the belief behind it."""
+
+from inscrutable.privacy.measures import (
+    DesiredObfuscation,
+    Infeasibility,
+    MaximalObfuscation,
+    NonExistence,
+    NonUniqueness,
+    PrivacyMeasure,
+)
+
+__all__ = [
+    "DesiredObfuscation",
+    "Infeasibility",
+    "MaximalObfuscation",
+    "NonExistence",
+    "NonUniqueness",
+    "PrivacyMeasure",
+]

@@ -1,0 +1,256 @@
+"""The paper's five measures of privacy Ψ, judged by what the consistent beliefs Π(u) say about the true belief π."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries import ConsistentSets
+from inscrutable.errors import InputError
+from inscrutable.geometry import BeliefSet
+from inscrutable.validation import Array
+
+
+class Values(NamedTuple):
+    """Privacy of M decisions: exact where `exact`, else an upper bound."""
+
+    privacies: Array
+    exact: np.ndarray
+
+
+class Reference(NamedTuple):
+    """A measure that is ± the distance from a point to the consistent set."""
+
+    point: Array
+    sign: float
+
+
+class PrivacyMeasure(ABC):
+    """A map (belief, consistent set) → privacy, larger is better, −∞ where the goal is missed.
+
+    A subclass gives `__call__`; `values` may be overridden to judge many decisions at once.
+    """
+
+    searches_actions: bool = False
+    """Whether decisions that no belief explains can be best, so that decoys are not enough."""
+
+    judges_empty: bool = False
+    """Whether the measure gives empty sets a meaning, so that the policy for them does not apply."""
+
+    @abstractmethod
+    def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
+        """Return Ψ for the true belief (X,) and the set that an observer reconstructs."""
+
+    def values(self, belief: Array, sets: ConsistentSets) -> Values:
+        """Return Ψ of many decisions, shape (M,), exact or as upper bounds."""
+        judged = {int(first): self(belief, sets[int(first)]) for first in np.unique(sets.distinct)}
+        return Values(np.array([judged[int(first)] for first in sets.distinct]), np.ones(len(sets), dtype=bool))
+
+    def reference(self, belief: Array) -> Reference | None:
+        """Return the point and sign of a measure that is a distance, or None."""
+        return None
+
+    def least_distance(self) -> float | None:
+        """Return the distance from the true belief at which the goal is met, or None where there is no such distance."""
+        return None
+
+    def at_step(self, step: int) -> PrivacyMeasure:
+        """Return the measure in force at a step of a sequence."""
+        return self
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}()"
+
+
+class MaximalObfuscation(PrivacyMeasure):
+    """Distance of the true belief from everything the observer thinks possible.
+
+    Formula: Ψ(u) = dist(π, Π(u)) in the Euclidean norm, in [0, √2]; +∞ for an empty set.
+
+    Cost: one projection. Source: the paper, Section III-C, measure (e) and eq. (14).
+
+    Example:
+        >>> point = BeliefSet(np.array([[1.0, -1.0]]), np.zeros((0, 2)))
+        >>> round(MaximalObfuscation()([1.0, 0.0], point), 4)
+        0.7071
+    """
+
+    def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
+        """Return dist(π, Π)."""
+        return belief_set.distance(belief)
+
+    def values(self, belief: Array, sets: ConsistentSets) -> Values:
+        """Return dist(π, Π) of many decisions; for sets of dimension two and more the distance to a member."""
+        return Values(sets.bounds(belief), sets.dimension < 2)
+
+    def reference(self, belief: Array) -> Reference:
+        """Return the true belief, to be far from."""
+        return Reference(belief, 1.0)
+
+
+class DesiredObfuscation(PrivacyMeasure):
+    """Closeness of what the observer thinks possible to a belief of the agent's choice.
+
+    Formula: Ψ(u) = −dist(π^d, Π(u)), in [−√2, 0]; −∞ for an empty set.
+
+    Args:
+        target: π^d as (X,), one per step as (T,X), or a function belief → belief.
+
+    Raises:
+        InputError: The target is not a belief, or a step beyond the last row is asked for.
+
+    Cost: one projection. Source: the paper, Section III-C, measure (d).
+
+    Example:
+        >>> point = BeliefSet(np.array([[1.0, -1.0]]), np.zeros((0, 2)))
+        >>> DesiredObfuscation([0.5, 0.5])([1.0, 0.0], point)
+        -0.0
+    """
+
+    def __init__(self, target: ArrayLike | Callable[[Array], ArrayLike]) -> None:
+        if callable(target):
+            self.target: Array | Callable[[Array], ArrayLike] = target
+        else:
+            points = np.asarray(target, dtype=np.float64)
+            self.target = validation.beliefs(points, points.shape[-1] if points.ndim else 0, "target")
+
+    def target_for(self, belief: Array) -> Array:
+        """Return π^d for a true belief (X,)."""
+        if callable(self.target):
+            return validation.beliefs(self.target(belief), belief.size, "target")
+        if self.target.ndim != 1:
+            raise InputError(
+                f"the target has one belief for each of {len(self.target)} steps; decide_many uses them in turn"
+            )
+        return validation.beliefs(self.target, belief.size, "target")
+
+    def at_step(self, step: int) -> PrivacyMeasure:
+        """Return the measure with the target of one step."""
+        if callable(self.target) or self.target.ndim == 1:
+            return self
+        if step >= len(self.target):
+            raise InputError(f"the target has {len(self.target)} steps, step {step} was asked for")
+        return DesiredObfuscation(self.target[step])
+
+    def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
+        """Return −dist(π^d, Π)."""
+        return -belief_set.distance(self.target_for(np.asarray(belief, dtype=np.float64)))
+
+    def values(self, belief: Array, sets: ConsistentSets) -> Values:
+        """Return −dist(π^d, Π) of many decisions, exactly."""
+        return Values(-sets.distances(self.target_for(belief)), np.ones(len(sets), dtype=bool))
+
+    def reference(self, belief: Array) -> Reference:
+        """Return the target, to be near to."""
+        return Reference(self.target_for(belief), -1.0)
+
+
+class NonExistence(PrivacyMeasure):
+    """Whether the true belief is absent from what the observer thinks possible.
+
+    Formula: Ψ(u) = 0 if dist(π, Π(u)) ≥ margin (or > 0 at margin 0), −∞ otherwise; an empty set counts as absence.
+
+    Args:
+        margin: Least distance, dimensionless, at least 0. The paper's letter is 0, which an arbitrarily small
+            change of the decision meets.
+
+    Raises:
+        InputError: The margin is negative or not finite.
+
+    Cost: one projection. Source: the paper, Section III-C, measure (c).
+
+    Example:
+        >>> point = BeliefSet(np.array([[1.0, -1.0]]), np.zeros((0, 2)))
+        >>> NonExistence()([0.5, 0.5], point)
+        -inf
+    """
+
+    judges_empty = True
+
+    def __init__(self, margin: float = tolerances.NON_EXISTENCE_MARGIN) -> None:
+        self.margin = validation.non_negative(margin, "margin")
+
+    def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
+        """Return 0 if the true belief misses the set by the margin, else −∞."""
+        return float(self._reached(np.asarray(belief_set.distance(belief))))
+
+    def least_distance(self) -> float:
+        """Return the margin."""
+        return max(self.margin, tolerances.SAME_BELIEF)
+
+    def _reached(self, distances: Array) -> Array:
+        # At margin 0 a distance of rounding size is membership.
+        return np.where(distances >= self.least_distance(), 0.0, -np.inf)
+
+    def values(self, belief: Array, sets: ConsistentSets) -> Values:
+        """Return 0 or −∞ for many decisions; for sets of dimension two and more by the distance to a member."""
+        bounds = self._reached(sets.bounds(belief))
+        return Values(bounds, (sets.dimension < 2) | np.isneginf(bounds))
+
+
+class NonUniqueness(PrivacyMeasure):
+    """Whether the observer is left with a belief other than the true one.
+
+    Formula: Ψ(u) = 0 if ∃ z ∈ Π(u) with z ≠ π, −∞ otherwise; as written it does not ask for π ∈ Π(u).
+
+    Cost: the set's corners. Source: the paper, Section III-C, measure (b).
+
+    Example:
+        >>> segment = BeliefSet(np.array([[1.0, -1.0, 0.0]]), np.zeros((0, 3)))
+        >>> NonUniqueness()([0.5, 0.5, 0.0], segment)
+        0.0
+    """
+
+    def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
+        """Return 0 if the set holds another belief, else −∞."""
+        corners = belief_set.vertices()
+        point = np.asarray(belief, dtype=np.float64)
+        return 0.0 if len(corners) and np.abs(corners - point).max() > tolerances.SAME_BELIEF else -np.inf
+
+    def values(self, belief: Array, sets: ConsistentSets) -> Values:
+        """Return 0 or −∞ for many decisions."""
+        apart = np.maximum(np.abs(sets.start - belief).max(axis=1), np.abs(sets.end - belief).max(axis=1))
+        other = (sets.dimension >= 2) | ((sets.dimension >= 0) & (apart > tolerances.SAME_BELIEF))
+        return Values(np.where(other, 0.0, -np.inf), np.ones(len(sets), dtype=bool))
+
+
+class Infeasibility(PrivacyMeasure):
+    """Whether no belief explains the decision; the observer may notice.
+
+    Formula: Ψ(u) = 0 if r(u) = min_π ρ(π,u) ≥ margin, −∞ otherwise.
+
+    Args:
+        margin: Least plausibility gap, in the cost's unit, at least 0. The paper's letter (Π(u) = ∅) is 0.
+
+    Raises:
+        InputError: The margin is negative or not finite.
+
+    Cost: the plausibility gap, some tens of forward solves. Source: the paper, Section III-C, measure (a).
+
+    Example:
+        >>> nothing = BeliefSet(np.array([[1.0, 0.5]]), np.zeros((0, 2)), gap=lambda: 0.2)
+        >>> Infeasibility(margin=0.1)([0.5, 0.5], nothing)
+        0.0
+    """
+
+    searches_actions = True
+    judges_empty = True
+
+    def __init__(self, margin: float = tolerances.INFEASIBILITY_MARGIN) -> None:
+        self.margin = validation.non_negative(margin, "margin")
+
+    def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
+        """Return 0 if the set is empty by the margin, else −∞."""
+        if not belief_set.is_empty:
+            return -np.inf
+        return 0.0 if self.margin == 0 or belief_set.plausibility_gap >= self.margin else -np.inf
+
+    def values(self, belief: Array, sets: ConsistentSets) -> Values:
+        """Return 0 as an upper bound for empty sets, −∞ for the others."""
+        empty = sets.dimension < 0
+        return Values(np.where(empty, 0.0, -np.inf), ~empty | (self.margin == 0))

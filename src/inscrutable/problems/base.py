@@ -1,0 +1,84 @@
+"""What every decision problem offers, and what follows from its costs alone."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError
+from inscrutable.problems.constraints import Polyhedron
+from inscrutable.validation import Array
+
+
+class DecisionProblem(ABC):
+    """A decision u ∈ C with cost c(i, u) in state i: convex in u, smooth, and known to the observer.
+
+    A subclass gives `constraints`, `n_states`, `solve`, `state_costs` and `cost_gradients`; the rest follows.
+
+    Source: the paper, eq. (3). Example: see `MarkowitzProblem`.
+    """
+
+    constraints: Polyhedron
+
+    @property
+    @abstractmethod
+    def n_states(self) -> int:
+        """Number of states X."""
+
+    @property
+    def n_actions(self) -> int:
+        """Number of coordinates U of a decision."""
+        return self.constraints.n_actions
+
+    @abstractmethod
+    def solve(self, beliefs: ArrayLike) -> Array:
+        """Return u*(π) = argmin_{u ∈ C} π·s(u) for one belief (X,) or many (T,X): shape (U,) or (T,U)."""
+
+    @abstractmethod
+    def state_costs(self, actions: ArrayLike) -> Array:
+        """Return s(u) = (c(1,u), …, c(X,u)) for decisions (…,U): shape (…,X)."""
+
+    @abstractmethod
+    def cost_gradients(self, action: ArrayLike) -> Array:
+        """Return ∇_u c(i,u) for every state i: shape (X,U), or (…,X,U) for decisions (…,U)."""
+
+    def expected_cost(self, beliefs: ArrayLike, actions: ArrayLike) -> Array:
+        """Return π·s(u), paired: beliefs (T,X) with decisions (T,U) give (T,); a single one broadcasts."""
+        held = validation.beliefs(beliefs, self.n_states)
+        return np.asarray((held * self.state_costs(self.check_actions(actions))).sum(axis=-1))
+
+    def optimal_cost(self, beliefs: ArrayLike) -> Array:
+        """Return V(π) = min_{u ∈ C} π·s(u) for one belief (X,) or many (T,X): shape () or (T,)."""
+        held = validation.beliefs(beliefs, self.n_states)
+        return np.asarray((held * self.state_costs(self.solve(held))).sum(axis=-1))
+
+    def regret(self, beliefs: ArrayLike, actions: ArrayLike) -> Array:
+        """Return ρ(π,u) = π·s(u) − V(π) ≥ 0, paired as `expected_cost`."""
+        # A difference of two nearly equal costs may round below zero.
+        return np.maximum(self.expected_cost(beliefs, actions) - self.optimal_cost(beliefs), 0.0)
+
+    def check_actions(self, actions: ArrayLike) -> Array:
+        """Return decisions (U,) or (T,U) as floats; raise `InputError` for a wrong length or one outside C."""
+        points = validation.finite_array(actions, "action", ndim=(1, 2))
+        if points.shape[-1] != self.n_actions:
+            raise InputError(f"action has {points.shape[-1]} coordinates, expected {self.n_actions}")
+        violation = np.atleast_1d(self.constraints.violation(points))
+        size = np.maximum(np.abs(np.atleast_2d(points)).max(axis=-1), 1.0)
+        bad = np.flatnonzero(violation > tolerances.FEASIBILITY * size)
+        if bad.size:
+            row = np.atleast_2d(points)[bad[0]]
+            where = "" if points.ndim == 1 else f" row {bad[0]}"
+            raise InputError(f"action{where} is outside the feasible set: {self._worst_row(row)}")
+        return points
+
+    def _worst_row(self, action: Array) -> str:
+        region = self.constraints
+        slack = region.slacks(action)
+        off = region.A_eq @ action - region.b_eq
+        if slack.size and -slack.min() >= np.abs(off).max(initial=0.0):
+            return f"{region.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
+        worst = int(np.abs(off).argmax())
+        return f"{region.names[len(region.b_ub) + worst]} is off by {off[worst]:.3g}"

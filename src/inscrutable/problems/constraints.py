@@ -1,0 +1,232 @@
+"""Feasible sets C = {u : A_ub u ≤ b_ub, A_eq u = b_eq}, combined with `&`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import linprog
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError, ModelError
+from inscrutable.validation import Array
+
+
+class Polyhedron:
+    """A feasible set of decisions given by affine rows.
+
+    Formula: C = {u ∈ R^U : A_ub u ≤ b_ub, A_eq u = b_eq}.
+
+    Args:
+        A_ub: Inequality rows, shape (n, U), or None.
+        b_ub: Their right-hand sides, shape (n,), in the decision's unit times the row's.
+        A_eq: Equality rows, shape (e, U), or None.
+        b_eq: Their right-hand sides, shape (e,).
+        names: One name per row, inequalities first; they come back in messages.
+        min_slack: Least slack of an inequality row that is not tight in an admissible decision, in units of the
+            row's largest coefficient; 0 is the paper's letter.
+
+    Raises:
+        InputError: Shapes disagree, an entry is not finite, a row has no coefficient, `min_slack` is negative.
+
+    Cost: none; feasibility is checked when a decision problem is built. Source: the paper, eq. (3).
+
+    Example:
+        >>> long_only = Polyhedron(A_ub=[[-1, 0], [0, -1]], b_ub=[0, 0], A_eq=[[1, 1]], b_eq=[1])
+        >>> long_only.n_actions
+        2
+    """
+
+    def __init__(
+        self,
+        A_ub: ArrayLike | None = None,
+        b_ub: ArrayLike | None = None,
+        A_eq: ArrayLike | None = None,
+        b_eq: ArrayLike | None = None,
+        *,
+        names: Sequence[str] | None = None,
+        min_slack: float = tolerances.MIN_SLACK,
+    ) -> None:
+        self.A_ub, self.b_ub = _rows(A_ub, b_ub, "ub", A_eq)
+        self.A_eq, self.b_eq = _rows(A_eq, b_eq, "eq", A_ub)
+        if self.A_ub.shape[1] != self.A_eq.shape[1]:
+            raise InputError(f"A_ub has {self.A_ub.shape[1]} columns but A_eq has {self.A_eq.shape[1]}")
+        n_rows = self.A_ub.shape[0] + self.A_eq.shape[0]
+        if names is None:
+            given = [f"A_ub[{i}]" for i in range(self.A_ub.shape[0])] + [f"A_eq[{i}]" for i in range(len(self.b_eq))]
+        else:
+            given = [str(name) for name in names]
+        if len(given) != n_rows:
+            raise InputError(f"names has {len(given)} entries, expected one per row: {n_rows}")
+        self.names = tuple(given)
+        self.min_slack = validation.non_negative(min_slack, "min_slack")
+
+    @property
+    def n_actions(self) -> int:
+        """Number of coordinates U of a decision."""
+        return int(self.A_ub.shape[1])
+
+    @cached_property
+    def row_scale(self) -> Array:
+        """Largest coefficient of each inequality row, shape (n,)."""
+        return np.asarray(np.abs(self.A_ub).max(axis=1, initial=0.0))
+
+    def slacks(self, actions: ArrayLike) -> Array:
+        """Return (b_ub − A_ub u) per unit of the row's largest coefficient, shape (…, n)."""
+        points = np.asarray(actions, dtype=np.float64)
+        return np.asarray((self.b_ub - points @ self.A_ub.T) / self.row_scale)
+
+    def tight_rows(self, actions: ArrayLike) -> np.ndarray:
+        """Return which inequality rows an observer counts as tight: slack below `min_slack`, shape (…, n)."""
+        return np.asarray(self.slacks(actions) < max(self.min_slack, tolerances.FEASIBILITY))
+
+    def violation(self, actions: ArrayLike) -> Array:
+        """Return the largest violation of any row, per unit of its largest coefficient, shape (…)."""
+        points = np.asarray(actions, dtype=np.float64)
+        beyond = -self.slacks(points).min(axis=-1, initial=np.inf)
+        scale = np.abs(self.A_eq).max(axis=1, initial=0.0)
+        off = (np.abs(points @ self.A_eq.T - self.b_eq) / scale).max(axis=-1, initial=0.0)
+        return np.maximum(np.maximum(beyond, off), 0.0)
+
+    def is_admissible(self, actions: ArrayLike) -> np.ndarray:
+        """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""
+        slack = self.slacks(actions)
+        tight = np.abs(slack) <= tolerances.FEASIBILITY
+        return np.asarray(np.all(tight | (slack >= self.min_slack), axis=-1)) & (
+            self.violation(actions) <= tolerances.FEASIBILITY
+        )
+
+    def __and__(self, other: Polyhedron) -> Polyhedron:
+        """Return the intersection; names are kept, the larger `min_slack` is used."""
+        if not isinstance(other, Polyhedron):
+            return NotImplemented
+        if other.n_actions != self.n_actions:
+            raise InputError(f"cannot intersect sets in {self.n_actions} and {other.n_actions} coordinates")
+        n, m = len(self.b_ub), len(other.b_ub)
+        return Polyhedron(
+            np.vstack([self.A_ub, other.A_ub]),
+            np.concatenate([self.b_ub, other.b_ub]),
+            np.vstack([self.A_eq, other.A_eq]),
+            np.concatenate([self.b_eq, other.b_eq]),
+            names=self.names[:n] + other.names[:m] + self.names[n:] + other.names[m:],
+            min_slack=max(self.min_slack, other.min_slack),
+        )
+
+    def __repr__(self) -> str:
+        return f"Polyhedron({self.n_actions} coordinates, {len(self.b_ub)} inequalities, {len(self.b_eq)} equalities)"
+
+    def check_feasible(self) -> None:
+        """Raise `ModelError` naming the rows in conflict, and by how much, where no decision satisfies all rows."""
+        n, e, u = len(self.b_ub), len(self.b_eq), self.n_actions
+        elastic = np.concatenate([np.zeros(u), np.ones(n + 2 * e)])
+        answer = linprog(
+            elastic,
+            A_ub=np.hstack([self.A_ub, -np.eye(n), np.zeros((n, 2 * e))]) if n else None,
+            b_ub=self.b_ub if n else None,
+            A_eq=np.hstack([self.A_eq, np.zeros((e, n)), np.eye(e), -np.eye(e)]) if e else None,
+            b_eq=self.b_eq if e else None,
+            bounds=[(None, None)] * u + [(0, None)] * (n + 2 * e),
+            method="highs",
+        )
+        if answer.status != 0 or answer.fun <= tolerances.FEASIBILITY * max(1.0, np.abs(self.b_ub).max(initial=0.0)):
+            return
+        broken = answer.x[u : u + n]
+        off = answer.x[u + n : u + n + e] + answer.x[u + n + e :]
+        amounts = [
+            f"{name} by {amount:g}"
+            for name, amount in zip(self.names, np.concatenate([broken, off]), strict=True)
+            if amount > tolerances.FEASIBILITY
+        ]
+        raise ModelError(f"no decision satisfies all constraints; the least relaxation is: {', '.join(amounts)}")
+
+    @cached_property
+    def bounding_box(self) -> Array:
+        """Least and greatest value of each coordinate over the set, shape (U, 2); infinite where it is unbounded."""
+        limits = np.empty((self.n_actions, 2))
+        for j in range(self.n_actions):
+            for side, sign in enumerate((1.0, -1.0)):
+                answer = linprog(
+                    sign * np.eye(self.n_actions)[j],
+                    A_ub=self.A_ub if len(self.b_ub) else None,
+                    b_ub=self.b_ub if len(self.b_ub) else None,
+                    A_eq=self.A_eq if len(self.b_eq) else None,
+                    b_eq=self.b_eq if len(self.b_eq) else None,
+                    bounds=(None, None),
+                    method="highs",
+                )
+                limits[j, side] = sign * answer.fun if answer.status == 0 else -sign * np.inf
+        return limits
+
+
+def _rows(A: ArrayLike | None, b: ArrayLike | None, kind: str, other: ArrayLike | None) -> tuple[Array, Array]:
+    if A is None and b is None:
+        width = 0 if other is None else np.asarray(other).shape[-1]
+        if width == 0:
+            raise InputError("a feasible set needs A_ub with b_ub, or A_eq with b_eq, to know its dimension")
+        return np.zeros((0, width)), np.zeros(0)
+    if A is None or b is None:
+        raise InputError(f"A_{kind} and b_{kind} must be given together")
+    rows = validation.finite_array(A, f"A_{kind}", ndim=2)
+    sides = validation.finite_array(b, f"b_{kind}", ndim=1)
+    if rows.shape[0] != sides.shape[0]:
+        raise InputError(f"A_{kind} has {rows.shape[0]} rows but b_{kind} has {sides.shape[0]} entries")
+    empty = np.flatnonzero(~rows.any(axis=1))
+    if empty.size:
+        raise InputError(f"row {empty[0]} of A_{kind} has no coefficient")
+    return rows, sides
+
+
+def simplex(n: int) -> Polyhedron:
+    """Return {u ≥ 0 : Σu = 1}, the long-only fully invested portfolios of `n` assets.
+
+    Formula: −u ≤ 0, 1'u = 1.
+
+    Args:
+        n: Number of coordinates, at least 1.
+
+    Raises:
+        InputError: `n` is not a whole number of at least 1.
+
+    Source: the paper, eq. (7).
+
+    Example:
+        >>> simplex(3).names[-1]
+        'sum(u) = 1'
+    """
+    validation.count(n, "n")
+    names = [f"u[{j}] >= 0" for j in range(n)] + ["sum(u) = 1"]
+    return Polyhedron(-np.eye(n), np.zeros(n), np.ones((1, n)), np.ones(1), names=names)
+
+
+def box(lower: ArrayLike, upper: ArrayLike) -> Polyhedron:
+    """Return {u : lower ≤ u ≤ upper}; an infinite bound gives no row.
+
+    Args:
+        lower: Least value of each coordinate, shape (U,), −inf allowed.
+        upper: Greatest value of each coordinate, shape (U,), +inf allowed.
+
+    Raises:
+        InputError: Shapes differ, a bound is NaN, or no bound is finite.
+        ModelError: A lower bound is above its upper bound.
+
+    Example:
+        >>> (simplex(3) & box([0, 0, 0], [0.5, 0.5, 0.5])).n_actions
+        3
+    """
+    low, high = np.atleast_1d(np.asarray(lower, dtype=float)), np.atleast_1d(np.asarray(upper, dtype=float))
+    if low.ndim != 1 or low.shape != high.shape:
+        raise InputError(f"lower has shape {low.shape} and upper {high.shape}; expected two vectors of one length")
+    if np.isnan(low).any() or np.isnan(high).any():
+        raise InputError("a bound is NaN; use -inf or inf for no bound")
+    crossed = np.flatnonzero(low > high)
+    if crossed.size:
+        j = crossed[0]
+        raise ModelError(f"lower bound {low[j]:g} is above upper bound {high[j]:g} at coordinate {j}")
+    below, above = np.flatnonzero(np.isfinite(low)), np.flatnonzero(np.isfinite(high))
+    if below.size + above.size == 0:
+        raise InputError("a box needs at least one finite bound")
+    unit = np.eye(low.size)
+    names = [f"u[{j}] >= {low[j]:g}" for j in below] + [f"u[{j}] <= {high[j]:g}" for j in above]
+    return Polyhedron(np.vstack([-unit[below], unit[above]]), np.concatenate([-low[below], high[above]]), names=names)

@@ -1,0 +1,152 @@
+"""Quadratic costs: one convex quadratic per state."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError, ModelError
+from inscrutable.problems.base import DecisionProblem
+from inscrutable.problems.constraints import Polyhedron
+from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
+from inscrutable.validation import Array
+
+
+class FaceSolution(NamedTuple):
+    """Minimiser on a face of C and its derivative in the belief; multipliers belong to the face's rows."""
+
+    action: Array  # (U,)
+    action_slope: Array  # (U, X)
+    multipliers: Array  # (n,)
+    multiplier_slope: Array  # (n, X)
+
+
+class QuadraticProblem(DecisionProblem):
+    """A decision with one convex quadratic cost per state.
+
+    Formula: c(i,u) = ½ u'H_i u + g_i'u + r_i over u ∈ C.
+
+    Args:
+        hessians: H_i, shape (X,U,U), symmetric positive semidefinite, cost per squared decision.
+        linear: g_i, shape (X,U), cost per decision.
+        constants: r_i, shape (X,), cost; None is zero.
+        constraints: The feasible set C.
+
+    Raises:
+        InputError: Shapes disagree, an entry is not finite, a Hessian is not symmetric.
+        ModelError: A Hessian is indefinite (its smallest eigenvalue is named) or C is empty (its rows are named).
+
+    Cost: one active-set quadratic programme per belief. Source: the paper, eq. (3).
+
+    Example:
+        >>> from inscrutable.problems import simplex
+        >>> problem = QuadraticProblem([np.eye(2), 3 * np.eye(2)], [[0.0, 0.0], [-1.0, 0.0]], constraints=simplex(2))
+        >>> print(problem.solve([0.5, 0.5]).round(3))
+        [0.625 0.375]
+    """
+
+    def __init__(
+        self, hessians: ArrayLike, linear: ArrayLike, constants: ArrayLike | None = None, *, constraints: Polyhedron
+    ) -> None:
+        self.hessians = _checked_hessians(hessians, "hessians")
+        self.linear = validation.finite_array(linear, "linear", ndim=2)
+        n_states, n_actions = self.hessians.shape[:2]
+        if self.linear.shape != (n_states, n_actions):
+            raise InputError(f"linear has shape {self.linear.shape}, expected {(n_states, n_actions)} as the hessians")
+        given = np.zeros(n_states) if constants is None else constants
+        self.constants = validation.finite_array(given, "constants", ndim=1)
+        if self.constants.shape != (n_states,):
+            raise InputError(f"constants has {self.constants.size} entries, expected one per state: {n_states}")
+        if not isinstance(constraints, Polyhedron):
+            raise InputError(f"constraints must be a Polyhedron, got {type(constraints).__name__}")
+        if constraints.n_actions != n_actions:
+            raise InputError(f"constraints have {constraints.n_actions} coordinates, the costs {n_actions}")
+        constraints.check_feasible()
+        self.constraints = constraints
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return int(self.hessians.shape[0])
+
+    @cached_property
+    def _layout(self) -> Layout:
+        return layout_of(self.constraints)
+
+    def solve(self, beliefs: ArrayLike) -> Array:
+        """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U), exact to a few roundings."""
+        held = validation.beliefs(beliefs, self.n_states)
+        many = np.atleast_2d(held)
+        actions = np.empty((many.shape[0], self.n_actions))
+        step = max(1, 4_000_000 // self.n_actions**2)
+        for first in range(0, many.shape[0], step):
+            block = many[first : first + step]
+            hessians = np.tensordot(block, self.hessians, axes=1)
+            actions[first : first + step] = solve_programmes(hessians, block @ self.linear, self._layout)
+        return actions if held.ndim == 2 else actions[0]
+
+    def state_costs(self, actions: ArrayLike) -> Array:
+        """Return c(i,u) for decisions (…,U): shape (…,X)."""
+        points = np.asarray(actions, dtype=np.float64)
+        curved = np.stack([((points @ hessian) * points).sum(axis=-1) for hessian in self.hessians], axis=-1)
+        return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
+
+    def cost_gradients(self, action: ArrayLike) -> Array:
+        """Return H_i u + g_i for decisions (…,U): shape (…,X,U)."""
+        points = np.asarray(action, dtype=np.float64)
+        return np.asarray(np.einsum("xuv,...v->...xu", self.hessians, points) + self.linear)
+
+    def face_solution(self, belief: Array, tight: np.ndarray) -> FaceSolution:
+        """Return the minimiser with the inequality rows `tight` held as equalities, and its slope in the belief."""
+        region = self.constraints
+        normals = np.vstack([region.A_ub[tight], region.A_eq])
+        sides = np.concatenate([region.b_ub[tight], region.b_eq])
+        size, rows = self.n_actions, sides.size
+        matrix = np.zeros((size + rows, size + rows))
+        matrix[:size, :size] = np.tensordot(belief, self.hessians, axes=1)
+        matrix[:size, size:] = normals.T
+        matrix[size:, :size] = normals
+        answer = _solve_or_least_squares(matrix, np.concatenate([-belief @ self.linear, sides])[:, None])[:, 0]
+        action = answer[:size]
+        right = np.zeros((size + rows, self.n_states))
+        right[:size] = -self.cost_gradients(action).T
+        slope = _solve_or_least_squares(matrix, right)
+        n = int(np.count_nonzero(tight))
+        return FaceSolution(action, slope[:size], answer[size : size + n], slope[size : size + n])
+
+
+def _solve_or_least_squares(matrix: Array, right: Array) -> Array:
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=tolerances.STATIONARITY)[0])
+
+
+def _checked_hessians(value: ArrayLike, name: str) -> Array:
+    matrices = validation.finite_array(value, name, ndim=3)
+    n_states, rows, columns = matrices.shape
+    if rows != columns or n_states < 1 or rows < 1:
+        raise InputError(f"{name} has shape {matrices.shape}, expected (X, U, U)")
+    for i, matrix in enumerate(matrices):
+        check_positive_semidefinite(matrix, f"{name}[{i}]")
+    return np.asarray(0.5 * (matrices + matrices.transpose(0, 2, 1)))
+
+
+def check_positive_semidefinite(matrix: Array, name: str) -> None:
+    """Raise `InputError` for an asymmetric and `ModelError` for an indefinite matrix, with its smallest eigenvalue."""
+    largest = np.abs(matrix).max()
+    skew = np.abs(matrix - matrix.T)
+    if skew.max() > tolerances.SYMMETRY * largest:
+        row, column = np.unravel_index(int(skew.argmax()), skew.shape)
+        raise InputError(f"{name} is not symmetric: entries [{row}, {column}] differ by {skew.max():.3g}")
+    eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    if eigenvalues[0] < -tolerances.CURVATURE * max(eigenvalues[-1], 0.0) or eigenvalues[-1] < 0:
+        condition = abs(eigenvalues[-1] / eigenvalues[0])
+        raise ModelError(
+            f"{name} is indefinite: smallest eigenvalue {eigenvalues[0]:.3g}, largest {eigenvalues[-1]:.3g} "
+            f"(ratio {condition:.3g}); a cost must be convex"
+        )

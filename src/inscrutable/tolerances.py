@@ -1,0 +1,100 @@
+"""The only place with small numbers: each tolerance, what it is relative to, and why it has its value."""
+
+from __future__ import annotations
+
+BELIEF_SUM = 1e-9
+"""How far the sum of a user's belief may be from one before it is refused; smaller errors are renormalised.
+A belief typed with ten digits passes, one rounded to six does not go unnoticed."""
+
+BELIEF_TABLE_SUM = 5e-3
+"""How far a row of a belief file may be from one: files are often rounded to a few digits. Renormalised within it;
+a hundred states rounded to four digits stay inside, a forgotten state rarely does."""
+
+TRANSITION_SUM = 1e-8
+"""How far a transition or emission row may be from one. Rows are results of arithmetic: looser than a belief."""
+
+SUM_ROUNDING = 1e-14
+"""A row of probabilities this close to one is kept digit for digit: renormalising it again would only move its last
+digit, and what was checked once (or read from a file) must come back unchanged. A few dozen roundings."""
+
+SYMMETRY = 1e-8
+"""Largest asymmetry of a covariance or Hessian, relative to its largest entry."""
+
+DEFINITE = 1e-14
+"""Smallest eigenvalue, after scaling to unit variances, of a covariance that has a density: below it the rounding of a
+Cholesky factor is as large as the eigenvalue."""
+
+CURVATURE = 1e-10
+"""A Hessian's smallest eigenvalue may be this far below zero, relative to its largest: rounding of a singular matrix."""
+
+FEASIBILITY = 1e-9
+"""How far a decision may violate a row of the feasible set, in units of the row's largest coefficient.
+Tight enough that a decision solved here always passes, loose enough for weights summed in floating point."""
+
+PUBLISHED_SUM = 5e-3
+"""How far published weights may be from summing to one before a file is refused: fifty weights rounded to four digits."""
+
+MIN_SLACK = 1e-4
+"""Smallest slack of a row that is not tight, in the decision's unit: one basis point, a weight a person would trade."""
+
+STATIONARITY = 1e-12
+"""Largest KKT residual of a polished forward solution, relative to the gradient's scale: a few hundred roundings."""
+
+EXPLAINED = 1e-10
+"""Largest KKT residual, relative to the gradient's scale, at which a belief explains a decision.
+Between the forward solver's 1e-12 and the 1e-9 of regret that a vertex of the set may have."""
+
+LINEAR_PROGRAMME = 1e-10
+"""Feasibility asked of HiGHS and DAQP: the tightest both accept."""
+
+RANK = 1e-7
+"""Singular values of the stationarity equations above this, relative to the gradient's scale, determine a coordinate of
+the belief; below it a residual of `STATIONARITY` would move the belief by more than 1e-5, so the direction stays free."""
+
+ON_FACE = 1e-9
+"""A coordinate or multiplier below this, relative to its scale, counts as zero in a belief set."""
+
+SAME_ACTION = 1e-11
+"""Decisions closer than this in every coordinate are one decision: above solver noise, below any tradable change."""
+
+SAME_BELIEF = 1e-9
+"""Beliefs closer than this are one belief: distances are square roots, so noise of 1e-18 in squares."""
+
+BUDGET = 1e-12
+"""Slack given to a budget, relative to the cost's scale: absorbs the rounding of one inner product, nothing more."""
+
+FINITE_DIFFERENCE = 1e-6
+"""How far outside the feasible set a local solver's trial may lie and still be judged: its difference steps are 1e-8."""
+
+SLACK_SAFETY = 1e-7
+"""By how much, relative to `min_slack`, a polished decision stays above it: the observer must not round it down."""
+
+POLISH = 1e-9
+"""Accuracy asked of the local polish of a decision; its result is re-judged by the set's own distance."""
+
+GAP_STEP = 1e-10
+"""Relative accuracy of the plausibility gap: upper minus lower bound of its cutting planes."""
+
+NEAR_OPTIMAL = 1e-7
+"""Excess regret allowed at the corners of a near-optimal set's outer polytope, relative to the decision's cost."""
+
+PROBABILITY = 1e-9
+"""Atoms of a mixture below this probability are dropped and the rest renormalised: HiGHS feasibility is 1e-9 here."""
+
+NON_EXISTENCE_MARGIN = 1e-2
+"""Default distance by which the true belief must miss the consistent set: one percentage point of belief,
+because an arbitrarily small change satisfies the paper's letter."""
+
+INFEASIBILITY_MARGIN = 1e-6
+"""Default plausibility gap of an infeasible decision, in the cost's unit: far above solver noise,
+small against any monthly return."""
+
+COVARIANCE_FLOOR = 1e-6
+"""Smallest eigenvalue of a fitted covariance when every column of the data is scaled to unit variance: keeps a regime
+from collapsing on a handful of points, whatever the columns' units."""
+
+CONSTANT_COLUMN = 1e-12
+"""A column whose range is below this share of its largest entry does not vary: what is left is rounding."""
+
+EM_CHANGE = 1e-8
+"""Baum-Welch stops when the log-likelihood per observation changes by less than this."""

@@ -1,0 +1,111 @@
+"""Checks of what a user passes in: each returns a clean array or raises one InputError that names the offence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inscrutable import tolerances
+from inscrutable.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def finite_array(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...]) -> Array:
+    """Return `value` as a float array of the asked rank without NaN or infinity."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be numbers: {error}") from None
+    ranks = (ndim,) if isinstance(ndim, int) else ndim
+    if array.ndim not in ranks:
+        expected = " or ".join(f"{rank}-dimensional" for rank in ranks)
+        raise InputError(f"{name} must be {expected}, got shape {array.shape}")
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        where = ", ".join(str(int(i)) for i in bad[0])
+        raise InputError(f"{name} has {array[tuple(bad[0])]} at index [{where}]; every entry must be finite")
+    return array
+
+
+def stochastic_rows(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...] = 2) -> Array:
+    """Return `value` with non-negative rows that sum to one, renormalised within the tolerance."""
+    return _on_simplex(finite_array(value, name, ndim=ndim), name, tolerances.TRANSITION_SUM)
+
+
+def beliefs(value: ArrayLike, n_states: int, name: str = "belief") -> Array:
+    """Return one belief (X,) or many (T,X) as points of the simplex.
+
+    Raises `InputError` with the row, the entry and the amount for a wrong length, a negative entry
+    or a sum that is not one.
+    """
+    array = finite_array(value, name, ndim=(1, 2))
+    if array.shape[-1] != n_states:
+        raise InputError(f"{name} has {array.shape[-1]} entries, expected one per state: {n_states}")
+    return _on_simplex(array, name, tolerances.BELIEF_SUM)
+
+
+def many_beliefs(value: ArrayLike, n_states: int) -> Array:
+    """Return beliefs as (T,X) with T at least 1; a single belief becomes one row."""
+    held = np.atleast_2d(beliefs(np.asarray(value), n_states))
+    if not len(held):
+        raise InputError("beliefs has no rows; expected at least one belief")
+    return held
+
+
+def _on_simplex(array: Array, name: str, tolerance: float) -> Array:
+    bad = np.argwhere(array < -tolerance)
+    if bad.size:
+        where = ", ".join(str(int(i)) for i in bad[0])
+        raise InputError(f"{name} has {array[tuple(bad[0])]:g} at index [{where}]; probabilities must be >= 0")
+    sums = np.atleast_1d(array.sum(axis=-1))
+    wrong = np.argwhere(np.abs(sums - 1.0) > tolerance)
+    if wrong.size:
+        row = "" if array.ndim == 1 else f" row {', '.join(str(int(i)) for i in wrong[0])}"
+        raise InputError(f"{name}{row} sums to {sums[tuple(wrong[0])]:.10g}, expected 1")
+    clipped = np.maximum(array, 0.0)
+    total = clipped.sum(axis=-1, keepdims=True)
+    return np.asarray(np.where(np.abs(total - 1.0) <= tolerances.SUM_ROUNDING, clipped, clipped / total))
+
+
+def positive(value: Any, name: str) -> float:
+    """Return `value` as a finite float above zero."""
+    number = number_of(value, name)
+    if number <= 0:
+        raise InputError(f"{name} must be above 0, got {number:g}")
+    return number
+
+
+def non_negative(value: Any, name: str) -> float:
+    """Return `value` as a finite float of at least zero."""
+    number = number_of(value, name)
+    if number < 0:
+        raise InputError(f"{name} must be at least 0, got {number:g}")
+    return number
+
+
+def number_of(value: Any, name: str) -> float:
+    """Return `value` as a finite float."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number, got {value!r}") from None
+    if not np.isfinite(number):
+        raise InputError(f"{name} must be finite, got {number}")
+    return number
+
+
+def count(value: Any, name: str, *, least: int = 1) -> int:
+    """Return `value` as an int of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise InputError(f"{name} must be a whole number of at least {least}, got {value!r}")
+    return int(value)
+
+
+def generator(rng: Any) -> np.random.Generator:
+    """Return `rng` if it is a `numpy.random.Generator`; nothing else is accepted, so every draw can be repeated."""
+    if not isinstance(rng, np.random.Generator):
+        raise InputError(f"rng must be a numpy.random.Generator such as numpy.random.default_rng(0), got {rng!r}")
+    return rng

@@ -1,0 +1,190 @@
+"""The world: a hidden Markov chain of states and a sensor that reports on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inscrutable import validation
+from inscrutable.errors import InputError, ModelError
+from inscrutable.validation import Array
+from inscrutable.worlds.emissions import Emission, cumulative, emission_from_dict, frozen
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A sampled path.
+
+    Attributes:
+        states: (T,) states x_0..x_{T-1}, counted from 0.
+        observations: (T,) symbols or (T,D) real vectors; row t was reported in state x_t.
+    """
+
+    states: NDArray[np.int64]
+    observations: NDArray[Any]
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class HiddenMarkovModel:
+    """A world of X states that nobody sees, and a sensor: p(x_{t+1} = j | x_t = i) = transition[i, j], p(y_t | x_t).
+
+    Args:
+        transition: (X,X), rows of probabilities that sum to one.
+        emission: the sensor, `CategoricalEmission`, `GaussianEmission` or any `Emission`, over X states.
+        initial: (X,) law of x_0; None for the stationary law π = π P (states that the chain leaves for good get
+            zero; a periodic chain has one too).
+        names: X different labels of the states, in messages, tables and pictures; "regime 1", … by default.
+
+    Raises:
+        InputError: a row that does not sum to one (row and sum are named), shapes or names that do not fit.
+        ModelError: `initial` is None and the chain has several closed classes, so several stationary laws.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.3, 0.7]], CategoricalEmission([[0.8, 0.2], [0.1, 0.9]]))
+        >>> world.initial.round(3).tolist()
+        [0.75, 0.25]
+        >>> world.sample(3, rng=np.random.default_rng(0)).states.shape
+        (3,)
+    """
+
+    transition: Array
+    emission: Emission
+    initial: Array
+    names: tuple[str, ...]
+
+    def __init__(
+        self,
+        transition: ArrayLike,
+        emission: Emission,
+        initial: ArrayLike | None = None,
+        *,
+        names: Iterable[str] | None = None,
+    ) -> None:
+        rows = validation.stochastic_rows(transition, "transition")
+        n_states = rows.shape[0]
+        if rows.shape != (n_states, n_states) or n_states == 0:
+            raise InputError(f"transition has shape {rows.shape}, expected a square matrix (X,X)")
+        if not isinstance(emission, Emission):
+            raise InputError(
+                f"emission must be an Emission such as GaussianEmission(means, covariances), got {emission!r}"
+            )
+        if emission.n_states != n_states:
+            raise InputError(f"emission has {emission.n_states} states, transition has {n_states}")
+        if initial is None:
+            start = _stationary(rows)
+        else:
+            start = validation.stochastic_rows(initial, "initial", ndim=1)
+            if start.size != n_states:
+                raise InputError(f"initial has {start.size} entries, expected one per state: {n_states}")
+        object.__setattr__(self, "transition", frozen(rows))
+        object.__setattr__(self, "emission", emission)
+        object.__setattr__(self, "initial", frozen(start))
+        object.__setattr__(self, "names", _state_names(names, n_states))
+
+    def __repr__(self) -> str:
+        return f"HiddenMarkovModel({self.n_states} states, {self.emission!r})"
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return int(self.transition.shape[0])
+
+    def sample(self, n_steps: int, *, rng: np.random.Generator) -> Trajectory:
+        """Draw a path x_0 ~ initial, x_{t+1} ~ transition[x_t], y_t ~ p(y | x_t), in O(n_steps (log X + D²)).
+
+        Args:
+            n_steps: length T of the path, at least 1.
+            rng: the only source of randomness; the same state of it gives the same path.
+
+        Raises:
+            InputError: `n_steps` is not a whole number of at least 1, or `rng` is not a generator.
+        """
+        from inscrutable.kernels.hidden_markov import chain_pass
+
+        n_steps = validation.count(n_steps, "n_steps")
+        uniforms = validation.generator(rng).random(n_steps)
+        states = chain_pass(cumulative(self.initial), cumulative(self.transition), uniforms)
+        return Trajectory(states=states, observations=self.emission.sample(states, rng))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the world as plain data for `json.dump`; `from_dict` restores every float to its last digit."""
+        return {
+            "transition": self.transition.tolist(),
+            "initial": self.initial.tolist(),
+            "names": list(self.names),
+            "emission": self.emission.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> HiddenMarkovModel:
+        """Rebuild a world from `to_dict`.
+
+        Raises:
+            InputError: a key is missing, the emission is not one of this library's, or the numbers are no model.
+
+        Example:
+            >>> from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+            >>> world = HiddenMarkovModel([[0.9, 0.1], [0.3, 0.7]], CategoricalEmission([[1.0], [1.0]]))
+            >>> HiddenMarkovModel.from_dict(world.to_dict()).to_dict() == world.to_dict()
+            True
+        """
+        keys = ("transition", "emission", "initial", "names")
+        missing = [key for key in keys if not isinstance(data, dict) or key not in data]
+        if missing:
+            raise InputError(f"a saved world must be a dictionary with the keys {list(keys)}; missing: {missing}")
+        emission = emission_from_dict(data["emission"])
+        return cls(data["transition"], emission, data["initial"], names=data["names"])
+
+
+def _state_names(names: Iterable[str] | None, n_states: int) -> tuple[str, ...]:
+    if names is None:
+        return tuple(f"regime {i + 1}" for i in range(n_states))
+    labels = tuple(names)
+    if not all(isinstance(label, str) for label in labels) or isinstance(names, str):
+        raise InputError(f"names must be a sequence of strings, got {names!r}")
+    if len(labels) != n_states or len(set(labels)) != n_states:
+        raise InputError(f"names must be {n_states} different labels, one per state, got {list(labels)}")
+    return labels
+
+
+def _stationary(transition: Array) -> Array:
+    """Solve π = π P on the one closed class by state reduction, which never subtracts.
+
+    Every entry is therefore right to rounding, however rare the switches (Grassmann, Taksar and Heyman, Operations
+    Research 33, 1985).
+    """
+    closed = _closed_classes(transition)
+    if len(closed) > 1:
+        classes = " and ".join(str([int(i) for i in members]) for members in closed)
+        raise ModelError(
+            f"the stationary law is not unique: the chain never leaves any of the classes of states {classes}; "
+            "pass `initial`"
+        )
+    members = closed[0]
+    reduced = transition[np.ix_(members, members)].copy()
+    for last in range(members.size - 1, 0, -1):
+        reduced[:last, last] /= reduced[last, :last].sum()
+        reduced[:last, :last] += np.outer(reduced[:last, last], reduced[last, :last])
+    weights = np.ones(members.size)
+    for state in range(1, members.size):
+        weights[state] = weights[:state] @ reduced[:state, state]
+    law = np.zeros(transition.shape[0])
+    law[members] = weights / weights.sum()
+    return law
+
+
+def _closed_classes(transition: Array) -> list[NDArray[np.int64]]:
+    """List the classes of states that reach one another and nothing else."""
+    n_states = transition.shape[0]
+    reach = (transition > 0) | np.eye(n_states, dtype=bool)
+    for _ in range(n_states.bit_length()):
+        reach = (reach.astype(float) @ reach.astype(float)) > 0
+    recurrent = np.flatnonzero((~reach | reach.T).all(axis=1))
+    members = {int(np.flatnonzero(reach[i])[0]): np.flatnonzero(reach[i]) for i in recurrent}
+    return list(members.values())

@@ -1,0 +1,160 @@
+"""The package as a reader meets it: its front door, its versions, its citation, its requirements."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import re
+import subprocess
+import sys
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import inscrutable
+
+ROOT = Path(__file__).resolve().parent.parent
+FRONT_DOOR = ROOT / "src" / "inscrutable" / "__init__.py"
+HEAVY = ("numba", "pandas", "matplotlib", "mpltern", "scipy.optimize", "pydantic", "cyclopts", "rich", "joblib")
+MOST_PARAMETERS = 7
+
+
+def in_fresh_python(code: str) -> str:
+    """What `code` prints in a new interpreter."""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def type_checkers_view() -> dict[str, str]:
+    """Public name to module, as the imports under TYPE_CHECKING say."""
+    branch = next(node for node in ast.parse(FRONT_DOOR.read_text("utf-8")).body if isinstance(node, ast.If))
+    imports = [node for node in branch.body if isinstance(node, ast.ImportFrom)]
+    assert len(imports) == len(branch.body), "only `from ... import Name as Name` belongs under TYPE_CHECKING"
+    pairs = [(alias, node.module or "") for node in imports for alias in node.names]
+    assert all(alias.name == alias.asname for alias, _ in pairs), "write `import Name as Name`: it marks a re-export"
+    return {alias.name: module.removeprefix("inscrutable.") for alias, module in pairs}
+
+
+def parameters(thing: object) -> int:
+    """How many parameters a caller sees, without `self`."""
+    signature = inspect.signature(thing)  # type: ignore[arg-type]
+    kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    return sum(p.kind not in kinds and p.name != "self" for p in signature.parameters.values())
+
+
+def public_methods(thing: object) -> list[tuple[str, object]]:
+    """Methods and properties' getters that a public class defines itself."""
+    if not inspect.isclass(thing):
+        return []
+    return [(name, each) for name, each in vars(thing).items() if not name.startswith("_") and inspect.isroutine(each)]
+
+
+def test_all_is_sorted_and_complete() -> None:
+    names = inscrutable.__all__
+    assert names == sorted(set(names))
+    assert set(names) == set(inscrutable._EXPORTS)
+    assert set(names) <= set(dir(inscrutable))
+
+
+def test_both_lists_of_public_names_agree() -> None:
+    table = inscrutable._EXPORTS
+    wanted = sorted(f"    from inscrutable.{module} import {name} as {name}" for name, module in table.items())
+    assert type_checkers_view() == table, "under TYPE_CHECKING there should stand:\n" + "\n".join(wanted)
+
+
+@pytest.mark.parametrize("name", inscrutable.__all__)
+def test_public_name_resolves(name: str) -> None:
+    module = import_module(f"inscrutable.{inscrutable._EXPORTS[name]}")
+    assert getattr(inscrutable, name) is getattr(module, name)
+    assert name in vars(inscrutable), "a loaded name is kept"
+
+
+@pytest.mark.parametrize("name", inscrutable.__all__)
+def test_public_name_is_documented(name: str) -> None:
+    thing = getattr(inscrutable, name)
+    text = vars(thing).get("__doc__") if inspect.isclass(thing) else thing.__doc__
+    assert (text or "").strip(), f"{name} has no docstring of its own"
+    if not (inspect.isclass(thing) and issubclass(thing, BaseException)):
+        assert ">>> " in text, f"{name} shows no example"
+
+
+@pytest.mark.parametrize("name", inscrutable.__all__)
+def test_public_name_takes_few_parameters(name: str) -> None:
+    thing = getattr(inscrutable, name)
+    results = inspect.isclass(thing) and hasattr(thing, "summary")  # made by the library, not typed by a reader
+    if callable(thing) and not results and not (inspect.isclass(thing) and issubclass(thing, BaseException)):
+        assert parameters(thing) <= MOST_PARAMETERS, f"{name} has {parameters(thing)} parameters"
+    for method_name, method in public_methods(thing):
+        function = method.__func__ if isinstance(method, (classmethod, staticmethod)) else method
+        if inspect.isfunction(function):
+            assert parameters(function) <= MOST_PARAMETERS, f"{name}.{method_name}"
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="'inscrutable' has no attribute 'Decoder'"):
+        inscrutable.Decoder  # type: ignore[attr-defined]  # noqa: B018
+    with pytest.raises(ImportError, match="Decoder"):
+        exec("from inscrutable import Decoder")
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    code = f"import json, sys, inscrutable; print(json.dumps([m for m in {HEAVY!r} if m in sys.modules]))"
+    assert json.loads(in_fresh_python(code)) == []
+
+
+def test_importing_the_package_loads_none_of_its_modules() -> None:
+    code = "import json, sys, inscrutable; print(json.dumps([m for m in sys.modules if m.startswith('inscrutable.')]))"
+    assert json.loads(in_fresh_python(code)) == []
+
+
+def test_package_is_marked_as_typed() -> None:
+    assert (FRONT_DOOR.parent / "py.typed").is_file()
+
+
+def test_versions_agree() -> None:
+    released = re.findall(r"^## \[(\d+\.\d+\.\d+)\] - (unreleased|\d{4}-\d{2}-\d{2})$", read("CHANGELOG.md"), re.M)
+    assert released, "no entry of the form '## [1.2.3] - 2030-01-31'"
+    assert released[0][0] == inscrutable.__version__
+    assert version("inscrutable") == inscrutable.__version__
+    assert re.findall(r"^version: (.+)$", read("CITATION.cff"), re.M) == [inscrutable.__version__]
+
+
+def test_citation_has_what_the_format_requires_and_names_the_paper() -> None:
+    text = read("CITATION.cff")
+    assert "\t" not in text
+    lines = [line for line in text.splitlines() if line.strip()]
+    assert all(re.match(r" *(- )?[a-z-]+:( .+)?$| *- .+$| {2,}\S", line) for line in lines)
+    top = [line.split(":")[0] for line in lines if not line.startswith(" ")]
+    assert {"cff-version", "message", "title", "authors", "preferred-citation"} <= set(top)
+    assert len(top) == len(set(top)), "a key stands twice"
+    assert re.findall(r"family-names: (\w+)", text) == ["Lourenço", "Mattila", "Rojas", "Wahlberg"]
+    assert "2004.04119" in text
+
+
+def test_constraints_are_names_and_versions_only() -> None:
+    lines = read("constraints.txt").splitlines()
+    assert [line for line in lines if not re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line)] == []
+    names = [re.sub(r"[._-]+", "-", line.split("==")[0]).lower() for line in lines]
+    assert len(names) == len(set(names)), "a package is pinned twice"
+    assert "inscrutable" not in names
+
+
+def test_every_requirement_is_pinned() -> None:
+    import tomllib
+
+    project = tomllib.loads(read("pyproject.toml"))
+    extras = project["project"]["optional-dependencies"]
+    wanted = [*project["project"]["dependencies"], *project["build-system"]["requires"]]
+    wanted += [each for extra in ("test", "global", "data") for each in extras[extra]]
+    names = {re.sub(r"[._-]+", "-", re.split(r"[<>=!~\[; ]", each)[0]).lower() for each in wanted}
+    pinned = {re.sub(r"[._-]+", "-", line.split("==")[0]).lower() for line in read("constraints.txt").splitlines()}
+    assert names - pinned == set()
+
+
+def read(name: str) -> str:
+    """A file of the project's root."""
+    return (ROOT / name).read_text("utf-8")

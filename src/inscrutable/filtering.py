@@ -27,6 +27,14 @@ class FilterResult(Generic[Table]):
         beliefs: (T,X), beliefs[t] = p(x_t | y_0..t).
         predicted: (T,X), predicted[t] = p(x_{t+1} | y_0..t): a row's label is the time of its last observation.
         log_likelihood: log p(y_0..T-1), natural logarithm.
+
+    Example:
+        >>> from inscrutable.filtering import filter_beliefs
+        >>> from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.3, 0.7]], CategoricalEmission([[0.8, 0.2], [0.1, 0.9]]))
+        >>> result = filter_beliefs(world, [0, 1])
+        >>> result.predicted.round(3).tolist(), round(result.log_likelihood, 3)
+        ([[0.876, 0.124], [0.667, 0.333]], -1.719)
     """
 
     beliefs: Table
@@ -71,7 +79,7 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any) -> FilterResult[
         >>> filter_beliefs(world, [0, 1]).beliefs.round(3).tolist()
         [[0.96, 0.04], [0.611, 0.389]]
     """
-    log_likelihoods = world.emission.log_likelihoods(observations)
+    log_likelihoods = _log_likelihoods(world, observations)
     with np.errstate(divide="ignore"):
         log_prior = np.log(world.initial)
     _, _, beliefs, predicted, increments = _pass(world, log_prior, log_likelihoods)
@@ -138,7 +146,7 @@ class BeliefFilter:
         Cost: O(X²) after the sensor's log-likelihoods.
         """
         row = observation.to_frame().T if is_labelled(observation) else np.asarray(observation)[None]
-        log_likelihoods = self._world.emission.log_likelihoods(row)
+        log_likelihoods = _log_likelihoods(self._world, row)
         if log_likelihoods.shape[0] != 1:
             raise InputError(
                 f"update takes one observation, got {log_likelihoods.shape[0]}; use filter_beliefs for many"
@@ -152,12 +160,24 @@ class BeliefFilter:
         return np.asarray(beliefs[0])
 
 
+def _log_likelihoods(world: HiddenMarkovModel, observations: Any) -> Array:
+    """Ask the sensor, which may be the user's own: what it returns is checked."""
+    values = np.ascontiguousarray(world.emission.log_likelihoods(observations), dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] != world.n_states:
+        raise InputError(f"the emission's log-likelihoods have shape {values.shape}, expected (T,{world.n_states})")
+    bad = np.argwhere(~(values < np.inf))
+    if bad.size:
+        t, i = (int(k) for k in bad[0])
+        raise InputError(f"the emission's log-likelihood at step {t} is {values[t, i]} in state {i}")
+    return values
+
+
 def _pass(world: HiddenMarkovModel, log_prior: Array, log_likelihoods: Array) -> tuple[Array, ...]:
     from inscrutable.kernels.hidden_markov import filter_pass
 
     with np.errstate(divide="ignore"):
         log_transition = np.log(world.transition)
-    result: tuple[Array, ...] = filter_pass(log_prior, log_transition, np.ascontiguousarray(log_likelihoods))
+    result: tuple[Array, ...] = filter_pass(log_prior, log_transition, log_likelihoods)
     return result
 
 

@@ -40,6 +40,10 @@ MIN_SLACK = 1e-4
 STATIONARITY = 1e-12
 """Largest KKT residual of a polished forward solution, relative to the gradient's scale: a few hundred roundings."""
 
+PIVOT = 1e-10
+"""Share of a Hessian's diagonal entry that must remain in its Cholesky pivot; below it the bulk kernel hands the
+programme to the slower method that can cope with singular ones."""
+
 EXPLAINED = 1e-10
 """Largest KKT residual, relative to the gradient's scale, at which a belief explains a decision.
 Between the forward solver's 1e-12 and the 1e-9 of regret that a vertex of the set may have."""
@@ -66,8 +70,15 @@ BUDGET = 1e-12
 FINITE_DIFFERENCE = 1e-6
 """How far outside the feasible set a local solver's trial may lie and still be judged: its difference steps are 1e-8."""
 
-SLACK_SAFETY = 1e-7
-"""By how much, relative to `min_slack`, a polished decision stays above it: the observer must not round it down."""
+SLACK_SAFETY = 1e-5
+"""By how much, relative to `min_slack`, a polished decision stays above it: the observer must not round it down, and
+the local solver breaks its constraints by 1e-10."""
+
+BUDGET_SAFETY = 1e-8
+"""Share of a budget that the polish leaves unspent, for the same reason; it costs half as much of the privacy."""
+
+RAY_END = 1e-3
+"""Relative accuracy of the end of an affordable ray: a start for the polish, which does the rest."""
 
 POLISH = 1e-9
 """Accuracy asked of the local polish of a decision; its result is re-judged by the set's own distance."""
@@ -98,3 +109,7 @@ CONSTANT_COLUMN = 1e-12
 
 EM_CHANGE = 1e-8
 """Baum-Welch stops when the log-likelihood per observation changes by less than this."""
+
+CLAIM_ROUNDING = 1e-6
+"""Differences of privacies, and of cost increases as shares of |c*|, below this count as none when the paper's claims
+are judged: HiGHS's feasibility times the largest regret over the optimal cost, and above the polish's accuracy."""

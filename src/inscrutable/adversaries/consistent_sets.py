@@ -10,7 +10,6 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.geometry import BeliefSet
-from inscrutable.geometry.cones import stationarity_rows
 from inscrutable.geometry.hulls import affine_hulls, clip_to_segments
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -18,7 +17,8 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class ConsistentSets:
-    """The consistent beliefs of M decisions: dimension −1 empty, 0 a point, 1 a segment from start to end, 2 and more."""
+    """The consistent beliefs of M decisions: dimension −1 empty, 0 a point, 1 a segment from start to end, 2 at most
+    two or more, of which `start` is a member."""
 
     problem: DecisionProblem
     actions: Array  # (M, U)
@@ -121,7 +121,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     pending: dict[int, BeliefSet] = {}
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of.reshape(-1) == number)
-        rows = stationarity_rows(region.A_ub[pattern], region.A_eq)
+        rows = region.stationarity(pattern)
         gradients = problem.cost_gradients(actions[index])
         scale = np.abs(gradients).max(axis=(1, 2), keepdims=True)
         scaled = (gradients / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1)
@@ -143,14 +143,18 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
                 continue
             if first not in pending:
                 pending[first] = belief_set_of(problem, actions[first])
-            dimension[i] = min(pending[first].dimension, 2)
-            if dimension[i] >= 0:
-                start[i] = end[i] = pending[first].center()
-                dimension[i] = 2
+            found = pending[first]
+            dimension[i] = min(found.dimension, 2)
+            if dimension[i] >= 2:
+                start[i] = end[i] = found.center()
+            elif dimension[i] >= 0:
+                start[i], end[i] = found.vertices()[[0, -1]]
     return ConsistentSets(problem, actions, dimension, start, end, distinct, pending)
 
 
 def _first_equal(actions: Array) -> np.ndarray:
+    if len(actions) == 1:
+        return np.zeros(1, dtype=np.int64)
     rounded = np.round(actions / tolerances.SAME_ACTION) * tolerances.SAME_ACTION
     _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     return np.asarray(first[inverse.reshape(-1)])

@@ -11,7 +11,6 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.near_optimal import plausibility_gap
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
-from inscrutable.geometry.cones import stationarity_rows
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -52,7 +51,7 @@ def consistent_beliefs(
 def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = tolerances.EXPLAINED) -> BeliefSet:
     """Return the consistent beliefs of a decision (U,) that is known to be feasible."""
     region = problem.constraints
-    rows = stationarity_rows(region.A_ub[region.tight_rows(u)], region.A_eq)
+    rows = region.stationarity(region.tight_rows(u))
     gradients = problem.cost_gradients(u)
     scale = np.abs(gradients).max()
     scaled = gradients.T / (scale if scale > 0 else 1.0)

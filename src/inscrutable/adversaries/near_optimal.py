@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, SolverError
@@ -25,6 +24,7 @@ from inscrutable.geometry.polytopes import (
     reduce_polytope,
     sample_polytope,
 )
+from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -87,19 +87,13 @@ def nearest_explanation(problem: DecisionProblem, action: ArrayLike) -> tuple[Ar
 
 def _lowest_of_planes(planes: Array) -> tuple[float, Array]:
     n_states = planes.shape[1]
-    answer = linprog(
+    answer = minimum(
         np.concatenate([np.zeros(n_states), [1.0]]),
-        A_ub=np.column_stack([planes, -np.ones(planes.shape[0])]),
-        b_ub=np.zeros(planes.shape[0]),
-        A_eq=np.concatenate([np.ones(n_states), [0.0]])[None],
-        b_eq=np.ones(1),
-        bounds=[(0, None)] * (n_states + 1),
-        method="highs",
-        options={"primal_feasibility_tolerance": tolerances.LINEAR_PROGRAMME},
+        Rows(np.column_stack([planes, -np.ones(planes.shape[0])]), np.zeros(planes.shape[0])),
+        Rows(np.concatenate([np.ones(n_states), [0.0]])[None], np.ones(1)),
+        (0, None),
     )
-    if answer.status != 0:
-        raise SolverError(f"HiGHS could not minimise the cutting planes: {answer.message}")
-    return float(answer.fun), _onto_simplex(answer.x[None, :n_states])[0]
+    return answer.value, _onto_simplex(answer.x[None, :n_states])[0]
 
 
 def _onto_simplex(points: Array) -> Array:
@@ -202,7 +196,7 @@ class NearOptimalBeliefs:
         normals = np.vstack([planes / scale, -np.eye(self.n_states)])
         level = (self.regret + 0.5 * self.accuracy) / scale
         allowed = np.concatenate([np.full(len(planes), level), np.zeros(self.n_states)])
-        return normals @ self._basis, allowed - normals @ centre
+        return np.asarray(normals @ self._basis), np.asarray(allowed - normals @ centre)
 
     def _polytope(self) -> Reduced | None:
         rows, offsets = self._rows()
@@ -213,7 +207,7 @@ class NearOptimalBeliefs:
         self._seed()
         centre = np.full(self.n_states, 1.0 / self.n_states)
         for _ in range(_MOST_PLANES):
-            point = _onto_simplex((centre + self._basis @ candidate(*self._rows()))[None])[0]
+            point: Array = _onto_simplex((centre + self._basis @ candidate(*self._rows()))[None])[0]
             if float(self.problem.regret(point, self.action)) <= self.regret + self.accuracy:
                 return point
             self._add(point[None])
@@ -244,9 +238,11 @@ class NearOptimalBeliefs:
             return np.full((self.n_states, 2), np.nan)
         limits = np.empty((self.n_states, 2))
         for i, direction in enumerate(self._basis):
-            limits[i, 0] = self._converge(lambda rows, offsets, d=direction: minimise_over_rows(d, rows, offsets))[i]
-            limits[i, 1] = self._converge(lambda rows, offsets, d=direction: minimise_over_rows(-d, rows, offsets))[i]
+            limits[i] = self._extreme(direction)[i], self._extreme(-direction)[i]
         return limits
+
+    def _extreme(self, direction: Array) -> Array:
+        return self._converge(lambda rows, offsets: minimise_over_rows(direction, rows, offsets))
 
     def center(self) -> Array:
         """Return the mean of the corners, shape (X,); NaN where the set is empty."""

@@ -14,6 +14,7 @@ from inscrutable.adversaries import ConsistentSets, consistent_sets
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import resolution_for
+from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -182,7 +183,7 @@ def _grid_in_box(problem: DecisionProblem, resolution: int) -> Array:
         raise InputError(
             f"a grid of resolution {resolution} over {len(free)} free coordinates exceeds {_MOST_GRID_POINTS} points"
         )
-    ticks = [np.linspace(*limits[j], resolution + 1) for j in free]
+    ticks = [np.linspace(limits[j, 0], limits[j, 1], resolution + 1) for j in free]
     chosen = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(free))
     points = np.zeros((len(chosen), region.n_actions))
     points[:, free] = chosen
@@ -260,22 +261,12 @@ def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candida
     coarse = max(problem.n_states, points // (n_ends * len(shares)))
     base = problem.solve(simplex_grid(problem.n_states, resolution_for(problem.n_states, coarse)))
     ends = np.array([_extreme(problem, j, sign) for j in range(len(limits)) for sign in (1.0, -1.0)])
-    ends = np.unique(ends.round(12), axis=0)
+    ends = np.unique(ends, axis=0)
     mixed = base[:, None, None] + shares[:, None] * (ends[:, None, :] - base[:, None, None, :])
     return make_candidates(problem, np.vstack([base, mixed.reshape(-1, problem.n_actions)]))
 
 
 def _extreme(problem: DecisionProblem, coordinate: int, sign: float) -> Array:
-    from scipy.optimize import linprog
-
     region = problem.constraints
-    answer = linprog(
-        sign * np.eye(problem.n_actions)[coordinate],
-        A_ub=region.A_ub,
-        b_ub=region.b_ub,
-        A_eq=region.A_eq,
-        b_eq=region.b_eq,
-        bounds=(None, None),
-        method="highs",
-    )
-    return np.asarray(answer.x)
+    unit = sign * np.eye(problem.n_actions)[coordinate]
+    return minimum(unit, Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)).x

@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
 
 from inscrutable import tolerances
-from inscrutable.errors import SolverError
+from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
 
@@ -72,17 +71,12 @@ def mixture_by_linear_programme(regrets: Array, privacies: Array, limit: float) 
     if not usable.size or regrets[usable].min() > limit:
         return None
     scale = max(float(regrets[usable].max()), np.finfo(float).tiny)
-    answer = linprog(
+    answer = minimum(
         -privacies[usable],
-        A_ub=regrets[usable][None] / scale,
-        b_ub=[limit / scale],
-        A_eq=np.ones((1, usable.size)),
-        b_eq=[1.0],
-        bounds=(0, None),
-        method="highs",
+        Rows(regrets[usable][None] / scale, np.array([limit / scale])),
+        Rows(np.ones((1, usable.size)), np.ones(1)),
+        (0, None),
     )
-    if answer.status != 0:
-        raise SolverError(f"HiGHS could not solve the mixture's linear programme: {answer.message}")
     kept = answer.x > tolerances.PROBABILITY
     probabilities = answer.x[kept] / answer.x[kept].sum()
-    return Mixture(usable[kept], probabilities, float(-answer.ineqlin.marginals[0] / scale))
+    return Mixture(usable[kept], probabilities, float(-answer.duals[0] / scale))

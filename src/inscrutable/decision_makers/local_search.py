@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.linalg import null_space
@@ -147,7 +148,7 @@ def _run(watched: _Watched, start: Array) -> None:
     scale = max(watched.limit, np.finfo(float).tiny)
     # Steps along the equalities only, so that finite differences stay on them.
     free = null_space(region.A_eq) if len(region.b_eq) else np.eye(start.size)
-    rules = [
+    rules: list[Any] = [
         {"type": "ineq", "fun": lambda v: np.array([-watched.excess(start + free @ v) / scale])},
         {
             "type": "ineq",
@@ -155,5 +156,8 @@ def _run(watched: _Watched, start: Array) -> None:
             "jac": lambda v: -region.A_ub @ free,
         },
     ]
-    origin = np.zeros(free.shape[1])
-    minimize(lambda v: watched(start + free @ v), origin, method="SLSQP", constraints=rules, options={"maxiter": 100})
+
+    def loss(v: Array) -> float:
+        return watched(np.asarray(start + free @ v))
+
+    minimize(loss, np.zeros(free.shape[1]), method="SLSQP", constraints=rules, options={"maxiter": 100})

@@ -7,7 +7,7 @@ free, and these are searched directly, the set's distance being judged at every 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -15,14 +15,16 @@ from scipy.optimize import minimize
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
+from inscrutable.decision_makers.rays import farthest_decoys
 from inscrutable.decision_makers.scores import Scores
 from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.problems.quadratic import FaceSolution
 from inscrutable.validation import Array
 
-_FACES = 6
+_FACES = 10
 _STARTS_A_FACE = 3
+_STARTS_APART = 0.1
 _ZOOM_POINTS = 41
 _ZOOM_ROUNDS = 7
 
@@ -44,104 +46,154 @@ class Goal(NamedTuple):
     optimal_cost: float
 
 
+class Start(NamedTuple):
+    """Where a search on a face begins: the face's tight rows, a decoy, a decision, and the most it could reach."""
+
+    tight: np.ndarray
+    decoy: Array
+    action: Array
+    promise: float
+
+
 def polish(goal: Goal, scores: Scores) -> Trial | None:
-    """Return the best decision reached from the best candidates of the most promising faces."""
+    """Return the best decision reached from the most promising faces and their neighbours."""
+    tried: set[bytes] = set()
     best: Trial | None = None
-    for index in _starts(goal, scores):
-        for trial in _improve(goal, scores, index):
-            if best is None or trial.privacy > best.privacy:
-                best = trial
-    return best
-
-
-def _starts(goal: Goal, scores: Scores) -> list[int]:
-    affordable = np.flatnonzero((scores.regrets <= goal.limit) & np.isfinite(scores.privacies))
-    if not affordable.size:
-        return []
-    tight = goal.problem.constraints.tight_rows(scores.candidates.actions[affordable])
-    _, face_of = np.unique(tight, axis=0, return_inverse=True)
-    face_of = face_of.reshape(-1)
-    order = np.lexsort((scores.regrets[affordable], -scores.privacies[affordable]))
-    chosen: list[int] = []
-    faces: dict[int, list[Array]] = {}
-    members = scores.candidates.sets.start
-    for place in order:
-        face = int(face_of[place])
-        if face not in faces and len(faces) >= _FACES:
+    for start in _starts(goal, scores):
+        if best is not None and start.promise <= best.privacy + tolerances.POLISH:
             continue
-        near = faces.setdefault(face, [])
-        member = members[affordable[place]]
-        # Starts on one face must lie apart to find different optima.
-        if len(near) < _STARTS_A_FACE and all(np.linalg.norm(member - other) > 0.1 for other in near):
-            near.append(member)
-            chosen.append(int(affordable[place]))
-    return chosen
+        tried.add(start.tight.tobytes())
+        best = _better(best, _improve(goal, start))
+    while best is not None:
+        before = best
+        for start in _neighbours(goal, best):
+            if start.tight.tobytes() not in tried:
+                tried.add(start.tight.tobytes())
+                best = _better(best, _improve(goal, start))
+        if best is before:
+            return best
+    return None
 
 
-def _improve(goal: Goal, scores: Scores, index: int) -> list[Trial]:
+def _better(best: Trial | None, trial: Trial | None) -> Trial | None:
+    return trial if trial is not None and (best is None or trial.privacy > best.privacy) else best
+
+
+def _starts(goal: Goal, scores: Scores) -> list[Start]:
+    """The best affordable candidates, and the ends of affordable rays, of every promising face, apart from each other."""
+    region = goal.problem.constraints
+    sets = scores.candidates.sets
+    affordable = np.flatnonzero((scores.regrets <= goal.limit) & np.isfinite(scores.privacies))
+    decoys, actions = farthest_decoys(goal.problem, goal.belief, goal.limit)
+    reach = goal.reference.sign * np.linalg.norm(decoys - goal.reference.point, axis=1)
+    actions = np.vstack([scores.candidates.actions[affordable], actions])
+    decoys = np.vstack([sets.start[affordable], decoys])
+    value = np.concatenate([scores.privacies[affordable], reach])
+    # Along a ray nothing is farther than its end; toward a target nothing is better than the target itself.
+    promise = float(reach.max(initial=-np.inf)) if goal.reference.sign > 0 else 0.0
+    spread = _STARTS_APART * float(np.ptp(decoys, axis=0).max(initial=0.0))
+    faces: dict[bytes, list[Start]] = {}
+    for i in np.argsort(-value, kind="stable"):
+        for tight in _faces_at(region.slacks(actions[i]), region.min_slack):
+            known = faces.setdefault(tight.tobytes(), [])
+            if len(known) < _STARTS_A_FACE and all(np.linalg.norm(decoys[i] - s.decoy) > spread for s in known):
+                known.append(Start(tight, decoys[i], actions[i], promise))
+        if len(faces) >= _FACES:
+            break
+    return [start for known in list(faces.values())[:_FACES] for start in known]
+
+
+def _faces_at(slack: Array, min_slack: float) -> list[np.ndarray]:
+    """The face a decision lies on; and, where a row is slack by less than the least, the one with that row loose."""
+    tight = slack < max(min_slack, tolerances.FEASIBILITY)
+    exact = slack <= tolerances.FEASIBILITY
+    return [tight] if np.array_equal(tight, exact) else [tight, exact]
+
+
+def _neighbours(goal: Goal, trial: Trial) -> list[Start]:
+    """Faces that differ in one row from the one a decision lies on: a tight row freed, a barely slack one tightened."""
+    region = goal.problem.constraints
+    slack = region.slacks(trial.action)
+    tight = region.tight_rows(trial.action)
+    barely = ~tight & (slack <= 2.0 * max(region.min_slack, tolerances.FEASIBILITY))
+    decoy = consistent_sets(goal.problem, trial.action[None])[0].nearest(goal.reference.point)
+    found = []
+    for row in np.flatnonzero(tight | barely):
+        other = tight.copy()
+        other[row] = not tight[row]
+        found.append(Start(other, decoy, trial.action, 0.0))
+    return found
+
+
+def _improve(goal: Goal, start: Start) -> Trial | None:
     problem = goal.problem
     region = problem.constraints
-    action = scores.candidates.actions[index]
-    tight = region.tight_rows(action)
-    normals = np.vstack([region.A_ub[tight], region.A_eq])
-    free = null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(action.size)
-    if scores.candidates.sets.dimension[index] == 0 and isinstance(problem, QuadraticProblem):
-        found = _through_decoys(goal, problem, tight, scores.candidates.sets.start[index])
-    elif free.shape[1] == 0:
-        return []
-    else:
-        found = _on_face(goal, action, free)
-    return [] if found is None else [found]
+    normals = np.vstack([region.A_ub[start.tight], region.A_eq])
+    free = null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(start.action.size)
+    # A face of k free coordinates leaves consistent sets of dimension X − 1 − k.
+    if free.shape[1] >= problem.n_states - 1 and isinstance(problem, QuadraticProblem):
+        return _through_decoys(goal, problem, start.tight, start.decoy)
+    if free.shape[1] == 0 or not np.array_equal(region.tight_rows(start.action), start.tight):
+        return judge(goal, start.action)
+    return _on_face(goal, start.action, free)
+
+
+class _FaceProgramme:
+    """The smooth programme over the decoy y of one face: constraints and their slopes, for a sequential solver."""
+
+    def __init__(self, goal: Goal, problem: QuadraticProblem, tight: np.ndarray) -> None:
+        self.goal, self.problem, self.tight = goal, problem, tight
+        region = problem.constraints
+        # Above the threshold itself, so that the observer does not count the row as tight.
+        self.least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
+        own = problem.state_costs(problem.solve(goal.belief))
+        self.scale = max(float(np.abs(own).max()), goal.limit, np.finfo(float).tiny)
+        # Inside the budget by more than the solver's own violations, which are absolute.
+        self.allowed = goal.limit * (1.0 - tolerances.BUDGET_SAFETY)
+        self.budget_scale = max(goal.limit, tolerances.BUDGET * self.scale)
+        self._last: tuple[bytes, FaceSolution] | None = None
+
+    def _at(self, y: Array) -> FaceSolution:
+        key = y.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self.problem.face_solution(y, self.tight))
+        return self._last[1]
+
+    def objective(self, y: Array) -> tuple[float, Array]:
+        sign, away = self.goal.reference.sign, y - self.goal.reference.point
+        return -sign * float(away @ away), -2.0 * sign * away
+
+    def margins(self, y: Array) -> Array:
+        """Budget left, slack above the least of every loose row, multipliers of the tight ones: all to be ≥ 0."""
+        face = self._at(y)
+        cost = self.problem.state_costs(face.action) @ self.goal.belief
+        left = (self.allowed - cost + self.goal.optimal_cost) / self.budget_scale
+        slack = self.problem.constraints.slacks(face.action)[~self.tight] - self.least
+        return np.concatenate([[left], slack, face.multipliers / self.scale])
+
+    def margin_slopes(self, y: Array) -> Array:
+        face, region = self._at(y), self.problem.constraints
+        gradient = self.goal.belief @ self.problem.cost_gradients(face.action)
+        slack = -(region.A_ub @ face.action_slope)[~self.tight] / region.row_scale[~self.tight, None]
+        return np.vstack(
+            [-(gradient @ face.action_slope) / self.budget_scale, slack, face.multiplier_slope / self.scale]
+        )
 
 
 def _through_decoys(goal: Goal, problem: QuadraticProblem, tight: np.ndarray, start: Array) -> Trial | None:
     """Sequential quadratic programming over the decoy y of a face whose consistent sets are single beliefs."""
-    region = problem.constraints
-    loose = ~tight
-    # Above the threshold itself, so that the observer does not count the row as tight.
-    least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
-    own = problem.state_costs(np.asarray(goal.problem.solve(goal.belief)))
-    scale = max(float(np.abs(own).max()), goal.limit, np.finfo(float).tiny)
-    known: dict[bytes, FaceSolution] = {}
-
-    def at(y: Array) -> FaceSolution:
-        key = y.tobytes()
-        if key not in known:
-            if len(known) > 4:
-                known.clear()
-            known[key] = problem.face_solution(y, tight)
-        return known[key]
-
-    def constraint(y: Array) -> Array:
-        face = at(y)
-        cost = problem.state_costs(face.action) @ goal.belief
-        return np.concatenate(
-            [
-                [(goal.limit - cost + goal.optimal_cost) / scale],
-                region.slacks(face.action)[loose] - least,
-                face.multipliers / scale,
-            ]
-        )
-
-    def constraint_slope(y: Array) -> Array:
-        face = at(y)
-        gradient = goal.belief @ problem.cost_gradients(face.action)
-        slack_slope = -(region.A_ub @ face.action_slope) / region.row_scale[:, None]
-        return np.vstack(
-            [-(gradient @ face.action_slope)[None] / scale, slack_slope[loose], face.multiplier_slope / scale]
-        )
-
-    sign, point = goal.reference.sign, goal.reference.point
+    programme = _FaceProgramme(goal, problem, tight)
+    rules: list[Any] = [
+        {"type": "eq", "fun": lambda y: np.array([y.sum() - 1.0]), "jac": lambda y: np.ones((1, y.size))},
+        {"type": "ineq", "fun": programme.margins, "jac": programme.margin_slopes},
+    ]
     answer = minimize(
-        lambda y: (-sign * float((y - point) @ (y - point)), -2.0 * sign * (y - point)),
+        programme.objective,
         start,
         jac=True,
         method="SLSQP",
         bounds=[(0.0, 1.0)] * start.size,
-        constraints=[
-            {"type": "eq", "fun": lambda y: np.array([y.sum() - 1.0]), "jac": lambda y: np.ones((1, y.size))},
-            {"type": "ineq", "fun": constraint, "jac": constraint_slope},
-        ],
+        constraints=rules,
         options={"ftol": tolerances.POLISH**1.5, "maxiter": 200},
     )
     decoy = np.maximum(answer.x, 0.0)
@@ -152,10 +204,8 @@ def _through_decoys(goal: Goal, problem: QuadraticProblem, tight: np.ndarray, st
 
 def _pulled_back(goal: Goal, decoy: Array, tight: np.ndarray) -> Trial | None:
     """Move the decoy toward the true belief (regret falls, fact F1) until its decision is affordable and admissible."""
-    share = 1.0
     for step in (0.0, *(tolerances.POLISH * 10.0**k for k in range(6))):
-        share = 1.0 - step
-        action = goal.problem.solve(goal.belief + share * (decoy - goal.belief))
+        action = goal.problem.solve(goal.belief + (1.0 - step) * (decoy - goal.belief))
         if np.array_equal(goal.problem.constraints.tight_rows(action), tight):
             trial = judge(goal, action)
             if trial is not None:
@@ -171,7 +221,7 @@ def judge(goal: Goal, action: Array) -> Trial | None:
     if problem.state_costs(action) @ goal.belief - goal.optimal_cost > goal.limit:
         return None
     distance = consistent_sets(problem, action[None]).distances(goal.reference.point)[0]
-    return Trial(action, goal.reference.sign * float(distance)) if np.isfinite(distance) else None
+    return Trial(action, goal.reference.sign * float(distance) + 0.0) if np.isfinite(distance) else None
 
 
 def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
@@ -186,7 +236,7 @@ def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
     for round_number in range(_ZOOM_ROUNDS if free.shape[1] == 1 else 4 * _ZOOM_ROUNDS):
         steps = _pattern(free.shape[1], rng)
         offsets = reach[:, 0] + (steps + 1.0) / 2.0 * widths if round_number == 0 else steps * widths
-        trials = _snap(goal, centre + offsets @ free.T)
+        trials = _affordable(goal, centre + offsets @ free.T)
         found = _best_of(goal, trials)
         if found is not None and found.privacy > best.privacy:
             best = found
@@ -216,8 +266,8 @@ def _reach(goal: Goal, action: Array, free: Array) -> Array:
     return reach
 
 
-def _snap(goal: Goal, trials: Array) -> Array:
-    """Pull trials that cost too much back along the line to the optimal decision, where the cost is convex."""
+def _affordable(goal: Goal, trials: Array) -> Array:
+    """Drop trials that cost too much."""
     own = goal.problem.state_costs(trials) @ goal.belief - goal.optimal_cost
     return np.asarray(trials[own <= goal.limit])
 

@@ -13,6 +13,7 @@ from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.geometry.hulls import Hulls, affine_hulls, clip_to_segments
 from inscrutable.geometry.polytopes import Reduced, nearest_point, reduce_polytope, sample_polytope
+from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
 
@@ -85,7 +86,7 @@ class BeliefSet:
 
     @cached_property
     def residual(self) -> float:
-        """Smallest KKT residual over all beliefs, relative to the gradient's scale."""
+        """Smallest KKT residual over all beliefs: largest coordinate, relative to the gradient's scale."""
         if self._shape is not None:
             return float(self.violation(self._shape.vertices.mean(axis=0)))
         return smallest_violation(self.equalities, self.inequalities)
@@ -98,7 +99,8 @@ class BeliefSet:
         return self.gap()
 
     def violation(self, belief: ArrayLike) -> Array:
-        """Return the KKT residual of one belief (X,) or many (T,X), relative to the gradient's scale."""
+        """Return the KKT residual of one belief (X,) or many (T,X): the largest coordinate of what is left of the
+        gradient by least squares over the multipliers, or of a multiplier's wrong sign, relative to the scale."""
         points = np.asarray(belief, dtype=np.float64)
         parts = [np.abs(points @ self.equalities.T), -(points @ self.inequalities.T), -points]
         return np.asarray(np.concatenate(parts, axis=-1).max(axis=-1, initial=0.0))
@@ -157,17 +159,12 @@ def _between(start: Array, end: Array) -> Reduced:
 
 def smallest_violation(equalities: Array, inequalities: Array) -> float:
     """Return the least max-norm residual of the rows over the simplex, by linear programming."""
-    from scipy.optimize import linprog
-
     n_states = equalities.shape[1]
     rows = np.vstack([equalities, -equalities, -inequalities])
-    answer = linprog(
+    answer = minimum(
         np.concatenate([np.zeros(n_states), [1.0]]),
-        A_ub=np.column_stack([rows, -np.ones(rows.shape[0])]),
-        b_ub=np.zeros(rows.shape[0]),
-        A_eq=np.concatenate([np.ones(n_states), [0.0]])[None],
-        b_eq=np.ones(1),
-        bounds=(0, None),
-        method="highs",
+        Rows(np.column_stack([rows, -np.ones(rows.shape[0])]), np.zeros(rows.shape[0])),
+        Rows(np.concatenate([np.ones(n_states), [0.0]])[None], np.ones(1)),
+        (0, None),
     )
-    return float(answer.fun)
+    return answer.value

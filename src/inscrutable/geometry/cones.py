@@ -30,7 +30,8 @@ class StationarityRows(NamedTuple):
 def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
     """Return P (k,U) and Q (m,U) for active rows (n,U) and equality rows (e,U).
 
-    Where the rows are independent, Q holds the rows of the negative pseudo-inverse that give λ; otherwise the facets
+    P g is what least squares over λ and ν leaves of g, in the decision's coordinates. Where the rows are independent,
+    Q holds the rows of the negative pseudo-inverse that give λ; otherwise the facets
     of the cone are enumerated in the space that the active rows span beside the equalities.
     """
     normals = np.vstack([active, equalities])
@@ -41,10 +42,17 @@ def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
     normals = normals / scale
     singular = np.linalg.svd(normals, compute_uv=False)
     independent = normals.shape[0] <= n_actions and singular[-1] > tolerances.ON_FACE * singular[0]
-    complement = null_space(normals, rcond=tolerances.ON_FACE).T
+    complement = _projector(normals)
     if independent:
         return StationarityRows(complement, -np.linalg.pinv(normals).T[: active.shape[0]])
     return StationarityRows(complement, _facets(normals[: active.shape[0]], normals[active.shape[0] :]))
+
+
+def _projector(normals: Array) -> Array:
+    """Rows of the projector on the complement of the normals' span: the residual, coordinate by coordinate."""
+    span = orth(normals.T, rcond=tolerances.ON_FACE)
+    projector = np.eye(normals.shape[1]) - span @ span.T
+    return np.asarray(projector[np.abs(projector).max(axis=1, initial=0.0) > tolerances.ON_FACE])
 
 
 def _facets(active: Array, equalities: Array) -> Array:

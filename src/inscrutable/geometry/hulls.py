@@ -7,6 +7,7 @@ stays below the tolerance. All functions work on a stack of systems of one shape
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,9 +28,12 @@ class Hulls(NamedTuple):
     noise: Array  # (n,): displacement of a belief that costs the tolerance in residual
 
 
+@lru_cache(maxsize=64)
 def sum_zero_basis(n_states: int) -> Array:
-    """Return an orthonormal basis, shape (X, X−1), of the vectors whose entries sum to zero."""
-    return np.asarray(null_space(np.ones((1, n_states))))
+    """Return an orthonormal basis, shape (X, X−1), read-only, of the vectors whose entries sum to zero."""
+    basis = np.asarray(null_space(np.ones((1, n_states))))
+    basis.setflags(write=False)
+    return basis
 
 
 def affine_hulls(equalities: Array, tolerance: float) -> Hulls:

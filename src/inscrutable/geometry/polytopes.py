@@ -7,11 +7,11 @@ from typing import NamedTuple
 import daqp
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import linprog
 from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
+from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
 
@@ -30,9 +30,10 @@ def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Arra
 
     Rows that hold with equality everywhere are found by linear programmes and taken out, one dimension each.
     """
-    rows, offsets = _without_constant_rows(rows, offsets)
-    if rows is None:
+    varying = _without_constant_rows(rows, offsets)
+    if varying is None:
         return None
+    rows, offsets = varying
     dimension = directions.shape[0]
     if dimension == 0:
         return Reduced(origin, directions, np.zeros((0, 0)), np.zeros(0), origin[None])
@@ -52,11 +53,11 @@ def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Arra
     )
 
 
-def _without_constant_rows(rows: Array, offsets: Array) -> tuple[Array, Array] | tuple[None, Array]:
+def _without_constant_rows(rows: Array, offsets: Array) -> tuple[Array, Array] | None:
     norms = np.linalg.norm(rows, axis=1)
     constant = norms <= tolerances.ON_FACE
     if np.any(offsets[constant] < -tolerances.ON_FACE):
-        return None, offsets
+        return None
     scale = norms[~constant]
     return rows[~constant] / scale[:, None], offsets[~constant] / scale
 
@@ -84,20 +85,7 @@ def _deepest_point(rows: Array, offsets: Array) -> tuple[Array, float]:
 
 def minimise_over_rows(objective: Array, rows: Array, offsets: Array) -> Array:
     """Return a minimiser z of objective'z over rows z ≤ offsets."""
-    answer = linprog(
-        objective,
-        A_ub=rows,
-        b_ub=offsets,
-        bounds=(None, None),
-        method="highs",
-        options={
-            "primal_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
-            "dual_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
-        },
-    )
-    if answer.status != 0:
-        raise SolverError(f"HiGHS could not describe a belief set: {answer.message}")
-    return np.asarray(answer.x)
+    return minimum(objective, Rows(rows, offsets)).x
 
 
 def _always_tight(rows: Array, offsets: Array) -> np.ndarray:
@@ -156,11 +144,11 @@ def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Arra
     if dimension == 0:
         return np.tile(polytope.origin, (n, 1))
     corners = (polytope.vertices - polytope.origin) @ polytope.directions.T
-    if dimension == 1:
-        simplices = np.array([[0, 1]])
+    if len(corners) == dimension + 1:
+        simplices = np.arange(dimension + 1)[None]
         weights = np.ones(1)
     else:
-        simplices = Delaunay(corners, qhull_options="Qbb Qc Qz QJ").simplices
+        simplices = Delaunay(corners, qhull_options="QJ").simplices
         edges = corners[simplices[:, 1:]] - corners[simplices[:, :1]]
         weights = np.abs(np.linalg.det(edges))
     chosen = rng.choice(len(simplices), size=n, p=weights / weights.sum())

@@ -109,7 +109,7 @@ class DesiredObfuscation(PrivacyMeasure):
     Example:
         >>> point = BeliefSet(np.array([[1.0, -1.0]]), np.zeros((0, 2)))
         >>> DesiredObfuscation([0.5, 0.5])([1.0, 0.0], point)
-        -0.0
+        0.0
     """
 
     def __init__(self, target: ArrayLike | Callable[[Array], ArrayLike]) -> None:
@@ -139,11 +139,12 @@ class DesiredObfuscation(PrivacyMeasure):
 
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return −dist(π^d, Π)."""
-        return -belief_set.distance(self.target_for(np.asarray(belief, dtype=np.float64)))
+        # Not −0.0 at the target.
+        return 0.0 - belief_set.distance(self.target_for(np.asarray(belief, dtype=np.float64)))
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:
         """Return −dist(π^d, Π) of many decisions, exactly."""
-        return Values(-sets.distances(self.target_for(belief)), np.ones(len(sets), dtype=bool))
+        return Values(0.0 - sets.distances(self.target_for(belief)), np.ones(len(sets), dtype=bool))
 
     def reference(self, belief: Array) -> Reference:
         """Return the target, to be near to."""
@@ -216,7 +217,7 @@ class NonUniqueness(PrivacyMeasure):
         """Return 0 or −∞ for many decisions."""
         apart = np.maximum(np.abs(sets.start - belief).max(axis=1), np.abs(sets.end - belief).max(axis=1))
         other = (sets.dimension >= 2) | ((sets.dimension >= 0) & (apart > tolerances.SAME_BELIEF))
-        return Values(np.where(other, 0.0, -np.inf), np.ones(len(sets), dtype=bool))
+        return Values(np.where(other, 0.0, -np.inf), sets.dimension < 2)
 
 
 class Infeasibility(PrivacyMeasure):

@@ -7,11 +7,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
+from inscrutable.geometry.cones import StationarityRows, stationarity_rows
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.validation import Array
+
+_MOST_PATTERNS = 512
 
 
 class Polyhedron:
@@ -62,6 +65,7 @@ class Polyhedron:
             raise InputError(f"names has {len(given)} entries, expected one per row: {n_rows}")
         self.names = tuple(given)
         self.min_slack = validation.non_negative(min_slack, "min_slack")
+        self._stationarity: dict[bytes, StationarityRows] = {}
 
     @property
     def n_actions(self) -> int:
@@ -82,13 +86,22 @@ class Polyhedron:
         """Return which inequality rows an observer counts as tight: slack below `min_slack`, shape (…, n)."""
         return np.asarray(self.slacks(actions) < max(self.min_slack, tolerances.FEASIBILITY))
 
+    def stationarity(self, tight: np.ndarray) -> StationarityRows:
+        """Return the rows that say, without multipliers, when a gradient is stationary with the rows `tight` active."""
+        key = tight.tobytes()
+        if key not in self._stationarity:
+            if len(self._stationarity) >= _MOST_PATTERNS:
+                self._stationarity.clear()
+            self._stationarity[key] = stationarity_rows(self.A_ub[tight], self.A_eq)
+        return self._stationarity[key]
+
     def violation(self, actions: ArrayLike) -> Array:
         """Return the largest violation of any row, per unit of its largest coefficient, shape (…)."""
         points = np.asarray(actions, dtype=np.float64)
         beyond = -self.slacks(points).min(axis=-1, initial=np.inf)
         scale = np.abs(self.A_eq).max(axis=1, initial=0.0)
         off = (np.abs(points @ self.A_eq.T - self.b_eq) / scale).max(axis=-1, initial=0.0)
-        return np.maximum(np.maximum(beyond, off), 0.0)
+        return np.asarray(np.maximum(np.maximum(beyond, off), 0.0))
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
         """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""
@@ -121,16 +134,14 @@ class Polyhedron:
         """Raise `ModelError` naming the rows in conflict, and by how much, where no decision satisfies all rows."""
         n, e, u = len(self.b_ub), len(self.b_eq), self.n_actions
         elastic = np.concatenate([np.zeros(u), np.ones(n + 2 * e)])
-        answer = linprog(
+        answer = minimise(
             elastic,
-            A_ub=np.hstack([self.A_ub, -np.eye(n), np.zeros((n, 2 * e))]) if n else None,
-            b_ub=self.b_ub if n else None,
-            A_eq=np.hstack([self.A_eq, np.zeros((e, n)), np.eye(e), -np.eye(e)]) if e else None,
-            b_eq=self.b_eq if e else None,
-            bounds=[(None, None)] * u + [(0, None)] * (n + 2 * e),
-            method="highs",
+            Rows(np.hstack([self.A_ub, -np.eye(n), np.zeros((n, 2 * e))]), self.b_ub),
+            Rows(np.hstack([self.A_eq, np.zeros((e, n)), np.eye(e), -np.eye(e)]), self.b_eq),
+            [(None, None)] * u + [(0, None)] * (n + 2 * e),
         )
-        if answer.status != 0 or answer.fun <= tolerances.FEASIBILITY * max(1.0, np.abs(self.b_ub).max(initial=0.0)):
+        size = max(1.0, np.abs(self.b_ub).max(initial=0.0))
+        if answer.status != OPTIMAL or answer.value <= tolerances.FEASIBILITY * size:
             return
         broken = answer.x[u : u + n]
         off = answer.x[u + n : u + n + e] + answer.x[u + n + e :]
@@ -147,16 +158,10 @@ class Polyhedron:
         limits = np.empty((self.n_actions, 2))
         for j in range(self.n_actions):
             for side, sign in enumerate((1.0, -1.0)):
-                answer = linprog(
-                    sign * np.eye(self.n_actions)[j],
-                    A_ub=self.A_ub if len(self.b_ub) else None,
-                    b_ub=self.b_ub if len(self.b_ub) else None,
-                    A_eq=self.A_eq if len(self.b_eq) else None,
-                    b_eq=self.b_eq if len(self.b_eq) else None,
-                    bounds=(None, None),
-                    method="highs",
+                answer = minimise(
+                    sign * np.eye(self.n_actions)[j], Rows(self.A_ub, self.b_ub), Rows(self.A_eq, self.b_eq)
                 )
-                limits[j, side] = sign * answer.fun if answer.status == 0 else -sign * np.inf
+                limits[j, side] = sign * answer.value if answer.status == OPTIMAL else -sign * np.inf
         return limits
 
 
@@ -215,11 +220,16 @@ def box(lower: ArrayLike, upper: ArrayLike) -> Polyhedron:
         >>> (simplex(3) & box([0, 0, 0], [0.5, 0.5, 0.5])).n_actions
         3
     """
-    low, high = np.atleast_1d(np.asarray(lower, dtype=float)), np.atleast_1d(np.asarray(upper, dtype=float))
+    try:
+        low, high = np.atleast_1d(np.array(lower, dtype=float)), np.atleast_1d(np.array(upper, dtype=float))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"lower and upper must be numbers: {error}") from None
     if low.ndim != 1 or low.shape != high.shape:
         raise InputError(f"lower has shape {low.shape} and upper {high.shape}; expected two vectors of one length")
     if np.isnan(low).any() or np.isnan(high).any():
         raise InputError("a bound is NaN; use -inf or inf for no bound")
+    if np.any(np.isposinf(low)) or np.any(np.isneginf(high)):
+        raise InputError("a lower bound of inf or an upper bound of -inf leaves nothing; use the opposite sign")
     crossed = np.flatnonzero(low > high)
     if crossed.size:
         j = crossed[0]

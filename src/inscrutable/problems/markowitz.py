@@ -28,6 +28,7 @@ class MarkowitzProblem(QuadraticProblem):
     Cost: one active-set quadratic programme per belief. Source: the paper, eq. (7).
 
     Example:
+        >>> import numpy as np
         >>> calm, crisis = np.diag([0.01, 0.04]), np.diag([0.09, 0.05])
         >>> problem = MarkowitzProblem([[0.02, 0.03], [-0.03, 0.0]], [calm, crisis], risk_aversion=1.0)
         >>> print(problem.solve([1.0, 0.0]).round(2))

@@ -15,6 +15,13 @@ from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.validation import Array
 
+_FEW = 16
+"""Below this many beliefs the bulk kernel's fixed costs are not worth it."""
+_CHUNK = 64
+"""Beliefs solved in one warm-started run; fixed, so that results do not depend on the number of threads."""
+_MOST_EQUALITIES = 8
+_BLOCK_ENTRIES = 4_000_000
+
 
 class FaceSolution(NamedTuple):
     """Minimiser on a face of C and its derivative in the belief; multipliers belong to the face's rows."""
@@ -80,14 +87,42 @@ class QuadraticProblem(DecisionProblem):
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U), exact to a few roundings."""
         held = validation.beliefs(beliefs, self.n_states)
-        many = np.atleast_2d(held)
-        actions = np.empty((many.shape[0], self.n_actions))
-        step = max(1, 4_000_000 // self.n_actions**2)
-        for first in range(0, many.shape[0], step):
-            block = many[first : first + step]
+        if held.ndim == 1:
+            return np.asarray(self._one_by_one(held[None])[0])
+        if len(held) < _FEW or not self._has_path:
+            return self._one_by_one(held)
+        return self._along_path(held)
+
+    @property
+    def _has_path(self) -> bool:
+        """Whether the feasible set is bounds and a few equalities, which the bulk kernel is made for."""
+        return not len(self._layout.sides) and len(self._layout.equality_sides) <= _MOST_EQUALITIES
+
+    @cached_property
+    def _path_start(self) -> Array:
+        return np.asarray(self._one_by_one(np.full((1, self.n_states), 1.0 / self.n_states))[0])
+
+    def _along_path(self, held: Array) -> Array:
+        from inscrutable.kernels.active_set import solve_path
+
+        region = (self._layout.lower, self._layout.upper, self._layout.equalities, self._layout.equality_sides)
+        actions = np.empty((len(held), self.n_actions))
+        solved = np.zeros(len(held), dtype=np.bool_)
+        limits = (tolerances.PIVOT, 0.1 * tolerances.STATIONARITY)
+        costs = (self.hessians, self.linear)
+        solve_path(held, costs, region, limits, self._path_start, _CHUNK, actions, solved)
+        if not solved.all():
+            actions[~solved] = self._one_by_one(held[~solved])
+        return actions
+
+    def _one_by_one(self, held: Array) -> Array:
+        actions = np.empty((len(held), self.n_actions))
+        step = max(1, _BLOCK_ENTRIES // self.n_actions**2)
+        for first in range(0, len(held), step):
+            block = held[first : first + step]
             hessians = np.tensordot(block, self.hessians, axes=1)
             actions[first : first + step] = solve_programmes(hessians, block @ self.linear, self._layout)
-        return actions if held.ndim == 2 else actions[0]
+        return actions
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
@@ -121,7 +156,7 @@ class QuadraticProblem(DecisionProblem):
 
 def _solve_or_least_squares(matrix: Array, right: Array) -> Array:
     try:
-        return np.linalg.solve(matrix, right)
+        return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
     except np.linalg.LinAlgError:
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=tolerances.STATIONARITY)[0])
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.errors import ModelError, SolverError
+from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.validation import Array
 
@@ -110,11 +111,23 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
     if flag == -3:
         raise ModelError("the cost has no minimum over the feasible set: it falls without end along a direction of it")
     if flag < 1:
-        raise SolverError(f"DAQP stopped with exit flag {flag} on a feasible quadratic programme")
+        # Near-singular programmes can defeat DAQP; the repair starts as well from any feasible point.
+        return _feasible_point(layout), _Working(np.zeros(n_actions, dtype=np.int8), np.zeros(n_rows, dtype=bool))
     multiplier = np.asarray(info["lam"])
     bounds = np.sign(multiplier[:n_actions]).astype(np.int8)
     bounds[fixed] = -1
     return np.asarray(u), _Working(bounds, multiplier[n_actions : n_actions + n_rows] > 0)
+
+
+def _feasible_point(layout: Layout) -> Array:
+    bounds = [
+        (None if np.isinf(low) else low, None if np.isinf(high) else high)
+        for low, high in zip(layout.lower, layout.upper, strict=True)
+    ]
+    nothing = np.zeros(layout.lower.size)
+    return minimum(
+        nothing, Rows(layout.general, layout.sides), Rows(layout.equalities, layout.equality_sides), bounds
+    ).x
 
 
 def _on_working_set(hessians: Array, linear: Array, layout: Layout, working: _Working) -> tuple[Array, np.ndarray]:
@@ -140,7 +153,7 @@ def _on_working_set(hessians: Array, linear: Array, layout: Layout, working: _Wo
         except np.linalg.LinAlgError:
             return actions, np.zeros(n, dtype=bool)
         actions[:, free] = solution[:, :k]
-        multipliers = solution[:, k:]
+        multipliers = np.asarray(solution[:, k:], dtype=np.float64)
     else:
         multipliers = np.zeros((n, 0))
     return _judge(hessians, linear, layout, working, actions, multipliers)
@@ -151,6 +164,8 @@ def _judge(
 ) -> tuple[Array, np.ndarray]:
     tolerance = tolerances.STATIONARITY
     clipped = np.clip(actions, layout.lower, layout.upper)
+    clipped = np.where(np.abs(clipped - layout.lower) <= tolerance, layout.lower, clipped)
+    clipped = np.where(np.abs(layout.upper - clipped) <= tolerance, layout.upper, clipped)
     with np.errstate(invalid="ignore"):
         moved = np.abs(clipped - actions).max(axis=1)
         broken = (actions @ layout.general.T - layout.sides).max(axis=1, initial=-np.inf)
@@ -201,6 +216,7 @@ def _repair(hessian: Array, linear: Array, layout: Layout, working: _Working, st
             bounds[int(pushing.argmax())] = 0
         else:
             rows[np.flatnonzero(rows)[int(pulling.argmax())]] = False
+    best = np.where(np.abs(best - layout.lower) <= tolerances.STATIONARITY, layout.lower, best)
     if best_residual > tolerances.EXPLAINED:
         raise SolverError(f"a quadratic programme kept a KKT residual of {best_residual:.1e} relative to its scale")
     return best

@@ -11,26 +11,30 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from inscrutable import tolerances, validation
-from inscrutable.errors import InputError, ModelError
+from inscrutable import validation
+from inscrutable.errors import InputError
 from inscrutable.validation import Array
+from inscrutable.worlds.baum_welch import Climb, Standardised, standardised
 from inscrutable.worlds.emissions import GaussianEmission
 from inscrutable.worlds.hidden_markov import HiddenMarkovModel
 from inscrutable.worlds.observations import Labels, column_labels, real_rows
 from inscrutable.worlds.starts import starting_responsibilities
 
+TRIALS = 12
+"""Starting points of one restart. Most lead to poor optima, and ten steps tell: on monthly returns of a dozen
+industries the best of twelve reaches in one restart what single starts reach in ten."""
+
+HEATS = ((10, 4), (25, 1))
+"""After so many steps, so many of the starting points go on; the last one is climbed to the end."""
+
 MAX_ITERATIONS = 500
 """Baum-Welch steps of one restart; on monthly returns it converges in some tens to three hundred."""
-
-START_PERSISTENCE = 0.9
-"""Probability of staying in a state in every starting point: regimes last."""
 
 
 @dataclass(frozen=True)
 class Restart:
-    """What one start of Baum-Welch came to.
+    """What one restart of Baum-Welch came to.
 
     Attributes:
         log_likelihood: natural logarithm of the likelihood reached, in the observations' unit.
@@ -60,6 +64,15 @@ class FittedWorld:
             elsewhere build `HiddenMarkovModel(world.transition, world.emission)`, which starts from the stationary law.
         log_likelihood: natural logarithm of the sample's likelihood under `world`, as `filter_beliefs` gives it.
         restarts: one row for each restart, in the order they were run.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable.worlds import fit_gaussian_hmm
+        >>> returns = np.random.default_rng(0).normal(size=40)
+        >>> fitted = fit_gaussian_hmm(returns, 1, rng=np.random.default_rng(1), n_restarts=1)
+        >>> print(fitted.summary())
+        log-likelihood  iterations  converged  note
+              -47.1827           2        yes
     """
 
     world: HiddenMarkovModel
@@ -75,7 +88,7 @@ class FittedWorld:
     def summary(self) -> str:
         """Return a table of the restarts as text, the best one first."""
         lines = ["log-likelihood  iterations  converged  note"]
-        for row in sorted(self.restarts, key=lambda restart: -restart.log_likelihood):
+        for row in sorted(self.restarts, key=_rank, reverse=True):
             converged = "yes" if row.converged else "no"
             lines.append(f"{row.log_likelihood:14.4f}  {row.n_iterations:10d}  {converged:>9}  {row.note}".rstrip())
         return "\n".join(lines)
@@ -89,13 +102,14 @@ def fit_gaussian_hmm(
     max over (π_0, P, μ, Σ) of log p(y_0..T-1), subject to every Σ_i ≥ COVARIANCE_FLOOR · I after the columns are
     scaled to unit variance. The expectations are computed in log space; a covariance below the floor has its
     eigenvalues raised to it, which is the exact maximiser under that constraint, so the likelihood never decreases.
+    A restart is a race: `TRIALS` random starting points, of which the less likely drop out after a few steps.
     The best restart without a collapsed regime is returned, or the best of all if each has one (its `note` tells).
 
     Args:
         observations: (T,D) real vectors, or (T,) for D = 1. The columns of a DataFrame become `asset_names`.
         n_states: number of regimes X, at least 1 and at most the number of different observations.
         rng: randomness of the starting points; each restart has a child of its own.
-        n_restarts: number of starting points, at least 1.
+        n_restarts: number of restarts, at least 1. Where their likelihoods differ, as on real returns, more find better.
 
     Returns:
         The world, its log-likelihood and the table of restarts.
@@ -104,7 +118,8 @@ def fit_gaussian_hmm(
         InputError: missing entries (row and column named), or fewer different observations than regimes.
         ModelError: observations that are all equal.
 
-    Cost: O(n_restarts · iterations · T (X D² + X²)).
+    Cost: O(n_restarts · iterations · T (X D² + X²)); about a second for ten restarts on 490 × 12 observations and three
+    regimes.
 
     Source: Rabiner, Proceedings of the IEEE 77 (1989), §III.C; for the Markowitz regimes Lourenço et al. (2020), §II.
 
@@ -123,118 +138,43 @@ def fit_gaussian_hmm(
     distinct = len(np.unique(rows, axis=0))
     if distinct < n_states:
         raise InputError(f"n_states is {n_states}, but there are only {distinct} different observations")
-    data = _standardise(rows)
-    fits = [
-        _fit_once(data, starting_responsibilities(data.rows, n_states, kind, child), n_states)
-        for kind, child in enumerate(rng.spawn(n_restarts))
-    ]
-    best = max(range(n_restarts), key=lambda k: (not fits[k][1].collapsed, fits[k][1].log_likelihood))
-    parameters = fits[best][0]
+    data = standardised(rows)
+    climbs = [_restart(data, n_states, child) for child in rng.spawn(n_restarts)]
+    table = tuple(_judge(data, climb) for climb in climbs)
+    best = max(range(n_restarts), key=lambda k: _rank(table[k]))
+    parameters = climbs[best].parameters
     emission = GaussianEmission(
         data.centre + data.scale * parameters.means,
         parameters.covariances * np.outer(data.scale, data.scale),
         asset_names=column_labels(observations),
     )
     world = HiddenMarkovModel(parameters.transition, emission, parameters.initial)
-    return FittedWorld(world, _log_likelihood(world, rows), tuple(restart for _, restart in fits))
+    return FittedWorld(world, _log_likelihood(world, rows), table)
 
 
-@dataclass(frozen=True)
-class _Data:
-    """Observations as rows = (raw − centre) / scale, so that one floor fits every unit.
-
-    `log_volume` is Σ log scale, what one observation loses in log density when it is scaled back. `floored` says that
-    the whole sample already lies below the floor in some direction, as with a constant or a duplicated column.
-    """
-
-    rows: Array
-    centre: Array
-    scale: Array
-    log_volume: float
-    floored: bool
+def _rank(restart: Restart) -> tuple[bool, float]:
+    return not restart.collapsed, restart.log_likelihood
 
 
-@dataclass(frozen=True)
-class _Parameters:
-    initial: Array
-    transition: Array
-    means: Array
-    covariances: Array
-
-    def reordered(self, order: NDArray[np.int64]) -> _Parameters:
-        transition = self.transition[np.ix_(order, order)]
-        return _Parameters(self.initial[order], transition, self.means[order], self.covariances[order])
-
-
-def _standardise(raw: Array) -> _Data:
-    centre = raw.mean(axis=0)
-    scale = raw.std(axis=0)
-    constant = np.ptp(raw, axis=0) <= tolerances.CONSTANT_COLUMN * np.abs(raw).max(axis=0)
-    if constant.all():
-        raise ModelError(f"all {len(raw)} observations are equal: there is no variance to fit")
-    scale[constant] = scale[~constant].min()
-    rows = (raw - centre) / scale
-    smallest = np.linalg.eigvalsh(np.atleast_2d(np.cov(rows.T, bias=True)))[0]
-    return _Data(rows, centre, scale, float(np.log(scale).sum()), bool(smallest <= tolerances.COVARIANCE_FLOOR))
+def _restart(data: Standardised, n_states: int, rng: np.random.Generator) -> Climb:
+    """Race the starting points in heats and climb from the last one left, collapsed ones dropping out first."""
+    climbs = [Climb(data, starting_responsibilities(data.rows, n_states, kind, rng)) for kind in range(TRIALS)]
+    for n_steps, n_kept in HEATS:
+        for climb in climbs:
+            climb.run(n_steps)
+        climbs = sorted(climbs, key=lambda climb: (bool(climb.collapsed()), -climb.trace[-1]))[:n_kept]
+    climbs[0].run(MAX_ITERATIONS)
+    climbs[0].order_by_volatility()
+    return climbs[0]
 
 
-def _fit_once(data: _Data, responsibilities: Array, n_states: int) -> tuple[_Parameters, Restart]:
-    """Run Baum-Welch from one start; the parameters returned are those of the last entry of the trace."""
-    from inscrutable.kernels.hidden_markov import expectation_pass, filter_pass, gaussian_log_densities
-
-    n_steps, n_dims = data.rows.shape
-    sticky = START_PERSISTENCE * np.eye(n_states) + (1.0 - START_PERSISTENCE) / n_states
-    blank = _Parameters(sticky[0], sticky, np.zeros((n_states, n_dims)), np.tile(np.eye(n_dims), (n_states, 1, 1)))
-    parameters = _maximise(data.rows, responsibilities, sticky, blank)
-    trace: list[float] = []
-    converged = False
-    while True:
-        densities = gaussian_log_densities(data.rows, parameters.means, np.linalg.cholesky(parameters.covariances))
-        with np.errstate(divide="ignore"):
-            log_initial, log_transition = np.log(parameters.initial), np.log(parameters.transition)
-        log_beliefs, log_predicted, _, _, increments = filter_pass(log_initial, log_transition, densities)
-        responsibilities, counts = expectation_pass(log_beliefs, log_predicted, log_transition)
-        trace.append(float(increments.sum()) - n_steps * data.log_volume)
-        converged = len(trace) > 1 and trace[-1] - trace[-2] < tolerances.EM_CHANGE * n_steps
-        if converged or len(trace) == MAX_ITERATIONS:
-            break
-        parameters = _maximise(data.rows, responsibilities, counts, parameters)
-    volatility = np.einsum("idd,d->i", parameters.covariances, data.scale**2)
-    order = np.asarray(np.argsort(volatility, kind="stable"), dtype=np.int64)
-    parameters = parameters.reordered(order)
-    collapsed, note = _collapse(data, parameters, responsibilities.sum(axis=0)[order])
-    if not converged:
-        note = "; ".join(filter(None, [note, f"still improving after {len(trace)} iterations"]))
-    return parameters, Restart(trace[-1], len(trace), converged, collapsed, note, tuple(trace))
-
-
-def _maximise(rows: Array, responsibilities: Array, counts: Array, previous: _Parameters) -> _Parameters:
-    """Maximise the expected log-likelihood; a state that nothing is assigned to keeps its previous parameters."""
-    tiny = np.finfo(np.float64).tiny
-    transition = previous.transition.copy()
-    left = counts.sum(axis=1)
-    transition[left > tiny] = counts[left > tiny] / left[left > tiny, None]
-    means, covariances = previous.means.copy(), previous.covariances.copy()
-    weights = responsibilities.sum(axis=0)
-    for state in np.flatnonzero(weights > tiny):
-        share = responsibilities[:, state] / weights[state]
-        means[state] = share @ rows
-        deviations = rows - means[state]
-        covariances[state] = (deviations * share[:, None]).T @ deviations
-    values, vectors = np.linalg.eigh((covariances + covariances.transpose(0, 2, 1)) / 2.0)
-    for state in np.flatnonzero(values[:, 0] < tolerances.COVARIANCE_FLOOR):
-        raised = np.maximum(values[state], tolerances.COVARIANCE_FLOOR)
-        covariances[state] = (vectors[state] * raised) @ vectors[state].T
-    return _Parameters(responsibilities[0] / responsibilities[0].sum(), transition, means, covariances)
-
-
-def _collapse(data: _Data, parameters: _Parameters, weights: Array) -> tuple[tuple[int, ...], str]:
-    """Find regimes without enough observations for a covariance, or at the floor where the whole sample is not."""
-    least = data.rows.shape[1] + 1
-    at_floor = np.linalg.eigvalsh(parameters.covariances)[:, 0] < 2.0 * tolerances.COVARIANCE_FLOOR
-    collapsed = (weights < least) | (at_floor & (not data.floored))
-    notes = [f"regime {i + 1} collapsed on {weights[i]:.1f} observations" for i in np.flatnonzero(collapsed)]
-    return tuple(int(i) for i in np.flatnonzero(collapsed)), "; ".join(notes)
+def _judge(data: Standardised, climb: Climb) -> Restart:
+    collapsed = climb.collapsed()
+    notes = [f"regime {i + 1} collapsed on {climb.weights[i]:.1f} observations" for i in collapsed]
+    if not climb.converged:
+        notes.append(f"still improving after {len(climb.trace)} iterations")
+    trace = tuple(value - len(data.rows) * data.log_volume for value in climb.trace)
+    return Restart(trace[-1], len(trace), climb.converged, collapsed, "; ".join(notes), trace)
 
 
 def _log_likelihood(world: HiddenMarkovModel, rows: Array) -> float:

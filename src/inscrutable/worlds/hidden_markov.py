@@ -22,6 +22,14 @@ class Trajectory:
     Attributes:
         states: (T,) states x_0..x_{T-1}, counted from 0.
         observations: (T,) symbols or (T,D) real vectors; row t was reported in state x_t.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.0, 1.0], [1.0, 0.0]], CategoricalEmission(np.eye(2)), [1.0, 0.0])
+        >>> path = world.sample(4, rng=np.random.default_rng(0))
+        >>> path.states.tolist(), path.observations.tolist()
+        ([0, 1, 0, 1], [0, 1, 0, 1])
     """
 
     states: NDArray[np.int64]

@@ -1,0 +1,82 @@
+"""How far the budget reaches in every direction of belief.
+
+On a ray y_t = π + t(y − π) the regret of u*(y_t) never decreases (fact F1), so what is affordable is star-shaped around the
+true belief: one number a direction describes it, however small it is.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.geometry import simplex_grid
+from inscrutable.geometry.grids import resolution_for
+from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+_DIRECTIONS = 240
+_MOST_STEPS = 40
+
+
+@lru_cache(maxsize=32)
+def _fixed_directions(n_states: int) -> Array:
+    """Unit vectors whose entries sum to zero: even angles for three states, a fixed random set for more."""
+    if n_states <= 2:
+        spread = np.array([[1.0], [-1.0]])[:, : n_states - 1]
+    elif n_states == 3:
+        angles = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
+        spread = np.column_stack([np.cos(angles), np.sin(angles)])
+    else:
+        spread = np.random.default_rng(0).normal(size=(_DIRECTIONS, n_states - 1))
+        spread /= np.linalg.norm(spread, axis=1, keepdims=True)
+    return np.asarray(spread @ sum_zero_basis(n_states).T)
+
+
+@lru_cache(maxsize=32)
+def _fixed_targets(n_states: int) -> Array:
+    return simplex_grid(n_states, resolution_for(n_states, _DIRECTIONS))
+
+
+def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tuple[Array, Array]:
+    """Return decoys (D,X) at the end of what `limit` affords on rays from the belief, and their decisions (D,U)."""
+    ends = _ray_ends(belief)
+    optimal_cost = float(problem.optimal_cost(belief))
+    shares, decisions = np.ones(len(ends)), problem.solve(ends)
+    excess = problem.state_costs(decisions) @ belief - optimal_cost - limit
+    open_rays = np.flatnonzero(excess > 0)
+    low, high = np.zeros(len(ends)), np.ones(len(ends))
+    low_root, high_root = np.full(len(ends), -np.sqrt(limit)), np.sqrt(np.maximum(excess + limit, 0.0)) - np.sqrt(limit)
+    decisions[open_rays] = problem.solve(belief)
+    shares[open_rays] = 0.0
+    for step in range(_MOST_STEPS):
+        if not open_rays.size:
+            break
+        # √ρ is nearly linear along a ray: interpolate it, and halve now and then so that the bracket always closes.
+        linear = low_root[open_rays] / (low_root[open_rays] - high_root[open_rays])
+        inside = 0.5 if step % 4 == 3 else np.clip(linear, 0.02, 0.98)
+        share = low[open_rays] + inside * (high[open_rays] - low[open_rays])
+        trial = problem.solve(belief + share[:, None] * (ends[open_rays] - belief))
+        regret = np.maximum(problem.state_costs(trial) @ belief - optimal_cost, 0.0)
+        fits = regret <= limit
+        good, bad = open_rays[fits], open_rays[~fits]
+        low[good], shares[good], decisions[good] = share[fits], share[fits], trial[fits]
+        low_root[good] = np.sqrt(regret[fits]) - np.sqrt(limit)
+        high[bad], high_root[bad] = share[~fits], np.sqrt(regret[~fits]) - np.sqrt(limit)
+        open_rays = open_rays[high[open_rays] - low[open_rays] > tolerances.RAY_END * high[open_rays]]
+    return belief + shares[:, None] * (ends - belief), decisions
+
+
+def _ray_ends(belief: Array) -> Array:
+    """Points of the simplex's boundary in all directions: along fixed directions, and toward a grid of beliefs."""
+    toward = _fixed_targets(belief.size) - belief
+    length = np.linalg.norm(toward, axis=1)
+    toward = toward[length > tolerances.SAME_BELIEF] / length[length > tolerances.SAME_BELIEF, None]
+    directions = np.vstack([_fixed_directions(belief.size), toward])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(directions < 0, belief / -directions, np.inf).min(axis=1)
+    kept = reach > tolerances.SAME_BELIEF
+    ends = np.maximum(belief + reach[kept, None] * directions[kept], 0.0)
+    return np.asarray(ends / ends.sum(axis=1, keepdims=True))

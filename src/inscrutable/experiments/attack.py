@@ -1,0 +1,332 @@
+"""What do published weights say? Each row read back into the beliefs that explain it, rounding included.
+
+Published weights ũ are the investor's decision u* moved by rounding, |ũ_j − u*_j| ≤ h = ½·10^−d for d decimals, so even an
+honest row is hardly ever optimal to the last digit. It is first completed to the nearest feasible decision û; rows of the
+feasible set within reach of the rounding (a weight printed as zero) are taken as tight. With δ = û − u* this gives
+|δ_j| ≤ h_j = h + |û_j − ũ_j| and A_eq δ = 0, all known. Every row that is tight at u* is tight at û, so the gradient's
+part of the regret vanishes there, and for whatever belief π the investor held
+
+    ρ(π,û) = ½ δ'H_π δ ≤ ε = ½ max_i min( Σ_jk |P H_i P|_jk h_j h_k , λ_max(P H_i P) Σ_j h_j² ),  P the projector on A_eq δ = 0,
+
+because H_π is an average of the H_i. The true belief therefore lies in the near-optimal set Π_ε(û): always, not on average.
+Where the tight rows contradict each other, û is the plain projection and the gradient's part is bounded as well:
+ρ(π,û) ≤ max_i Σ_j |P ∇c(i,û)|_j h_j. A least regret above ε is then a proof: no belief and no rounding explain the row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.linalg import null_space
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries import consistent_beliefs, near_optimal_beliefs
+from inscrutable.adversaries.near_optimal import nearest_explanation
+from inscrutable.datasets import WeightsTable
+from inscrutable.decision_makers.results import Progress
+from inscrutable.errors import InputError, ModelError
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.problems import MarkowitzProblem, Polyhedron, QuadraticProblem
+from inscrutable.validation import Array
+
+FULL_DIGITS = 8
+"""Decimals that weights "in full precision" are trusted to."""
+
+
+class Reading(Enum):
+    """How a row was read; the text says what the numbers mean."""
+
+    EXACT = "exact: the beliefs these weights are optimal for"
+    ROUNDED = "near-optimal: the beliefs these weights are optimal for before rounding are among them"
+    IMPLAUSIBLE = (
+        "implausible: no belief explains these weights, rounded or not; the estimate is the nearest explanation"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RowReading:
+    """What one row of weights says.
+
+    Args:
+        reading: How it was read.
+        action: û, the weights as a feasible decision, shape (U,).
+        adjustment: Largest change of a weight to get there.
+        estimate: The observer's guess, shape (X,): the centre of the set, or the belief of least regret.
+        bounds: Least and greatest probability of each regime, shape (X,2); NaN where no belief explains the row.
+        corners: Corners of the set, shape (V,X); V = 0 where it is empty.
+        residual: Smallest KKT residual over all beliefs, relative to the gradient's scale: 0 where Π(û) holds a belief.
+        gap: Smallest regret over all beliefs, in the cost's unit.
+        allowance: ε, the regret that rounding can cause, in the cost's unit; 0 for an exact reading.
+    """
+
+    reading: Reading
+    action: Array
+    adjustment: float
+    estimate: Array
+    bounds: Array
+    corners: Array
+    residual: float
+    gap: float
+    allowance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Attack:
+    """Rows of weights read back into beliefs, in the file's order.
+
+    Args:
+        model: The investor the observer has in mind.
+        index: Labels of the rows, T of them.
+        rows: One reading per row.
+        decimals: Decimals the weights were rounded to, None for full precision.
+    """
+
+    model: InvestorModel
+    index: pd.Index
+    rows: tuple[RowReading, ...]
+    decimals: int | None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def estimates(self) -> Array:
+        """The observer's guesses, shape (T,X)."""
+        return np.array([row.estimate for row in self.rows])
+
+    @property
+    def bounds(self) -> Array:
+        """Least and greatest probability of each regime, shape (T,X,2)."""
+        return np.array([row.bounds for row in self.rows])
+
+    @property
+    def actions(self) -> Array:
+        """The weights as feasible decisions, shape (T,U)."""
+        return np.array([row.action for row in self.rows])
+
+    def count(self, reading: Reading) -> int:
+        """Return how many rows were read in a way."""
+        return sum(row.reading is reading for row in self.rows)
+
+    def summary(self) -> str:
+        """Return one sentence: how many rows say what."""
+        explained = [row for row in self.rows if row.reading is not Reading.IMPLAUSIBLE]
+        parts = [f"{len(explained)} of {len(self)} rows are explained by a belief"]
+        if explained:
+            width = np.mean([(row.bounds[:, 1] - row.bounds[:, 0]).max() for row in explained])
+            parts.append(f"they leave the widest regime probability open by {width:.3f} on average")
+        if len(explained) < len(self):
+            gap = max(row.gap - row.allowance for row in self.rows)
+            parts.append(f"{len(self) - len(explained)} are implausible (by up to {gap:.2g} of regret)")
+        if self.decimals is not None:
+            parts.append(f"rounding to {self.decimals} decimals is allowed for")
+        return "; ".join(parts)
+
+
+def attack_weights(
+    model: InvestorModel,
+    weights: WeightsTable | pd.DataFrame,
+    *,
+    decimals: int | None = None,
+    progress: Progress | None = None,
+) -> Attack:
+    """Return what each row of published weights says about the investor's belief.
+
+    Formula: Π(û) for weights in full precision, Π_ε(û) = {π : ρ(π,û) ≤ ε} for rounded ones and where Π(û) is empty; û is the
+    nearest feasible decision and ε what rounding can cost (this module's head).
+
+    Args:
+        model: The investor that the observer has in mind.
+        weights: As `read_weights` returns them, or a frame with one column per asset and one row per decision.
+        decimals: Digits after the point that the weights were rounded to, at least 0; None takes them from the table,
+            and for a frame means full precision.
+        progress: Called with (rows done, rows in all).
+
+    Returns:
+        An `Attack`; rows that nothing explains are a status, not an error.
+
+    Raises:
+        InputError: Columns are not the model's assets, a cell is not finite, there is no row, or a row violates a
+            constraint by more than `tolerances.PUBLISHED_SUM` and more than U half units of its last digit.
+
+    Cost: about 0.2 s a row that is rounded, a millisecond otherwise. Source: the paper, Theorem 1; this module's head.
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+        >>> means, spreads = [[0.02, 0.0], [-0.03, 0.0]], [0.01 * np.eye(2), 0.09 * np.eye(2)]
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
+        >>> model = InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), ("calm", "crisis"))
+        >>> published = pd.DataFrame([model.problem.solve([0.8, 0.2])], columns=["A", "B"]).round(3)
+        >>> attack_weights(model, published, decimals=3).bounds[0].round(2)
+        array([[0.79, 0.81],
+               [0.19, 0.21]])
+    """
+    frame = weights.frame if isinstance(weights, WeightsTable) else weights
+    digits = weights.decimals if isinstance(weights, WeightsTable) and decimals is None else decimals
+    if digits is not None:
+        digits = validation.count(digits, "decimals", least=0)
+    published = _aligned(frame, model.assets)
+    _check_rows(model, published, frame.index, 0.0 if digits is None else _half_unit(digits))
+    rows = []
+    for step, row in enumerate(published):
+        rows.append(_read_row(model.problem, row, digits))
+        if progress is not None:
+            progress(step + 1, len(published))
+    return Attack(model, frame.index, tuple(rows), digits)
+
+
+def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None) -> RowReading:
+    if decimals is None:
+        whole = _completed(problem, published, 0.0)
+        found = consistent_beliefs(problem, whole.action)
+        if not found.is_empty:
+            corners = found.vertices()
+            return RowReading(
+                Reading.EXACT,
+                whole.action,
+                whole.adjustment,
+                found.center(),
+                found.bounds(),
+                corners,
+                found.residual,
+                0.0,
+                0.0,
+            )
+    return _read_rounded(problem, published, _half_unit(FULL_DIGITS if decimals is None else decimals))
+
+
+def _half_unit(decimals: int) -> float:
+    """h, the most that rounding to so many decimals moves a number."""
+    return float(0.5 * 10.0**-decimals)
+
+
+def _read_rounded(problem: MarkowitzProblem, published: Array, half_unit: float) -> RowReading:
+    whole = _completed(problem, published, half_unit)
+    allowance = _allowance(problem, whole, half_unit + np.abs(whole.action - published))
+    near = near_optimal_beliefs(problem, whole.action, allowance)
+    residual = consistent_beliefs(problem, whole.action).residual
+    if near.is_empty:
+        estimate, gap = nearest_explanation(problem, whole.action)
+        nothing = np.full((problem.n_states, 2), np.nan)
+        corners = np.zeros((0, problem.n_states))
+        return RowReading(
+            Reading.IMPLAUSIBLE, whole.action, whole.adjustment, estimate, nothing, corners, residual, gap, allowance
+        )
+    corners = near.vertices()
+    # The outer polytope's: at most a hundredth of ε too wide, never too narrow.
+    bounds = np.column_stack([corners.min(axis=0), corners.max(axis=0)])
+    return RowReading(
+        Reading.ROUNDED,
+        whole.action,
+        whole.adjustment,
+        near.center(),
+        bounds,
+        corners,
+        residual,
+        near.plausibility_gap,
+        allowance,
+    )
+
+
+class _Completed(NamedTuple):
+    """A published row as a feasible decision; `on_face` where every row within reach of the rounding is tight."""
+
+    action: Array
+    adjustment: float
+    on_face: bool
+
+
+def _completed(problem: MarkowitzProblem, published: Array, half_unit: float) -> _Completed:
+    region = problem.constraints
+    reach = half_unit * np.abs(region.A_ub).sum(axis=1) / region.row_scale + tolerances.FEASIBILITY
+    near = region.slacks(published) <= reach
+    if half_unit == 0.0 and region.violation(published) <= tolerances.FEASIBILITY:
+        return _Completed(published, 0.0, True)
+    face = Polyhedron(
+        region.A_ub[~near],
+        region.b_ub[~near],
+        np.vstack([region.A_eq, region.A_ub[near]]),
+        np.concatenate([region.b_eq, region.b_ub[near]]),
+    )
+    try:
+        action, on_face = _nearest(face, published), True
+    except ModelError:
+        action, on_face = _nearest(region, published), False
+    return _Completed(action, float(np.abs(action - published).max()), on_face)
+
+
+def _nearest(region: Polyhedron, point: Array) -> Array:
+    projection = QuadraticProblem(np.eye(point.size)[None], -point[None], constraints=region)
+    return projection.solve(np.ones(1)) + 0.0  # -0.0 would be printed as a weight
+
+
+def _allowance(problem: MarkowitzProblem, whole: _Completed, reach: Array) -> float:
+    """ε of this module's head, for weights that may be off by `reach` (U,)."""
+    free = null_space(problem.constraints.A_eq) if len(problem.constraints.b_eq) else np.eye(reach.size)
+    project = free @ free.T
+    if not whole.on_face:
+        slopes = np.abs(problem.cost_gradients(whole.action) @ project)
+        return float((slopes @ reach).max())
+    worst = 0.0
+    for hessian in problem.hessians:
+        curved = project @ hessian @ project
+        largest = float(np.linalg.eigvalsh(curved)[-1]) * float(reach @ reach)
+        worst = max(worst, min(float(reach @ np.abs(curved) @ reach), largest))
+    return 0.5 * worst
+
+
+def _aligned(frame: Any, assets: tuple[str, ...]) -> Array:
+    if not isinstance(frame, pd.DataFrame):
+        raise InputError(f"weights must be a WeightsTable or a DataFrame, got {type(frame).__name__}")
+    columns = list(frame.columns)
+    missing = [asset for asset in assets if asset not in columns]
+    unknown = [column for column in columns if column not in assets]
+    if missing or unknown or len(columns) != len(assets):
+        raise InputError(f"weights must have one column per asset; missing: {missing}, unknown: {unknown}")
+    if not len(frame):
+        raise InputError("weights has no rows; expected at least one")
+    try:
+        values = frame[list(assets)].to_numpy(dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"weights must be numbers: {error}") from None
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        row, column = (int(i) for i in bad[0])
+        raise InputError(f"weights row {_row_name(frame.index, row)}, asset {assets[column]!r}: {values[row, column]}")
+    return np.asarray(values)
+
+
+def _check_rows(model: InvestorModel, published: Array, index: pd.Index, half_unit: float) -> None:
+    """Refuse rows that no rounding brings into the feasible set: U rounded weights may miss a sum by U half units."""
+    region = model.problem.constraints
+    broken = np.maximum(-region.slacks(published), 0.0)
+    scale = np.abs(region.A_eq).max(axis=1, initial=0.0)
+    off = np.abs(published @ region.A_eq.T - region.b_eq) / scale
+    amounts = np.hstack([broken, off])
+    sizes = np.concatenate(
+        [np.abs(region.A_ub).sum(axis=1) / region.row_scale, np.abs(region.A_eq).sum(axis=1) / scale]
+    )
+    # A sum exactly at the tolerance, 1.005, must not fail for its last bit.
+    allowed = np.maximum(tolerances.PUBLISHED_SUM, half_unit * sizes) + tolerances.FEASIBILITY
+    bad = np.argwhere(amounts > allowed)
+    if bad.size:
+        row, constraint = (int(i) for i in bad[0])
+        name = region.names[constraint]
+        if "u[" in name:
+            for j, asset in enumerate(model.assets):
+                name = name.replace(f"u[{j}]", f"weight of {asset}")
+        raise InputError(
+            f"weights row {_row_name(index, row)} misses {name!r} by {amounts[row, constraint]:.3g}, "
+            f"expected at most {allowed[constraint]:.3g} from rounding"
+        )
+
+
+def _row_name(index: pd.Index, row: int) -> str:
+    label = index[row]
+    text = f"{label:%Y-%m-%d}" if isinstance(label, pd.Timestamp) else str(label)
+    return str(row) if text == str(row) else f"{row} ({text})"

@@ -1,0 +1,201 @@
+"""What a backtest starts from: the investor's settings and a market of returns, checked and aligned by label."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import validation
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.errors import InputError
+from inscrutable.experiments.performance import Frequency, frequency_of
+from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.validation import Array
+from inscrutable.worlds.observations import real_rows
+
+_LISTED = 5
+
+
+@dataclass(frozen=True)
+class BacktestSettings:
+    """What an investor is and what it spends on privacy; the defaults suit monthly returns of stock portfolios.
+
+    Args:
+        regimes: X, at least 2, fitted to the training sample and ordered by volatility.
+        risk_aversion: γ of γu'Σu − μ'u (no ½), per unit of return. At 5 the investor in the embedded industries holds
+            four of them, and |c*| stays clear of zero, so a share of it means something in every month; from 7 on c*
+            changes its sign in between.
+        budget: A share of |c*|, or a `Budget`; 0.1 is the paper's.
+        measure: Privacy measure Ψ; the default is the paper's `MaximalObfuscation()`.
+        cost_bps: Cost per unit traded, in basis points of it, at least 0; 10 is the usual order for large stocks.
+        train_until: Last date of the training sample, or the month or year that it is the end of ("1989-12").
+        seed: Of the fit's starts, the lotteries' draws and the bootstrap, which are independent of one another.
+
+    Raises:
+        InputError: A number is out of its range, or `measure` is no privacy measure.
+
+    Example:
+        >>> BacktestSettings(budget=0.05).budget
+        Budget(amount=0.05, is_relative=True)
+    """
+
+    regimes: int = 3
+    risk_aversion: float = 5.0
+    budget: Budget = Budget(0.1)  # noqa: RUF009  # frozen
+    measure: PrivacyMeasure = field(default_factory=MaximalObfuscation)
+    cost_bps: float = 10.0
+    train_until: str = "1989-12"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "regimes", validation.count(self.regimes, "regimes", least=2))
+        object.__setattr__(self, "risk_aversion", validation.positive(self.risk_aversion, "risk_aversion"))
+        object.__setattr__(self, "budget", as_budget(self.budget))
+        object.__setattr__(self, "cost_bps", validation.non_negative(self.cost_bps, "cost_bps"))
+        object.__setattr__(self, "train_until", str(self.train_until))
+        object.__setattr__(self, "seed", validation.count(self.seed, "seed", least=0))
+        if not isinstance(self.measure, PrivacyMeasure):
+            raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {self.measure!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Market:
+    """Returns with dates and labels, and where the training sample ends.
+
+    Args:
+        returns: (N,U) simple returns as fractions; a row's return is earned up to its date.
+        riskless: (T,) riskless returns over the rows after the training sample; zeros where none were given.
+        has_riskless: Whether they were given, so that Sharpe ratios are of excess returns.
+        n_training: Number of rows of the training sample.
+        frequency: Rows a year.
+    """
+
+    returns: pd.DataFrame
+    riskless: Array
+    has_riskless: bool
+    n_training: int
+    frequency: Frequency
+
+    @property
+    def training(self) -> pd.DataFrame:
+        """The rows that the regimes are fitted on."""
+        return self.returns.iloc[: self.n_training]
+
+    @property
+    def decided(self) -> pd.DatetimeIndex:
+        """(T,) dates at whose end a portfolio is decided: from the end of the training sample to the last but one."""
+        return pd.DatetimeIndex(self.returns.index[self.n_training - 1 : -1])
+
+    @property
+    def held(self) -> pd.DataFrame:
+        """(T,U) returns of the row after each decision."""
+        return self.returns.iloc[self.n_training :]
+
+
+def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: pd.Series | None) -> Market:
+    """Return the market, or raise `InputError` for whatever does not fit, with its date and label."""
+    table = _labelled(returns)
+    dates = pd.DatetimeIndex(table.index)
+    n_training = _training_rows(dates, settings)
+    n_held = len(dates) - n_training
+    least = settings.regimes * (table.shape[1] + 1)
+    if n_training < least:
+        raise InputError(
+            f"the training sample has {n_training} rows ({_span(dates[:n_training])}); {settings.regimes} regimes of "
+            f"{table.shape[1]} assets need at least {least}: move train_until, or use fewer regimes or assets"
+        )
+    if n_held < 2:
+        raise InputError(f"{n_held} rows follow the training sample that ends {settings.train_until}; need at least 2")
+    base = np.zeros(n_held) if riskless is None else _aligned_riskless(riskless, dates[n_training:])
+    return Market(table, base, riskless is not None, n_training, frequency_of(dates))
+
+
+def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tuple[str, ...]) -> pd.DataFrame:
+    """Return a user's beliefs on the dates of the decisions, columns in the order of `regimes`."""
+    if not isinstance(beliefs, pd.DataFrame):
+        raise InputError(
+            f"beliefs must be a DataFrame with dates and one column per regime, got {type(beliefs).__name__}"
+        )
+    if beliefs.shape[1] != len(regimes):
+        raise InputError(
+            f"beliefs have {beliefs.shape[1]} columns {list(beliefs.columns)}, "
+            f"expected one per regime, by rising volatility: {list(regimes)}"
+        )
+    _check_dates(beliefs.index, "beliefs")
+    _refuse_missing(dates, beliefs.index, "beliefs", "the decisions")
+    same_names = set(beliefs.columns) == set(regimes)
+    rows = (beliefs[list(regimes)] if same_names else beliefs).loc[dates]
+    checked = [
+        validation.beliefs(row, len(regimes), f"belief of {date:%Y-%m-%d}")
+        for date, row in zip(dates, rows.to_numpy(), strict=True)
+    ]
+    return pd.DataFrame(np.array(checked), index=dates, columns=list(regimes))
+
+
+def _labelled(returns: pd.DataFrame) -> pd.DataFrame:
+    if not isinstance(returns, pd.DataFrame):
+        raise InputError(
+            f"returns must be a DataFrame with dates and one column per asset, got {type(returns).__name__}"
+        )
+    if returns.shape[1] < 2:
+        raise InputError(f"returns have {returns.shape[1]} column, expected at least 2 assets to choose from")
+    _check_dates(returns.index, "returns")
+    labels = [str(label) for label in returns.columns]
+    twice = sorted({label for label in labels if labels.count(label) > 1})
+    if twice:
+        raise InputError(f"returns have the column {twice[0]!r} {labels.count(twice[0])} times; columns must differ")
+    rows = real_rows(returns)
+    below = np.argwhere(rows < -1.0)
+    if below.size:
+        row, column = (int(i) for i in below[0])
+        raise InputError(
+            f"the return of {labels[column]!r} on {returns.index[row]:%Y-%m-%d} is {rows[row, column]:g}, a loss of more "
+            "than everything; expected simple returns as fractions, 0.01 for one per cent"
+        )
+    return pd.DataFrame(rows, index=returns.index, columns=labels)
+
+
+def _check_dates(index: pd.Index, what: str) -> None:
+    if not isinstance(index, pd.DatetimeIndex):
+        raise InputError(f"{what} must have a DatetimeIndex, got {type(index).__name__}; see pandas.to_datetime")
+    if index.hasnans:
+        raise InputError(f"{what} have no date in row {int(np.flatnonzero(index.isna())[0])}")
+    back = np.flatnonzero(np.diff(index.to_numpy()) <= np.timedelta64(0))
+    if back.size:
+        before, after = index[int(back[0])], index[int(back[0]) + 1]
+        raise InputError(f"{what} have {after:%Y-%m-%d} after {before:%Y-%m-%d}; dates must increase, each once")
+
+
+def _training_rows(dates: pd.DatetimeIndex, settings: BacktestSettings) -> int:
+    """Number of rows up to `train_until`; a month or a year stands for its last instant."""
+    given = settings.train_until
+    try:
+        end = pd.Period(given).end_time
+    except (ValueError, TypeError, AttributeError):
+        raise InputError(f"train_until must be a date such as 1989-12 or 1989-12-31, got {given!r}") from None
+    if not len(dates) or not dates[0] <= end.tz_localize(dates.tz) < dates[-1]:
+        middle = f", for example {dates[len(dates) // 2]:%Y-%m-%d}" if len(dates) > 2 else ""
+        raise InputError(f"train_until is {given}, the returns cover {_span(dates)}: it must lie inside{middle}")
+    return int(dates.searchsorted(end.tz_localize(dates.tz), side="right"))
+
+
+def _span(dates: pd.DatetimeIndex) -> str:
+    return f"{dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if len(dates) else "no dates"
+
+
+def _aligned_riskless(riskless: pd.Series, dates: pd.DatetimeIndex) -> Array:
+    if not isinstance(riskless, pd.Series):
+        raise InputError(f"riskless must be a Series with the dates of the returns, got {type(riskless).__name__}")
+    _check_dates(riskless.index, "riskless")
+    _refuse_missing(dates, riskless.index, "riskless", "the returns")
+    return validation.finite_array(riskless.loc[dates].to_numpy(), "riskless", ndim=1)
+
+
+def _refuse_missing(wanted: pd.DatetimeIndex, found: pd.Index, what: str, of: str) -> None:
+    missing = wanted[~wanted.isin(found)]
+    if len(missing):
+        some = ", ".join(f"{date:%Y-%m-%d}" for date in missing[:_LISTED])
+        more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
+        raise InputError(f"{what} lack {len(missing)} of the {len(wanted)} dates of {of}: {some}{more}")

@@ -1,0 +1,213 @@
+"""What a backtest found: decisions, what the rival read from them, what they earned, and the figures of its table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers import Candidates, DecisionStatus
+from inscrutable.errors import InputError
+from inscrutable.experiments.backtest_inputs import BacktestSettings, Market
+from inscrutable.experiments.episodes import Episode, Record
+from inscrutable.experiments.performance import Performance, SharpeDifference
+from inscrutable.problems import MarkowitzProblem
+from inscrutable.validation import Array
+from inscrutable.worlds import FittedWorld, HiddenMarkovModel
+
+
+class Comparison(NamedTuple):
+    """Sharpe ratio less the ODM's, per year, before and after the cost of trading."""
+
+    gross: SharpeDifference
+    net: SharpeDifference
+
+
+@dataclass(frozen=True, eq=False)
+class Backtest:
+    """What a backtest found. Row t of every (T,…) array is one decision, made at `dates[t]`.
+
+    Args:
+        settings: What was asked for.
+        market: The returns, the riskless rate and how often they come.
+        fit: The fitted world with the table of restarts.
+        world: The same world with the regimes' names.
+        problem: The portfolio problem, which the rival knows.
+        candidates: The decoys that CDM and PDM share.
+        beliefs: (T,X) beliefs about the row after each date, given the data up to the date.
+        episode: What each decision maker published and what the rival made of it.
+        performance: What each decision maker earned.
+        comparisons: Sharpe ratios against the ODM's.
+
+    Source: the paper's Section V-A on data instead of a simulation. Example: see `run_backtest`.
+    """
+
+    settings: BacktestSettings
+    market: Market
+    fit: FittedWorld
+    world: HiddenMarkovModel
+    problem: MarkowitzProblem
+    candidates: Candidates
+    beliefs: pd.DataFrame
+    episode: Episode
+    performance: Mapping[str, Performance]
+    comparisons: Mapping[str, Comparison]
+
+    @property
+    def assets(self) -> tuple[str, ...]:
+        """Labels of the assets, in the order of the weights."""
+        return tuple(self.market.returns.columns)
+
+    @property
+    def regimes(self) -> tuple[str, ...]:
+        """Names of the regimes, by rising volatility, in the order of a belief's entries."""
+        return self.world.names
+
+    @property
+    def budget(self) -> Budget:
+        """What the investor spends on privacy."""
+        return self.settings.budget
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the decision makers."""
+        return tuple(self.episode.records)
+
+    @property
+    def dates(self) -> pd.DatetimeIndex:
+        """(T,) dates at whose end the portfolios are decided and published."""
+        return pd.DatetimeIndex(self.beliefs.index)
+
+    @property
+    def earned(self) -> pd.DatetimeIndex:
+        """(T,) dates at whose end the portfolios' returns are known: the row after each decision."""
+        index = pd.DatetimeIndex(self.market.returns.index)
+        return index[-len(self.beliefs) :]
+
+    def weights(self, name: str) -> pd.DataFrame:
+        """Return the portfolios that a decision maker published, (T,U) by date of decision; of a lottery, the draw."""
+        return self._frame(self._of(name).decisions.action, self.assets)
+
+    def estimates(self, name: str) -> pd.DataFrame:
+        """Return the centres of the rival's consistent beliefs, (T,X) by date of decision; NaN for an empty set."""
+        return self._frame(self._of(name).estimates, self.regimes)
+
+    def privacy(self, name: str) -> Array:
+        """Return Ψ of the published portfolios under the settings' measure, shape (T,), also for the ODM."""
+        sets = self._of(name).decisions.belief_set
+        rows = self.beliefs.to_numpy()
+        measure = self.settings.measure
+        return np.array([measure.at_step(t)(rows[t], found) for t, found in enumerate(sets)])
+
+    def path(self, name: str) -> pd.DataFrame:
+        """Return one row per decision: what it cost, hid and earned; regret in the cost's unit, return per row."""
+        record, earned = self._of(name), self.performance[name]
+        decisions = record.decisions
+        return pd.DataFrame(
+            {
+                "earned_in": self.earned,
+                "gross_return": earned.gross,
+                "net_return": earned.net,
+                "traded": earned.traded,
+                "optimal_cost": decisions.optimal_cost,
+                "regret": decisions.regret,
+                "expected_regret": record.expected_regret,
+                "privacy": self.privacy(name),
+                "set_dimension": [found.dimension for found in decisions.belief_set],
+                "status": [status.name.lower() for status in decisions.status],
+            },
+            index=self.beliefs.index,
+        )
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """One row per decision maker, see `summary_of`."""
+        return summary_of(self)
+
+    @cached_property
+    def silence_regret(self) -> float:
+        """Mean regret of the one constant portfolio that suits these beliefs best: r₀ = V(mean π) − mean V(π).
+
+        In the cost's unit. Whoever always published it would pay this and give nothing away but the mean belief.
+        """
+        rows = self.beliefs.to_numpy()
+        constant = float(self.problem.optimal_cost(rows.mean(axis=0)))
+        return max(constant - float(self.episode.records[self.names[0]].decisions.optimal_cost.mean()), 0.0)
+
+    def _of(self, name: str) -> Record:
+        if name not in self.episode.records:
+            raise InputError(f"no decision maker {name!r}; there are {list(self.names)}")
+        return self.episode.records[name]
+
+    def _frame(self, values: Array, columns: tuple[str, ...]) -> pd.DataFrame:
+        return pd.DataFrame(values, index=self.beliefs.index, columns=list(columns))
+
+
+def summary_of(result: Backtest) -> pd.DataFrame:
+    """Return one row per decision maker; fractions, rates per year where the name says so, costs in the cost's unit."""
+    return pd.DataFrame({name: _figures(result, name) for name in result.names}).T.rename_axis("decision_maker")
+
+
+def _figures(result: Backtest, name: str) -> dict[str, float]:
+    earned, versus = result.performance[name], result.comparisons[name]
+    record = result.episode.records[name]
+    return {
+        "n_decisions": float(len(result.beliefs)),
+        "annual_return": earned.annual_return(),
+        "annual_volatility": earned.volatility(),
+        "annual_sharpe": earned.sharpe_ratio(),
+        **_interval("annual_sharpe_minus_odm", versus.gross),
+        "annual_turnover": earned.turnover,
+        "annual_return_net": earned.annual_return(net=True),
+        "annual_sharpe_net": earned.sharpe_ratio(net=True),
+        **_interval("annual_sharpe_net_minus_odm", versus.net),
+        "assets_held": float((record.decisions.action >= result.problem.constraints.min_slack).sum(axis=1).mean()),
+        **_cost_figures(result, record),
+        **_privacy_figures(result, name),
+    }
+
+
+def _interval(name: str, found: SharpeDifference) -> dict[str, float]:
+    return {name: found.difference, f"{name}_low": found.low, f"{name}_high": found.high}
+
+
+def _cost_figures(result: Backtest, record: Record) -> dict[str, float]:
+    own = np.abs(record.decisions.optimal_cost)
+    regret, expected = record.decisions.regret, record.expected_regret
+    scale = float(own.sum())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        worst = float(np.max(regret / own))
+    silence = result.silence_regret
+    return {
+        "mean_regret": float(regret.mean()),
+        "mean_regret_share": float(regret.sum()) / scale if scale > 0 else float("nan"),
+        "mean_expected_regret": float(expected.mean()),
+        "mean_expected_regret_share": float(expected.sum()) / scale if scale > 0 else float("nan"),
+        "largest_regret_share": worst,
+        "mean_regret_of_silence": float(regret.mean()) / silence if silence > 0 else float("nan"),
+    }
+
+
+def _privacy_figures(result: Backtest, name: str) -> dict[str, float]:
+    record = result.episode.records[name]
+    privacy = result.privacy(name)
+    reached = np.isfinite(privacy)
+    estimates = record.estimates
+    read = ~np.isnan(estimates).any(axis=1)
+    likely = result.beliefs.to_numpy().argmax(axis=1)
+    named = estimates[read].argmax(axis=1) == likely[read]
+    counts = np.bincount(likely, minlength=len(result.regimes))
+    nothing = [status is DecisionStatus.NO_AFFORDABLE_PRIVACY for status in record.decisions.status]
+    return {
+        "mean_privacy": float(privacy[reached].mean()) if reached.any() else float("nan"),
+        "n_privacy_not_finite": float((~reached).sum()),
+        "share_regime_named": float(named.mean()) if read.any() else float("nan"),
+        "base_rate": float(counts.max() / counts.sum()),
+        "n_empty_sets": float((~read).sum()),
+        "n_nothing_affordable": float(sum(nothing)),
+    }

@@ -1,0 +1,184 @@
+"""What a backtest leaves behind for later questions: the investor's world, decision problem and budget, as one JSON file.
+
+The file is what an attack needs to know of the investor, and what the investor needs to answer it. Floats are written
+in full, so a loaded model solves to the same digits; nothing in the file is ever executed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inscrutable.budgets import Budget
+from inscrutable.datasets import write_json
+from inscrutable.errors import InputError, InscrutableError
+from inscrutable.problems import MarkowitzProblem, Polyhedron
+from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
+
+if TYPE_CHECKING:
+    from inscrutable.experiments.model_file import ModelFile
+
+FORMAT = "inscrutable investor model"
+VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class InvestorModel:
+    """An investor as a rival may know it: how its regimes move, what its weights cost, what it spends on privacy.
+
+    Args:
+        world: The hidden Markov model of X regimes behind the returns.
+        problem: The portfolio problem, X regimes and U assets.
+        assets: U different labels, in the order of the weights.
+        regimes: X different labels, in the order of a belief's entries.
+        budget: What the investor pays for privacy unless told otherwise.
+        note: One line on where the model comes from.
+
+    Raises:
+        InputError: The numbers of regimes or assets disagree, or a label comes twice.
+
+    Cost: none. Source: the paper's Section V, fitted to data.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+        >>> means, spreads = [[0.02, 0.01], [-0.03, 0.0]], [0.01 * np.eye(2), 0.04 * np.eye(2)]
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
+        >>> model = InvestorModel(world, MarkowitzProblem(means, spreads, 5.0), ("A", "B"), world.names)
+        >>> model.budget
+        Budget(amount=0.1, is_relative=True)
+    """
+
+    world: HiddenMarkovModel
+    problem: MarkowitzProblem
+    assets: tuple[str, ...]
+    regimes: tuple[str, ...]
+    budget: Budget = Budget(0.1)  # noqa: RUF009  # frozen
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "assets", _labels(self.assets, "assets", self.problem.n_actions))
+        object.__setattr__(self, "regimes", _labels(self.regimes, "regimes", self.problem.n_states))
+        if self.world.n_states != self.problem.n_states:
+            raise InputError(f"the world has {self.world.n_states} regimes, the problem {self.problem.n_states}")
+        if not isinstance(self.budget, Budget):
+            raise InputError(f"budget must be a Budget such as Budget.relative(0.1), got {self.budget!r}")
+
+    def summary(self) -> str:
+        """Return two lines for a person to read."""
+        size = f"{len(self.regimes)} regimes ({', '.join(self.regimes)}), {len(self.assets)} assets"
+        return f"{size}, risk aversion {self.problem.risk_aversion:g}, budget {self.budget}\n{self.note}".rstrip()
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the model as JSON, whole or not at all, every float in full.
+
+        Raises:
+            InputError: The file cannot be written, or the world's sensor is of the user's own making.
+        """
+        if not isinstance(self.world.emission, (CategoricalEmission, GaussianEmission)):
+            raise InputError(f"a {type(self.world.emission).__name__} cannot be saved; only this library's sensors can")
+        region = self.problem.constraints
+        data = {
+            "format": FORMAT,
+            "version": VERSION,
+            "note": self.note,
+            "assets": list(self.assets),
+            "regimes": list(self.regimes),
+            "budget": {"amount": self.budget.amount, "is_relative": self.budget.is_relative},
+            "world": self.world.to_dict(),
+            "problem": {
+                "type": "markowitz",
+                "means": self.problem.means,
+                "covariances": self.problem.covariances,
+                "risk_aversion": self.problem.risk_aversion,
+                "constraints": {
+                    "A_ub": region.A_ub,
+                    "b_ub": region.b_ub,
+                    "A_eq": region.A_eq,
+                    "b_eq": region.b_eq,
+                    "names": list(region.names),
+                    "min_slack": region.min_slack,
+                },
+            },
+        }
+        write_json(data, path)
+        return Path(path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> InvestorModel:
+        """Return the model in a file written by `save`.
+
+        Raises:
+            InputError: The file cannot be read, is no such model or of a later version, or a key is missing, unknown
+                or holds a value of the wrong kind or shape; file and key are named.
+            ModelError: The numbers have the right shape but no meaning, such as an indefinite covariance.
+        """
+        from inscrutable.experiments.model_file import checked
+
+        source = Path(path)
+        return _built(source, checked(source, _read(source)))
+
+
+def _labels(given: Any, what: str, count: int) -> tuple[str, ...]:
+    if isinstance(given, str) or not all(isinstance(label, str) for label in given):
+        raise InputError(f"{what} must be a sequence of texts, got {given!r}")
+    labels = tuple(given)
+    if len(labels) != count or len(set(labels)) != count:
+        raise InputError(f"{what} must be {count} different labels, got {len(labels)}: {list(labels)}")
+    return labels
+
+
+def _read(source: Path) -> dict[str, Any]:
+    try:
+        text = source.read_text("utf-8")
+    except OSError as error:
+        raise InputError(f"{source} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{source} is not UTF-8 text; expected a model.json saved by a backtest") from None
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{source}, line {error.lineno}, column {error.colno}: not JSON ({error.msg})") from None
+    except RecursionError:
+        raise InputError(f"{source} is nested too deeply to be a model") from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise InputError(f'{source} is no saved model: expected a JSON object with "format": "{FORMAT}"')
+    if data.get("version") != VERSION:
+        raise InputError(f"{source} has model version {data.get('version')!r}; this release reads version {VERSION}")
+    return data
+
+
+def _built(source: Path, file: ModelFile) -> InvestorModel:
+    with _naming(source, "world"):
+        world = HiddenMarkovModel.from_dict(file.world.model_dump())
+    given = file.problem
+    with _naming(source, "problem.constraints"):
+        rows = given.constraints
+        region = Polyhedron(
+            rows.A_ub or None,
+            rows.b_ub or None,
+            rows.A_eq or None,
+            rows.b_eq or None,
+            names=rows.names,
+            min_slack=rows.min_slack,
+        )
+    with _naming(source, "problem"):
+        problem = MarkowitzProblem(given.means, given.covariances, given.risk_aversion, region)
+    with _naming(source, "budget"):
+        budget = Budget(file.budget.amount, file.budget.is_relative)
+    with _naming(source, "assets and regimes"):
+        return InvestorModel(world, problem, tuple(file.assets), tuple(file.regimes), budget, file.note)
+
+
+@contextmanager
+def _naming(source: Path, key: str) -> Iterator[None]:
+    """Say which file and key an error of the library is about."""
+    try:
+        yield
+    except InscrutableError as error:
+        raise type(error)(f"{source}, key {key}: {error}") from None

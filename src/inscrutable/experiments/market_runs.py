@@ -1,0 +1,258 @@
+"""One random market of the reproduction: what the paper's decision makers and the global ones do in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers import (
+    Candidates,
+    CounterAdversarialDecisionMaker,
+    Decision,
+    Decisions,
+    Envelope,
+    Frontier,
+    LinearProgramme,
+    LocalSearch,
+    MixedDecisions,
+    OriginalDecisionMaker,
+    ProbabilisticDecisionMaker,
+    action_grid,
+    decoy_grid,
+    privacy_frontier,
+    random_candidates,
+)
+from inscrutable.decision_makers.results import stack
+from inscrutable.experiments.random_markets import MarketLaw, random_market
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+PAPER, GLOBAL = "paper", "global"
+"""The two variants: the paper's local CDM with the PDM's programme over an action grid, and the global ones on decoys."""
+
+CANDIDATE_KINDS = ("action grid", "random actions", "decoy grid")
+COARSER = 4
+"""The number-of-samples claim compares the resolution asked for with one this many times coarser."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is done in every market, as plain numbers.
+
+    Args:
+        law: How the market is drawn.
+        budget: c_b, a share of |c*|.
+        resolution: Of the action grid and of the decoy grid; 40 gives the paper-sized M = 861.
+        n_steps: Beliefs per market.
+        budgets: Shares of |c*| of the trade-off, rising.
+        starts: Numbers of random starts that are compared, rising, the first one 1.
+        sample_resolutions: Resolutions r of the number-of-samples study; each gives M = C(r+X−1, X−1).
+    """
+
+    law: MarketLaw
+    budget: float
+    resolution: int
+    n_steps: int
+    budgets: tuple[float, ...]
+    starts: tuple[int, ...]
+    sample_resolutions: tuple[int, ...]
+
+
+class Makers(NamedTuple):
+    """The two decision makers that hide."""
+
+    cdm: CounterAdversarialDecisionMaker
+    pdm: ProbabilisticDecisionMaker
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """A decision maker's steps: of a lottery the drawn decision, and what the lottery gives on average.
+
+    All of shape (T,): privacy Ψ; `increase` (c̄ − c*)/|c*|; both again in expectation; the dimension of Π.
+    """
+
+    privacy: Array
+    increase: Array
+    expected_privacy: Array
+    expected_increase: Array
+    dimension: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetCurve:
+    """Privacy and normalised cost increase at the first step by budget, shape (B,); of a lottery in expectation."""
+
+    privacy: Array
+    increase: Array
+
+
+@dataclass(frozen=True, eq=False)
+class VariantRun:
+    """What one variant did in one market.
+
+    Args:
+        cdm: The CDM at the budget c_b.
+        pdm: The PDM at the budget c_b.
+        cdm_curve: The CDM at every budget.
+        pdm_curve: The PDM at every budget.
+        mixing_gain: What the lottery gains over the best affordable single one of the same candidates, shape (T,).
+        refining_gain: What the PDM gains over a grid `COARSER` times coarser, shape (T,).
+    """
+
+    cdm: Played
+    pdm: Played
+    cdm_curve: BudgetCurve
+    pdm_curve: BudgetCurve
+    mixing_gain: Array
+    refining_gain: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MarketRun:
+    """One market: the ODM, both variants, the starts and, where asked for, the number of samples.
+
+    Args:
+        budget: c_b, a share of |c*|.
+        budgets: Those of the curves, rising.
+        odm: The original decision maker.
+        variants: `VariantRun` by variant name.
+        starts: Privacy of the local CDM at the first step, best of the first 1, 5, … starts, shape (S,).
+        samples: The PDM's expected privacy at the first step by kind of candidates and resolution; None if not asked.
+    """
+
+    budget: float
+    budgets: tuple[float, ...]
+    odm: Played
+    variants: Mapping[str, VariantRun]
+    starts: Array
+    samples: Mapping[str, Array] | None
+
+
+def decision_makers(problem: DecisionProblem, plan: Plan, variant: str, rng: np.random.Generator) -> Makers:
+    """Return the CDM and PDM of one variant; the local solver draws its starts from `rng`."""
+    if variant == PAPER:
+        grid = action_grid(problem, plan.resolution)
+        return Makers(
+            CounterAdversarialDecisionMaker(problem, budget=plan.budget, method=LocalSearch(1, rng)),
+            ProbabilisticDecisionMaker(problem, budget=plan.budget, candidates=grid, method=LinearProgramme()),
+        )
+    decoys = decoy_grid(problem, plan.resolution)
+    return Makers(
+        CounterAdversarialDecisionMaker(problem, budget=plan.budget, candidates=decoys),
+        ProbabilisticDecisionMaker(problem, budget=plan.budget, candidates=decoys, method=Envelope()),
+    )
+
+
+def run_market(plan: Plan, seed: np.random.SeedSequence, count_samples: bool) -> MarketRun:
+    """Return the record of one market drawn, walked and decided with the children of `seed`."""
+    draw, path, local, lottery, sampled = (np.random.default_rng(child) for child in seed.spawn(5))
+    market = random_market(plan.law, rng=draw)
+    problem, beliefs = market.problem, market.beliefs(plan.n_steps, rng=path)
+    makers = {name: decision_makers(problem, plan, name, local) for name in (PAPER, GLOBAL)}
+    single = {name: pair.cdm.decide_many(beliefs) for name, pair in makers.items()}
+    variants = {}
+    for name, pair in makers.items():
+        grid = action_grid if name == PAPER else decoy_grid
+        fine = _frontiers(problem, beliefs, pair.pdm.candidates)
+        coarse = _frontiers(problem, beliefs, grid(problem, max(1, plan.resolution // COARSER)))
+        mixed = _at_budget(fine, plan.budget)
+        searched = _searched_curve(problem, single[PAPER][0], beliefs[:1], plan, local) if name == PAPER else None
+        variants[name] = VariantRun(
+            _played(single[name]),
+            _lottery(pair.pdm.decide_many(beliefs), lottery),
+            _single_curve(fine[0], plan.budgets) if searched is None else searched,
+            _mixed_curve(fine[0], plan.budgets),
+            mixed - np.array([_single_curve(each, (plan.budget,)).privacy[0] for each in fine]),
+            mixed - _at_budget(coarse, plan.budget),
+        )
+    return MarketRun(
+        plan.budget,
+        plan.budgets,
+        _played(OriginalDecisionMaker(problem).decide_many(beliefs)),
+        variants,
+        _best_of_starts(problem, beliefs[0], plan, float(single[PAPER].privacy[0]), local),
+        privacy_by_samples(problem, beliefs[0], plan, rng=sampled) if count_samples else None,
+    )
+
+
+def _local(problem: DecisionProblem, beliefs: Array, share: float, rng: np.random.Generator) -> Decisions:
+    return CounterAdversarialDecisionMaker(problem, budget=share, method=LocalSearch(1, rng)).decide_many(beliefs)
+
+
+def _best_of_starts(
+    problem: DecisionProblem, belief: Array, plan: Plan, first: float, rng: np.random.Generator
+) -> Array:
+    """A search from n starts is the best of n searches from one: the first is known, the others follow it."""
+    found = [first]
+    if max(plan.starts) > 1:
+        again = np.repeat(belief[None], max(plan.starts) - 1, axis=0)
+        found.extend(_local(problem, again, plan.budget, rng).privacy)
+    return np.asarray(np.maximum.accumulate(found)[np.array(plan.starts) - 1])
+
+
+def privacy_by_samples(
+    problem: DecisionProblem, belief: Array, plan: Plan, *, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Return the PDM's expected privacy (K,) by kind of candidates, for every resolution of the plan."""
+    values: dict[str, list[float]] = {kind: [] for kind in CANDIDATE_KINDS}
+    for resolution in plan.sample_resolutions:
+        grid = action_grid(problem, resolution)
+        sets = (grid, random_candidates(problem, len(grid), rng=rng), decoy_grid(problem, resolution))
+        for kind, candidates in zip(CANDIDATE_KINDS, sets, strict=True):
+            found = _frontiers(problem, belief[None], candidates)
+            values[kind].append(float(_at_budget(found, plan.budget)[0]))
+    return {kind: np.array(each) for kind, each in values.items()}
+
+
+def _frontiers(problem: DecisionProblem, beliefs: Array, candidates: Candidates) -> list[Frontier]:
+    return [privacy_frontier(problem, belief, candidates=candidates) for belief in beliefs]
+
+
+def _at_budget(frontiers: list[Frontier], share: float) -> Array:
+    return np.array([_mixed_curve(each, (share,)).privacy[0] for each in frontiers])
+
+
+def _limits(frontier: Frontier, shares: tuple[float, ...]) -> Array:
+    return np.array([Budget.relative(share).limit(frontier.optimal_cost) for share in shares])
+
+
+def _single_curve(frontier: Frontier, shares: tuple[float, ...]) -> BudgetCurve:
+    limits = _limits(frontier, shares)
+    place = np.searchsorted(frontier.points[:, 0], limits, side="right") - 1
+    increase = frontier.points[place, 0] / abs(frontier.optimal_cost)
+    return BudgetCurve(np.asarray(frontier.deterministic(limits)), increase)
+
+
+def _mixed_curve(frontier: Frontier, shares: tuple[float, ...]) -> BudgetCurve:
+    limits = _limits(frontier, shares)
+    increase = np.minimum(limits, frontier.corners[-1, 0]) / abs(frontier.optimal_cost)
+    return BudgetCurve(np.asarray(frontier.randomized(limits)), increase)
+
+
+def _searched_curve(
+    problem: DecisionProblem, known: Decision, first: Array, plan: Plan, rng: np.random.Generator
+) -> BudgetCurve:
+    """The local solver anew at every budget; at c_b what it has already found."""
+    found = [stack([known]) if share == plan.budget else _local(problem, first, share, rng) for share in plan.budgets]
+    return BudgetCurve(np.array([each.privacy[0] for each in found]), np.array([_increase(each)[0] for each in found]))
+
+
+def _increase(decisions: Decisions) -> Array:
+    return np.asarray((decisions.cost - decisions.optimal_cost) / np.abs(decisions.optimal_cost))
+
+
+def _played(decisions: Decisions) -> Played:
+    dimension = np.array([found.dimension for found in decisions.belief_set])
+    increase = _increase(decisions)
+    return Played(decisions.privacy, increase, decisions.privacy, increase, dimension)
+
+
+def _lottery(mixed: MixedDecisions, rng: np.random.Generator) -> Played:
+    drawn = _played(mixed.sample(rng=rng))
+    expected = (mixed.expected_cost - mixed.optimal_cost) / np.abs(mixed.optimal_cost)
+    return Played(drawn.privacy, drawn.increase, mixed.expected_privacy, np.asarray(expected), drawn.dimension)

@@ -1,0 +1,111 @@
+"""The layout of a saved investor model: which keys it has and what stands under each, checked before anything is built."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from inscrutable.errors import InputError
+
+Vector = list[float]
+Matrix = list[list[float]]
+Stack = list[list[list[float]]]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+class CategoricalPart(_Part):
+    """A sensor with symbols."""
+
+    type: Literal["categorical"]
+    probabilities: Matrix
+
+
+class GaussianPart(_Part):
+    """A sensor with real vectors."""
+
+    type: Literal["gaussian"]
+    means: Matrix
+    covariances: Stack
+    asset_names: list[str] | None
+
+
+class WorldPart(_Part):
+    """A hidden Markov model."""
+
+    transition: Matrix
+    initial: Vector
+    names: list[str]
+    emission: CategoricalPart | GaussianPart = Field(discriminator="type")
+
+
+class ConstraintsPart(_Part):
+    """A feasible set."""
+
+    A_ub: Matrix
+    b_ub: Vector
+    A_eq: Matrix
+    b_eq: Vector
+    names: list[str]
+    min_slack: float
+
+
+class ProblemPart(_Part):
+    """A mean-variance portfolio."""
+
+    type: Literal["markowitz"]
+    means: Matrix
+    covariances: Stack
+    risk_aversion: float
+    constraints: ConstraintsPart
+
+
+class BudgetPart(_Part):
+    """A budget."""
+
+    amount: float
+    is_relative: bool
+
+
+class ModelFile(_Part):
+    """The whole file."""
+
+    format: str
+    version: int
+    note: str
+    assets: list[str]
+    regimes: list[str]
+    budget: BudgetPart
+    world: WorldPart
+    problem: ProblemPart
+
+
+def checked(source: Path, data: dict[str, Any]) -> ModelFile:
+    """Return the content of a file if every key is there and holds what it should, else raise one `InputError`."""
+    try:
+        return ModelFile.model_validate(data)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        first, more = problems[0], len(problems) - 1
+        others = f" (and {more} more)" if more else ""
+        value = "" if first["type"] == "missing" else f", got {_short(first['input'])}"
+        raise InputError(f"{source}, key {_place(first['loc'])}: {first['msg']}{value}{others}") from None
+
+
+def _place(location: tuple[int | str, ...]) -> str:
+    """problem.means[0][1], without the tags that pydantic adds for a choice between types."""
+    text = ""
+    for previous, part in zip(("", *location), location, strict=False):
+        if previous == "emission" and part in ("categorical", "gaussian"):
+            continue
+        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return text.lstrip(".")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:59] + "…"

@@ -1,0 +1,246 @@
+"""What to publish instead: for each belief the most private affordable weights, and the lottery over weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.adversaries import consistent_beliefs, near_optimal_beliefs
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.datasets import WeightsTable
+from inscrutable.decision_makers import (
+    CounterAdversarialDecisionMaker,
+    Decisions,
+    MixedDecisions,
+    ProbabilisticDecisionMaker,
+)
+from inscrutable.decision_makers.results import Progress
+from inscrutable.errors import InputError
+from inscrutable.experiments.attack import Attack, Reading, attack_weights
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.geometry import BeliefSet
+from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Protection:
+    """Weights to publish instead of the optimal ones, what they cost, and what an observer concludes from them.
+
+    Args:
+        model: The investor.
+        index: Labels of the rows, T of them.
+        beliefs: The investor's own beliefs π, shape (T,X).
+        optimal: u*(π), what it would hold if nobody watched, shape (T,U).
+        optimal_sets: Π(u*), what that would say.
+        budget: What may be spent, per row.
+        measure: The privacy that was maximised.
+        deterministic: The most private affordable weights (CDM).
+        lotteries: The lotteries of largest expected privacy (PDM).
+        drawn: One draw of each lottery.
+        aware_bounds: What an observer concludes from the CDM's weights who knows the regret that was allowed in that row:
+            least and greatest probability of each regime with ρ(π',ū) within it, shape (T,X,2); π is always inside.
+        planned: How the planned weights were read, where the beliefs came from weights; else None.
+    """
+
+    model: InvestorModel
+    index: pd.Index
+    beliefs: Array
+    optimal: Array
+    optimal_sets: tuple[BeliefSet, ...]
+    budget: Budget
+    measure: PrivacyMeasure
+    deterministic: Decisions
+    lotteries: MixedDecisions
+    drawn: Decisions
+    aware_bounds: Array
+    planned: Attack | None = None
+
+    def __len__(self) -> int:
+        return len(self.beliefs)
+
+    def summary(self) -> str:
+        """Return one sentence: privacy bought and paid, by weights and by lottery."""
+        scale = np.abs(self.deterministic.optimal_cost)
+        spent = float(np.mean(self.deterministic.regret))
+        lottery = float(np.mean(self.lotteries.expected_cost - self.lotteries.optimal_cost))
+        share = f" ({float(np.mean(self.deterministic.regret / scale)):.1%} of |c*|)" if (scale > 0).all() else ""
+        rows = "" if len(self) == 1 else f"on average over {len(self)} rows "
+        return (
+            f"{rows}the weights to publish cost {spent:.3g} of regret{share} for a privacy of "
+            f"{float(np.mean(self.deterministic.privacy)):.3f}, the lottery {max(lottery, 0.0):.3g} for "
+            f"{float(np.mean(self.lotteries.expected_privacy)):.3f} in expectation, against an observer who takes "
+            "weights at face value"
+        )
+
+
+def protect(
+    model: InvestorModel,
+    beliefs: ArrayLike | pd.DataFrame,
+    budget: Budget | float | None = None,
+    measure: PrivacyMeasure | None = None,
+    *,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
+) -> Protection:
+    """Return the weights and the lottery to publish instead of the optimal weights for the investor's beliefs.
+
+    Formula: max Ψ(ū) over ū ∈ C with ρ(π,ū) ≤ budget (CDM), max Σ p_l Ψ(ū_l) with Σ p_l ρ(π,ū_l) ≤ budget (PDM).
+
+    Args:
+        model: The investor.
+        beliefs: π, shape (X,) or (T,X); a frame's columns are the model's regimes, its index labels the rows.
+        budget: A share of |c*|, or a `Budget`; None is the model's.
+        measure: The privacy measure Ψ; None is maximal obfuscation.
+        rng: Source of the draws; None is the entropy of the operating system, because a rival who knows the seed
+            knows the draw.
+        progress: Called with (steps done, steps in all).
+
+    Returns:
+        A `Protection`.
+
+    Raises:
+        InputError: The beliefs are not on the simplex, have other regimes than the model, or an argument is malformed.
+
+    Cost: about 0.3 s a belief, after a second for the candidates. Source: the paper, Approaches 1 and 2.
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+        >>> means, spreads = [[0.02, 0.0], [-0.03, 0.0]], [0.01 * np.eye(2), 0.09 * np.eye(2)]
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
+        >>> model = InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), ("calm", "crisis"))
+        >>> protection = protect(model, [0.8, 0.2], budget=0.1, rng=np.random.default_rng(0))
+        >>> bool(protection.deterministic.regret[0] <= 0.1 * abs(protection.deterministic.optimal_cost[0]))
+        True
+    """
+    held, index = _beliefs_of(model, beliefs)
+    return _protect(model, held, index, _Order(model, budget, measure, rng, progress), None)
+
+
+def protect_weights(
+    model: InvestorModel,
+    weights: WeightsTable | pd.DataFrame,
+    budget: Budget | float | None = None,
+    measure: PrivacyMeasure | None = None,
+    *,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
+) -> Protection:
+    """Return what to publish instead of planned weights, whose belief is read off as an observer would.
+
+    The belief is the centre of `attack_weights`; where no belief explains a row, the one of least regret, and
+    `Protection.planned` says so. The other arguments, errors and costs are those of `protect`.
+
+    Args:
+        model: The investor.
+        weights: The planned weights, as `read_weights` returns them or a frame with one column per asset.
+        budget: A share of |c*|, or a `Budget`; None is the model's.
+        measure: The privacy measure Ψ; None is maximal obfuscation.
+        rng: Source of the draws; None is the entropy of the operating system.
+        progress: Called with (steps done, steps in all).
+
+    Returns:
+        A `Protection`.
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+        >>> means, spreads = [[0.02, 0.0], [-0.03, 0.0]], [0.01 * np.eye(2), 0.09 * np.eye(2)]
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
+        >>> model = InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), ("calm", "crisis"))
+        >>> planned = pd.DataFrame([model.problem.solve([0.8, 0.2])], columns=["A", "B"])
+        >>> protect_weights(model, planned, rng=np.random.default_rng(0)).beliefs.round(3)
+        array([[0.8, 0.2]])
+    """
+    planned = attack_weights(model, weights)
+    return _protect(model, planned.estimates, planned.index, _Order(model, budget, measure, rng, progress), planned)
+
+
+class _Order:
+    """What was asked for, checked before any work."""
+
+    def __init__(
+        self,
+        model: InvestorModel,
+        budget: Budget | float | None,
+        measure: PrivacyMeasure | None,
+        rng: np.random.Generator | None,
+        progress: Progress | None,
+    ) -> None:
+        self.budget = model.budget if budget is None else as_budget(budget)
+        self.measure = MaximalObfuscation() if measure is None else measure
+        self.rng = None if rng is None else validation.generator(rng)
+        self.progress = progress
+        if not isinstance(self.measure, PrivacyMeasure):
+            raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
+
+
+def _protect(
+    model: InvestorModel, beliefs: Array, index: pd.Index, order: _Order, planned: Attack | None
+) -> Protection:
+    problem = model.problem
+    _check_target(order.measure, beliefs)
+    watch = [_part(order.progress, number, 3) for number in range(3)]
+    chooser = CounterAdversarialDecisionMaker(problem, order.measure, order.budget)
+    deterministic = chooser.decide_many(beliefs, progress=watch[0])
+    mixer = ProbabilisticDecisionMaker(problem, order.measure, order.budget, candidates=chooser.candidates)
+    lotteries = mixer.decide_many(beliefs, progress=watch[1])
+    optimal = problem.solve(beliefs)
+    aware = []
+    for step, action in enumerate(deterministic.action):
+        limit = order.budget.limit(float(deterministic.optimal_cost[step]))
+        aware.append(near_optimal_beliefs(problem, action, limit).bounds())
+        watch[2](step + 1, len(beliefs))
+    return Protection(
+        model,
+        index,
+        beliefs,
+        optimal,
+        tuple(consistent_beliefs(problem, action) for action in optimal),
+        order.budget,
+        order.measure,
+        deterministic,
+        lotteries,
+        lotteries.sample(rng=order.rng),
+        np.array(aware),
+        planned,
+    )
+
+
+def _check_target(measure: PrivacyMeasure, beliefs: Array) -> None:
+    """Find a target that does not fit before the candidates are solved."""
+    if isinstance(measure, DesiredObfuscation):
+        for step, belief in enumerate(beliefs):
+            measure.at_step(step).reference(belief)
+
+
+def _part(progress: Progress | None, done: int, parts: int) -> Progress:
+    def report(step: int, steps: int) -> None:
+        if progress is not None:
+            progress(done * steps + step, parts * steps)
+
+    return report
+
+
+def _beliefs_of(model: InvestorModel, beliefs: ArrayLike | pd.DataFrame) -> tuple[Array, pd.Index]:
+    if isinstance(beliefs, pd.DataFrame):
+        missing = [regime for regime in model.regimes if regime not in beliefs.columns]
+        unknown = [column for column in beliefs.columns if column not in model.regimes]
+        if missing or unknown:
+            raise InputError(f"beliefs must have one column per regime; missing: {missing}, unknown: {unknown}")
+        held = validation.many_beliefs(beliefs[list(model.regimes)].to_numpy(), model.problem.n_states)
+        return held, beliefs.index
+    held = validation.many_beliefs(beliefs, model.problem.n_states)
+    return held, pd.RangeIndex(len(held), name="row")
+
+
+def implausible_rows(protection: Protection) -> list[int]:
+    """Return the planned rows that no belief explains, counted from 0; empty where the beliefs were given."""
+    if protection.planned is None:
+        return []
+    return [step for step, row in enumerate(protection.planned.rows) if row.reading is Reading.IMPLAUSIBLE]

@@ -1,0 +1,75 @@
+"""One door to HiGHS: linear programmes with the tightest tolerances it accepts, and typed answers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from inscrutable import tolerances
+from inscrutable.errors import SolverError
+from inscrutable.validation import Array
+
+OPTIMAL, LIMIT, INFEASIBLE, UNBOUNDED = 0, 1, 2, 3
+_FREE = (None, None)
+
+
+class LinearAnswer(NamedTuple):
+    """Answer of a linear programme; `x` is NaN unless the status is `OPTIMAL`."""
+
+    status: int
+    x: Array
+    value: float
+    duals: Array  # of the inequality rows, at most 0
+    message: str
+
+
+class Rows(NamedTuple):
+    """Rows A x ≤ b or A x = b."""
+
+    matrix: Array
+    sides: Array
+
+
+Bound = tuple[float | None, float | None]
+
+
+def minimise(
+    objective: Array,
+    below: Rows | None = None,
+    equal: Rows | None = None,
+    bounds: Bound | Sequence[Bound] = _FREE,
+) -> LinearAnswer:
+    """Return min objective'x over rows `below` and `equal`; variables are free unless bounded."""
+    upper = None if below is None or not len(below.sides) else below
+    exact = None if equal is None or not len(equal.sides) else equal
+    answer = linprog(
+        objective,
+        A_ub=None if upper is None else upper.matrix,
+        b_ub=None if upper is None else upper.sides,
+        A_eq=None if exact is None else exact.matrix,
+        b_eq=None if exact is None else exact.sides,
+        bounds=bounds,
+        method="highs",
+        options={
+            "primal_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
+            "dual_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
+        },
+    )
+    if answer.x is None or answer.fun is None or answer.status != OPTIMAL:
+        nothing = np.full(objective.size, np.nan)
+        return LinearAnswer(int(answer.status), nothing, float("nan"), np.zeros(0), str(answer.message))
+    duals = np.zeros(0) if upper is None else np.asarray(answer.ineqlin.marginals, dtype=np.float64)
+    return LinearAnswer(OPTIMAL, np.asarray(answer.x, dtype=np.float64), float(answer.fun), duals, str(answer.message))
+
+
+def minimum(
+    objective: Array, below: Rows | None = None, equal: Rows | None = None, bounds: Bound | Sequence[Bound] = _FREE
+) -> LinearAnswer:
+    """Return the answer of a programme known to have one; raise `SolverError` where HiGHS finds none."""
+    answer = minimise(objective, below, equal, bounds)
+    if answer.status != OPTIMAL:
+        raise SolverError(f"HiGHS found no optimum of a linear programme that has one: {answer.message}")
+    return answer

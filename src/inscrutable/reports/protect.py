@@ -1,0 +1,252 @@
+"""What to publish instead, as tables and as pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.datasets import output_folder, write_json, write_table
+from inscrutable.decision_makers import Decision, MixedDecision
+from inscrutable.experiments.protect import Protection, implausible_rows
+from inscrutable.geometry import BeliefSet
+from inscrutable.reports.style import BLACK, GREY, drawing, look_of, save_figure, ternary_labels
+from inscrutable.validation import Array
+
+OPTIMAL, PUBLISH, ATOM, DRAWN = "ODM: optimal", "CDM: publish this", "PDM: atom", "PDM: or this draw"
+
+
+def protect_table(protection: Protection) -> pd.DataFrame:
+    """Return what to publish, what it costs and what an observer then concludes: a few rows per belief.
+
+    Args:
+        protection: From `protect` or `protect_weights`.
+
+    Returns:
+        A frame on (row label, what). What: the optimal weights (ODM), the weights to publish (CDM), every atom of the
+        lottery (PDM) and its draw. Columns: the probability with which it is published; the regret in the cost's unit
+        and as a share of |c*|; the privacy Ψ under the chosen measure; the distance from the belief to what an observer
+        concludes who takes the weights at face value, and that conclusion, the centre of its set, for each regime; its
+        most likely regime; the weights of all assets.
+
+    Example: see `write_protect`.
+    """
+    model = protection.model
+    records: list[dict[str, Any]] = []
+    keys: list[tuple[Any, str]] = []
+    for step, label in enumerate(protection.index):
+        for what, probability, action, belief_set, regret, privacy in _options(protection, step):
+            keys.append((label, what))
+            seen = belief_set.center()
+            optimal_cost = abs(float(protection.deterministic.optimal_cost[step]))
+            record: dict[str, Any] = {
+                "probability": probability,
+                "regret": regret,
+                "regret / |c*|": regret / optimal_cost if optimal_cost else np.nan,
+                "privacy": privacy,
+                "distance": belief_set.distance(protection.beliefs[step]),
+            }
+            record.update({f"observer: {regime}": seen[i] for i, regime in enumerate(model.regimes)})
+            record["observer names"] = "nothing" if belief_set.is_empty else model.regimes[int(seen.argmax())]
+            record.update({f"weight: {asset}": action[j] for j, asset in enumerate(model.assets)})
+            records.append(record)
+    index = pd.MultiIndex.from_tuples(keys, names=[protection.index.name or "row", "what"])
+    return pd.DataFrame(records, index=index)
+
+
+def _options(protection: Protection, step: int) -> list[tuple[str, float, Array, BeliefSet, float, float]]:
+    """(what, probability, action, set, regret, privacy) of everything that could be published in one row."""
+    publish: Decision = protection.deterministic[step]
+    lottery: MixedDecision = protection.lotteries[step]
+    drawn: Decision = protection.drawn[step]
+    belief, optimal_set = protection.beliefs[step], protection.optimal_sets[step]
+    own = float(protection.measure.at_step(step)(belief, optimal_set))
+    options = [
+        (OPTIMAL, 1.0, protection.optimal[step], optimal_set, 0.0, own),
+        (PUBLISH, 1.0, publish.action, publish.belief_set, publish.regret, publish.privacy),
+    ]
+    for k, share in enumerate(lottery.probabilities):
+        name = f"{ATOM} {k + 1}"
+        each = (lottery.belief_sets[k], float(lottery.regrets[k]), float(lottery.privacies[k]))
+        options.append((name, float(share), lottery.actions[k], *each))
+    options.append((DRAWN, 1.0, drawn.action, drawn.belief_set, drawn.regret, drawn.privacy))
+    return options
+
+
+def published_weights(protection: Protection, *, drawn: bool = False) -> pd.DataFrame:
+    """Return the weights to publish, one row per belief and one column per asset, in the form `read_weights` reads.
+
+    `drawn` False gives the CDM's weights, True the PDM's draws.
+    """
+    actions = protection.drawn.action if drawn else protection.deterministic.action
+    index = protection.index.rename(protection.index.name or "row")
+    return pd.DataFrame(actions, index=index, columns=pd.Index(protection.model.assets))
+
+
+def plot_protection(protection: Protection, step: int, axes: Any) -> None:
+    """Draw one row on ternary axes of three regimes: the belief, and what each publication would say."""
+    lottery = protection.lotteries[step]
+    belief = protection.beliefs[step]
+    axes.scatter(*belief[:, None], marker="*", s=90, color=BLACK, zorder=5, clip_on=False, label="your belief")
+    sets = [("ODM", protection.optimal_sets[step], 1.0), ("CDM", protection.deterministic.belief_set[step], 1.0)]
+    sets += [("PDM", found, float(share)) for found, share in zip(lottery.belief_sets, lottery.probabilities, strict=True)]
+    named = set()
+    for name, found, share in sets:
+        look = look_of(name)
+        if found.is_empty:
+            continue
+        corners = found.vertices()
+        if len(corners) == 2:
+            axes.plot(*corners.T, color=look.colour, linewidth=2.0, alpha=0.4, zorder=2)
+        elif len(corners) > 2:
+            centre = corners - corners.mean(axis=0)
+            around = corners[np.argsort(np.arctan2(centre[:, 1], centre[:, 0]))]
+            axes.fill(*around.T, color=look.colour, alpha=0.2, linewidth=0, zorder=1)
+        near = found.nearest(belief)
+        axes.plot(*np.array([belief, near]).T, "--", color=look.colour, linewidth=0.8, zorder=2)
+        hollow = {"ODM": {"facecolors": "none", "edgecolors": look.colour}, "PDM": {"facecolors": "none"}}
+        style = hollow.get(name, {})
+        label = f"{name} says" if name != "PDM" else "PDM says (size: probability)"
+        size = {"ODM": 150.0, "CDM": 40.0}.get(name, 20.0 + 100.0 * share)
+        axes.scatter(
+            *found.center()[:, None],
+            marker=look.marker,
+            s=size,
+            zorder=4,
+            clip_on=False,
+            label=None if name in named else label,
+            **({"color": look.colour} if not style else {"edgecolors": look.colour, **style}),
+        )
+        named.add(name)
+    ternary_labels(axes, protection.model.regimes)
+
+
+def plot_protected_beliefs(protection: Protection, step: int, axes: Any) -> None:
+    """Draw one row for any number of regimes: the belief, and what an observer concludes from each publication."""
+    regimes = protection.model.regimes
+    place = np.arange(len(regimes))
+    axes.plot(place, protection.beliefs[step], "*", color=BLACK, markersize=9, label="your belief", zorder=4)
+    found = {"ODM": protection.optimal_sets[step], "CDM": protection.deterministic.belief_set[step]}
+    found["PDM"] = protection.drawn.belief_set[step]
+    for shift, (name, held) in zip((-0.2, 0.0, 0.2), found.items(), strict=True):
+        look = look_of(name)
+        bounds = held.bounds()
+        axes.vlines(place + shift, bounds[:, 0], bounds[:, 1], color=look.colour, linewidth=2, alpha=0.5)
+        label = f"{name} says" if name != "PDM" else "PDM's draw says"
+        axes.plot(place + shift, held.center(), look.marker, color=look.colour, label=label)
+    axes.set_xticks(place, regimes)
+    axes.set_ylabel("probability")
+    axes.set_ylim(-0.04, 1.04)
+
+
+def plot_protected_weights(protection: Protection, step: int, axes: Any) -> None:
+    """Draw the weights of one row that matter: optimal, to publish, and the lottery's draw."""
+    actions = np.array(
+        [protection.optimal[step], protection.deterministic.action[step], protection.drawn.action[step]]
+    )
+    held = np.flatnonzero(np.abs(actions).max(axis=0) >= 0.005)
+    place = np.arange(len(held))
+    for k, (name, label) in enumerate((("ODM", "optimal"), ("CDM", "publish"), ("PDM", "or this draw"))):
+        look = look_of(name)
+        bars = actions[k, held]
+        axes.barh(place + 0.27 * (k - 1), bars, height=0.25, color=look.colour, label=f"{name}: {label}")
+    axes.set_yticks(place, [protection.model.assets[j] for j in held])
+    axes.invert_yaxis()
+    axes.axvline(0.0, color=GREY, linewidth=0.5)
+    axes.set_xlabel("weight")
+
+
+def write_protect(protection: Protection, folder: Path) -> list[Path]:
+    """Write the tables, a summary and the pictures of a protection into a folder and return their paths.
+
+    Args:
+        protection: From `protect` or `protect_weights`. The pictures show its last row.
+        folder: Created where needed.
+
+    Returns:
+        protect.csv, publish.csv (CDM) and publish_drawn.csv (PDM), which an attack can read, summary.json,
+        protect_beliefs and protect_weights as .png and .svg.
+
+    Raises:
+        InputError: A file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> from inscrutable.experiments.investor_model import InvestorModel
+        >>> from inscrutable.experiments.protect import protect
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+        >>> means, spreads = [[0.02, 0.0], [-0.03, 0.0]], [0.01 * np.eye(2), 0.09 * np.eye(2)]
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
+        >>> model = InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), ("calm", "crisis"))
+        >>> protection = protect(model, [0.8, 0.2], rng=np.random.default_rng(0))
+        >>> protect_table(protection)["observer: calm"].iloc[:2].round(2).tolist()[0]
+        0.8
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     len(write_protect(protection, Path(folder)))
+        8
+    """
+    target = output_folder(folder)
+    paths = [target / name for name in ("protect.csv", "publish.csv", "publish_drawn.csv", "summary.json")]
+    write_table(protect_table(protection), paths[0])
+    write_table(published_weights(protection), paths[1])
+    write_table(published_weights(protection, drawn=True), paths[2])
+    write_json(protect_summary(protection), paths[3])
+    last = len(protection) - 1
+    if len(protection.model.regimes) == 3:
+        import mpltern  # noqa: F401  # registers the projection
+
+        with drawing(height=3.6, subplot_kw={"projection": "ternary"}) as (figure, axes):
+            plot_protection(protection, last, axes)
+            figure.legend(loc="outside lower center", ncols=2)
+            paths += save_figure(figure, target, "protect_beliefs")
+    else:
+        with drawing() as (figure, axes):
+            plot_protected_beliefs(protection, last, axes)
+            figure.legend(loc="outside lower center", ncols=2)
+            paths += save_figure(figure, target, "protect_beliefs")
+    with drawing(height=3.0) as (figure, axes):
+        plot_protected_weights(protection, last, axes)
+        figure.legend(loc="outside lower center", ncols=3)
+        paths += save_figure(figure, target, "protect_weights")
+    return paths
+
+
+def protect_summary(protection: Protection) -> dict[str, Any]:
+    """Return a protection's figures as plain data: budget, cost, privacy, and each row's conclusion and weights."""
+    rows = []
+    for step, label in enumerate(protection.index):
+        publish, lottery, drawn = protection.deterministic[step], protection.lotteries[step], protection.drawn[step]
+        rows.append(
+            {
+                "row": f"{label:%Y-%m-%d}" if isinstance(label, pd.Timestamp) else label,
+                "belief": protection.beliefs[step],
+                "optimal": protection.optimal[step],
+                "optimal_cost": publish.optimal_cost,
+                "publish": publish.action,
+                "regret": publish.regret,
+                "privacy": publish.privacy,
+                "status": publish.status.name.lower(),
+                "observer_concludes": publish.belief_set.center(),
+                "observer_bounds": publish.belief_set.bounds(),
+                "budget_aware_bounds": protection.aware_bounds[step],
+                "lottery": {
+                    "actions": lottery.actions,
+                    "probabilities": lottery.probabilities,
+                    "expected_regret": lottery.expected_regret,
+                    "expected_privacy": lottery.expected_privacy,
+                },
+                "drawn": drawn.action,
+            }
+        )
+    return {
+        "sentence": protection.summary(),
+        "budget": str(protection.budget),
+        "measure": type(protection.measure).__name__,
+        "assets": list(protection.model.assets),
+        "regimes": list(protection.model.regimes),
+        "implausible_rows": [int(step) for step in implausible_rows(protection)],
+        "rows": rows,
+    }

@@ -1,0 +1,142 @@
+"""Baum-Welch for Gaussian observations: one climb from one starting point.
+
+With smoothed probabilities γ_t(i) and expected transition counts N_ij, a step sets π_0 = γ_0, P_ij = N_ij / Σ_j N_ij,
+μ_i = Σ_t γ_t(i) y_t / Σ_t γ_t(i), and Σ_i to the weighted covariance with its eigenvalues raised to the floor: the
+maximiser of the expected log-likelihood under that floor, so the likelihood never decreases.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inscrutable import tolerances
+from inscrutable.errors import ModelError
+from inscrutable.validation import Array
+
+START_PERSISTENCE = 0.9
+"""Probability of staying in a state at every starting point: regimes last."""
+
+
+@dataclass(frozen=True)
+class Standardised:
+    """Observations as rows = (raw − centre) / scale, so that one floor fits every unit.
+
+    `log_volume` is Σ log scale, what one observation loses in log density when it is scaled back. `floored` says that
+    the whole sample already lies below the floor in some direction, as with a constant or a duplicated column.
+    """
+
+    rows: Array
+    centre: Array
+    scale: Array
+    log_volume: float
+    floored: bool
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """A world over standardised data: initial (X,), transition (X,X), means (X,D), covariances (X,D,D)."""
+
+    initial: Array
+    transition: Array
+    means: Array
+    covariances: Array
+
+    def reordered(self, order: NDArray[np.int64]) -> Parameters:
+        """Return the same world with its states in another order."""
+        transition = self.transition[np.ix_(order, order)]
+        return Parameters(self.initial[order], transition, self.means[order], self.covariances[order])
+
+
+def standardised(raw: Array) -> Standardised:
+    """Scale every column of observations (T,D) to zero mean and unit variance; a constant one gets the smallest scale."""
+    centre = raw.mean(axis=0)
+    scale = raw.std(axis=0)
+    constant = np.ptp(raw, axis=0) <= tolerances.CONSTANT_COLUMN * np.abs(raw).max(axis=0)
+    if constant.all():
+        raise ModelError(f"all {len(raw)} observations are equal: there is no variance to fit")
+    scale[constant] = scale[~constant].min()
+    rows = (raw - centre) / scale
+    smallest = np.linalg.eigvalsh(np.atleast_2d(np.cov(rows.T, bias=True)))[0]
+    return Standardised(rows, centre, scale, float(np.log(scale).sum()), bool(smallest <= tolerances.COVARIANCE_FLOOR))
+
+
+class Climb:
+    """Baum-Welch from one starting point, in steps that can be interrupted.
+
+    `trace` holds the log-likelihood of the standardised data before each step; its last entry and `weights` (expected
+    number of observations of each state) belong to the current `parameters`.
+    """
+
+    def __init__(self, data: Standardised, responsibilities: Array) -> None:
+        n_states, n_dims = responsibilities.shape[1], data.rows.shape[1]
+        sticky = START_PERSISTENCE * np.eye(n_states) + (1.0 - START_PERSISTENCE) / n_states
+        blank = Parameters(sticky[0], sticky, np.zeros((n_states, n_dims)), np.tile(np.eye(n_dims), (n_states, 1, 1)))
+        self._data = data
+        self._responsibilities = responsibilities
+        self._counts: Array = sticky
+        self.parameters = _maximise(data.rows, responsibilities, sticky, blank)
+        self.trace: list[float] = []
+        self.converged = False
+
+    @property
+    def weights(self) -> Array:
+        """Expected number of observations of each state, (X,)."""
+        return np.asarray(self._responsibilities.sum(axis=0))
+
+    def run(self, limit: int) -> None:
+        """Go on until the gain is too small or the likelihood has been evaluated `limit` times."""
+        rows = self._data.rows
+        while not self.converged and len(self.trace) < limit:
+            if self.trace:
+                self.parameters = _maximise(rows, self._responsibilities, self._counts, self.parameters)
+            self._expect()
+            gain = self.trace[-1] - self.trace[-2] if len(self.trace) > 1 else np.inf
+            self.converged = bool(gain < tolerances.EM_CHANGE * len(rows))
+
+    def _expect(self) -> None:
+        from inscrutable.kernels.hidden_markov import expectation_pass, filter_pass, gaussian_log_densities
+
+        now = self.parameters
+        densities = gaussian_log_densities(self._data.rows, now.means, np.linalg.cholesky(now.covariances))
+        with np.errstate(divide="ignore"):
+            log_initial, log_transition = np.log(now.initial), np.log(now.transition)
+        log_beliefs, log_predicted, _, _, increments = filter_pass(log_initial, log_transition, densities)
+        self._responsibilities, self._counts = expectation_pass(log_beliefs, log_predicted, log_transition)
+        self.trace.append(float(increments.sum()))
+
+    def collapsed(self) -> tuple[int, ...]:
+        """States with fewer observations than a covariance needs, or at the floor where the whole sample is not."""
+        at_floor = np.linalg.eigvalsh(self.parameters.covariances)[:, 0] < 2.0 * tolerances.COVARIANCE_FLOOR
+        too_few = self.weights < self._data.rows.shape[1] + 1
+        return tuple(int(i) for i in np.flatnonzero(too_few | (at_floor & (not self._data.floored))))
+
+    def order_by_volatility(self) -> None:
+        """Put the states in the order of the trace of their covariance in the data's own unit, smallest first."""
+        volatility = np.einsum("idd,d->i", self.parameters.covariances, self._data.scale**2)
+        order = np.asarray(np.argsort(volatility, kind="stable"), dtype=np.int64)
+        self.parameters = self.parameters.reordered(order)
+        self._responsibilities = self._responsibilities[:, order]
+        self._counts = self._counts[np.ix_(order, order)]
+
+
+def _maximise(rows: Array, responsibilities: Array, counts: Array, previous: Parameters) -> Parameters:
+    """Maximise the expected log-likelihood; a state that nothing is assigned to keeps its previous parameters."""
+    tiny = np.finfo(np.float64).tiny
+    transition = previous.transition.copy()
+    left = counts.sum(axis=1)
+    transition[left > tiny] = counts[left > tiny] / left[left > tiny, None]
+    means, covariances = previous.means.copy(), previous.covariances.copy()
+    weights = responsibilities.sum(axis=0)
+    for state in np.flatnonzero(weights > tiny):
+        share = responsibilities[:, state] / weights[state]
+        means[state] = share @ rows
+        deviations = rows - means[state]
+        covariances[state] = (deviations * share[:, None]).T @ deviations
+    values, vectors = np.linalg.eigh((covariances + covariances.transpose(0, 2, 1)) / 2.0)
+    for state in np.flatnonzero(values[:, 0] < tolerances.COVARIANCE_FLOOR):
+        raised = np.maximum(values[state], tolerances.COVARIANCE_FLOOR)
+        covariances[state] = (vectors[state] * raised) @ vectors[state].T
+    return Parameters(responsibilities[0] / responsibilities[0].sum(), transition, means, covariances)

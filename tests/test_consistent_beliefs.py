@@ -1,0 +1,350 @@
+"""The beliefs an action is optimal for: against lifted linear and quadratic programmes, enumeration and hand-worked cases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem, box, consistent_beliefs, simplex
+from inscrutable.adversaries import consistent_sets
+from oracles import consistent
+from strategies import (
+    SEEDS,
+    belief_problem,
+    cost_scale,
+    drawn_problems,
+    is_well_posed,
+    line_problem,
+    long_only,
+    system_of,
+)
+
+VERTEX_REGRET = 1e-9  # relative to the cost's scale
+AGREEMENT = 1e-6  # with the oracle, in belief, on well-posed sets
+
+# --- properties over random problems --------------------------------------------------------------------------------
+
+
+@settings(max_examples=300, deadline=None)
+@given(drawn_problems())
+def test_the_belief_explains_its_own_decision_and_every_corner_does(drawn):
+    action = drawn.problem.solve(drawn.belief)
+    found = consistent_beliefs(drawn.problem, action)
+    assert not found.is_empty
+    assert found.contains(drawn.belief)
+    assert found.distance(drawn.belief) == 0
+    assert found.residual <= 1e-10
+    assert found.plausibility_gap == 0
+
+    corners = found.vertices()
+    np.testing.assert_allclose(corners.sum(axis=1), 1, atol=1e-12)
+    assert corners.min() >= 0
+    regrets = drawn.problem.regret(corners, action)
+    assert regrets.max() <= VERTEX_REGRET * cost_scale(drawn.problem, action)
+
+
+@settings(max_examples=150, deadline=None)
+@given(drawn_problems(min_slack=1e-4))
+def test_a_smallest_weight_only_widens_the_set(drawn):
+    action = drawn.problem.solve(drawn.belief)
+    widened = consistent_beliefs(drawn.problem, action)
+    assert widened.contains(drawn.belief)
+    letter = MarkowitzProblem(*drawn.market, constraints=long_only(action.size, 0.0))
+    for corner in consistent_beliefs(letter, action).vertices():
+        assert widened.distance(corner) <= AGREEMENT
+
+
+@settings(max_examples=300, deadline=None)
+@given(drawn_problems(states=(2, 6), assets=(2, 20), spread=1.0), st.booleans())
+def test_bounds_and_distance_are_the_oracles(drawn, optimal):
+    """Well posed: every singular value of the projected stationarity system is clearly zero or clearly not."""
+    action = drawn.problem.solve(drawn.belief)
+    if not optimal:  # an action a few assets hold, explained or not
+        held = drawn.rng.choice(action.size, min(2, action.size), replace=False)
+        action = np.zeros(action.size)
+        action[held] = drawn.rng.dirichlet(np.ones(held.size))
+    system = system_of(drawn.problem, action)
+    assume(is_well_posed(system))
+    residual = consistent.smallest_residual(system)
+    assume(residual < 1e-11 or residual > 1e-8)
+    found = consistent_beliefs(drawn.problem, action)
+    assert found.is_empty == (residual > 1e-9)
+    if found.is_empty:
+        assert found.residual > 1e-10
+        return
+    np.testing.assert_allclose(found.bounds(), consistent.bounds(system), atol=AGREEMENT)
+    for target in (drawn.belief, drawn.rng.dirichlet(np.ones(drawn.belief.size)), np.eye(drawn.belief.size)[0]):
+        nearest = found.nearest(target)
+        assert found.distance(target) == pytest.approx(consistent.distance(system, target), abs=AGREEMENT)
+        np.testing.assert_allclose(nearest, consistent.nearest(system, target), atol=10 * AGREEMENT)
+        assert found.violation(nearest) <= AGREEMENT
+
+
+@settings(max_examples=150, deadline=None)
+@given(drawn_problems(states=(2, 4), assets=(2, 8), spread=1.0))
+def test_vertices_are_the_oracles(drawn):
+    action = drawn.problem.solve(drawn.belief)
+    system = system_of(drawn.problem, action)
+    assume(is_well_posed(system))
+    found, expected = consistent_beliefs(drawn.problem, action).vertices(), consistent.vertices(system)
+    assert same_points(found, expected), f"found {found}, expected {expected}"
+
+
+def same_points(found, expected, atol=AGREEMENT):
+    if not len(found) or not len(expected):
+        return len(found) == len(expected)
+    apart = np.abs(found[:, None] - expected[None]).max(axis=2)
+    return len(found) == len(expected) and apart.min(axis=0).max() <= atol and apart.min(axis=1).max() <= atol
+
+
+@settings(max_examples=100, deadline=None)
+@given(drawn_problems(states=(2, 4), assets=(5, 30), kinds=[{}], spread=0.0))
+def test_an_interior_action_with_more_assets_than_states_is_unexplained(drawn):
+    action = drawn.rng.dirichlet(np.ones(drawn.problem.n_actions)) * 0.9 + 0.1 / drawn.problem.n_actions
+    found = consistent_beliefs(drawn.problem, action)
+    assert found.is_empty
+    assert found.dimension == -1
+    assert found.residual > 1e-8
+    # The library's residual is that of equations in an orthonormal basis: the largest entry differs by at most √U.
+    expected, factor = consistent.smallest_residual(system_of(drawn.problem, action)), np.sqrt(action.size)
+    assert expected / factor <= found.residual * (1 + 1e-6) <= expected * factor * (1 + 2e-6)
+    assert found.plausibility_gap > 0
+    assert found.distance(drawn.belief) == np.inf
+    assert found.vertices().shape == (0, drawn.belief.size)
+    assert np.isnan(found.bounds()).all()
+    assert np.isnan(found.center()).all()
+    assert np.isnan(found.nearest(drawn.belief)).all()
+
+
+@settings(max_examples=100, deadline=None)
+@given(drawn_problems(states=(2, 6), assets=(2, 12), spread=1.0))
+def test_fact_f3_the_distance_to_the_set_is_at_most_the_distance_to_the_decoy(drawn):
+    decoy = drawn.rng.dirichlet(np.ones(drawn.belief.size))
+    found = consistent_beliefs(drawn.problem, drawn.problem.solve(decoy))
+    apart = np.linalg.norm(drawn.belief - decoy)
+    assert found.distance(drawn.belief) <= apart + 1e-12
+    if found.dimension == 0:
+        assert found.distance(drawn.belief) == pytest.approx(apart, abs=AGREEMENT)
+
+
+@settings(max_examples=100, deadline=None)
+@given(drawn_problems(states=(2, 5), assets=(2, 8), spread=1.0))
+def test_samples_centre_and_bounds_belong_together(drawn):
+    found = consistent_beliefs(drawn.problem, drawn.problem.solve(drawn.belief))
+    sample = found.sample(20, rng=drawn.rng)
+    assert sample.shape == (20, drawn.belief.size)
+    for point in [*sample, found.center()]:
+        assert found.distance(point) <= AGREEMENT
+        assert (point >= found.bounds()[:, 0] - AGREEMENT).all()
+        assert (point <= found.bounds()[:, 1] + AGREEMENT).all()
+    np.testing.assert_allclose(found.center(), found.vertices().mean(axis=0), atol=1e-15)
+
+
+@settings(max_examples=60, deadline=None)
+@given(drawn_problems(states=(2, 5), assets=(2, 6), spread=1.0))
+def test_many_sets_at_once_are_the_single_ones(drawn):
+    decoys = np.vstack([drawn.belief, drawn.rng.dirichlet(np.ones(drawn.belief.size), 4), np.eye(drawn.belief.size)])
+    actions = np.vstack([drawn.problem.solve(decoys), drawn.rng.dirichlet(np.ones(drawn.problem.n_actions), 3)])
+    sets = consistent_sets(drawn.problem, actions)
+    distances = sets.distances(drawn.belief)
+    for index, action in enumerate(actions):
+        single = consistent_beliefs(drawn.problem, action)
+        assert min(single.dimension, 2) == sets.dimension[index]
+        if single.is_empty:
+            assert distances[index] == np.inf
+        else:
+            assert distances[index] == pytest.approx(single.distance(drawn.belief), abs=1e-9)
+    assert (sets.bounds(drawn.belief) >= distances - 1e-12).all()
+
+
+# --- general feasible sets ------------------------------------------------------------------------------------------
+
+
+def random_polyhedron(rng, kind, size):
+    """Sets with redundant, duplicated and degenerate rows, none of them a plain simplex."""
+    base = simplex(size)
+    if kind == "box":
+        return base & box(np.zeros(size), np.full(size, rng.uniform(1.5, 2.5) / size))
+    if kind == "sector":
+        first = (np.arange(size) < size // 2).astype(float)
+        return base & Polyhedron([first, -first], [0.4, -0.1])
+    if kind == "redundant":
+        return base & Polyhedron(np.vstack([-np.ones(size), np.eye(size)[0]]), [0.0, 5.0]) & box([0] * size, [1] * size)
+    if kind == "duplicated":
+        return base & base
+    if kind == "degenerate vertex":  # more tight rows at the corner e_0 than coordinates
+        return base & Polyhedron([np.eye(size)[0] + 0.5 * np.eye(size)[1], np.eye(size)[0]], [1.0, 1.0])
+    if kind == "equalities only":
+        return Polyhedron(A_eq=[np.ones(size), np.arange(size)], b_eq=[1.0, 1.0])
+    return box(np.full(size, -0.2), np.full(size, 0.5)) & Polyhedron(A_eq=np.ones((1, size)), b_eq=[1.0])
+
+
+POLYHEDRA = ["box", "sector", "redundant", "duplicated", "degenerate vertex", "equalities only", "long and short"]
+
+
+@pytest.mark.parametrize("kind", POLYHEDRA)
+@settings(max_examples=40, deadline=None)
+@given(SEEDS)
+def test_general_feasible_sets_agree_with_the_lifted_oracle(kind, seed):
+    rng = np.random.default_rng(seed)
+    n_states, size = int(rng.integers(2, 5)), int(rng.integers(3, 7))
+    region = random_polyhedron(rng, kind, size)
+    linear = rng.normal(size=(n_states, size))
+    if kind == "degenerate vertex":
+        linear[:, 0] -= 3.0  # so that the corner with too many tight rows is often the decision
+    factors = rng.normal(size=(n_states, size, size))
+    problem = QuadraticProblem(factors @ factors.transpose(0, 2, 1) / size, linear, constraints=region)
+    belief = rng.dirichlet(np.ones(n_states))
+    action = problem.solve(belief)
+    assert problem.constraints.violation(action) <= 1e-12
+    assume(((s := region.slacks(action)) < 1e-12).any() or s.size == 0 or s.min() > 1e-3)
+    assume(((s < 1e-12) | (s > 2e-4)).all())  # no row whose tightness is a matter of `min_slack`
+    system = system_of(problem, action)
+    found = consistent_beliefs(problem, action)
+    assert found.contains(belief)
+    assert problem.regret(found.vertices(), action).max() <= VERTEX_REGRET * cost_scale(problem, action)
+    assume(is_well_posed(system))
+    np.testing.assert_allclose(found.bounds(), consistent.bounds(system), atol=AGREEMENT)
+    target = rng.dirichlet(np.ones(n_states))
+    assert found.distance(target) == pytest.approx(consistent.distance(system, target), abs=AGREEMENT)
+    assert same_points(found.vertices(), consistent.vertices(system))
+
+
+# --- faces, ties and small cases by hand -----------------------------------------------------------------------------
+
+
+def test_a_decision_that_tells_everything_is_a_point():
+    problem = belief_problem()
+    belief = np.array([0.5, 0.3, 0.2])
+    found = consistent_beliefs(problem, problem.solve(belief))
+    assert found.dimension == 0
+    np.testing.assert_allclose(found.vertices(), [belief], atol=1e-12)
+    np.testing.assert_allclose(found.bounds(), np.column_stack([belief, belief]), atol=1e-12)
+    assert found.distance([0.2, 0.3, 0.5]) == pytest.approx(np.sqrt(0.18), abs=1e-12)
+
+
+@pytest.mark.parametrize("state", range(3))
+def test_a_corner_of_the_belief_simplex(state):
+    belief = np.eye(3)[state]
+    problem = belief_problem()
+    found = consistent_beliefs(problem, problem.solve(belief))
+    assert found.contains(belief)
+    np.testing.assert_allclose(found.vertices(), [belief], atol=1e-9)
+    assert np.sort(found.vertices()[0])[:2].max() <= 1e-15
+
+
+def test_an_edge_of_the_belief_simplex_and_a_segment_by_hand():
+    problem = line_problem([1.0, 0.0, -1.0])  # u_1 = 1/2 + (π_1 − π_3)/4
+    action = problem.solve([0.5, 0.5, 0.0])
+    np.testing.assert_allclose(action, [0.625, 0.375], atol=1e-14)
+    found = consistent_beliefs(problem, action)
+    assert found.dimension == 1
+    assert same_points(found.vertices(), np.array([[0.5, 0.5, 0.0], [0.75, 0.0, 0.25]]), 1e-12)
+    # From (0, 0, 1) the nearest member is the end (.75, 0, .25): the segment runs away from it.
+    assert found.distance([0.0, 0.0, 1.0]) == pytest.approx(np.sqrt(2 * 0.75**2), abs=1e-12)
+
+
+def test_an_action_at_a_vertex_has_a_halfspace_of_beliefs():
+    problem = line_problem([4.0, 0.0, -4.0])  # u_1 = 1/2 + π_1 − π_3, so everything in asset 1 once π_1 − π_3 >= 1/2
+    found = consistent_beliefs(problem, [1.0, 0.0])
+    assert found.dimension == 2
+    assert same_points(found.vertices(), np.array([[1.0, 0, 0], [0.5, 0.5, 0], [0.75, 0, 0.25]]), 1e-9)
+    np.testing.assert_allclose(found.bounds(), [[0.5, 1], [0, 0.5], [0, 0.25]], atol=1e-9)
+    # (0, 0, 1) lies off the line π_1 − π_3 = 1/2 by 3/2 over √2 (the normal (1, 0, −1) lies in the plane); the foot
+    # (3/4, 0, 1/4) is on the edge of the simplex.
+    assert found.distance([0, 0, 1.0]) == pytest.approx(1.5 / np.sqrt(2), abs=1e-9)
+
+
+def test_an_action_that_every_belief_explains_is_the_whole_simplex():
+    problem = MarkowitzProblem(np.tile([5.0, 0.0], (3, 1)), [np.eye(2)] * 3, 1.0)
+    found = consistent_beliefs(problem, [1.0, 0.0])
+    assert found.dimension == 2
+    assert same_points(found.vertices(), np.eye(3), 1e-9)
+    np.testing.assert_allclose(found.center(), np.full(3, 1 / 3), atol=1e-9)
+
+
+def test_identical_states_say_nothing_even_in_the_interior():
+    problem = MarkowitzProblem(np.tile([0.1, 0.2, 0.0], (4, 1)), [np.eye(3)] * 4, 1.0)
+    found = consistent_beliefs(problem, problem.solve([0.1, 0.2, 0.3, 0.4]))
+    assert found.dimension == 3
+    assert same_points(found.vertices(), np.eye(4), 1e-9)
+    assert found.distance([1.0, 0, 0, 0]) == pytest.approx(0, abs=1e-9)
+
+
+def test_one_state_one_asset_and_both():
+    one_state = MarkowitzProblem([[0.1, 0.2]], [np.eye(2)], 1.0)
+    found = consistent_beliefs(one_state, one_state.solve([1.0]))
+    assert found.dimension == 0
+    assert found.distance([1.0]) == 0
+    np.testing.assert_array_equal(found.vertices(), [[1.0]])
+    assert consistent_beliefs(one_state, [0.9, 0.1]).is_empty
+
+    one_asset = MarkowitzProblem([[0.1], [0.2]], np.ones((2, 1, 1)), 1.0)
+    found = consistent_beliefs(one_asset, one_asset.solve([0.3, 0.7]))
+    assert found.dimension == 1
+    np.testing.assert_allclose(found.bounds(), [[0, 1], [0, 1]], atol=1e-9)
+
+    both = MarkowitzProblem([[0.1]], np.ones((1, 1, 1)), 1.0)
+    assert consistent_beliefs(both, [1.0]).distance([1.0]) == 0
+
+
+def test_two_states_are_a_point_an_interval_or_nothing():
+    problem = line_problem([4.0, 0.0])  # u_1 = 1/2 + π_1
+    found = consistent_beliefs(problem, [0.7, 0.3])
+    np.testing.assert_allclose(found.vertices(), [[0.2, 0.8]], atol=1e-12)
+    found = consistent_beliefs(problem, [1.0, 0.0])
+    np.testing.assert_allclose(found.bounds(), [[0.5, 1.0], [0.0, 0.5]], atol=1e-12)
+    assert consistent_beliefs(problem, [0.4, 0.6]).is_empty
+
+
+def test_a_state_the_agent_excludes_may_still_be_what_the_observer_sees():
+    problem = line_problem([1.0, 0.0, -1.0])
+    found = consistent_beliefs(problem, problem.solve([0.0, 1.0, 0.0]))
+    assert same_points(found.vertices(), np.array([[0.0, 1.0, 0.0], [0.5, 0.0, 0.5]]), 1e-12)
+
+
+def test_duplicated_assets_share_a_position_in_any_way():
+    market_means = np.array([[0.2, 0.0, 0.2], [0.0, 0.1, 0.0]])
+    copy = np.eye(3)
+    copy[0, 2] = copy[2, 0] = 1.0
+    problem = MarkowitzProblem(market_means, [copy, 2 * copy], 1.0)
+    belief = np.array([0.4, 0.6])
+    action = problem.solve(belief)
+    total = action[0] + action[2]
+    for first in (0.0, 0.3 * total, total):
+        other = np.array([first, action[1], total - first])
+        found = consistent_beliefs(problem, other)
+        assert found.contains(belief)
+        np.testing.assert_allclose(found.center(), belief, atol=1e-9)
+
+
+def test_a_weight_below_the_smallest_counts_as_none():
+    """u_1 = 1 − 5e-5: at the letter a point of beliefs, with a smallest weight of 1e-4 the halfspace of all-in-asset-1."""
+    action = np.array([1 - 5e-5, 5e-5])
+    assert consistent_beliefs(line_problem([4.0, 0.0]), action).dimension == 0
+    widened = consistent_beliefs(line_problem([4.0, 0.0], min_slack=1e-4), action)
+    np.testing.assert_allclose(widened.bounds(), [[0.5, 1], [0, 0.5]], atol=1e-4)
+    assert widened.contains([0.49995, 0.50005])
+
+
+def test_rounded_weights_are_unexplained_and_say_by_how_much():
+    problem = belief_problem(3)
+    exact = problem.solve([0.31234567, 0.4, 0.28765433])
+    assert not consistent_beliefs(problem, exact).is_empty
+    four = MarkowitzProblem(np.eye(3)[:2], [np.eye(3)] * 2, 1.0)
+    rounded = np.round(four.solve([0.31234567, 0.68765433]), 4)
+    found = consistent_beliefs(four, rounded / rounded.sum() if rounded.sum() != 1 else rounded)
+    assert found.is_empty
+    assert 0 < found.plausibility_gap < 1e-7
+    assert 1e-10 < found.residual < 1e-3
+
+
+def test_a_looser_tolerance_explains_more():
+    four = MarkowitzProblem(np.eye(3)[:2], [np.eye(3)] * 2, 1.0, long_only(3, 0.0))
+    nearly = four.solve([0.3, 0.7]) + np.array([1e-6, 1e-6, -2e-6])
+    assert consistent_beliefs(four, nearly).is_empty
+    loose = consistent_beliefs(four, nearly, tolerance=1e-4)
+    assert not loose.is_empty
+    assert loose.distance([0.3, 0.7]) < 1e-3

@@ -1,0 +1,174 @@
+"""Feasible sets: rows, slacks, names, intersections, admissibility, and what is said where nothing is feasible."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.optimize import linprog
+
+from inscrutable import InputError, ModelError, Polyhedron, QuadraticProblem, box, simplex
+from strategies import SEEDS
+
+
+def test_the_simplex_has_its_rows():
+    region = simplex(3)
+    assert region.n_actions == 3
+    np.testing.assert_array_equal(region.A_ub, -np.eye(3))
+    np.testing.assert_array_equal(region.b_ub, np.zeros(3))
+    np.testing.assert_array_equal(region.A_eq, np.ones((1, 3)))
+    np.testing.assert_array_equal(region.b_eq, [1.0])
+    assert region.names == ("u[0] >= 0", "u[1] >= 0", "u[2] >= 0", "sum(u) = 1")
+    assert region.min_slack == 1e-4
+
+
+def test_a_box_drops_its_infinite_bounds():
+    region = box([0.0, -np.inf], [np.inf, 2.0])
+    np.testing.assert_array_equal(region.A_ub, [[-1, 0], [0, 1]])
+    np.testing.assert_array_equal(region.b_ub, [0, 2])
+    assert region.names == ("u[0] >= 0", "u[1] <= 2")
+
+
+def test_intersection_keeps_rows_names_and_the_larger_slack():
+    first = Polyhedron([[1.0, 0.0]], [0.5], [[1.0, 1.0]], [1.0], names=["cap", "net"], min_slack=1e-3)
+    second = Polyhedron([[0.0, -1.0]], [0.0], names=["floor"], min_slack=0.0)
+    both = first & second
+    assert both.names == ("cap", "floor", "net")
+    np.testing.assert_array_equal(both.A_ub, [[1, 0], [0, -1]])
+    assert both.min_slack == 1e-3
+    assert "2 coordinates, 2 inequalities, 1 equalities" in repr(both)
+    with pytest.raises(TypeError):
+        first & 3
+    with pytest.raises(InputError, match="2 and 3"):
+        first & simplex(3)
+
+
+def test_slacks_are_per_unit_of_the_rows_largest_coefficient():
+    region = Polyhedron([[100.0, 50.0], [-1.0, 0.0]], [100.0, 0.0])
+    np.testing.assert_allclose(region.slacks([0.5, 0.5]), [0.25, 0.5])
+    np.testing.assert_allclose(region.slacks([[0.5, 0.5], [1.0, 0.0]]), [[0.25, 0.5], [0.0, 1.0]])
+    assert float(region.violation([0.5, 0.5])) == 0
+    assert float(region.violation([2.0, 0.0])) == pytest.approx(1.0)
+    assert float(region.violation([-0.25, 0.0])) == pytest.approx(0.25)
+    assert float(simplex(2).violation([0.5, 0.6])) == pytest.approx(0.1)
+
+
+def test_admissible_is_tight_or_slack_by_the_smallest_slack():
+    region = simplex(3)  # min_slack 1e-4
+    rows = [
+        ([0.5, 0.5, 0.0], True),
+        ([0.5, 0.5 - 1e-4, 1e-4], True),
+        ([0.5, 0.5 - 0.9e-4, 0.9e-4], False),
+        ([0.5, 0.5 - 1e-12, 1e-12], True),  # rounding
+        ([0.5, 0.5, 0.1], False),
+        ([1.1, -0.1, 0.0], False),
+    ]
+    actions = np.array([action for action, _ in rows])
+    expected = np.array([answer for _, answer in rows])
+    np.testing.assert_array_equal(region.is_admissible(actions), expected)
+    for action, answer in rows:
+        assert bool(region.is_admissible(action)) is answer
+    letter = Polyhedron(-np.eye(3), np.zeros(3), np.ones((1, 3)), [1.0], min_slack=0.0)
+    assert bool(letter.is_admissible([0.5, 0.5 - 0.9e-4, 0.9e-4]))
+
+
+def test_tight_rows_are_those_an_observer_counts():
+    region = simplex(3)
+    np.testing.assert_array_equal(region.tight_rows([0.5, 0.5 - 5e-5, 5e-5]), [False, False, True])
+    np.testing.assert_array_equal(region.tight_rows([0.5, 0.5 - 2e-4, 2e-4]), [False, False, False])
+    scaled = Polyhedron([[0.0, -1000.0]], [0.0], min_slack=1e-4)  # the slack is in units of the coordinate
+    np.testing.assert_array_equal(scaled.tight_rows([[0.0, 5e-5], [0.0, 2e-4]]), [[True], [False]])
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS)
+def test_the_bounding_box_is_that_of_linear_programmes(seed):
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(1, 5))
+    region = box(np.full(size, -1.0), np.full(size, 1.0)) & Polyhedron(rng.normal(size=(2, size)), np.full(2, 0.5))
+    for j, (low, high) in enumerate(region.bounding_box):
+        for sign, value in ((1, low), (-1, high)):
+            answer = linprog(sign * np.eye(size)[j], region.A_ub, region.b_ub, bounds=(None, None))
+            assert sign * answer.fun == pytest.approx(value, abs=1e-9)
+    open_ended = box([0.0, -np.inf], [np.inf, 3.0]).bounding_box
+    np.testing.assert_array_equal(open_ended, [[0, np.inf], [-np.inf, 3]])
+
+
+# --- nothing feasible ---------------------------------------------------------------------------------------------------
+
+
+def test_conflicting_rows_are_named_with_the_least_relaxation():
+    region = simplex(3) & Polyhedron(
+        [[-1.0, 0, 0], [0, -1.0, 0], [1.0, 1.0, 0]], [-0.5, -0.3, 0.6], names=["min A", "min B", "cap A+B"]
+    )
+    with pytest.raises(ModelError, match="no decision satisfies all constraints") as caught:
+        region.check_feasible()
+    assert "by 0.2" in str(caught.value)
+    assert any(name in str(caught.value) for name in ("min A", "min B", "cap A+B"))
+    with pytest.raises(ModelError, match="no decision satisfies"):
+        QuadraticProblem([np.eye(3)], [np.zeros(3)], constraints=region)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-6, 1e6])
+def test_infeasibility_is_seen_in_any_unit(unit):
+    """0.3 above 0.2, in units of a millionth or a million."""
+    region = Polyhedron([[1.0], [-1.0]], [0.2 * unit, -0.3 * unit])
+    with pytest.raises(ModelError, match="no decision satisfies"):
+        region.check_feasible()
+
+
+def test_equalities_in_conflict_are_named():
+    with pytest.raises(ModelError, match=r"net|gross"):
+        Polyhedron(A_eq=[[1.0, 1.0], [1.0, 1.0]], b_eq=[1.0, 2.0], names=["net", "gross"]).check_feasible()
+
+
+def test_a_single_feasible_point_is_feasible():
+    region = Polyhedron(A_eq=np.eye(2), b_eq=[0.3, 0.7])
+    region.check_feasible()
+    problem = QuadraticProblem([np.eye(2)] * 2, np.zeros((2, 2)), constraints=region)
+    np.testing.assert_allclose(problem.solve([0.5, 0.5]), [0.3, 0.7], atol=1e-14)
+    pinned = simplex(2) & box([0.3, 0.0], [0.3, 1.0])
+    problem = QuadraticProblem([np.eye(2)] * 2, np.zeros((2, 2)), constraints=pinned)
+    np.testing.assert_allclose(problem.solve([0.5, 0.5]), [0.3, 0.7], atol=1e-14)
+
+
+# --- malformed ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "needs A_ub with b_ub"),
+        ({"A_ub": [[1.0]]}, "A_ub and b_ub must be given together"),
+        ({"b_eq": [1.0], "A_ub": [[1.0]], "b_ub": [1.0]}, "A_eq and b_eq must be given together"),
+        ({"A_ub": [[1.0, 2.0]], "b_ub": [1.0, 2.0]}, "1 rows but b_ub has 2"),
+        ({"A_ub": [1.0, 2.0], "b_ub": [1.0]}, "A_ub must be 2-dimensional"),
+        ({"A_ub": [[np.nan, 2.0]], "b_ub": [1.0]}, r"A_ub has nan at index \[0, 0\]"),
+        ({"A_ub": [[1.0]], "b_ub": [np.inf]}, r"b_ub has inf at index \[0\]"),
+        ({"A_ub": [[0.0, 0.0]], "b_ub": [1.0]}, "row 0 of A_ub has no coefficient"),
+        ({"A_ub": [[1.0]], "b_ub": [1.0], "A_eq": [[1.0, 1.0]], "b_eq": [1.0]}, "A_ub has 1 columns but A_eq has 2"),
+        ({"A_ub": [[1.0]], "b_ub": [1.0], "names": ["a", "b"]}, "names has 2 entries, expected one per row: 1"),
+        ({"A_ub": [[1.0]], "b_ub": [1.0], "min_slack": -1e-4}, "min_slack must be at least 0"),
+    ],
+)
+def test_malformed_rows_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        Polyhedron(**arguments)
+
+
+def test_malformed_boxes_and_simplices_are_refused():
+    with pytest.raises(InputError, match="one length"):
+        box([0.0], [1.0, 2.0])
+    with pytest.raises(InputError, match="NaN"):
+        box([np.nan], [1.0])
+    with pytest.raises(InputError, match="at least one finite bound"):
+        box([-np.inf], [np.inf])
+    with pytest.raises(ModelError, match="lower bound 2 is above upper bound 1 at coordinate 1"):
+        box([0.0, 2.0], [1.0, 1.0])
+    for wrong in (0, -1, 2.5, True, "3"):
+        with pytest.raises(InputError, match="whole number"):
+            simplex(wrong)
+    with pytest.raises(InputError):
+        box(["a"], [1.0])
+    with pytest.raises((InputError, ModelError)):
+        box([np.inf], [np.inf])

@@ -104,7 +104,7 @@ def test_empty_sets_answer_every_query():
     assert not nobody.contains([0.5, 0.5])
     assert nobody.residual == pytest.approx(1.0)
     assert np.isnan(nobody.plausibility_gap)  # it was given no way to ask
-    assert BeliefSet(np.ones((1, 2)), nothing(2), gap=lambda: 0.25).plausibility_gap == 0.25
+    assert BeliefSet(np.ones((1, 2)), nothing(2), gap=lambda enough: 0.25).plausibility_gap == 0.25
     with pytest.raises(InputError, match="empty"):
         nobody.sample(3, rng=np.random.default_rng(0))
 

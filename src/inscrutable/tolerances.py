@@ -77,8 +77,12 @@ the local solver breaks its constraints by 1e-10."""
 BUDGET_SAFETY = 1e-8
 """Share of a budget that the polish leaves unspent, for the same reason; it costs half as much of the privacy."""
 
-RAY_END = 1e-3
+RAY_END = 1e-2
 """Relative accuracy of the end of an affordable ray: a start for the polish, which does the rest."""
+
+NO_PRIVACY = 1e-7
+"""A gain in privacy below this is not taken: regret is quadratic in the distance from the true belief, so a regret
+lost in the rounding of a cost (1e-16) allows about 1e-8."""
 
 POLISH = 1e-9
 """Accuracy asked of the local polish of a decision; its result is re-judged by the set's own distance."""

@@ -47,6 +47,14 @@ def beliefs(value: ArrayLike, n_states: int, name: str = "belief") -> Array:
     return _on_simplex(array, name, tolerances.BELIEF_SUM)
 
 
+def one_belief(value: ArrayLike, n_states: int, name: str = "belief") -> Array:
+    """Return one belief as (X,); many are refused."""
+    held = beliefs(np.asarray(value), n_states, name)
+    if held.ndim != 1:
+        raise InputError(f"{name} must be one belief of shape ({n_states},), got shape {held.shape}")
+    return held
+
+
 def many_beliefs(value: ArrayLike, n_states: int) -> Array:
     """Return beliefs as (T,X) with T at least 1; a single belief becomes one row."""
     held = np.atleast_2d(beliefs(np.asarray(value), n_states))

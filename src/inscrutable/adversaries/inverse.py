@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries.near_optimal import plausibility_gap
-from inscrutable.errors import InputError
+from inscrutable.adversaries.near_optimal import gap_compared
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -42,9 +41,7 @@ def consistent_beliefs(
         >>> consistent_beliefs(problem, problem.solve([0.3, 0.7])).contains([0.3, 0.7])
         True
     """
-    u = problem.check_actions(action)
-    if u.ndim != 1:
-        raise InputError(f"action must be one decision of shape ({problem.n_actions},), got shape {u.shape}")
+    u = problem.check_action(action)
     return belief_set_of(problem, u, validation.positive(tolerance, "tolerance"))
 
 
@@ -55,6 +52,4 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
     gradients = problem.cost_gradients(u)
     scale = np.abs(gradients).max()
     scaled = gradients.T / (scale if scale > 0 else 1.0)
-    return BeliefSet(
-        rows.equalities @ scaled, rows.inequalities @ scaled, tolerance, partial(plausibility_gap, problem, u)
-    )
+    return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled, tolerance, partial(gap_compared, problem, u))

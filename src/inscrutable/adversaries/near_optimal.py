@@ -59,9 +59,17 @@ def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:
     return nearest_explanation(problem, action)[1]
 
 
-def nearest_explanation(problem: DecisionProblem, action: ArrayLike) -> tuple[Array, float]:
-    """Return the belief (X,) that leaves the decision the least regret, and that regret."""
-    u = problem.check_actions(action)
+def gap_compared(problem: DecisionProblem, action: ArrayLike, margin: float) -> float:
+    """Return the plausibility gap, or any bound of it on the same side of `margin` as soon as the side is known."""
+    return nearest_explanation(problem, action, margin)[1]
+
+
+def nearest_explanation(problem: DecisionProblem, action: ArrayLike, margin: float = np.inf) -> tuple[Array, float]:
+    """Return the belief (X,) that leaves the decision the least regret, and that regret.
+
+    With a finite `margin` the search ends when the regret is known to lie above or below it, with a bound in its place.
+    """
+    u = problem.check_action(action)
     own = problem.state_costs(u)
     n_states = problem.n_states
     points = np.vstack([np.full(n_states, 1.0 / n_states), np.eye(n_states)]) if n_states > 1 else np.ones((1, 1))
@@ -73,6 +81,8 @@ def nearest_explanation(problem: DecisionProblem, action: ArrayLike) -> tuple[Ar
         lower, trial = _lowest_of_planes(planes / scale)
         if upper - lower * scale <= tolerances.GAP_STEP * scale:
             break
+        if np.isfinite(margin) and (lower * scale >= margin or upper < margin):
+            return best, max(lower * scale, 0.0) if lower * scale >= margin else upper
         # Half-way to the best belief so far: Kelley's corners alone zigzag.
         for point in (trial, 0.5 * (trial + best)):
             plane = own - problem.state_costs(problem.solve(point))
@@ -155,7 +165,8 @@ class NearOptimalBeliefs:
 
     def contains(self, belief: ArrayLike) -> bool:
         """Return whether the decision has a regret of at most ε under the belief."""
-        return float(self.problem.regret(belief, self.action)) <= self.regret + self.accuracy
+        point = validation.one_belief(belief, self.n_states)
+        return float(self.problem.regret(point, self.action)) <= self.regret + self.accuracy
 
     @cached_property
     def _outer(self) -> Reduced | None:
@@ -192,7 +203,7 @@ class NearOptimalBeliefs:
         """Rows and offsets of the current outer polytope in the coordinates of `_basis` around the simplex's centre."""
         centre = np.full(self.n_states, 1.0 / self.n_states)
         planes = np.array(self._planes)
-        scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
+        scale = max(float(np.abs(planes).max()), self.regret, self.accuracy)
         normals = np.vstack([planes / scale, -np.eye(self.n_states)])
         level = (self.regret + 0.5 * self.accuracy) / scale
         allowed = np.concatenate([np.full(len(planes), level), np.zeros(self.n_states)])
@@ -215,7 +226,7 @@ class NearOptimalBeliefs:
 
     def nearest(self, belief: ArrayLike) -> Array:
         """Return the member nearest to `belief` (X,); NaN where the set is empty."""
-        point = validation.beliefs(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states)
         if self.is_empty:
             return np.full(self.n_states, np.nan)
         if self.contains(point):
@@ -225,7 +236,7 @@ class NearOptimalBeliefs:
 
     def distance(self, belief: ArrayLike) -> float:
         """Return the Euclidean distance from `belief` (X,) to the set; infinite where it is empty."""
-        point = validation.beliefs(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states)
         return float("inf") if self.is_empty else float(np.linalg.norm(point - self.nearest(point)))
 
     def vertices(self) -> Array:
@@ -236,6 +247,8 @@ class NearOptimalBeliefs:
         """Return the least and greatest probability of each state, shape (X, 2); NaN where the set is empty."""
         if self.is_empty:
             return np.full((self.n_states, 2), np.nan)
+        if self.n_states == 1:
+            return np.ones((1, 2))
         limits = np.empty((self.n_states, 2))
         for i, direction in enumerate(self._basis):
             limits[i] = self._extreme(direction)[i], self._extreme(-direction)[i]
@@ -281,9 +294,7 @@ def near_optimal_beliefs(problem: DecisionProblem, action: ArrayLike, regret: fl
         array([[0.43, 0.57],
                [0.43, 0.57]])
     """
-    u = problem.check_actions(action)
-    if u.ndim != 1:
-        raise InputError(f"action must be one decision of shape ({problem.n_actions},), got shape {u.shape}")
+    u = problem.check_action(action)
     epsilon = validation.non_negative(regret, "regret")
     scale = max(float(np.abs(problem.state_costs(u)).max()), np.finfo(float).tiny)
     return NearOptimalBeliefs(problem, u, epsilon, tolerances.NEAR_OPTIMAL * max(scale, epsilon))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from math import comb
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +22,10 @@ from inscrutable.validation import Array
 
 DEFAULT_SIZE = 5000
 _MOST_GRID_POINTS = 2_000_000
+_MOST_KEPT = 4096
+_HIT_AND_RUN_STEPS = 50
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +39,7 @@ class Candidates:
         sets: The consistent beliefs of every decision.
         usable: Which decisions are feasible and admissible, shape (M,).
         n_outside: How many decisions lie outside the feasible set; they are never chosen.
+        decided: The latest searches from these candidates, which decision makers share.
 
     Source: the paper, Assumption 1. Example: see `decoy_grid`.
     """
@@ -43,9 +50,19 @@ class Candidates:
     sets: ConsistentSets
     usable: np.ndarray
     n_outside: int = 0
+    decided: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return int(self.actions.shape[0])
+
+    def once(self, key: Hashable, search: Callable[[], T]) -> T:
+        """Return what `search` returned for this key before, or search and keep it; the oldest are forgotten."""
+        if key not in self.decided:
+            if len(self.decided) >= _MOST_KEPT:
+                self.decided.pop(next(iter(self.decided)))
+            self.decided[key] = search()
+        found: T = self.decided[key]
+        return found
 
     def joined(self, other: Candidates) -> Candidates:
         """Return these candidates followed by others of the same problem; decoys are kept where both have them."""
@@ -87,6 +104,8 @@ def as_candidates(problem: DecisionProblem, candidates: Candidates | ArrayLike |
     if isinstance(candidates, Candidates):
         if candidates.actions.shape[1] != problem.n_actions or candidates.state_costs.shape[1] != problem.n_states:
             raise InputError("the candidates belong to a problem with other numbers of states or actions")
+        if candidates.sets.problem is not problem:
+            raise InputError("the candidates belong to another problem: their costs would be wrong for this one")
         return candidates
     return make_candidates(problem, candidates)
 
@@ -235,15 +254,19 @@ def random_candidates(problem: DecisionProblem, n: int, *, rng: np.random.Genera
 def _hit_and_run(problem: DecisionProblem, n: int, rng: np.random.Generator) -> Array:
     region = problem.constraints
     _bounding_box(problem)
-    corners = np.vstack([problem.solve(belief) for belief in np.eye(problem.n_states)])
-    free = null_space(region.A_eq) if len(region.b_eq) else np.eye(region.n_actions)
-    points = np.tile(corners.mean(axis=0), (n, 1))
+    middle = _coordinate_ends(problem).mean(axis=0)
+    # The mean of points that are extreme in every coordinate is slack in every row that can be.
+    flat = region.slacks(middle) <= tolerances.FEASIBILITY
+    hull = np.vstack([region.A_eq, region.A_ub[flat]])
+    free = null_space(hull, rcond=tolerances.ON_FACE) if len(hull) else np.eye(region.n_actions)
+    points = np.tile(middle, (n, 1))
     if free.shape[1] == 0:
         return points
-    for _ in range(50):
+    rows, sides = region.A_ub[~flat], region.b_ub[~flat]
+    for _ in range(_HIT_AND_RUN_STEPS):
         direction = rng.normal(size=(n, free.shape[1])) @ free.T
-        speed = direction @ region.A_ub.T
-        slack = np.maximum(region.b_ub - points @ region.A_ub.T, 0.0)
+        speed = direction @ rows.T
+        slack = np.maximum(sides - points @ rows.T, 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = slack / speed
         high = np.where(speed > 0, reach, np.inf).min(axis=1)
@@ -252,16 +275,20 @@ def _hit_and_run(problem: DecisionProblem, n: int, rng: np.random.Generator) -> 
     return np.asarray(points)
 
 
+def _coordinate_ends(problem: DecisionProblem) -> Array:
+    """Decisions that are least or greatest in some coordinate, shape (2U, U)."""
+    return np.array([_extreme(problem, j, sign) for j in range(problem.n_actions) for sign in (1.0, -1.0)])
+
+
 def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candidates:
     """Return decisions a little beside optimal ones: steps from a coarse grid of decoys toward each state's decision
     and toward each end of the feasible set's coordinates. Used where unexplained decisions are wanted."""
-    limits = _bounding_box(problem)
+    _bounding_box(problem)
     shares = np.array([0.01, 0.03, 0.1, 0.3])
     n_ends = 2 * problem.n_actions
     coarse = max(problem.n_states, points // (n_ends * len(shares)))
     base = problem.solve(simplex_grid(problem.n_states, resolution_for(problem.n_states, coarse)))
-    ends = np.array([_extreme(problem, j, sign) for j in range(len(limits)) for sign in (1.0, -1.0)])
-    ends = np.unique(ends, axis=0)
+    ends = np.unique(_coordinate_ends(problem), axis=0)
     mixed = base[:, None, None] + shares[:, None] * (ends[:, None, :] - base[:, None, None, :])
     return make_candidates(problem, np.vstack([base, mixed.reshape(-1, problem.n_actions)]))
 

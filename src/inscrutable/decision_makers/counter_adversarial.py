@@ -10,14 +10,19 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.arguments import (
+    checked_choice,
+    checked_measure,
+    checked_on_empty,
+    checked_problem,
+)
 from inscrutable.decision_makers.candidates import Candidates, as_candidates, make_candidates, near_decoys
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import cheap_bound, decision_for
 from inscrutable.decision_makers.polish import Goal, Trial, polish
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.errors import InputError
-from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -72,15 +77,11 @@ class CounterAdversarialDecisionMaker:
         method: GlobalSearch | LocalSearch | None = None,
         on_empty: str = "exclude",
     ) -> None:
-        self.problem = problem
-        self.measure = MaximalObfuscation() if measure is None else measure
-        if not isinstance(self.measure, PrivacyMeasure):
-            raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
+        self.problem = checked_problem(problem)
+        self.measure = checked_measure(measure)
         self.budget = as_budget(budget)
-        self.method = GlobalSearch() if method is None else method
-        if on_empty not in ("exclude", "infinite"):
-            raise InputError(f'on_empty must be "exclude" or "infinite", got {on_empty!r}')
-        self.on_empty = on_empty
+        self.method = checked_choice(method, "method", (GlobalSearch, LocalSearch))
+        self.on_empty = checked_on_empty(on_empty)
         self._given = candidates
         self._candidates: Candidates | None = None
 
@@ -96,10 +97,7 @@ class CounterAdversarialDecisionMaker:
 
         Cost: about a millisecond for the candidates and some ten for the polish; a local search some hundred.
         """
-        held = validation.beliefs(np.asarray(belief), self.problem.n_states)
-        if held.ndim != 1:
-            raise InputError(f"decide takes one belief, got shape {held.shape}; use decide_many for many")
-        return self._decide(held, self.measure)
+        return self._decide(validation.one_belief(belief, self.problem.n_states), self.measure)
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
         """Return the decisions for beliefs (T,X); a target per step is used in turn."""
@@ -133,7 +131,14 @@ def candidates_for(
 
 
 def best_decision(problem: DecisionProblem, scores: Scores, limit: float, optimal_cost: float) -> Decision:
-    """Return the polished best of scored candidates, never worse than the optimal decision."""
+    """Return the polished best of scored candidates, never worse than the optimal decision; searched once."""
+    reference = scores.measure.reference(scores.belief)
+    goal = scores.measure if reference is None else (reference.point.tobytes(), reference.sign)
+    key = (scores.belief.tobytes(), limit, goal, scores.on_empty)
+    return scores.candidates.once(key, lambda: _search(problem, scores, limit, optimal_cost))
+
+
+def _search(problem: DecisionProblem, scores: Scores, limit: float, optimal_cost: float) -> Decision:
     belief, measure = scores.belief, scores.measure
     status = DecisionStatus.BEST_CANDIDATE
     index = scores.best(limit)
@@ -148,7 +153,8 @@ def best_decision(problem: DecisionProblem, scores: Scores, limit: float, optima
     own = decision_for(problem, belief, optimal, measure, DecisionStatus.OPTIMAL)
     if action is not None:
         chosen = decision_for(problem, belief, action, measure, status)
-        if chosen.privacy > own.privacy:
+        # A regret of rounding size allows a distance of its square root, which is no privacy.
+        if chosen.privacy > own.privacy + (0.0 if reference is None else tolerances.NO_PRIVACY):
             return chosen
     if (reference is None and own.privacy == 0) or (reference is not None and reference.sign < 0):
         return own

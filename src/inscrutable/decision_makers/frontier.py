@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.decision_makers.arguments import checked_measure, checked_problem
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.counter_adversarial import candidates_for
 from inscrutable.decision_makers.original import decision_for
@@ -15,13 +16,14 @@ from inscrutable.decision_makers.probabilistic import with_extra
 from inscrutable.decision_makers.results import DecisionStatus
 from inscrutable.decision_makers.scores import score
 from inscrutable.errors import InputError
-from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
+from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Frontier:
+class Frontier(Saved):
     """The best privacy of the candidates as a function of regret, without and with lotteries.
 
     Args:
@@ -104,10 +106,9 @@ def privacy_frontier(
         >>> frontier.deterministic(0.0), round(frontier.deterministic(1.0), 3)
         (0.0, 0.707)
     """
-    held = validation.beliefs(np.asarray(belief), problem.n_states)
-    if held.ndim != 1:
-        raise InputError(f"a frontier is for one belief, got shape {held.shape}")
-    chosen = MaximalObfuscation() if measure is None else measure
+    held = validation.one_belief(belief, problem.n_states)
+    checked_problem(problem)
+    chosen = checked_measure(measure)
     given = candidates_for(problem, chosen, candidates)
     optimal_cost = float(problem.optimal_cost(held))
     own = decision_for(problem, held, problem.solve(held), chosen, DecisionStatus.OPTIMAL)

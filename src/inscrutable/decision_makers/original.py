@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.adversaries import consistent_beliefs
+from inscrutable.decision_makers.arguments import checked_problem
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem
@@ -31,11 +32,11 @@ class OriginalDecisionMaker:
     """
 
     def __init__(self, problem: DecisionProblem) -> None:
-        self.problem = problem
+        self.problem = checked_problem(problem)
 
     def decide(self, belief: ArrayLike) -> Decision:
         """Return the optimal decision for one belief (X,); privacy is the paper's measure (e)."""
-        held = validation.beliefs(np.asarray(belief), self.problem.n_states)
+        held = validation.one_belief(belief, self.problem.n_states)
         return decision_for(self.problem, held, self.problem.solve(held), MaximalObfuscation(), DecisionStatus.OPTIMAL)
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:

@@ -25,6 +25,8 @@ from inscrutable.validation import Array
 _FACES = 10
 _STARTS_A_FACE = 3
 _STARTS_APART = 0.1
+_PROMISE = 1.15
+"""How much farther than its start a local search may come to rest; starts that promise less than is found are skipped."""
 _ZOOM_POINTS = 41
 _ZOOM_ROUNDS = 7
 
@@ -89,25 +91,24 @@ def _starts(goal: Goal, scores: Scores) -> list[Start]:
     actions = np.vstack([scores.candidates.actions[affordable], actions])
     decoys = np.vstack([sets.start[affordable], decoys])
     value = np.concatenate([scores.privacies[affordable], reach])
-    # Along a ray nothing is farther than its end; toward a target nothing is better than the target itself.
-    promise = float(reach.max(initial=-np.inf)) if goal.reference.sign > 0 else 0.0
+    # Near a ray little is farther than its end; toward a target nothing is better than the target itself.
+    length = np.linalg.norm(decoys - goal.reference.point, axis=1)
+    promise = _PROMISE * length if goal.reference.sign > 0 else np.zeros(len(length))
     spread = _STARTS_APART * float(np.ptp(decoys, axis=0).max(initial=0.0))
+    slack = region.slacks(actions)
+    # The face an observer sees; and, where rows are slack by less than the least, the one with those rows loose.
+    seen = slack < max(region.min_slack, tolerances.FEASIBILITY)
+    exact = slack <= tolerances.FEASIBILITY
+    between = (seen != exact).any(axis=1)
     faces: dict[bytes, list[Start]] = {}
     for i in np.argsort(-value, kind="stable"):
-        for tight in _faces_at(region.slacks(actions[i]), region.min_slack):
+        for tight in (seen[i], exact[i]) if between[i] else (seen[i],):
             known = faces.setdefault(tight.tobytes(), [])
             if len(known) < _STARTS_A_FACE and all(np.linalg.norm(decoys[i] - s.decoy) > spread for s in known):
-                known.append(Start(tight, decoys[i], actions[i], promise))
+                known.append(Start(tight, decoys[i], actions[i], float(promise[i])))
         if len(faces) >= _FACES:
             break
     return [start for known in list(faces.values())[:_FACES] for start in known]
-
-
-def _faces_at(slack: Array, min_slack: float) -> list[np.ndarray]:
-    """The face a decision lies on; and, where a row is slack by less than the least, the one with that row loose."""
-    tight = slack < max(min_slack, tolerances.FEASIBILITY)
-    exact = slack <= tolerances.FEASIBILITY
-    return [tight] if np.array_equal(tight, exact) else [tight, exact]
 
 
 def _neighbours(goal: Goal, trial: Trial) -> list[Start]:
@@ -252,7 +253,7 @@ def _pattern(dimension: int, rng: np.random.Generator) -> Array:
 
 
 def _reach(goal: Goal, action: Array, free: Array) -> Array:
-    """How far each free coordinate may move, alone, inside the feasible set: shape (k, 2)."""
+    """How far each free coordinate may move, alone, inside the feasible set and the budget: shape (k, 2)."""
     region = goal.problem.constraints
     slack = np.maximum(region.b_ub - region.A_ub @ action, 0.0)
     reach = np.empty((free.shape[1], 2))
@@ -263,7 +264,27 @@ def _reach(goal: Goal, action: Array, free: Array) -> Array:
             steps = slack / speed
         reach[k, 1] = steps[moving & (speed > 0)].min(initial=1.0)
         reach[k, 0] = steps[moving & (speed < 0)].max(initial=-1.0)
+        for side in (0, 1):
+            reach[k, side] = _affordable_step(goal, action, direction, float(reach[k, side]))
     return reach
+
+
+def _affordable_step(goal: Goal, action: Array, direction: Array, most: float) -> float:
+    """The longest step up to `most` that the budget affords: the cost is convex along it, so halving finds it."""
+    low, high = 0.0, most
+    if _regret(goal, action + most * direction) <= goal.limit:
+        return most
+    while abs(high - low) > tolerances.POLISH * abs(most):
+        middle = 0.5 * (low + high)
+        if _regret(goal, action + middle * direction) <= goal.limit:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _regret(goal: Goal, action: Array) -> float:
+    return float(goal.problem.state_costs(action) @ goal.belief) - goal.optimal_cost
 
 
 def _affordable(goal: Goal, trials: Array) -> Array:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.arguments import (
+    checked_choice,
+    checked_measure,
+    checked_on_empty,
+    checked_problem,
+)
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.counter_adversarial import best_decision, candidates_for
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
@@ -23,8 +29,7 @@ from inscrutable.decision_makers.results import (
     stack_mixed,
 )
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.errors import InputError
-from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -75,15 +80,11 @@ class ProbabilisticDecisionMaker:
         method: Envelope | LinearProgramme | None = None,
         on_empty: str = "exclude",
     ) -> None:
-        self.problem = problem
-        self.measure = MaximalObfuscation() if measure is None else measure
-        if not isinstance(self.measure, PrivacyMeasure):
-            raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
+        self.problem = checked_problem(problem)
+        self.measure = checked_measure(measure)
         self.budget = as_budget(budget)
-        self.method = Envelope() if method is None else method
-        if on_empty not in ("exclude", "infinite"):
-            raise InputError(f'on_empty must be "exclude" or "infinite", got {on_empty!r}')
-        self.on_empty = on_empty
+        self.method = checked_choice(method, "method", (Envelope, LinearProgramme))
+        self.on_empty = checked_on_empty(on_empty)
         self._given = candidates
         self._candidates: Candidates | None = None
 
@@ -96,10 +97,7 @@ class ProbabilisticDecisionMaker:
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery for one belief (X,)."""
-        held = validation.beliefs(np.asarray(belief), self.problem.n_states)
-        if held.ndim != 1:
-            raise InputError(f"decide takes one belief, got shape {held.shape}; use decide_many for many")
-        return self._decide(held, self.measure)
+        return self._decide(validation.one_belief(belief, self.problem.n_states), self.measure)
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X); a target per step is used in turn."""
@@ -120,7 +118,9 @@ class ProbabilisticDecisionMaker:
         scores.privacies[unbounded] = -np.inf
         extra = [decision_for(problem, belief, problem.solve(belief), measure, DecisionStatus.OPTIMAL)]
         if isinstance(self.method, Envelope):
-            extra.append(best_decision(problem, scores, limit, optimal_cost))
+            best = best_decision(problem, scores, limit, optimal_cost)
+            # It was found affordable: its regret, computed again, may differ by a rounding.
+            extra.append(replace(best, regret=min(best.regret, limit)))
         return self._mixed(scores, extra, limit, optimal_cost)
 
     def _mixed(self, scores: Scores, extra: list[Decision], limit: float, optimal_cost: float) -> MixedDecision:

@@ -17,7 +17,7 @@ from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
-_DIRECTIONS = 240
+_DIRECTIONS = 60
 _MOST_STEPS = 40
 
 
@@ -71,6 +71,8 @@ def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tu
 
 def _ray_ends(belief: Array) -> Array:
     """Points of the simplex's boundary in all directions: along fixed directions, and toward a grid of beliefs."""
+    if belief.size == 1:
+        return belief[None]
     toward = _fixed_targets(belief.size) - belief
     length = np.linalg.norm(toward, axis=1)
     toward = toward[length > tolerances.SAME_BELIEF] / length[length > tolerances.SAME_BELIEF, None]

@@ -10,12 +10,14 @@ import numpy as np
 
 from inscrutable import validation
 from inscrutable.geometry import BeliefSet
+from inscrutable.saved import Saved, saved_choice
 from inscrutable.validation import Array
 
 Progress = Callable[[int, int], None]
 """Called with (steps done, steps in all) in long runs."""
 
 
+@saved_choice
 class DecisionStatus(Enum):
     """How a decision came about; the text says what to do about it."""
 
@@ -31,7 +33,7 @@ class DecisionStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Decision:
+class Decision(Saved):
     """One decision and what it gives away.
 
     Args:
@@ -73,7 +75,7 @@ class Decision:
 
 
 @dataclass(frozen=True, eq=False)
-class MixedDecision:
+class MixedDecision(Saved):
     """A lottery over decisions: draw one with `sample`.
 
     Args:
@@ -145,7 +147,7 @@ class MixedDecision:
 
 
 @dataclass(frozen=True, eq=False)
-class Decisions:
+class Decisions(Saved):
     """`Decision` for T beliefs: the same fields with a leading T; belief sets and statuses as tuples."""
 
     action: Array
@@ -177,7 +179,7 @@ class Decisions:
 
 
 @dataclass(frozen=True, eq=False)
-class MixedDecisions:
+class MixedDecisions(Saved):
     """`MixedDecision` for T beliefs: the same fields with a leading T; atoms padded with probability 0."""
 
     actions: Array  # (T, k, U)

@@ -24,6 +24,7 @@ class Scores:
     regrets: Array
     privacies: Array
     exact: np.ndarray
+    on_empty: str = "exclude"
 
     def refine(self, index: int) -> None:
         """Judge one candidate, and all that are the same decision, by the set itself."""
@@ -80,7 +81,7 @@ def score(belief: Array, optimal_cost: float, candidates: Candidates, measure: P
         if on_empty == "exclude":
             privacies = np.where(empty, -np.inf, privacies)
     privacies = np.where(candidates.usable, privacies, -np.inf)
-    return Scores(belief, candidates, measure, regrets, privacies, exact | ~candidates.usable)
+    return Scores(belief, candidates, measure, regrets, privacies, exact | ~candidates.usable, on_empty)
 
 
 def affordable_limit(limit: float, state_costs: Array) -> float:

@@ -161,10 +161,10 @@ def attack_weights(
         >>> means, spreads = [[0.02, 0.0], [-0.03, 0.0]], [0.01 * np.eye(2), 0.09 * np.eye(2)]
         >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
         >>> model = InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), ("calm", "crisis"))
-        >>> published = pd.DataFrame([model.problem.solve([0.8, 0.2])], columns=["A", "B"]).round(3)
-        >>> attack_weights(model, published, decimals=3).bounds[0].round(2)
-        array([[0.79, 0.81],
-               [0.19, 0.21]])
+        >>> published = pd.DataFrame([model.problem.solve([0.8, 0.2])], columns=["A", "B"]).round(2)
+        >>> attack_weights(model, published, decimals=2).bounds[0].round(3)
+        array([[0.781, 0.827],
+               [0.173, 0.219]])
     """
     frame = weights.frame if isinstance(weights, WeightsTable) else weights
     digits = weights.decimals if isinstance(weights, WeightsTable) and decimals is None else decimals
@@ -245,7 +245,7 @@ def _completed(problem: MarkowitzProblem, published: Array, half_unit: float) ->
     region = problem.constraints
     reach = half_unit * np.abs(region.A_ub).sum(axis=1) / region.row_scale + tolerances.FEASIBILITY
     near = region.slacks(published) <= reach
-    if half_unit == 0.0 and region.violation(published) <= tolerances.FEASIBILITY:
+    if half_unit == 0.0 and region.violation(published) <= 0.5 * tolerances.FEASIBILITY:
         return _Completed(published, 0.0, True)
     face = Polyhedron(
         region.A_ub[~near],
@@ -262,7 +262,9 @@ def _completed(problem: MarkowitzProblem, published: Array, half_unit: float) ->
 
 def _nearest(region: Polyhedron, point: Array) -> Array:
     projection = QuadraticProblem(np.eye(point.size)[None], -point[None], constraints=region)
-    return projection.solve(np.ones(1)) + 0.0  # -0.0 would be printed as a weight
+    action = projection.solve(np.ones(1))
+    # An asset that is not held must be printed as exactly 0, not as −0 or the rounding of a linear solve.
+    return np.where(np.abs(action) <= tolerances.STATIONARITY, 0.0, action)
 
 
 def _allowance(problem: MarkowitzProblem, whole: _Completed, reach: Array) -> float:

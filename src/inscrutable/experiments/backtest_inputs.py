@@ -139,6 +139,8 @@ def _labelled(returns: pd.DataFrame) -> pd.DataFrame:
         raise InputError(
             f"returns must be a DataFrame with dates and one column per asset, got {type(returns).__name__}"
         )
+    if not len(returns):
+        raise InputError("returns have no rows; expected dates with one return per asset")
     if returns.shape[1] < 2:
         raise InputError(f"returns have {returns.shape[1]} column, expected at least 2 assets to choose from")
     _check_dates(returns.index, "returns")

@@ -125,9 +125,14 @@ class Backtest:
         )
 
     @cached_property
+    def figures(self) -> Mapping[str, Mapping[str, float]]:
+        """The figures of the table per decision maker: fractions, costs in the cost's unit, annual where named so."""
+        return {name: _figures(self, name) for name in self.names}
+
+    @property
     def summary(self) -> pd.DataFrame:
-        """One row per decision maker, see `summary_of`."""
-        return summary_of(self)
+        """The figures as a frame, one row per decision maker."""
+        return pd.DataFrame(self.figures).T.rename_axis("decision_maker")
 
     @cached_property
     def silence_regret(self) -> float:
@@ -146,11 +151,6 @@ class Backtest:
 
     def _frame(self, values: Array, columns: tuple[str, ...]) -> pd.DataFrame:
         return pd.DataFrame(values, index=self.beliefs.index, columns=list(columns))
-
-
-def summary_of(result: Backtest) -> pd.DataFrame:
-    """Return one row per decision maker; fractions, rates per year where the name says so, costs in the cost's unit."""
-    return pd.DataFrame({name: _figures(result, name) for name in result.names}).T.rename_axis("decision_maker")
 
 
 def _figures(result: Backtest, name: str) -> dict[str, float]:

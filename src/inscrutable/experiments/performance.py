@@ -241,7 +241,8 @@ def sharpe_difference(
     around = _block_sums(np.concatenate([influence[0], influence[0, : length - 1]])[None], length, 1)
     error = float(np.sqrt((around**2).mean() / (length * rows)))
     deviations = _studentised(both, float(centre[0]), length, replicates, rng)
-    reach = float(np.quantile(deviations, level)) * error
+    # An order statistic, not an interpolation: samples that do not vary are infinite.
+    reach = float(np.sort(deviations)[int(np.ceil(level * replicates)) - 1]) * error if error > 0 else 0.0
     return SharpeDifference(difference, difference - reach, difference + reach)
 
 
@@ -249,12 +250,13 @@ def _influence(series: Array) -> tuple[Array, Array]:
     """Δ of pairs of series (2,N,T) with divisor T, shape (N,), and the influence of every row on it, shape (N,T)."""
     mean = series.mean(axis=2, keepdims=True)
     spread = series.std(axis=2, keepdims=True)
+    # Not a number where a series does not vary; the caller counts such samples.
     with np.errstate(divide="ignore", invalid="ignore"):
         score = (series - mean) / spread
         ratio = mean / spread
-    # d(μ/σ) = dμ/σ − (μ/2σ³) dσ²: the row's score, less half the ratio times its squared score in excess of one.
-    own = score - 0.5 * ratio * (score**2 - 1.0)
-    return np.asarray((ratio[0] - ratio[1])[:, 0]), np.asarray(own[0] - own[1])
+        # d(μ/σ) = dμ/σ − (μ/2σ³) dσ²: the row's score, less half the ratio times its squared score in excess of one.
+        own = score - 0.5 * ratio * (score**2 - 1.0)
+        return np.asarray((ratio[0] - ratio[1])[:, 0]), np.asarray(own[0] - own[1])
 
 
 def _block_sums(series: Array, length: int, step: int) -> Array:

@@ -14,11 +14,12 @@ from inscrutable.errors import InputError
 from inscrutable.geometry.hulls import Hulls, affine_hulls, clip_to_segments
 from inscrutable.geometry.polytopes import Reduced, nearest_point, reduce_polytope, sample_polytope
 from inscrutable.linear_programmes import Rows, minimum
+from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False)
-class BeliefSet:
+class BeliefSet(Saved):
     r"""The beliefs π on the simplex with P π = 0 and Q π ≥ 0, where each row is scaled to the gradient's size.
 
     Formula: {π ≥ 0 : Σπ = 1, |P π| ≤ tolerance, Q π ≥ −tolerance}.
@@ -27,7 +28,7 @@ class BeliefSet:
         equalities: P, shape (k, X), dimensionless.
         inequalities: Q, shape (m, X), dimensionless.
         tolerance: Largest residual of a belief that counts as a member.
-        gap: Called for `plausibility_gap`; takes no argument.
+        gap: Called for the plausibility gap with a value beyond which the caller does not care.
 
     Every query costs one small factorisation at first use and is kept. Source: Theorem 1 of the paper.
 
@@ -43,7 +44,7 @@ class BeliefSet:
     equalities: Array
     inequalities: Array
     tolerance: float = tolerances.EXPLAINED
-    gap: Callable[[], float] | None = field(default=None, repr=False)
+    gap: Callable[[float], float] | None = field(default=None, repr=False, metadata={"saved": False})
 
     @property
     def n_states(self) -> int:
@@ -91,12 +92,18 @@ class BeliefSet:
             return float(self.violation(self._shape.vertices.mean(axis=0)))
         return smallest_violation(self.equalities, self.inequalities)
 
-    @property
+    @cached_property
     def plausibility_gap(self) -> float:
         """Smallest regret r(u) = min_π ρ(π, u) over all beliefs, in the cost's unit; zero where the set is not empty."""
         if self._shape is not None or self.gap is None:
             return 0.0 if self._shape is not None else float("nan")
-        return self.gap()
+        return self.gap(np.inf)
+
+    def gap_reaches(self, margin: float) -> bool:
+        """Return whether the plausibility gap is at least `margin`, in the cost's unit; stops as soon as that is known."""
+        if self._shape is not None or self.gap is None:
+            return self.plausibility_gap >= margin
+        return self.gap(margin) >= margin
 
     def violation(self, belief: ArrayLike) -> Array:
         """Return the KKT residual of one belief (X,) or many (T,X): the largest coordinate of what is left of the
@@ -107,12 +114,12 @@ class BeliefSet:
 
     def contains(self, belief: ArrayLike) -> bool:
         """Return whether the belief explains the decision up to the tolerance."""
-        point = validation.beliefs(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states)
         return bool(self.violation(point) <= self.tolerance)
 
     def nearest(self, belief: ArrayLike) -> Array:
         """Return the member nearest to `belief` (X,); NaN where the set is empty."""
-        point = validation.beliefs(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states)
         if self._shape is None:
             return np.full(self.n_states, np.nan)
         if self.violation(point) <= self.tolerance:
@@ -121,7 +128,7 @@ class BeliefSet:
 
     def distance(self, belief: ArrayLike) -> float:
         """Return min over members of the Euclidean distance to `belief` (X,); infinite where the set is empty."""
-        point = validation.beliefs(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states)
         if self._shape is None:
             return float("inf")
         return float(np.linalg.norm(point - self.nearest(point)))

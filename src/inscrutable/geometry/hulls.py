@@ -16,6 +16,9 @@ from scipy.linalg import null_space
 from inscrutable import tolerances
 from inscrutable.validation import Array
 
+_FARTHEST = 2.0
+"""No two beliefs are farther apart than √2; twice the distance from the centre, rounded up."""
+
 
 class Hulls(NamedTuple):
     """Affine hulls of n systems in X coordinates; `directions[i, dimension[i]:]` are the determined ones."""
@@ -59,14 +62,15 @@ def affine_hulls(equalities: Array, tolerance: float) -> Hulls:
     safe = np.where(determined, padded, 1.0)
     coordinates = np.where(determined, aligned / safe, 0.0)
     origin = centre + np.einsum("ni,nix->nx", coordinates, right @ basis.T)
+    # A step along a free direction removes at most its singular value times the simplex's size of the residual.
+    removable = np.where(determined, 0.0, np.clip(aligned, -_FARTHEST * padded, _FARTHEST * padded))
     fitted = np.einsum("nkx,nx->nk", equalities, origin)
-    free_part = np.where(determined, 0.0, aligned)[:, : min(k, free)]
-    fitted = fitted + np.einsum("nki,ni->nk", left[:, :, : min(k, free)], free_part)
+    fitted = fitted + np.einsum("nki,ni->nk", left[:, :, : min(k, free)], removable[:, : min(k, free)])
     residual = np.abs(fitted).max(axis=1)
     dimension = np.where(residual <= tolerance, (~determined).sum(axis=1), -1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        low = np.where(padded > 0, (aligned - tolerance) / padded, -np.inf)
-        high = np.where(padded > 0, (aligned + tolerance) / padded, np.inf)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        low = np.where(padded * _FARTHEST > tolerance, (aligned - tolerance) / padded, -np.inf)
+        high = np.where(padded * _FARTHEST > tolerance, (aligned + tolerance) / padded, np.inf)
     smallest = np.where(determined, padded, np.inf).min(axis=1)
     noise = np.maximum(tolerances.ON_FACE, tolerance / np.where(np.isfinite(smallest), smallest, 1.0))
     # Singular values fall, so the free directions are the last ones: reverse to put them first.

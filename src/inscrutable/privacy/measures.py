@@ -116,8 +116,15 @@ class DesiredObfuscation(PrivacyMeasure):
         if callable(target):
             self.target: Array | Callable[[Array], ArrayLike] = target
         else:
-            points = np.asarray(target, dtype=np.float64)
-            self.target = validation.beliefs(points, points.shape[-1] if points.ndim else 0, "target")
+            points = validation.finite_array(target, "target", ndim=(1, 2))
+            if not points.size:
+                raise InputError(f"target has shape {points.shape}, expected at least one belief")
+            self.target = validation.beliefs(points, points.shape[-1], "target")
+
+    def __repr__(self) -> str:
+        target = self.target
+        named = getattr(target, "__name__", "function") if callable(target) else target.tolist()
+        return f"DesiredObfuscation({named})"
 
     def target_for(self, belief: Array) -> Array:
         """Return π^d for a true belief (X,)."""
@@ -180,6 +187,9 @@ class NonExistence(PrivacyMeasure):
         """Return 0 if the true belief misses the set by the margin, else −∞."""
         return float(self._reached(np.asarray(belief_set.distance(belief))))
 
+    def __repr__(self) -> str:
+        return f"NonExistence(margin={self.margin:g})"
+
     def least_distance(self) -> float:
         """Return the margin."""
         return max(self.margin, tolerances.SAME_BELIEF)
@@ -210,7 +220,7 @@ class NonUniqueness(PrivacyMeasure):
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return 0 if the set holds another belief, else −∞."""
         corners = belief_set.vertices()
-        point = np.asarray(belief, dtype=np.float64)
+        point = validation.one_belief(belief, belief_set.n_states)
         return 0.0 if len(corners) and np.abs(corners - point).max() > tolerances.SAME_BELIEF else -np.inf
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:
@@ -234,7 +244,7 @@ class Infeasibility(PrivacyMeasure):
     Cost: the plausibility gap, some tens of forward solves. Source: the paper, Section III-C, measure (a).
 
     Example:
-        >>> nothing = BeliefSet(np.array([[1.0, 0.5]]), np.zeros((0, 2)), gap=lambda: 0.2)
+        >>> nothing = BeliefSet(np.array([[1.0, 0.5]]), np.zeros((0, 2)), gap=lambda enough: 0.2)
         >>> Infeasibility(margin=0.1)([0.5, 0.5], nothing)
         0.0
     """
@@ -245,11 +255,14 @@ class Infeasibility(PrivacyMeasure):
     def __init__(self, margin: float = tolerances.INFEASIBILITY_MARGIN) -> None:
         self.margin = validation.non_negative(margin, "margin")
 
+    def __repr__(self) -> str:
+        return f"Infeasibility(margin={self.margin:g})"
+
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return 0 if the set is empty by the margin, else −∞."""
         if not belief_set.is_empty:
             return -np.inf
-        return 0.0 if self.margin == 0 or belief_set.plausibility_gap >= self.margin else -np.inf
+        return 0.0 if self.margin == 0 or belief_set.gap_reaches(self.margin) else -np.inf
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:
         """Return 0 as an upper bound for empty sets, −∞ for the others."""

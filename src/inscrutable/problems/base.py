@@ -74,6 +74,13 @@ class DecisionProblem(ABC):
             raise InputError(f"action{where} is outside the feasible set: {self._worst_row(row)}")
         return points
 
+    def check_action(self, action: ArrayLike) -> Array:
+        """Return one decision (U,) as floats; raise `InputError` for many, a wrong length or one outside C."""
+        point = self.check_actions(action)
+        if point.ndim != 1:
+            raise InputError(f"action must be one decision of shape ({self.n_actions},), got shape {point.shape}")
+        return point
+
     def _worst_row(self, action: Array) -> str:
         region = self.constraints
         slack = region.slacks(action)

@@ -45,6 +45,8 @@ class MarkowitzProblem(QuadraticProblem):
         self.means = validation.finite_array(means, "means", ndim=2)
         self.covariances = validation.finite_array(covariances, "covariances", ndim=3)
         n_states, n_assets = self.means.shape
+        if not self.means.size:
+            raise InputError(f"means has shape {self.means.shape}, expected at least one state and one asset")
         if self.covariances.shape != (n_states, n_assets, n_assets):
             raise InputError(
                 f"covariances have shape {self.covariances.shape}, expected {(n_states, n_assets, n_assets)} "

@@ -104,13 +104,15 @@ class QuadraticProblem(DecisionProblem):
 
     def _along_path(self, held: Array) -> Array:
         from inscrutable.kernels.active_set import solve_path
+        from inscrutable.kernels.threads import threads_for
 
         region = (self._layout.lower, self._layout.upper, self._layout.equalities, self._layout.equality_sides)
         actions = np.empty((len(held), self.n_actions))
         solved = np.zeros(len(held), dtype=np.bool_)
         limits = (tolerances.PIVOT, 0.1 * tolerances.STATIONARITY)
         costs = (self.hessians, self.linear)
-        solve_path(held, costs, region, limits, self._path_start, _CHUNK, actions, solved)
+        with threads_for(len(held)):
+            solve_path(held, costs, region, limits, self._path_start, _CHUNK, actions, solved)
         if not solved.all():
             actions[~solved] = self._one_by_one(held[~solved])
         return actions
@@ -124,15 +126,21 @@ class QuadraticProblem(DecisionProblem):
             actions[first : first + step] = solve_programmes(hessians, block @ self.linear, self._layout)
         return actions
 
+    def _as_actions(self, actions: ArrayLike) -> Array:
+        points = np.asarray(actions, dtype=np.float64)
+        if points.ndim == 0 or points.shape[-1] != self.n_actions:
+            raise InputError(f"action has shape {points.shape}, expected {self.n_actions} coordinates in the last axis")
+        return points
+
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
-        points = np.asarray(actions, dtype=np.float64)
+        points = self._as_actions(actions)
         curved = np.stack([((points @ hessian) * points).sum(axis=-1) for hessian in self.hessians], axis=-1)
         return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
 
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return H_i u + g_i for decisions (…,U): shape (…,X,U)."""
-        points = np.asarray(action, dtype=np.float64)
+        points = self._as_actions(action)
         return np.asarray(np.einsum("xuv,...v->...xu", self.hessians, points) + self.linear)
 
     def face_solution(self, belief: Array, tight: np.ndarray) -> FaceSolution:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.datasets import output_folder, write_json, write_table
-from inscrutable.experiments.attack import Attack, Reading
+from inscrutable.experiments.attack import FULL_DIGITS, Attack, Reading
 from inscrutable.reports.style import (
     BLACK,
     GREY,
@@ -54,13 +54,50 @@ def attack_table(attack: Attack) -> pd.DataFrame:
     return pd.DataFrame(columns, index=attack.index)
 
 
+def attack_lines(attack: Attack) -> pd.DataFrame:
+    """Return the same in few columns of text, for a terminal: "0.28 [0.27, 0.29]" per regime, and how it was read."""
+    columns: dict[str, list[str]] = {}
+    for i, regime in enumerate(attack.model.regimes):
+        columns[regime] = [
+            f"{row.estimate[i]:.3f} " + ("[ none ]" if np.isnan(low) else f"[{low:.3f}, {high:.3f}]")
+            for row, (low, high) in zip(attack.rows, attack.bounds[:, i], strict=True)
+        ]
+    columns["most likely"] = [attack.model.regimes[int(row.estimate.argmax())] for row in attack.rows]
+    columns["reading"] = [_SHORT[row.reading].format(row.gap, row.allowance) for row in attack.rows]
+    return pd.DataFrame(columns, index=attack.index)
+
+
+_SHORT = {
+    Reading.EXACT: "exact",
+    Reading.ROUNDED: "near-optimal, ε = {1:.1e}",
+    Reading.IMPLAUSIBLE: "implausible, least regret {0:.1e}",
+}
+
+
+def reading_notes(attack: Attack) -> list[str]:
+    """Return what the readings that occur mean, one line each."""
+    digits = FULL_DIGITS if attack.decimals is None else attack.decimals
+    notes = {
+        Reading.EXACT: "exact: these beliefs, and no others, make the weights optimal.",
+        Reading.ROUNDED: (
+            f"near-optimal: the weights are rounded to {digits} decimals, so every belief counts that leaves them at "
+            "most ε of regret, the most that rounding can cause."
+        ),
+        Reading.IMPLAUSIBLE: (
+            "implausible: no belief explains the weights, rounded or not; shown is the nearest explanation, the belief "
+            "of least regret."
+        ),
+    }
+    return [note for reading, note in notes.items() if attack.count(reading)]
+
+
 def reading_of(attack: Attack, step: int) -> str:
     """Return in words how a row was read, with its numbers."""
     row = attack.rows[step]
     if row.reading is Reading.EXACT:
         return "exact"
     if row.reading is Reading.ROUNDED:
-        digits = "8" if attack.decimals is None else f"{attack.decimals}"
+        digits = FULL_DIGITS if attack.decimals is None else attack.decimals
         return f"near-optimal within regret {row.allowance:.1e} because weights are rounded to {digits} decimals"
     nearest = ", ".join(f"{share:.3f}" for share in row.estimate)
     return f"implausible: no belief explains this; least regret {row.gap:.1e}, nearest explanation ({nearest})"
@@ -144,11 +181,11 @@ def positions(index: pd.Index) -> Any:
 def label_rows(panel: Any, index: pd.Index) -> None:
     """Label the horizontal axis with the rows' dates or labels, as many as fit."""
     if isinstance(index, pd.DatetimeIndex):
-        import matplotlib.dates as dates
+        from matplotlib import dates
 
-        locator = dates.AutoDateLocator(minticks=3, maxticks=_MOST_TICKS)
+        locator: Any = dates.AutoDateLocator(minticks=3, maxticks=_MOST_TICKS)  # type: ignore[no-untyped-call]
         panel.xaxis.set_major_locator(locator)
-        panel.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
+        panel.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
         return
     shown = np.unique(np.linspace(0, len(index) - 1, min(len(index), _MOST_TICKS)).astype(int))
     panel.set_xticks(shown, [str(index[k])[:12] for k in shown])
@@ -194,10 +231,10 @@ def write_attack(attack: Attack, folder: Path) -> list[Path]:
         >>> means, spreads = [[0.02, 0.0], [-0.03, 0.0]], [0.01 * np.eye(2), 0.09 * np.eye(2)]
         >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
         >>> model = InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), ("calm", "crisis"))
-        >>> attack = attack_weights(model, pd.DataFrame([[0.75, 0.25]], columns=["A", "B"]))
+        >>> attack = attack_weights(model, pd.DataFrame([model.problem.solve([0.8, 0.2])], columns=["A", "B"]))
         >>> attack_table(attack)[["calm", "most likely", "reading"]].round(3)
-            calm most likely reading
-        0  0.571        calm   exact
+           calm most likely reading
+        0   0.8        calm   exact
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     sorted(path.name for path in write_attack(attack, Path(folder)))
         ['attack.csv', 'attack_bounds.png', 'attack_bounds.svg', 'summary.json']

@@ -12,8 +12,11 @@ from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.decision_makers import Decision, MixedDecision
 from inscrutable.experiments.protect import Protection, implausible_rows
 from inscrutable.geometry import BeliefSet
-from inscrutable.reports.style import BLACK, GREY, drawing, look_of, save_figure, ternary_labels
+from inscrutable.reports.simplex_plots import plot_beliefs
+from inscrutable.reports.style import BLACK, GREY, drawing, look_of, save_figure
 from inscrutable.validation import Array
+
+_SMALLEST_SHOWN = 0.0005
 
 OPTIMAL, PUBLISH, ATOM, DRAWN = "ODM: optimal", "CDM: publish this", "PDM: atom", "PDM: or this draw"
 
@@ -26,7 +29,7 @@ def protect_table(protection: Protection) -> pd.DataFrame:
 
     Returns:
         A frame on (row label, what). What: the optimal weights (ODM), the weights to publish (CDM), every atom of the
-        lottery (PDM) and its draw. Columns: the probability with which it is published; the regret in the cost's unit
+        lottery (PDM) and its draw. Columns: its probability (none for the draw); the regret in the cost's unit
         and as a share of |c*|; the privacy Ψ under the chosen measure; the distance from the belief to what an observer
         concludes who takes the weights at face value, and that conclusion, the centre of its set, for each regime; its
         most likely regime; the weights of all assets.
@@ -71,8 +74,43 @@ def _options(protection: Protection, step: int) -> list[tuple[str, float, Array,
         name = f"{ATOM} {k + 1}"
         each = (lottery.belief_sets[k], float(lottery.regrets[k]), float(lottery.privacies[k]))
         options.append((name, float(share), lottery.actions[k], *each))
-    options.append((DRAWN, 1.0, drawn.action, drawn.belief_set, drawn.regret, drawn.privacy))
+    options.append((DRAWN, np.nan, drawn.action, drawn.belief_set, drawn.regret, drawn.privacy))
     return options
+
+
+def option_lines(protection: Protection, step: int) -> pd.DataFrame:
+    """Return one row's options side by side as text, for a terminal; weights below half a basis point left out."""
+    table = pd.DataFrame(protect_table(protection).loc[protection.index[step]]).T
+    lines = table.map(lambda value: value if isinstance(value, str) else "" if np.isnan(value) else f"{value:.4f}")
+    for name, style in (("regret", "{:.3g}"), ("regret / |c*|", "{:.1%}")):
+        lines.loc[name] = [style.format(value) for value in table.loc[name]]
+    weights = [f"weight: {asset}" for asset in protection.model.assets]
+    idle = [name for name in weights if np.abs(table.loc[name].to_numpy(dtype=float)).max() < _SMALLEST_SHOWN]
+    lines = lines.drop(index=idle)
+    lines.index.name = None
+    return lines
+
+
+def row_lines(protection: Protection) -> pd.DataFrame:
+    """Return one line per belief as text, for a terminal: what the CDM costs and hides, and what it says."""
+    regimes = protection.model.regimes
+    lines = []
+    for step, belief in enumerate(protection.beliefs):
+        publish = protection.deterministic[step]
+        seen = publish.belief_set.center()
+        share = publish.regret / abs(publish.optimal_cost) if publish.optimal_cost else np.nan
+        lines.append(
+            {
+                "your belief": " ".join(f"{value:.2f}" for value in belief),
+                "observer concludes": " ".join(f"{value:.2f}" for value in seen),
+                "names": "nothing" if publish.belief_set.is_empty else regimes[int(seen.argmax())],
+                "privacy": f"{publish.privacy:.3f}",
+                "regret": f"{publish.regret:.3g}",
+                "of |c*|": f"{share:.1%}",
+                "changed by": f"{0.5 * np.abs(publish.action - protection.optimal[step]).sum():.3f}",
+            }
+        )
+    return pd.DataFrame(lines, index=protection.index)
 
 
 def published_weights(protection: Protection, *, drawn: bool = False) -> pd.DataFrame:
@@ -85,57 +123,28 @@ def published_weights(protection: Protection, *, drawn: bool = False) -> pd.Data
     return pd.DataFrame(actions, index=index, columns=pd.Index(protection.model.assets))
 
 
-def plot_protection(protection: Protection, step: int, axes: Any) -> None:
-    """Draw one row on ternary axes of three regimes: the belief, and what each publication would say."""
+def what_each_says(protection: Protection, step: int) -> dict[str, BeliefSet]:
+    """Return what an observer reconstructs from each publication of one row, by the name it is drawn under."""
     lottery = protection.lotteries[step]
-    belief = protection.beliefs[step]
-    axes.scatter(*belief[:, None], marker="*", s=90, color=BLACK, zorder=5, clip_on=False, label="your belief")
-    sets = [("ODM", protection.optimal_sets[step], 1.0), ("CDM", protection.deterministic.belief_set[step], 1.0)]
-    sets += [("PDM", found, float(share)) for found, share in zip(lottery.belief_sets, lottery.probabilities, strict=True)]
-    named = set()
-    for name, found, share in sets:
-        look = look_of(name)
-        if found.is_empty:
-            continue
-        corners = found.vertices()
-        if len(corners) == 2:
-            axes.plot(*corners.T, color=look.colour, linewidth=2.0, alpha=0.4, zorder=2)
-        elif len(corners) > 2:
-            centre = corners - corners.mean(axis=0)
-            around = corners[np.argsort(np.arctan2(centre[:, 1], centre[:, 0]))]
-            axes.fill(*around.T, color=look.colour, alpha=0.2, linewidth=0, zorder=1)
-        near = found.nearest(belief)
-        axes.plot(*np.array([belief, near]).T, "--", color=look.colour, linewidth=0.8, zorder=2)
-        hollow = {"ODM": {"facecolors": "none", "edgecolors": look.colour}, "PDM": {"facecolors": "none"}}
-        style = hollow.get(name, {})
-        label = f"{name} says" if name != "PDM" else "PDM says (size: probability)"
-        size = {"ODM": 150.0, "CDM": 40.0}.get(name, 20.0 + 100.0 * share)
-        axes.scatter(
-            *found.center()[:, None],
-            marker=look.marker,
-            s=size,
-            zorder=4,
-            clip_on=False,
-            label=None if name in named else label,
-            **({"color": look.colour} if not style else {"edgecolors": look.colour, **style}),
-        )
-        named.add(name)
-    ternary_labels(axes, protection.model.regimes)
+    said = {"ODM": protection.optimal_sets[step]}
+    for k, share in enumerate(lottery.probabilities):
+        if share >= _SMALLEST_SHOWN:
+            said[f"PDM{'' if k == 0 else f' {k + 1}'}, {share:.1%}"] = lottery.belief_sets[k]
+    said["CDM"] = protection.deterministic.belief_set[step]  # drawn last: a cross stays visible on an atom's square
+    return said
 
 
 def plot_protected_beliefs(protection: Protection, step: int, axes: Any) -> None:
     """Draw one row for any number of regimes: the belief, and what an observer concludes from each publication."""
     regimes = protection.model.regimes
     place = np.arange(len(regimes))
-    axes.plot(place, protection.beliefs[step], "*", color=BLACK, markersize=9, label="your belief", zorder=4)
-    found = {"ODM": protection.optimal_sets[step], "CDM": protection.deterministic.belief_set[step]}
-    found["PDM"] = protection.drawn.belief_set[step]
-    for shift, (name, held) in zip((-0.2, 0.0, 0.2), found.items(), strict=True):
+    axes.plot(place, protection.beliefs[step], "*", color=BLACK, markersize=9, label="private belief", zorder=4)
+    said = what_each_says(protection, step)
+    for shift, (name, held) in zip(np.linspace(-0.3, 0.3, len(said)), said.items(), strict=True):
         look = look_of(name)
         bounds = held.bounds()
         axes.vlines(place + shift, bounds[:, 0], bounds[:, 1], color=look.colour, linewidth=2, alpha=0.5)
-        label = f"{name} says" if name != "PDM" else "PDM's draw says"
-        axes.plot(place + shift, held.center(), look.marker, color=look.colour, label=label)
+        axes.plot(place + shift, held.center(), look.marker, color=look.colour, label=name)
     axes.set_xticks(place, regimes)
     axes.set_ylabel("probability")
     axes.set_ylim(-0.04, 1.04)
@@ -143,9 +152,7 @@ def plot_protected_beliefs(protection: Protection, step: int, axes: Any) -> None
 
 def plot_protected_weights(protection: Protection, step: int, axes: Any) -> None:
     """Draw the weights of one row that matter: optimal, to publish, and the lottery's draw."""
-    actions = np.array(
-        [protection.optimal[step], protection.deterministic.action[step], protection.drawn.action[step]]
-    )
+    actions = np.array([protection.optimal[step], protection.deterministic.action[step], protection.drawn.action[step]])
     held = np.flatnonzero(np.abs(actions).max(axis=0) >= 0.005)
     place = np.arange(len(held))
     for k, (name, label) in enumerate((("ODM", "optimal"), ("CDM", "publish"), ("PDM", "or this draw"))):
@@ -199,8 +206,7 @@ def write_protect(protection: Protection, folder: Path) -> list[Path]:
         import mpltern  # noqa: F401  # registers the projection
 
         with drawing(height=3.6, subplot_kw={"projection": "ternary"}) as (figure, axes):
-            plot_protection(protection, last, axes)
-            figure.legend(loc="outside lower center", ncols=2)
+            plot_beliefs(axes, protection.beliefs[last], what_each_says(protection, last), protection.model.regimes)
             paths += save_figure(figure, target, "protect_beliefs")
     else:
         with drawing() as (figure, axes):

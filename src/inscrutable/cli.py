@@ -1,0 +1,369 @@
+"""The command `inscrutable`: reproduce the paper, backtest an investor, attack published weights, protect a decision.
+
+Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data,
+4 no solution, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, CycloptsError, Group, Parameter
+
+from inscrutable import __version__
+from inscrutable.cli_console import Speech, label_text, results, show_table
+from inscrutable.cli_values import MeasureName, UsageError, belief_of, budget_of, measure_of
+from inscrutable.errors import InputError, InscrutableError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from inscrutable.experiments.attack import Attack
+    from inscrutable.experiments.backtest import Backtest
+    from inscrutable.experiments.protect import Protection
+
+FAILURE, USAGE, INTERRUPTED = 1, 2, 130
+_LONGEST_TABLE = 40
+
+app = App(
+    name="inscrutable",
+    help="What does my decision give away, how do I change that, and what does it cost?",
+    help_epilogue=(
+        "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data, 4 no solution, 130 interrupted. "
+        "`inscrutable VERB --help` says what a verb takes. Decisions may be altered, never a disclosure that the law "
+        "prescribes."
+    ),
+    help_format="plaintext",
+    version=__version__,
+    version_format="plaintext",
+    suppress_keyboard_interrupt=False,  # `main` answers it
+)
+
+_DATA = Group("Data", sort_key=1)
+_INVESTOR = Group("Investor", sort_key=2)
+_PRIVACY = Group("Privacy", sort_key=3)
+_OUTPUT = Group("Output", sort_key=9)
+
+Out = Annotated[Path, Parameter(group=_OUTPUT)]
+OptionalOut = Annotated[Path | None, Parameter(group=_OUTPUT)]
+Seed = Annotated[int, Parameter(group=_OUTPUT)]
+
+
+@app.command
+def reproduce(
+    *,
+    markets: int = 100,
+    simulations: int = 20,
+    steps: int = 30,
+    budget: float = 0.1,
+    resolution: int = 40,
+    jobs: int = -1,
+    seed: Seed = 0,
+    out: Out = Path("reproduction"),
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Reproduce every result of the paper's numerical section and judge each of its claims.
+
+    Args:
+        markets: Random markets over which the claims are judged, at least 2.
+        simulations: Markets behind the mean trade-off and the number-of-samples study, at least 2.
+        steps: Steps of the market that is drawn in the figures, at least 2.
+        budget: The paper's cost budget c_b, a share of |c*|.
+        resolution: Of the action grid and the decoy grid; 40 gives 861 samples.
+        jobs: Processes; -1 is one per core. Changes nothing but the time.
+        seed: The same seed gives the same numbers.
+        out: Folder for figures, claims.csv and summary.json.
+    """
+    from inscrutable.datasets import output_folder
+    from inscrutable.experiments.reproduction import Effort, ReproductionSettings, reproduce
+    from inscrutable.reports.reproduction import claims_table, write_reproduction
+
+    effort = Effort(resolution=resolution, n_simulations=simulations)
+    settings = ReproductionSettings(
+        seed=seed, budget=budget, n_steps=steps, n_markets=markets, n_jobs=jobs, effort=effort
+    )
+    folder = output_folder(out)
+    speech.detail(f"Settings: {settings}")
+    with speech.progress("Random markets") as move:
+        result = reproduce(settings, progress=move)
+    speech.log("Drawing the figures")
+    files = write_reproduction(result, folder)
+    if speech.json:
+        speech.summary_file(folder / "summary.json")
+        return
+    title = f"The paper's claims over {markets} random markets (seed {seed})"
+    show_table(claims_table(result).set_index("claim"), title, prose=True)
+    speech.files(files)
+
+
+@app.command
+def backtest(
+    *,
+    returns: Annotated[Path | None, Parameter(group=_DATA)] = None,
+    prices: Annotated[Path | None, Parameter(group=_DATA)] = None,
+    daily: Annotated[bool, Parameter(group=_DATA, negative=(), show_default=False)] = False,
+    beliefs: Annotated[Path | None, Parameter(group=_DATA)] = None,
+    train_until: Annotated[str | None, Parameter(group=_DATA)] = None,
+    regimes: Annotated[int, Parameter(group=_INVESTOR)] = 3,
+    risk_aversion: Annotated[float, Parameter(group=_INVESTOR)] = 5.0,
+    cost_bps: Annotated[float, Parameter(group=_INVESTOR)] = 10.0,
+    budget: Annotated[str, Parameter(group=_PRIVACY)] = "0.1",
+    measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
+    target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
+    seed: Seed = 0,
+    out: Out = Path("backtest"),
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Walk a regime-switching investor through real returns while a rival reads its published weights.
+
+    Without a data option: the 12 US industries that come with the package, monthly, 1949 to 2017.
+
+    Args:
+        returns: CSV of simple returns as fractions: dates in the first column, one column per asset.
+        prices: CSV of prices, the same layout.
+        daily: Daily returns of 20 US stocks, 1990 to 2022 (needs the extra `inscrutable[data]`).
+        beliefs: CSV of your own beliefs about the row after each date, instead of the filter's: dates, then one column
+            per regime.
+        train_until: Last date of the training sample, such as 1989-12. Default: 1989-12 for the 12 industries, the
+            middle of other data.
+        regimes: Number of regimes fitted to the training sample.
+        risk_aversion: gamma in gamma u'Su - m'u, without a half.
+        cost_bps: Cost per unit traded, in basis points.
+        budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit.
+        measure: What privacy means.
+        target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
+        seed: The same seed gives the same numbers.
+        out: Folder for the table, the figures, the weights and model.json.
+    """
+    from inscrutable.datasets import output_folder, read_beliefs
+    from inscrutable.experiments.backtest import BacktestSettings, run_backtest
+    from inscrutable.reports.backtest import headline, text_of, write_backtest
+
+    if sum(option is not None for option in (returns, prices)) + daily > 1:
+        raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
+    chosen_measure, chosen_budget = measure_of(measure, target), budget_of(budget)
+    table, riskless = _returns(returns, prices, daily)
+    if train_until is None:
+        train_until = _middle(table) if riskless is None else "1989-12"
+        speech.detail(f"Training sample: up to {train_until}")
+    settings = BacktestSettings(
+        regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until=train_until, seed=seed
+    )
+    own = None if beliefs is None else read_beliefs(beliefs)
+    folder = output_folder(out)
+    speech.log(f"{table.shape[1]} assets, {len(table)} rows; fitting {regimes} regimes up to {train_until}")
+    with speech.progress("Decisions") as move:
+        result = run_backtest(table, settings, beliefs=own, riskless=riskless, progress=move)
+    speech.log("Drawing the figures")
+    files = [*write_backtest(result, folder), _save_model(result, settings.train_until, folder)]
+    if speech.json:
+        speech.summary_file(folder / "summary.json")
+        return
+    speech.sentence(f"{text_of(result)}\n\n{headline(result)}\n")
+    speech.files(files)
+
+
+def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
+    """The returns asked for, and the riskless rate that only the embedded ones have."""
+    from inscrutable import datasets
+
+    if returns is not None:
+        return datasets.read_returns(returns), None
+    if prices is not None:
+        return datasets.read_returns(prices, prices=True), None
+    if daily:
+        return datasets.load_daily_returns(), None
+    data = datasets.load_industry_returns()
+    return data.returns, data.riskless
+
+
+def _middle(table: pd.DataFrame) -> str:
+    return label_text(table.index[(len(table) - 1) // 2])
+
+
+def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
+    from inscrutable.experiments.investor_model import InvestorModel
+
+    note = f"regimes fitted to {len(result.assets)} assets up to {train_until}"
+    model = InvestorModel(result.world, result.problem, result.assets, result.regimes, result.budget, note)
+    return model.save(folder / "model.json")
+
+
+@app.command
+def attack(
+    *,
+    model: Annotated[Path, Parameter(group=_DATA)],
+    weights: Annotated[Path, Parameter(group=_DATA)],
+    out: OptionalOut = None,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Read published weights back into the beliefs that explain them: what do my holdings say?
+
+    Weights rounded to a few digits are read as such: the digits written in the file are counted.
+
+    Args:
+        model: The model.json of a backtest.
+        weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
+        out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
+    """
+    from inscrutable.datasets import output_folder, read_weights
+    from inscrutable.experiments.attack import attack_weights
+    from inscrutable.experiments.investor_model import InvestorModel
+    from inscrutable.reports.attack import attack_summary, write_attack
+
+    investor = InvestorModel.load(model)
+    table = read_weights(weights, assets=investor.assets)
+    folder = None if out is None else output_folder(out)
+    speech.log(table.summary())
+    with speech.progress("Rows read") as move:
+        found = attack_weights(investor, table, progress=move)
+    files = [] if folder is None else write_attack(found, folder)
+    if speech.json:
+        speech.summary(attack_summary(found))
+        return
+    _show_attack(found, speech, whole=folder is None)
+    speech.sentence(found.summary())
+    speech.files(files)
+
+
+def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:
+    from inscrutable.reports.attack import attack_lines, reading_notes
+
+    table = attack_lines(found)
+    title = "What the weights of each row say: probability of a regime in the rival's estimate [least, most]"
+    if whole or len(table) <= _LONGEST_TABLE:
+        show_table(table, title)
+    else:
+        show_table(table.iloc[:_LONGEST_TABLE], f"{title}; the first {_LONGEST_TABLE} of {len(table)} rows")
+    for line in reading_notes(found):
+        speech.sentence(line)
+
+
+@app.command
+def protect(
+    *,
+    model: Annotated[Path, Parameter(group=_DATA)],
+    belief: Annotated[str | None, Parameter(group=_DATA)] = None,
+    beliefs: Annotated[Path | None, Parameter(group=_DATA)] = None,
+    weights: Annotated[Path | None, Parameter(group=_DATA)] = None,
+    budget: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
+    measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
+    target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
+    seed: Annotated[int | None, Parameter(group=_OUTPUT)] = None,
+    out: OptionalOut = None,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Say what to publish instead, what that costs, and what an observer then concludes.
+
+    Args:
+        model: The model.json of a backtest.
+        belief: Your belief over the model's regimes, such as 0.2,0.3,0.5.
+        beliefs: CSV of beliefs: dates, then one column per regime.
+        weights: CSV of planned weights; the belief behind them is read off as an observer would.
+        budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit. Default: the model's.
+        measure: What privacy means.
+        target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
+        seed: Makes the draw repeatable. Without it the operating system draws, because a rival who knows the seed
+            knows the draw.
+        out: Folder for the tables, summary.json and the figures; without it the results are only printed.
+    """
+    if sum(option is not None for option in (belief, beliefs, weights)) != 1:
+        raise UsageError("give one of --belief, --beliefs and --weights")
+    chosen = measure_of(measure, target)
+    limit = None if budget is None else budget_of(budget)
+    single = None if belief is None else belief_of(belief, "--belief")
+
+    from inscrutable.datasets import output_folder, read_beliefs, read_weights
+    from inscrutable.experiments import protect as experiment
+    from inscrutable.experiments.investor_model import InvestorModel
+    from inscrutable.reports.protect import protect_summary, write_protect
+
+    rng = None if seed is None else _generator(seed)
+    investor = InvestorModel.load(model)
+    planned = None if weights is None else read_weights(weights, assets=investor.assets)
+    held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
+    folder = None if out is None else output_folder(out)
+    with speech.progress("Steps") as move:
+        extra: dict[str, Any] = {"rng": rng, "progress": move}
+        if planned is not None:
+            found = experiment.protect_weights(investor, planned, limit, chosen, **extra)
+        else:
+            found = experiment.protect(investor, held, limit, chosen, **extra)
+    files = [] if folder is None else write_protect(found, folder)
+    if speech.json:
+        speech.summary(protect_summary(found))
+        return
+    _show_protection(found)
+    speech.files(files)
+
+
+def _generator(seed: int) -> Any:
+    import numpy as np
+
+    if seed < 0:
+        raise UsageError(f"--seed {seed}: expected a whole number of at least 0")
+    return np.random.default_rng(seed)
+
+
+def _show_protection(found: Protection) -> None:
+    from inscrutable.experiments.protect import implausible_rows
+    from inscrutable.reports.protect import option_lines, row_lines
+
+    bad = implausible_rows(found)
+    if bad:
+        rows = ", ".join(label_text(found.index[step]) for step in bad[:5])
+        results().print(f"No belief explains the planned weights of row {rows}; its nearest explanation is protected.")
+    if len(found) == 1:
+        show_table(option_lines(found, 0), "What to publish, what it costs, and what an observer concludes from it")
+    else:
+        show_table(row_lines(found), "What to publish (CDM), what it costs, and what an observer concludes from it")
+    results().print(found.summary()[0].upper() + found.summary()[1:] + ".")
+    if len(found) == 1:
+        low_high = ", ".join(
+            f"{regime} {low:.2f} to {high:.2f}"
+            for regime, (low, high) in zip(found.model.regimes, found.aware_bounds[0], strict=True)
+        )
+        results().print(f"An observer who also knows the regret you allow is left with: {low_high}.")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; errors are one line on stderr, never a traceback.
+
+    Args:
+        arguments: What follows the command's name; None takes it from the process.
+    """
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
+    except CycloptsError as error:
+        return _said(f"{error}", USAGE)
+    except UsageError as error:
+        return _said(f"{error}", USAGE)
+    except InscrutableError as error:
+        return _said(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        return _said("interrupted; every file that was written is whole", INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of our output has gone; what is still buffered must not raise again when Python shuts down.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILURE
+    except Exception as error:
+        if "-v" in tokens or "--verbose" in tokens:
+            raise
+        return _said(f"unexpected {type(error).__name__}: {error}; run again with -v for the traceback", FAILURE)
+    return 0
+
+
+def _said(message: str, code: int) -> int:
+    """Print one clear message on stderr and return the exit code."""
+    kind = {USAGE: "usage", INTERRUPTED: "stopped", InputError.exit_code: "bad data", 4: "no solution"}.get(
+        code, "error"
+    )
+    hint = "\nTry: inscrutable --help" if code == USAGE else ""
+    print(f"inscrutable: {kind}: {message.strip()}{hint}", file=sys.stderr, flush=True)
+    return code

@@ -1,0 +1,133 @@
+"""How the command line speaks: results to stdout, progress and log to stderr."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+_PLAIN_WIDTH = 150
+_SECONDS_BETWEEN_LINES = 10.0
+
+
+@Parameter(name="*", group="Output")
+@dataclass(frozen=True)
+class Speech:
+    """How much is said and in which form.
+
+    Args:
+        json: Print a machine-readable summary instead of tables.
+        quiet: No progress and no log on stderr; errors are still said.
+        verbose: Say more on stderr, with the traceback of an unexpected error.
+    """
+
+    json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False
+    quiet: Annotated[bool, Parameter(name=("--quiet", "-q"), negative=(), show_default=False)] = False
+    verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=(), show_default=False)] = False
+
+    def log(self, text: str) -> None:
+        """Say one line on stderr."""
+        if not self.quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    def detail(self, text: str) -> None:
+        """Say one line on stderr if more was asked for."""
+        if self.verbose and not self.quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    def files(self, paths: Iterable[Path]) -> None:
+        """List the files that were written, after the results."""
+        listed = [str(path) for path in paths]
+        if listed and not self.json:
+            print("Written:\n  " + "\n  ".join(listed))
+
+    def summary(self, data: dict[str, Any]) -> None:
+        """Print plain data as JSON on stdout: the bytes that a summary file would have."""
+        from inscrutable.datasets import write_json
+
+        with TemporaryDirectory() as folder:
+            path = Path(folder, "summary.json")
+            write_json(data, path)
+            self.summary_file(path)
+
+    def summary_file(self, path: Path) -> None:
+        """Print a summary file that was just written."""
+        sys.stdout.write(path.read_text("utf-8"))
+
+    def sentence(self, text: str) -> None:
+        """Print a line of the results on stdout."""
+        print(text)
+
+    @contextmanager
+    def progress(self, what: str) -> Iterator[Callable[[int, int], None]]:
+        """Give a function (done, in all) that moves a bar on a terminal and writes a line now and then elsewhere."""
+        if self.quiet:
+            yield lambda done, total: None
+        elif sys.stderr.isatty():
+            with _bar(what) as move:
+                yield move
+        else:
+            yield _Lines(what)
+
+
+@contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class _Lines:
+    """Progress where there is no terminal: the first step, then one line in ten seconds, and the end."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._next = 0.0
+
+    def __call__(self, done: int, total: int) -> None:
+        if done < total and monotonic() < self._next:
+            return
+        self._next = monotonic() + _SECONDS_BETWEEN_LINES
+        print(f"{self._what}: {done} of {total}", file=sys.stderr, flush=True)
+
+
+def results() -> Console:
+    """Return the console for results: as wide as the terminal, or wide enough for a table in a file."""
+    from rich.console import Console
+
+    return Console(width=None if sys.stdout.isatty() else _PLAIN_WIDTH, highlight=False, markup=False, emoji=False)
+
+
+def show_table(frame: pd.DataFrame, title: str, *, prose: bool = False) -> None:
+    """Print a frame, its index first, under a title that says what the rows mean; `prose` wraps words, not numbers."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column(Text(str(frame.index.name or "")), no_wrap=not prose)
+    for column in frame.columns:
+        table.add_column(Text(str(column)), justify="left" if prose else "right")
+    for label, row in zip(frame.index, frame.itertuples(index=False), strict=True):
+        table.add_row(Text(label_text(label)), *(Text(str(cell)) for cell in row))
+    results().print(table)
+
+
+def label_text(label: Any) -> str:
+    """Return a row's label as a person writes it: a date without its midnight."""
+    return f"{label:%Y-%m-%d}" if hasattr(label, "strftime") else str(label)

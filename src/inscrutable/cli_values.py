@@ -1,0 +1,67 @@
+"""What is typed on the command line, turned into the library's own objects: budgets, beliefs, measures, targets."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from inscrutable.budgets import Budget
+    from inscrutable.privacy import PrivacyMeasure
+
+MeasureName = Literal["maximal", "desired", "non-existence", "non-uniqueness", "infeasibility"]
+
+
+class UsageError(Exception):
+    """The command line itself is wrong: an option that is malformed, missing or at odds with another."""
+
+
+def budget_of(text: str) -> Budget:
+    """Return the budget that "0.1" (a share of |c*|) or "regret:0.002" (in the cost's unit) stands for."""
+    from inscrutable.budgets import Budget
+
+    kind, separator, amount = text.rpartition(":")
+    if separator and kind not in ("regret", "relative"):
+        raise UsageError(
+            f'--budget {text}: expected a share of |c*| such as 0.1, or "regret:0.002" in the cost\'s unit'
+        )
+    return Budget(_number(amount, "--budget"), kind != "regret")
+
+
+def belief_of(text: str, option: str) -> list[float]:
+    """Return the belief that "0.2,0.3,0.5" stands for; its sum is judged by the library."""
+    return [_number(part, option) for part in text.split(",")]
+
+
+def measure_of(name: MeasureName, target: str | None) -> PrivacyMeasure:
+    """Return the privacy measure of a name, with the target that only desired obfuscation has."""
+    from inscrutable import privacy
+
+    if (target is None) == (name == "desired"):
+        raise UsageError(
+            "--measure desired needs --target: a belief such as 0.2,0.3,0.5, or reverse"
+            if target is None
+            else f"--target belongs to --measure desired, not to {name}"
+        )
+    if target is not None:
+        return privacy.DesiredObfuscation(
+            reversed_belief if target == "reverse" else belief_of(target, "--target"),
+        )
+    kinds: dict[str, type[PrivacyMeasure]] = {
+        "maximal": privacy.MaximalObfuscation,
+        "non-existence": privacy.NonExistence,
+        "non-uniqueness": privacy.NonUniqueness,
+        "infeasibility": privacy.Infeasibility,
+    }
+    return kinds[name]()
+
+
+def reversed_belief(belief: Any) -> Any:
+    """Return the belief with the regimes in the opposite order: calm for turbulent."""
+    return belief[::-1]
+
+
+def _number(text: str, option: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f"{option}: {text.strip()!r} is not a number") from None

@@ -1,0 +1,40 @@
+"""Checks that decision makers share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from inscrutable.errors import InputError
+from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+
+
+def checked_problem(problem: Any) -> DecisionProblem:
+    """Return a decision problem, or raise `InputError`."""
+    if not isinstance(problem, DecisionProblem):
+        raise InputError(f"problem must be a decision problem such as MarkowitzProblem(...), got {problem!r}")
+    return problem
+
+
+def checked_measure(measure: Any) -> PrivacyMeasure:
+    """Return a privacy measure, `MaximalObfuscation()` for None, or raise `InputError`."""
+    chosen = MaximalObfuscation() if measure is None else measure
+    if not isinstance(chosen, PrivacyMeasure):
+        raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
+    return chosen
+
+
+def checked_choice(value: Any, name: str, kinds: tuple[type, ...]) -> Any:
+    """Return `value`, an instance of the first kind for None, or raise `InputError`."""
+    chosen = kinds[0]() if value is None else value
+    if not isinstance(chosen, kinds):
+        expected = " or ".join(f"{kind.__name__}()" for kind in kinds)
+        raise InputError(f"{name} must be {expected}, got {value!r}")
+    return chosen
+
+
+def checked_on_empty(value: Any) -> str:
+    """Return the policy for decisions that no belief explains, or raise `InputError`."""
+    if value not in ("exclude", "infinite"):
+        raise InputError(f'on_empty must be "exclude" or "infinite", got {value!r}')
+    return str(value)

@@ -1,0 +1,242 @@
+"""What a backtest leaves for a reader: one table, one sentence, and a folder of files that are the same for the same seed."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import __version__
+from inscrutable.datasets import output_folder, write_json, write_table
+from inscrutable.experiments.backtest_results import Backtest
+from inscrutable.experiments.performance import LEVEL, REPLICATES
+from inscrutable.reports.backtest_plots import draw_backtest
+from inscrutable.worlds import GaussianEmission
+
+
+class _Row(NamedTuple):
+    """A row of the table: a figure of the summary, its label with the unit, its factor, and how it is written."""
+
+    key: str
+    label: str
+    factor: float = 1.0
+    style: str = ".2f"
+
+
+_PERCENT, _BASIS_POINTS = 100.0, 10_000.0
+
+
+def table_of(result: Backtest) -> pd.DataFrame:
+    """Return the table of a backtest: one row per figure with its unit in the label, one column per decision maker.
+
+    The index's name states what a row of data means: when the decision is made, on which belief, and what it earns.
+
+    Args:
+        result: A backtest.
+
+    Returns:
+        Floats in the units that the labels name.
+
+    Cost: none to speak of. Example: see `run_backtest` in `inscrutable.experiments.backtest`.
+    """
+    rows = _rows(result)
+    table = pd.DataFrame(
+        {name: [figures[row.key] * row.factor for row in rows] for name, figures in result.figures.items()},
+        index=pd.Index([row.label for row in rows], name=timing_of(result)),
+    )
+    return table
+
+
+def timing_of(result: Backtest) -> str:
+    """Return the sentence that says what a decision knows and what it earns."""
+    word = result.market.frequency.word
+    return (
+        f"decision at the end of {word} t, on the belief about {word} t+1 given data up to {word} t, "
+        f"earns the return of {word} t+1"
+    )
+
+
+def text_of(result: Backtest) -> str:
+    """Return the table as text for a terminal, with its header and notes."""
+    rows, table = _rows(result), table_of(result)
+    width = max(len(row.label) for row in rows)
+    lines = [timing_of(result), "", " " * width + "".join(f"{name:>10}" for name in result.names)]
+    for row, (label, values) in zip(rows, table.iterrows(), strict=True):
+        cells = "".join(f"{_written(float(value), row.style):>10}" for value in values)
+        lines.append(f"{label:<{width}}{cells}")
+    return "\n".join([*lines, "", *notes_of(result)])
+
+
+def _written(value: float, style: str) -> str:
+    return "-" if np.isnan(value) else format(value + 0.0, style)
+
+
+def _rows(result: Backtest) -> list[_Row]:
+    frequency = result.market.frequency
+    word, level = frequency.word, f"{LEVEL:.0%}"
+    cost = f"{result.settings.cost_bps:g} bp a unit traded"
+    excess = "excess of the riskless rate" if result.market.has_riskless else "of the return, riskless rate 0"
+    return [
+        _Row("n_decisions", f"decisions ({word}s)", style=".0f"),
+        _Row("annual_return", "return, compound, % per year", _PERCENT),
+        _Row("annual_volatility", f"volatility, % per year (√{frequency.per_year:g} × per {word})", _PERCENT),
+        _Row("annual_sharpe", f"Sharpe ratio per year (√{frequency.per_year:g}), {excess}"),
+        _Row("annual_sharpe_minus_odm", "  less the ODM's"),
+        _Row("annual_sharpe_minus_odm_low", f"  {level} interval, low"),
+        _Row("annual_sharpe_minus_odm_high", f"  {level} interval, high"),
+        _Row("annual_turnover", "turnover, bought plus sold, % of wealth per year", _PERCENT, ".0f"),
+        _Row("annual_return_net", f"return net of {cost}, % per year", _PERCENT),
+        _Row("annual_sharpe_net", f"Sharpe ratio per year net of {cost}"),
+        _Row("annual_sharpe_net_minus_odm", "  less the ODM's, net"),
+        _Row("annual_sharpe_net_minus_odm_low", f"  {level} interval, low, net"),
+        _Row("annual_sharpe_net_minus_odm_high", f"  {level} interval, high, net"),
+        _Row("assets_held", "assets held, mean"),
+        _Row("mean_regret", f"regret, mean, bp of risk-adjusted return per {word}", _BASIS_POINTS),
+        _Row("mean_regret_share", "regret, sum as % of the sum of |c*|", _PERCENT),
+        _Row("mean_expected_regret_share", "  the same in expectation over the lottery", _PERCENT),
+        _Row("largest_regret_share", f"regret, largest in a {word}, % of |c*|", _PERCENT),
+        _Row("mean_regret_of_silence", "regret, mean, % of the silence regret", _PERCENT, ".0f"),
+        _Row("mean_privacy", f"privacy, mean ({type(result.settings.measure).__name__})", style=".3f"),
+        _Row("n_privacy_not_finite", f"  {word}s left out: goal missed, or set empty", style=".0f"),
+        _Row("share_regime_named", f"{word}s in which the rival names the likeliest regime, %", _PERCENT, ".1f"),
+        _Row("base_rate", "  by always naming the commonest one, %", _PERCENT, ".1f"),
+        _Row("n_empty_sets", f"  {word}s left out: no belief explains the weights", style=".0f"),
+        _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
+    ]
+
+
+def notes_of(result: Backtest) -> list[str]:
+    """Return the definitions that the table rests on."""
+    settings, market = result.settings, result.market
+    word = market.frequency.word
+    return [
+        f"Regimes fitted on {market.n_training} {word}s to {market.training.index[-1]:%Y-%m-%d} and never again; "
+        f"risk aversion γ = {settings.risk_aversion:g} in γu'Σu − μ'u, no ½; budget {settings.budget}.",
+        "The rival knows means, covariances and γ, takes the published weights (of a lottery, the draw) at face value, "
+        "and guesses the centre of the beliefs that explain them. One who knows how they were altered reads more.",
+        "Turnover counts from the last published weights after they drifted with returns; the first purchase is left out.",
+        f"Intervals: studentised circular block bootstrap, {REPLICATES} samples (Ledoit and Wolf 2008).",
+        f"Silence regret: {result.silence_regret * _BASIS_POINTS:.2f} bp per {word}, the mean regret of the one constant "
+        "portfolio that suits these beliefs best, known only in hindsight; it would give away nothing but their mean.",
+    ]
+
+
+def headline(result: Backtest) -> str:
+    """Return the verdict in one sentence: what the rival reads without and with hiding, and what hiding costs."""
+    figures, word = result.figures, result.market.frequency.word
+    odm, *hiding = result.names
+    named = " and ".join(f"{_share(figures[name]['share_regime_named'])} ({name})" for name in hiding)
+    regret = " and ".join(f"{figures[name]['mean_regret_share']:.1%}" for name in hiding)
+    sharpe = " and ".join(
+        f"{figures[name]['annual_sharpe_net_minus_odm']:+.2f} "
+        f"[{figures[name]['annual_sharpe_net_minus_odm_low']:+.2f}, "
+        f"{figures[name]['annual_sharpe_net_minus_odm_high']:+.2f}]"
+        for name in hiding
+    )
+    return (
+        f"A rival who inverts the published weights names the investor's likeliest regime in "
+        f"{_share(figures[odm]['share_regime_named'])} of {len(result.beliefs)} {word}s; hiding within a budget of "
+        f"{result.budget} brings that to {named}, where always naming the commonest gives "
+        f"{_share(figures[odm]['base_rate'])}, for a regret of {regret} of |c*| and a change of the yearly Sharpe "
+        f"ratio after costs of {sharpe} ({LEVEL:.0%} intervals)."
+    )
+
+
+def _share(value: float) -> str:
+    return "no share (no weights that a belief explains)" if np.isnan(value) else f"{value:.0%}"
+
+
+def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: str | None = None) -> list[Path]:
+    """Write everything about a backtest into a folder: tables, paths, pictures, and a summary that is all text.
+
+    `table.csv`; `beliefs.csv` (fit to be read again as a user's beliefs); per decision maker `weights_*.csv`,
+    `estimates_*.csv` (what the rival concludes) and `path_*.csv` (regret, privacy, return per decision); five figures
+    as PNG and SVG; `summary.json`. Each file appears whole or not at all; the same backtest gives the same bytes.
+
+    Args:
+        result: A backtest.
+        folder: Where to write; made if it is not there.
+        month: Date of the decision that the frontier and the ternary figure show, as "2008-09" or "2008-09-30"; None
+            is the date of the most mixed belief.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: The folder cannot be written to, or no decision was made in `month`.
+
+    Cost: a few seconds, nearly all for the pictures.
+    """
+    target = output_folder(folder)
+    written: list[Path] = []
+
+    def table(frame: pd.DataFrame, name: str, header: str) -> None:
+        write_table(frame.rename_axis(header), target / name)
+        written.append(target / name)
+
+    word = result.market.frequency.word
+    table(table_of(result), "table.csv", timing_of(result))
+    table(result.beliefs, "beliefs.csv", f"decided at the end of (belief about the next {word})")
+    for name in result.names:
+        table(result.weights(name), f"weights_{name}.csv", f"published at the end of (held over the next {word})")
+        table(result.estimates(name), f"estimates_{name}.csv", f"read from the weights of (about the next {word})")
+        table(result.path(name), f"path_{name}.csv", f"decided at the end of (earns the next {word})")
+    written += draw_backtest(result, target, month=month)
+    write_json(summary_data(result), target / "summary.json")
+    return [*written, target / "summary.json"]
+
+
+def summary_data(result: Backtest) -> dict[str, Any]:
+    """Return what `summary.json` holds: plain data, no clock, no path of this machine."""
+    settings, market = result.settings, result.market
+    chosen = {**vars(settings), "measure": repr(settings.measure), "budget": asdict(settings.budget)}
+    best = max(restart.log_likelihood for restart in result.fit.restarts)
+    return {
+        "version": __version__,
+        "headline": headline(result),
+        "timing": timing_of(result),
+        "notes": notes_of(result),
+        "settings": chosen,
+        "data": {
+            "assets": result.assets,
+            "first": f"{market.returns.index[0]:%Y-%m-%d}",
+            "last": f"{market.returns.index[-1]:%Y-%m-%d}",
+            "training_rows": market.n_training,
+            "first_decision": f"{result.dates[0]:%Y-%m-%d}",
+            "last_decision": f"{result.dates[-1]:%Y-%m-%d}",
+            "rows_per_year": market.frequency.per_year,
+            "row": market.frequency.word,
+            "riskless_given": market.has_riskless,
+        },
+        "fit": {
+            "log_likelihood": result.fit.log_likelihood,
+            "restarts": len(result.fit.restarts),
+            "restarts_within_one_nat": sum(best - one.log_likelihood < 1.0 for one in result.fit.restarts),
+            "collapsed": sum(bool(one.collapsed) for one in result.fit.restarts),
+        },
+        "regimes": _regimes(result),
+        "silence_regret": result.silence_regret,
+        "decision_makers": {name: dict(figures) for name, figures in result.figures.items()},
+    }
+
+
+def _regimes(result: Backtest) -> list[dict[str, Any]]:
+    emission, frequency = result.world.emission, result.market.frequency
+    assert isinstance(emission, GaussianEmission)  # run_backtest fits nothing else
+    even = np.full(len(result.assets), 1.0 / len(result.assets))
+    return [
+        {
+            "name": name,
+            "stays": result.world.transition[i, i],
+            "mean_per_year_of_equal_weights": float(emission.means[i] @ even) * frequency.per_year,
+            "volatility_per_year_of_equal_weights": float(
+                np.sqrt(even @ emission.covariances[i] @ even * frequency.per_year)
+            ),
+            "mean_belief": float(result.beliefs.iloc[:, i].mean()),
+        }
+        for i, name in enumerate(result.regimes)
+    ]

@@ -1,0 +1,309 @@
+"""The pictures of a backtest: beliefs and what the rival read, weights, privacy and cost over time, and one month close up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.decision_makers import MixedDecision, privacy_frontier
+from inscrutable.errors import InputError
+from inscrutable.experiments.backtest_results import Backtest
+from inscrutable.geometry import BeliefSet
+from inscrutable.reports.style import BLACK, GREY, REGIME_COLOURS, drawing, look_of, save_figure, ternary_labels
+from inscrutable.validation import Array
+
+PAGE_WIDTH = 7.0
+"""Inches of a page's text."""
+
+# Paul Tol's muted scheme, which colour-blind readers can tell apart, and a grey for all other assets together.
+_ASSET_COLOURS = ("#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77", "#CC6677", "#882255", "#AA4499")
+_OTHERS = "#BBBBBB"
+_PERCENT = 100.0
+_WIDE = 4.0
+"""From this ratio of wealth on its axis is logarithmic; below it too few round numbers fall on it."""
+
+
+def draw_backtest(result: Backtest, folder: Path, *, month: str | None = None) -> list[Path]:
+    """Draw all figures of a backtest into a folder and return their paths; the ternary one needs three regimes."""
+    step = step_of(result, month)
+    written = [
+        *draw_beliefs(result, folder),
+        *draw_weights(result, folder),
+        *draw_privacy_and_cost(result, folder),
+        *draw_frontier(result, folder, step),
+    ]
+    return written + (draw_month(result, folder, step) if len(result.regimes) == 3 else [])
+
+
+def step_of(result: Backtest, month: str | None = None) -> int:
+    """Return the row of a month's decision, the last one in it; None is where the lottery gains most over the CDM."""
+    if month is None:
+        lottery, single = (result.episode.records[name].expected_privacy for name in ("PDM", "CDM"))
+        gain = np.where(np.isfinite(lottery) & np.isfinite(single), lottery, 0.0)
+        return int(np.where(np.isfinite(single), gain - single, 0.0).argmax())
+    try:
+        period = pd.Period(month)
+        first, last = period.start_time, period.end_time
+    except (ValueError, TypeError, AttributeError):
+        raise InputError(f"month must be a date such as 2008-09 or 2008-09-30, got {month!r}") from None
+    dates = result.dates.tz_localize(None)
+    found = np.flatnonzero((dates >= first) & (dates <= last))
+    if not found.size:
+        raise InputError(f"no decision was made in {month}; they run from {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}")
+    return int(found[-1])
+
+
+def draw_beliefs(result: Backtest, folder: Path) -> list[Path]:
+    """Draw the investor's belief above what the rival reads from each decision maker's weights, as `beliefs`."""
+    panels = {"investor's belief": result.beliefs}
+    panels |= {f"read from the {_published(result, name)}": result.estimates(name) for name in result.names}
+    word = result.market.frequency.word
+    rows = {"nrows": len(panels), "sharex": True, "sharey": True}
+    with drawing(PAGE_WIDTH, 1.2 * len(panels) + 0.5, **rows) as (figure, axes):
+        for axis, (title, frame) in zip(axes, panels.items(), strict=True):
+            areas = _stack(axis, frame, REGIME_COLOURS, result.earned[-1])
+            axis.set_title(title, loc="left")
+            axis.set_ylabel("probability")
+        figure.legend(
+            areas[::-1], result.regimes[::-1], loc="outside upper right", ncols=len(result.regimes), title="regime"
+        )
+        axes[-1].set_xlabel(f"decided at the end of {word} t; beliefs are about {word} t+1 given data up to {word} t")
+        return save_figure(figure, folder, "beliefs")
+
+
+def draw_weights(result: Backtest, folder: Path) -> list[Path]:
+    """Draw the published weights of every decision maker, as `weights`; assets that matter least are drawn as one."""
+    shown, others = _main_assets(result)
+    colours = (*_ASSET_COLOURS[: len(shown)], _OTHERS)
+    word = result.market.frequency.word
+    rows = {"nrows": len(result.names), "sharex": True, "sharey": True}
+    with drawing(PAGE_WIDTH, 1.45 * len(result.names) + 0.5, **rows) as (figure, axes):
+        for axis, name in zip(axes, result.names, strict=True):
+            weights = result.weights(name)
+            frame = weights[shown]
+            if others:
+                frame = pd.concat([frame, weights[others].sum(axis=1).rename(f"{len(others)} others")], axis=1)
+            areas = _stack(axis, frame, colours, result.earned[-1])
+            axis.set_title(_published(result, name), loc="left")
+            axis.set_ylabel("weight")
+        figure.legend(areas[::-1], list(frame.columns)[::-1], loc="outside right center", title="asset")
+        axes[-1].set_xlabel(f"published at the end of {word} t, held over {word} t+1")
+        return save_figure(figure, folder, "weights")
+
+
+def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
+    """Draw privacy, regret and wealth over time, as `privacy_and_cost`."""
+    word, budget = result.market.frequency.word, result.budget
+    with drawing(PAGE_WIDTH, 5.6, nrows=3, sharex=True) as (figure, (above, middle, below)):
+        for name in result.names:
+            look, path = look_of(name), result.path(name)
+            # A cross stays visible on a dot, a dot hides a cross.
+            order = 2.0 if look.marker == "o" else 3.0
+            dots = {
+                "color": look.colour,
+                "marker": look.marker,
+                "linestyle": "none",
+                "markersize": 2.6,
+                "zorder": order,
+            }
+            privacy = path["privacy"].where(np.isfinite(path["privacy"]))
+            above.plot(path.index, privacy, label=_published(result, name), **dots)
+            middle.plot(path.index, _PERCENT * path["regret"] / path["optimal_cost"].abs(), **dots)
+            wealth = np.cumprod(1.0 + path["net_return"])
+            below.plot(path["earned_in"], wealth, color=look.colour, linestyle={"PDM": "--"}.get(name, "-"))
+        if budget.is_relative:
+            middle.axhline(_PERCENT * budget.amount, color=BLACK, linewidth=0.8, linestyle=":")
+            middle.annotate(
+                "budget", (1.0, _PERCENT * budget.amount), xycoords=("axes fraction", "data"), va="center", fontsize=7
+            )
+        below.margins(x=0.01)
+        above.set_ylabel("privacy Ψ")
+        middle.set_ylabel("regret, % of |c*|")
+        below.set_ylabel("wealth after costs")
+        if np.divide(*below.get_ylim()[::-1]) > _WIDE or below.get_ylim()[0] <= 0:
+            below.set_yscale("log")
+            _plain_ticks(below.yaxis)
+        below.set_xlabel(f"privacy and regret: decided at the end of {word} t; wealth: after {word} t+1")
+        figure.legend(loc="outside upper center", ncols=len(result.names), markerscale=2.0)
+        return save_figure(figure, folder, "privacy_and_cost")
+
+
+def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
+    """Draw privacy against regret for one decision at every budget, with its price, as `frontier`."""
+    measure = result.settings.measure.at_step(step)
+    frontier = privacy_frontier(result.problem, result.beliefs.to_numpy()[step], measure, result.candidates)
+    own = abs(frontier.optimal_cost)
+    limit = result.budget.limit(frontier.optimal_cost)
+    reach = (
+        max(3.0 * limit, _largest_atom(result, step)) if limit > 0 else float(frontier.points[:, 0].max(initial=own))
+    )
+    regrets = np.linspace(0.0, 1.05 * reach, 1201)
+    with drawing(PAGE_WIDTH, 2.9, ncols=2, width_ratios=(3, 2)) as (figure, (left, right)):
+        single, mixed = (np.asarray(curve(regrets)) for curve in (frontier.deterministic, frontier.randomized))
+        scale = _PERCENT / own if own > 0 else 1.0
+        unit = "% of |c*|" if own > 0 else "the cost's unit"
+        left.plot(
+            scale * regrets,
+            np.where(np.isfinite(single), single, np.nan),
+            color=look_of("CDM").colour,
+            label="best single decision",
+        )
+        left.plot(
+            scale * regrets,
+            np.where(np.isfinite(mixed), mixed, np.nan),
+            color=look_of("PDM").colour,
+            linestyle="--",
+            label="best lottery",
+        )
+        left.axvline(scale * limit, color=GREY, linestyle=":", linewidth=0.9, label=f"budget, {result.budget}")
+        _mark_decisions(left, result, step, scale)
+        left.set_xlabel(f"regret, {unit}")
+        left.set_ylabel("privacy Ψ")
+        left.legend(loc="lower right")
+        price = np.asarray(frontier.price(regrets)) / scale
+        right.plot(scale * regrets, price, color=look_of("PDM").colour, linestyle="--", drawstyle="steps-post")
+        right.axvline(scale * limit, color=GREY, linestyle=":", linewidth=0.9)
+        if (price > 0).any():
+            right.set_yscale("log")
+            _plain_ticks(right.yaxis)
+        right.set_xlabel(f"expected regret, {unit}")
+        right.set_ylabel(f"privacy bought by one more {'% of |c*|' if own > 0 else 'unit'}")
+        figure.suptitle(f"decision at the end of {result.dates[step]:%Y-%m-%d}", fontsize=8)
+        return save_figure(figure, folder, "frontier")
+
+
+def draw_month(result: Backtest, folder: Path, step: int) -> list[Path]:
+    """Draw one decision on the belief simplex, as `month`: π, what each portfolio says, and the distance dashed."""
+    import mpltern  # noqa: F401  # registers the projection
+
+    belief = result.beliefs.to_numpy()[step]
+    with drawing(PAGE_WIDTH, 4.0, subplot_kw={"projection": "ternary"}) as (figure, axis):
+        ternary_labels(axis, result.regimes)
+        for side in (axis.taxis, axis.laxis, axis.raxis):
+            side.labelpad = 8.0  # clear of markers on the corners
+        every = result.beliefs.to_numpy()
+        axis.plot(*every.T, color=_OTHERS, marker=".", markersize=2, linestyle="none", label="beliefs at other times")
+        for name in result.names:
+            record, look = result.episode.records[name], look_of(name)
+            found = record.decisions.belief_set[step]
+            _draw_set(axis, found, look, _label_of(_published(result, name), found, belief))
+            if record.lotteries is not None:
+                _draw_atoms(axis, record.lotteries[step], look, belief)
+            if not found.is_empty and found.distance(belief) > 0:
+                ends = np.vstack([belief, found.nearest(belief)])
+                axis.plot(*ends.T, color=look.colour, linestyle="--", linewidth=0.9)
+        axis.plot(
+            *belief[:, None],
+            color=BLACK,
+            marker="*",
+            markersize=6,
+            linestyle="none",
+            zorder=5,
+            clip_on=False,
+            label="π, the true belief",
+        )
+        axis.set_title(f"decision at the end of {result.dates[step]:%Y-%m-%d}", pad=22)
+        axis.legend(loc="center left", bbox_to_anchor=(1.08, 0.6))
+        return save_figure(figure, folder, "month")
+
+
+def _label_of(name: str, found: BeliefSet, belief: Array) -> str:
+    if found.is_empty:
+        return f"{name}: no belief explains the weights"
+    return f"Π({name}), distance {found.distance(belief):.2f}"
+
+
+def _draw_set(axis: Any, found: BeliefSet, look: Any, label: str, *, faint: bool = False) -> None:
+    corners = found.vertices()
+    # A cross stays visible on a dot, a dot hides a cross.
+    style = {"color": look.colour, "label": label, "zorder": 2 if faint else 4 if look.marker == "x" else 3}
+    if len(corners) == 0:
+        axis.plot([], [], [], linestyle="none", marker=look.marker, **style)
+    elif len(corners) == 1:
+        # The ODM's set lies on the true belief, so its marker is a hollow frame around it.
+        hollow = {"fillstyle": "none"} if faint or look.marker == "^" else {}
+        size = 9 if hollow else 6
+        axis.plot(*corners.T, linestyle="none", marker=look.marker, markersize=size, clip_on=False, **hollow, **style)
+    elif len(corners) == 2:
+        axis.plot(*corners.T, linestyle=":" if faint else "-", linewidth=2.5, marker=look.marker, **style)
+    else:
+        middle = corners.mean(axis=0)
+        around = corners[np.argsort(np.arctan2(*((corners - middle)[:, :2].T)))]
+        axis.fill(*around.T, alpha=0.2 if faint else 0.45, **style)
+
+
+def _draw_atoms(axis: Any, lottery: MixedDecision, look: Any, belief: Array) -> None:
+    for share, found in zip(lottery.probabilities, lottery.belief_sets, strict=True):
+        _draw_set(
+            axis, found, look, f"  atom of probability {share:.2f}, distance {found.distance(belief):.2f}", faint=True
+        )
+
+
+def _mark_decisions(axis: Any, result: Backtest, step: int, scale: float) -> None:
+    """The decisions themselves; of a lottery its mean, its atoms hollow, and a line between them."""
+    for name in result.names:
+        record, look = result.episode.records[name], look_of(name)
+        dots = {"color": look.colour, "marker": look.marker, "linestyle": "none", "markersize": 6, "zorder": 4}
+        if record.lotteries is None:
+            privacy = result.settings.measure.at_step(step)(
+                result.beliefs.to_numpy()[step], record.decisions.belief_set[step]
+            )
+            if np.isfinite(privacy):
+                axis.plot(scale * record.decisions.regret[step], privacy, label=name, clip_on=False, **dots)
+            continue
+        lottery = record.lotteries[step]
+        axis.plot(scale * lottery.regrets, lottery.privacies, fillstyle="none", label=f"{name}, atoms", **dots)
+        axis.plot(scale * lottery.expected_regret, lottery.expected_privacy, label=f"{name}, in expectation", **dots)
+
+
+def _largest_atom(result: Backtest, step: int) -> float:
+    lotteries = [record.lotteries for record in result.episode.records.values() if record.lotteries is not None]
+    return max((float(mixed[step].regrets.max()) for mixed in lotteries), default=0.0)
+
+
+def _stack(axis: Any, frame: pd.DataFrame, colours: tuple[str, ...], end: pd.Timestamp) -> list[Any]:
+    """Areas that sum to one, each row from its date to the next and the last to `end`; a row of NaN stays empty."""
+    values = frame.to_numpy()
+    areas: list[Any] = axis.stackplot(
+        frame.index.append(pd.DatetimeIndex([end])),
+        np.vstack([values, values[-1:]]).T,
+        colors=[colours[i % len(colours)] for i in range(frame.shape[1])],
+        step="post",
+        linewidth=0,
+    )
+    axis.set_ylim(0.0, 1.0)
+    axis.set_yticks([0.0, 0.5, 1.0])
+    axis.margins(x=0)
+    if np.isnan(values).any():
+        axis.annotate("gaps: no belief explains the weights", (0.01, 0.05), xycoords="axes fraction", fontsize=6)
+    return areas
+
+
+def _main_assets(result: Backtest) -> tuple[list[str], list[str]]:
+    """Assets by mean and largest weight, and those drawn as one; what nobody ever held is left out."""
+    every = [result.weights(name) for name in result.names]
+    mean = pd.concat([weights.mean() for weights in every], axis=1).max(axis=1)
+    ever = pd.concat([weights.max() for weights in every], axis=1).max(axis=1)
+    ranked = (mean + ever).sort_values(ascending=False, kind="stable").index
+    order = [label for label in ranked if ever[label] >= result.problem.constraints.min_slack]
+    room = len(_ASSET_COLOURS) if len(order) <= len(_ASSET_COLOURS) else len(_ASSET_COLOURS) - 1
+    return order[:room], order[room:]
+
+
+def _published(result: Backtest, name: str) -> str:
+    return name if result.episode.records[name].lotteries is None else f"{name}, drawn"
+
+
+def _plain_ticks(axis: Any) -> None:
+    """Numbers such as 0.5 and 20 on a logarithmic axis, without powers and crowding."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    low, high = axis.get_view_interval()
+    crowded = high > 1000.0 * low
+    axis.set_major_locator(LogLocator(subs=(1.0,) if crowded else (1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,135 @@
+"""Triangles: decisions over three assets and beliefs over three regimes, each decision maker with its own marker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.decision_makers import MixedDecision
+from inscrutable.errors import InputError
+from inscrutable.geometry import BeliefSet
+from inscrutable.reports.style import BLACK, LOOKS, look_of, ternary_labels
+
+_CORNERS = 3
+_BAR_HEIGHT = 0.35  # of a bar of probability one, where the triangle is 1 high
+_LEAST_BAR = 0.005  # a smaller probability is written 0.00
+_DASH = 4.0  # points
+_LEGEND = {"loc": "upper left", "bbox_to_anchor": (-0.12, 1.08), "handletextpad": 0.4, "borderaxespad": 0.0}
+
+
+def plot_actions(
+    axes: Any,
+    actions: Mapping[str, ArrayLike],
+    names: Sequence[str],
+    *,
+    candidates: ArrayLike | None = None,
+    lottery: MixedDecision | None = None,
+) -> None:
+    """Draw one decision per decision maker on the triangle of three assets.
+
+    Args:
+        axes: A ternary axis, as from `drawing(subplot_kw={"projection": "ternary"})`.
+        actions: Decisions (3,) by decision maker, in the order of the legend.
+        names: The three assets, from the top corner anticlockwise.
+        candidates: The set {ū^(l)}, shape (M,3), drawn as small circles.
+        lottery: What a PDM mixes: a bar per decision, as high as its probability.
+
+    Raises:
+        InputError: A decision has not three coordinates.
+    """
+    ternary_labels(axes, (names[0], names[1], names[2]))
+    orange = LOOKS["PDM"].colour
+    if candidates is not None:
+        points = _triples(candidates, "candidates")
+        size = 3.0 if len(points) < 1500 else 1.0
+        label = f"candidates ({len(points)})"
+        axes.scatter(*points.T, s=size, facecolors="none", edgecolors=orange, linewidths=0.3, alpha=0.6, label=label)
+    if lottery is not None:
+        _bars(axes, lottery, orange)
+    for name, action in actions.items():
+        _mark(axes, _triples(action, f"action of {name}"), name)
+    axes.legend(**_LEGEND)
+
+
+def plot_beliefs(axes: Any, belief: ArrayLike, seen: Mapping[str, BeliefSet], names: Sequence[str]) -> None:
+    """Draw the private belief, what the adversary reconstructs from each decision, and the distances as dashed lines.
+
+    Args:
+        axes: A ternary axis.
+        belief: π, shape (3,).
+        seen: Π(u) by decision maker, in the order of the legend: a point, a segment, an area, or empty.
+        names: The three regimes, from the top corner anticlockwise.
+
+    Raises:
+        InputError: The belief is not one over three regimes.
+    """
+    ternary_labels(axes, (names[0], names[1], names[2]))
+    held = _triples(validation.beliefs(np.asarray(belief), _CORNERS), "belief")
+    for number, (name, found) in enumerate(seen.items()):
+        look = look_of(name)
+        if found.is_empty:
+            axes.plot([], [], [], linestyle="none", marker=look.marker, color=look.colour, label=f"{name}: no belief")
+            continue
+        nearest = np.atleast_2d(found.nearest(held[0]))
+        if found.distance(held[0]) > 0:
+            # Shifted dashes: two lines to the same point stay visible.
+            dashes = (_DASH * number, (_DASH, _DASH))
+            axes.plot(*np.vstack([held, nearest]).T, color=look.colour, linestyle=dashes, linewidth=1.0)
+        if found.dimension > 0:
+            _extent(axes, found, look.colour)
+        _mark(axes, nearest, name)
+    axes.plot(*held.T, linestyle="none", marker="*", markersize=5, color=BLACK, label="private belief", zorder=6)
+    axes.legend(**_LEGEND)
+
+
+def _mark(axes: Any, point: np.ndarray, name: str) -> None:
+    look = look_of(name)
+    hollow = {"markerfacecolor": "none"} if look.marker in "^ov" else {}
+    axes.plot(
+        *point.T,
+        linestyle="none",
+        marker=look.marker,
+        color=look.colour,
+        markersize=8,
+        markeredgewidth=1.4,
+        label=name,
+        zorder=5,
+        clip_on=False,
+        **hollow,
+    )
+
+
+def _bars(axes: Any, lottery: MixedDecision, colour: str) -> None:
+    upward = np.array([1.0, -0.5, -0.5])
+    shown = [atom for atom, share in enumerate(lottery.probabilities) if share >= _LEAST_BAR]
+    across = {atom: lottery.actions[atom, 2] - lottery.actions[atom, 1] for atom in shown}
+    shown.sort(key=across.__getitem__)
+    # The numbers stand in the legend, from left to right: beside the bars they would meet one another and the ticks.
+    label = f"p = {', '.join(f'{lottery.probabilities[atom]:.2f}' for atom in shown)}"
+    for atom in shown:
+        ends = lottery.actions[atom] + np.outer([0.0, _BAR_HEIGHT * lottery.probabilities[atom]], upward)
+        bar = {"color": colour, "linewidth": 3.0, "alpha": 0.45, "solid_capstyle": "butt"}
+        axes.plot(*ends.T, clip_on=False, zorder=4, label=label if atom == shown[0] else None, **bar)
+
+
+def _extent(axes: Any, found: BeliefSet, colour: str) -> None:
+    corners = found.vertices()
+    if found.dimension == 1:
+        axes.plot(*corners.T, color=colour, linewidth=2.2, alpha=0.5, solid_capstyle="round")
+        return
+    middle = corners.mean(axis=0)
+    basis = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
+    around = (corners - middle) @ basis.T
+    order = np.argsort(np.arctan2(around[:, 1], around[:, 0]))
+    axes.fill(*corners[order].T, facecolor=colour, edgecolor=colour, alpha=0.2, linewidth=1.0)
+
+
+def _triples(values: ArrayLike, name: str) -> np.ndarray:
+    points = np.atleast_2d(validation.finite_array(values, name, ndim=(1, 2)))
+    if points.shape[1] != _CORNERS:
+        raise InputError(f"{name} has {points.shape[1]} coordinates; a triangle needs {_CORNERS}")
+    return points

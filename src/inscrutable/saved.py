@@ -1,0 +1,99 @@
+"""Results on disk: one npz file with the arrays and a JSON description of everything else; never pickle."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import os
+import zipfile
+from enum import Enum
+from pathlib import Path
+from typing import Any, ClassVar, Self, TypeVar
+
+import numpy as np
+
+from inscrutable.errors import InputError
+
+_FORMAT = "inscrutable-result-1"
+_Choice = TypeVar("_Choice", bound=Enum)
+
+
+def saved_choice(choice: type[_Choice]) -> type[_Choice]:
+    """Make the members of an enumeration known to saved results."""
+    Saved._known[choice.__name__] = choice
+    return choice
+
+
+class Saved:
+    """A frozen dataclass that can be saved and loaded; a field with metadata `saved=False` is left out."""
+
+    _known: ClassVar[dict[str, type]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        Saved._known[cls.__name__] = cls
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the result to `path` as npz, whole or not at all; raise `InputError` where it cannot be written."""
+        arrays: dict[str, Any] = {}
+        described = json.dumps({"format": _FORMAT, "result": _encode(self, arrays)})
+        target = Path(path)
+        partial = target.with_name(f".{target.name}.partial")
+        try:
+            with partial.open("wb") as stream:
+                np.savez_compressed(stream, description=np.array(described), **arrays)
+            os.replace(partial, target)
+        except OSError as error:
+            raise InputError(f"cannot write {target}: {error.strerror or error}") from None
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Return the result saved at `path`; raise `InputError` for a missing, damaged or foreign file."""
+        try:
+            # Read whole first: numpy leaves a damaged file open.
+            with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as stored:
+                described = json.loads(str(stored["description"]))
+                if described.get("format") != _FORMAT:
+                    raise InputError(f"{path} has format {described.get('format')!r}, expected {_FORMAT!r}")
+                found = _decode(described["result"], stored)
+        except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{path} is not a saved result: {error}") from None
+        if not isinstance(found, cls):
+            raise InputError(f"{path} holds a {type(found).__name__}, expected a {cls.__name__}")
+        return found
+
+
+def _encode(value: Any, arrays: dict[str, Any]) -> Any:
+    if isinstance(value, np.ndarray):
+        name = f"array{len(arrays)}"
+        arrays[name] = value
+        return {"array": name}
+    if isinstance(value, Enum):
+        return {"member": value.name, "of": type(value).__name__}
+    if isinstance(value, tuple):
+        return {"tuple": [_encode(item, arrays) for item in value]}
+    if isinstance(value, Saved):
+        declared: Any = value
+        kept = [f.name for f in dataclasses.fields(declared) if f.metadata.get("saved", True)]
+        return {"record": type(value).__name__, "fields": {n: _encode(getattr(value, n), arrays) for n in kept}}
+    plain = value.item() if isinstance(value, np.generic) else value
+    if isinstance(plain, float) and not np.isfinite(plain):
+        return {"float": repr(plain)}
+    return plain
+
+
+def _decode(value: Any, stored: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return stored[value["array"]]
+    if "member" in value:
+        return Saved._known[value["of"]][value["member"]]  # type: ignore[index]
+    if "tuple" in value:
+        return tuple(_decode(item, stored) for item in value["tuple"])
+    if "float" in value:
+        return float(value["float"])
+    return Saved._known[value["record"]](**{name: _decode(item, stored) for name, item in value["fields"].items()})

@@ -1,0 +1,319 @@
+"""The backtest: causal, within budget, labelled, repeatable, and what it writes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import (
+    Budget,
+    DesiredObfuscation,
+    InputError,
+    NonExistence,
+    consistent_beliefs,
+    filter_beliefs,
+    simplex_grid,
+)
+from inscrutable.datasets import load_industry_returns, read_beliefs, read_weights
+from inscrutable.decision_makers import privacy_frontier
+from inscrutable.experiments.backtest import RESTARTS, Backtest, BacktestSettings, run_backtest
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.reports.backtest import headline, table_of, text_of, timing_of, write_backtest
+
+TRAINING, DECISIONS = 120, 9
+TRAIN_UNTIL = "2009-12"
+SETTINGS = BacktestSettings(regimes=2, train_until=TRAIN_UNTIL)
+
+
+def market(seed: int = 0, n_assets: int = 3, extra: int = DECISIONS) -> pd.DataFrame:
+    """Two regimes of blocks of months whose best assets differ, labelled by assets that are no identifiers."""
+    rng = np.random.default_rng(seed)
+    rows = TRAINING + extra
+    wild = (np.arange(rows) // 7) % 2 == 1
+    mean = np.where(wild[:, None], np.linspace(-0.02, 0.015, n_assets), np.linspace(0.03, 0.005, n_assets))
+    returns = mean + np.where(wild, 0.07, 0.02)[:, None] * rng.normal(size=(rows, n_assets))
+    labels = ["Bonds & bills", "Ölwerte", "3M", "Gold", "Tech"][:n_assets]
+    return pd.DataFrame(returns, index=pd.date_range("2000-01", periods=rows, freq="ME", name="month"), columns=labels)
+
+
+def run(returns: pd.DataFrame, settings: BacktestSettings = SETTINGS, **options: object) -> Backtest:
+    return run_backtest(returns, settings, restarts=2, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def found() -> Backtest:
+    returns = market()
+    return run(returns, riskless=pd.Series(0.001, index=returns.index))
+
+
+def test_dates_and_labels_are_kept(found: Backtest) -> None:
+    returns = market()
+    assert found.assets == tuple(returns.columns)
+    assert found.regimes == ("calm", "turbulent")
+    assert found.market.n_training == TRAINING
+    assert list(found.dates) == list(returns.index[TRAINING - 1 : -1])
+    assert list(found.earned) == list(returns.index[TRAINING:])
+    for name in ("ODM", "CDM", "PDM"):
+        assert list(found.weights(name).columns) == list(returns.columns)
+        assert found.weights(name).index.equals(found.dates)
+        assert list(found.estimates(name).columns) == ["calm", "turbulent"]
+
+
+def test_a_decision_earns_the_next_row(found: Backtest) -> None:
+    returns = market()
+    for name in found.names:
+        weights, path = found.weights(name), found.path(name)
+        for t in range(DECISIONS):
+            earned = sum(weights.iloc[t, j] * returns.iloc[TRAINING + t, j] for j in range(3))
+            assert path["gross_return"].iloc[t] == pytest.approx(earned, abs=1e-15)
+            assert path["earned_in"].iloc[t] == returns.index[TRAINING + t]
+
+
+def test_beliefs_are_predictions_from_the_past(found: Backtest) -> None:
+    """By Bayes' rule with written-out normal densities, one step after the other."""
+    world, emission, returns = found.world, found.world.emission, market().to_numpy()
+    held = world.initial
+    for t, row in enumerate(returns[:-1]):
+        away = row - emission.means
+        weights = np.array(
+            [
+                held[i] * np.exp(-0.5 * away[i] @ np.linalg.solve(sigma, away[i])) / np.sqrt(np.linalg.det(sigma))
+                for i, sigma in enumerate(emission.covariances)
+            ]
+        )
+        held = weights / weights.sum() @ world.transition
+        if t >= TRAINING - 1:
+            np.testing.assert_allclose(found.beliefs.iloc[t - TRAINING + 1], held, atol=1e-10)
+
+
+def test_the_future_changes_nothing_before_it(found: Backtest) -> None:
+    returns = market()
+    later = 4  # rows changed at the end
+    other = returns.copy()
+    other.iloc[-later:] = np.random.default_rng(9).normal(0.0, 0.2, (later, 3)).clip(-0.9)
+    changed = run(other)
+    known = DECISIONS - later + 1  # the decision at the end of row t knows row t, not t+1
+    for name in found.names:
+        assert np.array_equal(found.weights(name)[:known], changed.weights(name)[:known])
+        assert np.array_equal(found.beliefs[:known], changed.beliefs[:known])
+    assert not np.allclose(found.beliefs.iloc[known], changed.beliefs.iloc[known], atol=1e-6)
+
+
+def test_appended_rows_change_nothing_before_them(found: Backtest) -> None:
+    shorter = run(market().iloc[:-3])
+    for name in found.names:
+        np.testing.assert_allclose(shorter.weights(name), found.weights(name)[:-3], atol=1e-9)
+
+
+def test_regret_stays_within_budget_and_the_odm_hides_nothing(found: Backtest) -> None:
+    problem, beliefs = found.problem, found.beliefs.to_numpy()
+    for name in found.names:
+        record = found.episode.records[name]
+        limit = 0.1 * np.abs(record.decisions.optimal_cost)
+        assert (record.expected_regret <= limit * (1 + 1e-9)).all()
+        np.testing.assert_allclose(
+            problem.regret(beliefs, found.weights(name).to_numpy()), record.decisions.regret, atol=1e-12
+        )
+    assert (found.privacy("ODM") == 0).all()
+    assert (found.privacy("CDM") > 0.05).all()
+    odm = found.figures["ODM"]
+    assert odm["share_regime_named"] == 1.0
+    assert odm["mean_regret"] == pytest.approx(0.0, abs=1e-15)
+    assert odm["annual_sharpe_minus_odm"] == odm["annual_sharpe_minus_odm_high"] == 0.0
+
+
+def test_privacy_and_naming_recomputed_from_the_weights(found: Backtest) -> None:
+    beliefs = found.beliefs.to_numpy()
+    for name in found.names:
+        sets = [consistent_beliefs(found.problem, row) for row in found.weights(name).to_numpy()]
+        distances = [one.distance(belief) for one, belief in zip(sets, beliefs, strict=True)]
+        np.testing.assert_allclose(found.privacy(name), distances, atol=1e-9)
+        named = [one.center().argmax() == belief.argmax() for one, belief in zip(sets, beliefs, strict=True)]
+        assert found.figures[name]["share_regime_named"] == pytest.approx(np.mean(named))
+        assert found.figures[name]["mean_privacy"] == pytest.approx(np.mean(distances))
+    commonest = pd.Series(beliefs.argmax(axis=1)).value_counts(normalize=True).max()
+    assert found.figures["CDM"]["base_rate"] == pytest.approx(commonest)
+
+
+def test_silence_regret_is_the_best_constant_portfolio(found: Backtest) -> None:
+    beliefs = found.beliefs.to_numpy()
+    costs = beliefs @ found.problem.state_costs(simplex_grid(3, 120)).T
+    least = (costs - found.problem.optimal_cost(beliefs)[:, None]).mean(axis=0).min()
+    assert found.silence_regret == pytest.approx(least, abs=2e-6)
+    assert found.silence_regret <= least + 1e-12
+
+
+def test_riskless_returns_enter_the_sharpe_ratio_only(found: Backtest) -> None:
+    figures, excess = found.figures["ODM"], found.path("ODM")["gross_return"] - 0.001
+    assert figures["annual_sharpe"] == pytest.approx(excess.mean() / excess.std() * np.sqrt(12))
+    assert "excess of the riskless rate" in text_of(found)
+
+
+def test_candidates_are_shared_and_solved_once(found: Backtest) -> None:
+    frontier = privacy_frontier(found.problem, found.beliefs.iloc[0], None, found.candidates)
+    limit = found.budget.limit(frontier.optimal_cost)
+    assert found.episode.records["PDM"].expected_privacy[0] >= frontier.randomized(limit) - 1e-9
+
+
+def test_same_seed_same_bytes(found: Backtest, tmp_path: Path) -> None:
+    returns = market()
+    again = run(returns, riskless=pd.Series(0.001, index=returns.index))
+    written = write_backtest(found, tmp_path / "one")
+    write_backtest(again, tmp_path / "two")
+    for path in written:
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
+    names = {path.name for path in written}
+    assert {"table.csv", "beliefs.csv", "weights_PDM.csv", "summary.json", "frontier.svg", "weights.png"} <= names
+    assert "month.png" not in names  # two regimes have no triangle
+    summary = json.loads((tmp_path / "one" / "summary.json").read_text("utf-8"))
+    assert summary["headline"] == headline(found)
+    assert summary["settings"]["budget"] == {"amount": 0.1, "is_relative": True}
+    assert summary["decision_makers"]["CDM"]["mean_regret"] == found.figures["CDM"]["mean_regret"]
+
+
+def test_files_can_be_read_again(found: Backtest, tmp_path: Path) -> None:
+    write_backtest(found, tmp_path)
+    weights = read_weights(tmp_path / "weights_CDM.csv", assets=found.assets).frame
+    assert np.array_equal(weights, found.weights("CDM"))
+    beliefs = read_beliefs(tmp_path / "beliefs.csv", names=found.regimes)
+    np.testing.assert_allclose(beliefs, found.beliefs, atol=1e-15)
+    model = InvestorModel(found.world, found.problem, found.assets, found.regimes, found.budget)
+    model.save(tmp_path / "model.json")
+    loaded = InvestorModel.load(tmp_path / "model.json")
+    assert np.array_equal(loaded.problem.solve(beliefs.to_numpy()), found.problem.solve(beliefs.to_numpy()))
+    table = pd.read_csv(tmp_path / "table.csv", index_col=0)
+    assert table.index.name == timing_of(found)
+    np.testing.assert_array_equal(table, table_of(found))
+
+
+def test_headers_state_the_timing_and_the_factor(found: Backtest) -> None:
+    assert "month t+1 given data up to month t, earns the return of month t+1" in timing_of(found)
+    assert "√12" in text_of(found)
+    for name in found.names:
+        assert name in headline(found) or name == "ODM"
+
+
+def test_another_seed_draws_others(found: Backtest) -> None:
+    """Lotteries whose atoms are all likely come out differently; the CDM, which draws nothing, does not."""
+    chosen = replace(SETTINGS, budget=Budget(0.02))
+    one, other = (run(market(), replace(chosen, seed=seed)) for seed in (1, 2))
+    if np.allclose(one.world.transition, other.world.transition, atol=1e-6):
+        np.testing.assert_allclose(one.weights("CDM"), other.weights("CDM"), atol=1e-4)
+    assert not np.allclose(one.weights("PDM"), other.weights("PDM"), atol=1e-3)
+
+
+def test_beliefs_of_the_users_own() -> None:
+    returns = market()
+    dates = returns.index[TRAINING - 1 : -1]
+    rows = np.random.default_rng(3).dirichlet([1.0, 1.0], size=len(dates))
+    given = pd.DataFrame(rows, index=dates, columns=["low vol", "high vol"])
+    found = run(returns, beliefs=given)
+    np.testing.assert_allclose(found.beliefs, rows, atol=1e-15)
+    np.testing.assert_allclose(found.weights("ODM"), found.problem.solve(rows), atol=1e-12)
+    swapped = given.set_axis(["calm", "turbulent"], axis=1)[["turbulent", "calm"]]
+    more = pd.concat([swapped.iloc[:1].set_axis([pd.Timestamp("1999-01-31")]), swapped])
+    np.testing.assert_allclose(run(returns, beliefs=more).beliefs, rows, atol=1e-15)
+    with pytest.raises(InputError, match=r"beliefs lack 2 of the 9 dates of the decisions: 2010-02-28, 2010-05-31"):
+        run(returns, beliefs=given.drop(dates[[2, 5]]))
+    with pytest.raises(InputError, match=r"3 columns .* expected one per regime, by rising volatility"):
+        run(returns, beliefs=given.assign(third=0.0))
+    with pytest.raises(InputError, match=r"belief of 2010-01-31 sums to 1\.1"):
+        run(returns, beliefs=given.assign(**{"low vol": [0.3] + [0.5] * 8, "high vol": [0.7, 0.6] + [0.5] * 7}))
+
+
+def test_other_measures_and_budgets() -> None:
+    returns = market(extra=4)
+    target = DesiredObfuscation([1.0, 0.0])
+    desired = run(returns, replace(SETTINGS, measure=target, budget=Budget.regret(0.002)))
+    rows = desired.beliefs.to_numpy()
+    np.testing.assert_allclose(desired.privacy("ODM"), -np.linalg.norm(rows - [1.0, 0.0], axis=1), atol=1e-6)
+    assert (desired.episode.records["CDM"].decisions.regret <= 0.002 + 1e-12).all()
+    assert (desired.privacy("CDM") >= desired.privacy("ODM") - 1e-9).all()
+    absent = run(returns, replace(SETTINGS, measure=NonExistence(margin=0.05)))
+    assert absent.figures["ODM"]["n_privacy_not_finite"] == 4
+    assert np.isnan(absent.figures["ODM"]["mean_privacy"])
+    assert absent.figures["CDM"]["mean_privacy"] == 0.0
+    assert "-" in text_of(absent)
+
+
+def test_duplicated_and_constant_assets_work() -> None:
+    returns = market(extra=6)
+    returns["copy"] = returns["3M"]
+    returns["cash"] = 0.002
+    found = run(returns)
+    assert not found.summary.isna().to_numpy().any()
+    np.testing.assert_allclose(found.weights("CDM").sum(axis=1), 1.0, atol=1e-9)
+
+
+@pytest.mark.audit
+def test_default_fit_has_three_recurring_regimes() -> None:
+    """The documented reason for a hundred restarts: in the best optimum every regime occurs after 1990."""
+    data = load_industry_returns()
+    settings = BacktestSettings()
+    recent = data.returns.loc[:"1990-03"]
+    found = run_backtest(recent, settings, restarts=None)
+    assert len(found.fit.restarts) > 0.9 * RESTARTS
+    beliefs = filter_beliefs(found.world, data.returns).predicted.loc["1990":]
+    assert found.regimes == ("calm", "normal", "turbulent")
+    assert (beliefs.max() > 0.7).all()
+    assert found.figures["ODM"]["share_regime_named"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: r.to_numpy(), "must be a DataFrame"),
+        (lambda r: r.reset_index(drop=True), "DatetimeIndex"),
+        (lambda r: r.iloc[::-1], "2010-08-31 after 2010-09-30"),
+        (lambda r: pd.concat([r, r.iloc[-1:]]), "2010-09-30 after 2010-09-30"),
+        (lambda r: r[["3M"]], "at least 2 assets"),
+        (lambda r: r.set_axis(["A", "B", "A"], axis=1), "'A' 2 times"),
+        (lambda r: r.mask(r == r.iloc[5, 1]), r"nan in row 5 \(2000-06-30 00:00:00\), column 1 \(Ölwerte\)"),
+        (lambda r: 100 * r, "a loss of more than everything"),
+        (lambda r: r.loc["2009-06":], r"7 rows \(2009-06-30 to 2009-12-31\); 2 regimes of 3 assets need at least 8"),
+        (lambda r: r.loc[:"2010-01"], "1 rows follow the training sample"),
+        (lambda r: r.loc[:"2009-12"], "must lie inside, for example 2005-01-31"),
+        (lambda r: r.loc["2010-01":], "cover 2010-01-31 to 2010-09-30"),
+        (lambda r: r.iloc[:0], "no rows"),
+    ],
+)
+def test_returns_that_do_not_fit(change: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        run(change(market()))  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"regimes": 1}, "regimes"),
+        ({"risk_aversion": 0.0}, "risk_aversion"),
+        ({"budget": -0.1}, "budget"),
+        ({"cost_bps": float("nan")}, "cost_bps"),
+        ({"seed": -1}, "seed"),
+        ({"measure": "maximal"}, "privacy measure"),
+    ],
+)
+def test_settings_that_do_not_fit(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        BacktestSettings(**settings)  # type: ignore[arg-type]
+
+
+def test_other_refusals(found: Backtest, tmp_path: Path) -> None:
+    returns = market()
+    with pytest.raises(InputError, match="train_until must be a date"):
+        run(returns, replace(SETTINGS, train_until="then"))
+    with pytest.raises(InputError, match="riskless lack 1 of the 9 dates"):
+        run(returns, riskless=pd.Series(0.0, index=returns.index[:-1]))
+    with pytest.raises(InputError, match="no decision maker 'RDM'"):
+        found.weights("RDM")
+    with pytest.raises(InputError, match="no decision was made in 2020-01"):
+        write_backtest(found, tmp_path / "months", month="2020-01")
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_backtest(found, blocked)

@@ -1,0 +1,153 @@
+"""The pictures of a backtest: written whole, repeatable, and showing the numbers of the result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import InputError, NonExistence
+from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
+from inscrutable.reports import backtest_plots
+from inscrutable.reports.backtest_plots import (
+    draw_backtest,
+    draw_beliefs,
+    draw_frontier,
+    draw_month,
+    draw_privacy_and_cost,
+    draw_weights,
+    step_of,
+)
+
+FIGURES = ("beliefs", "weights", "privacy_and_cost", "frontier", "month")
+
+
+def backtest(settings: BacktestSettings, n_assets: int) -> Backtest:
+    rng = np.random.default_rng(0)
+    rows = 200
+    regime = (np.arange(rows) // 8) % 3
+    tilt = np.linspace(-1.0, 1.0, n_assets)
+    mean = 0.01 + 0.012 * np.stack([tilt, -tilt, np.cos(3 * tilt)])[regime]
+    returns = mean + np.array([0.02, 0.04, 0.08])[regime][:, None] * rng.normal(size=(rows, n_assets))
+    dates = pd.date_range("1995-01", periods=rows, freq="ME")
+    labels = [f"Asset <{j}> & Söhne" for j in range(n_assets)]
+    return run_backtest(pd.DataFrame(returns, index=dates, columns=labels), settings, restarts=3)
+
+
+@pytest.fixture(scope="module")
+def found() -> Backtest:
+    return backtest(BacktestSettings(train_until="2010-12", budget=0.05), 12)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Collect figures instead of writing them."""
+    figures: list[Any] = []
+    monkeypatch.setattr(backtest_plots, "save_figure", lambda figure, *_: figures.append(figure) or [])
+    return figures
+
+
+def test_all_figures_are_written_and_repeatable(found: Backtest, tmp_path: Path) -> None:
+    (tmp_path / "again").mkdir()
+    written = draw_backtest(found, tmp_path)
+    assert {path.name for path in written} == {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")}
+    for path, again in zip(written, draw_backtest(found, tmp_path / "again"), strict=True):
+        assert path.stat().st_size > 5_000
+        assert path.read_bytes() == again.read_bytes(), path.name
+
+
+def test_labels_are_escaped_in_svg(found: Backtest, tmp_path: Path) -> None:
+    draw_weights(found, tmp_path)
+    text = (tmp_path / "weights.svg").read_text("utf-8")
+    assert "<3>" not in text
+
+
+def test_panels_show_the_investor_and_every_reading(found: Backtest, kept: list[Any]) -> None:
+    draw_beliefs(found, Path())
+    titles = [axis.get_title(loc="left") for axis in kept[0].axes]
+    assert titles == ["investor's belief", "read from the ODM", "read from the CDM", "read from the PDM, drawn"]
+    for axis in kept[0].axes:
+        assert axis.get_ylim() == (0.0, 1.0)
+        assert axis.get_ylabel() == "probability"
+        assert len(axis.collections) == 3
+
+
+def test_weights_reach_one_and_name_their_assets(found: Backtest, kept: list[Any]) -> None:
+    draw_weights(found, Path())
+    for axis in kept[0].axes:
+        top = axis.collections[-1].get_paths()[0].vertices[:, 1].max()
+        assert top == pytest.approx(1.0, abs=1e-9)
+    listed = [text.get_text() for text in kept[0].legends[0].get_texts()]
+    ever = {label for name in found.names for label in found.assets if (found.weights(name)[label] > 1e-3).any()}
+    if len(ever) <= 9:
+        assert set(listed) >= ever
+    else:
+        assert listed[0].endswith("others")
+
+
+def test_time_panels_show_privacy_and_regret(found: Backtest, kept: list[Any]) -> None:
+    draw_privacy_and_cost(found, Path())
+    above, middle, below = kept[0].axes
+    for line, name in zip(above.lines, found.names, strict=True):
+        np.testing.assert_allclose(line.get_ydata(), found.privacy(name))
+    shares = middle.lines[1].get_ydata()
+    assert shares.max() <= 5.0 + 1e-9
+    assert below.lines[0].get_ydata()[-1] == pytest.approx(np.prod(1 + found.path("ODM")["net_return"]))
+
+
+def test_frontier_shows_the_decisions_on_the_curves(found: Backtest, kept: list[Any]) -> None:
+    step = step_of(found)
+    draw_frontier(found, Path(), step)
+    left, right = kept[0].axes
+    marks = {line.get_label(): line for line in left.lines}
+    lottery = found.episode.records["PDM"].lotteries
+    assert lottery is not None
+    assert marks["PDM, in expectation"].get_ydata()[0] == pytest.approx(lottery[step].expected_privacy)
+    assert marks["CDM"].get_xdata()[0] <= 5.0 + 1e-9
+    mixed, single = marks["best lottery"].get_ydata(), marks["best single decision"].get_ydata()
+    assert (mixed >= single - 1e-12).all()
+    assert (np.diff(mixed) >= -1e-12).all()
+    assert "% of |c*|" in right.get_ylabel()
+
+
+def test_month_shows_the_distances(found: Backtest, kept: list[Any]) -> None:
+    step = step_of(found)
+    draw_month(found, Path(), step)
+    axis = kept[0].axes[0]
+    labels = [text.get_text() for text in axis.get_legend().get_texts()]
+    assert f"Π(CDM), distance {found.privacy('CDM')[step]:.2f}" in labels
+    assert "π, the true belief" in labels
+    assert f"{found.dates[step]:%Y-%m-%d}" in axis.get_title()
+
+
+def test_nothing_is_clipped(found: Backtest, kept: list[Any]) -> None:
+    """Every text of a figure lies inside what is saved: the tight box of the figure."""
+    draw_backtest(found, Path())
+    for figure in kept:
+        figure.canvas.draw()
+        tight = figure.get_tightbbox().transformed(figure.dpi_scale_trans)
+        for axis in figure.axes:
+            texts = [axis.xaxis.label, axis.yaxis.label, axis.title]
+            for text in (one for one in texts if one.get_text()):
+                box = text.get_window_extent()
+                assert box.x0 >= tight.x0 - 1
+                assert box.x1 <= tight.x1 + 1
+
+
+def test_the_month_can_be_chosen(found: Backtest) -> None:
+    assert step_of(found, "2011") == 7
+    assert step_of(found, "2010-12") == 0
+    assert step_of(found, "2011-02-28") == 2
+    for wrong, message in (("1950-01", "they run from 2010-12-31"), ("soon", "must be a date"), ("", "must be a date")):
+        with pytest.raises(InputError, match=message):
+            step_of(found, wrong)
+
+
+def test_missed_goals_and_two_regimes(tmp_path: Path) -> None:
+    settings = BacktestSettings(regimes=2, train_until="2011-03", measure=NonExistence(margin=0.9), budget=0.01)  # type: ignore[arg-type]
+    written = draw_backtest(backtest(settings, 3), tmp_path)
+    assert not any(path.name.startswith("month") for path in written)
+    assert len(written) == 8

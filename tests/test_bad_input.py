@@ -1,0 +1,279 @@
+"""One clear error for each thing that is wrong: its type, and the offending number in its message."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    DesiredObfuscation,
+    InputError,
+    InscrutableError,
+    LocalSearch,
+    MarkowitzProblem,
+    ModelError,
+    OriginalDecisionMaker,
+    Polyhedron,
+    ProbabilisticDecisionMaker,
+    QuadraticProblem,
+    SolverError,
+    box,
+    consistent_beliefs,
+    decoy_grid,
+    near_optimal_beliefs,
+    plausibility_gap,
+    privacy_frontier,
+    simplex,
+)
+
+INDEFINITE = np.array([[1.0, 2.0], [2.0, 1.0]])  # eigenvalues 3 and −1
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return MarkowitzProblem([[0.1, 0.0, 0.2], [0.0, 0.2, 0.1]], [np.eye(3), 2 * np.eye(3)], 1.0)
+
+
+@pytest.fixture(scope="module")
+def candidates(problem):
+    return decoy_grid(problem, 4)
+
+
+BAD_BELIEFS = [
+    ([0.5, 0.6], r"sums to 1\.1, expected 1"),
+    ([0.5, 0.5 + 1e-6], r"sums to 1\.000001"),
+    ([1.2, -0.2], r"-0\.2 at index \[1\]"),
+    ([0.5, np.nan], r"nan at index \[1\]"),
+    ([np.inf, 0.5], r"inf at index \[0\]"),
+    ([0.2, 0.3, 0.5], "3 entries, expected one per state: 2"),
+    ([1.0], "1 entries, expected one per state: 2"),
+    (0.5, r"shape \(\)"),
+    (["a", "b"], "must be numbers"),
+    (None, "dimensional"),
+    ([], "0 entries, expected one per state: 2"),
+]
+
+
+@pytest.mark.parametrize(("belief", "message"), BAD_BELIEFS, ids=lambda value: repr(value)[:24])
+def test_what_is_not_a_belief_is_refused_everywhere(problem, candidates, belief, message):
+    action = problem.solve([0.5, 0.5])
+    for question in (
+        lambda: problem.solve(belief),
+        lambda: problem.optimal_cost(belief),
+        lambda: problem.expected_cost(belief, action),
+        lambda: problem.regret(belief, action),
+        lambda: consistent_beliefs(problem, action).distance(belief),
+        lambda: consistent_beliefs(problem, action).contains(belief),
+        lambda: near_optimal_beliefs(problem, action, 0.1).distance(belief),
+        lambda: near_optimal_beliefs(problem, action, 0.1).contains(belief),
+        lambda: OriginalDecisionMaker(problem).decide(belief),
+        lambda: CounterAdversarialDecisionMaker(problem, candidates=candidates).decide(belief),
+        lambda: ProbabilisticDecisionMaker(problem, candidates=candidates).decide(belief),
+        lambda: privacy_frontier(problem, belief, candidates=candidates),
+        lambda: DesiredObfuscation(lambda held: belief)([0.5, 0.5], consistent_beliefs(problem, action)),
+    ):
+        with pytest.raises(InputError, match=message):
+            question()
+
+
+def test_one_bad_belief_among_many_is_named_by_its_row(problem, candidates):
+    many = np.array([[0.5, 0.5], [0.5, 0.6], [0.5, 0.5]])
+    for chooser in (
+        OriginalDecisionMaker(problem),
+        CounterAdversarialDecisionMaker(problem, candidates=candidates),
+        ProbabilisticDecisionMaker(problem, candidates=candidates),
+    ):
+        with pytest.raises(InputError, match=r"row 1 sums to 1\.1"):
+            chooser.decide_many(many)
+        with pytest.raises(InputError, match="no rows"):
+            chooser.decide_many(np.zeros((0, 2)))
+        with pytest.raises(InputError, match="dimensional"):
+            chooser.decide_many(np.zeros((2, 2, 2)))
+        with pytest.raises(InputError, match="one belief"):
+            chooser.decide(many[:1])
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([0.5, 0.5], "2 coordinates, expected 3"),
+        ([0.5, 0.5, 0.5], r"sum\(u\) = 1 is off by 0\.5"),
+        ([1.2, -0.2, 0.0], r"u\[1\] >= 0 is violated by 0\.2"),
+        ([0.5, np.nan, 0.5], r"nan at index \[1\]"),
+        ([[[0.5, 0.5, 0.0]]], "dimensional"),
+        ("abc", "must be numbers"),
+        (None, "action"),
+    ],
+    ids=lambda value: repr(value)[:24],
+)
+def test_what_is_not_a_decision_is_refused_everywhere(problem, action, message):
+    for question in (
+        lambda: problem.expected_cost([0.5, 0.5], action),
+        lambda: problem.regret([0.5, 0.5], action),
+        lambda: problem.check_actions(action),
+        lambda: consistent_beliefs(problem, action),
+        lambda: near_optimal_beliefs(problem, action, 0.1),
+        lambda: plausibility_gap(problem, action),
+    ):
+        with pytest.raises(InputError, match=message):
+            question()
+
+
+def test_state_costs_and_gradients_refuse_a_wrong_length(problem):
+    for question in (problem.state_costs, problem.cost_gradients):
+        with pytest.raises(InputError, match=r"2 coordinates|expected"):
+            question([0.5, 0.5])
+
+
+def test_many_decisions_where_one_is_meant(problem):
+    many = np.eye(3)
+    for question in (consistent_beliefs, plausibility_gap):
+        with pytest.raises(InputError, match="one decision"):
+            question(problem, many)
+    with pytest.raises(InputError, match="one decision"):
+        near_optimal_beliefs(problem, many, 0.1)
+    with pytest.raises(InputError, match="row 1"):
+        problem.check_actions([[1, 0, 0], [0.5, 0, 0]])
+    with pytest.raises(InputError):
+        problem.expected_cost(np.full((2, 2), 0.5), many)  # two beliefs with three decisions do not pair
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (([[0.1, 0.2]], [INDEFINITE], 1.0), ModelError, r"covariances\[0\] is indefinite: smallest eigenvalue -1"),
+        (([[0.1, 0.2]], [-np.eye(2)], 1.0), ModelError, "smallest eigenvalue -1"),
+        (([[0.1, 0.2]], [[[1.0, 0.5], [0.0, 1.0]]], 1.0), InputError, r"not symmetric.*\[0, 1\]"),
+        (([[0.1, 0.2]], [np.eye(3)], 1.0), InputError, r"\(1, 3, 3\), expected \(1, 2, 2\)"),
+        (([[0.1, 0.2]], np.eye(2), 1.0), InputError, "3-dimensional"),
+        (([0.1, 0.2], [np.eye(2)], 1.0), InputError, "2-dimensional"),
+        (([[0.1, np.nan]], [np.eye(2)], 1.0), InputError, r"means has nan at index \[0, 1\]"),
+        (([[0.1, 0.2]], [[[1.0, 0], [0, np.inf]]], 1.0), InputError, r"inf at index \[0, 1, 1\]"),
+        (([[0.1, 0.2]], [np.eye(2)], 0.0), InputError, "risk_aversion must be above 0, got 0"),
+        (([[0.1, 0.2]], [np.eye(2)], -1.0), InputError, "risk_aversion must be above 0, got -1"),
+        (([[0.1, 0.2]], [np.eye(2)], np.nan), InputError, "risk_aversion"),
+        (([[0.1, 0.2]], [np.eye(2)], "high"), InputError, "risk_aversion must be a number"),
+        (([[0.1, 0.2]], [np.eye(2)], 1.0, simplex(3)), InputError, "3 coordinates, the costs 2"),
+        (([[0.1, 0.2]], [np.eye(2)], 1.0, "simplex"), InputError, "Polyhedron"),
+        ((np.zeros((0, 2)), np.zeros((0, 2, 2)), 1.0), InputError, r"state|shape"),
+        ((np.zeros((2, 0)), np.zeros((2, 0, 0)), 1.0), InputError, r"asset|shape"),
+        (([[0.1, 0.2]], [np.eye(2)], 1.0, simplex(2) & box([0.6, 0.6], [1, 1])), ModelError, "no decision satisfies"),
+    ],
+)
+def test_malformed_markets_are_refused(arguments, error, message):
+    with pytest.raises(error, match=message):
+        MarkowitzProblem(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (([INDEFINITE], [[0.0, 0.0]]), ModelError, "smallest eigenvalue -1"),
+        (([np.eye(2)], [[0.0, 0.0, 0.0]]), InputError, r"\(1, 3\), expected \(1, 2\)"),
+        (([np.eye(2)], [[0.0, 0.0]], [1.0, 2.0]), InputError, "2 entries, expected one per state: 1"),
+        (([np.eye(2)], [[0.0, 0.0]], [np.nan]), InputError, "constants has nan"),
+        (([np.ones((2, 3))], [[0.0, 0.0]]), InputError, r"expected \(X, U, U\)"),
+    ],
+)
+def test_malformed_quadratic_problems_are_refused(arguments, error, message):
+    with pytest.raises(error, match=message):
+        QuadraticProblem(*arguments, constraints=simplex(2))
+
+
+@pytest.mark.parametrize("n_beliefs", [1, 3, 40])
+def test_a_cost_that_falls_without_end_is_a_model_error(n_beliefs):
+    beliefs = np.full((n_beliefs, 2), 0.5)
+    # Falls along u_2 → −∞, which the set leaves open.
+    linear = QuadraticProblem(np.zeros((2, 2, 2)), np.ones((2, 2)), constraints=Polyhedron([[-1.0, 0.0]], [0.0]))
+    # Curved in u_1 alone, falls along u_2.
+    curved = QuadraticProblem([np.diag([1.0, 0.0])] * 2, np.ones((2, 2)), constraints=box([0.0, -np.inf], [1.0, 5.0]))
+    # Bounded in state 1, unbounded in state 2: only some beliefs have a decision.
+    equality = QuadraticProblem(np.zeros((2, 2, 2)), [[1, 1], [1, 2]], constraints=Polyhedron(A_eq=[[1, 1]], b_eq=[1]))
+    for problem in (linear, curved, equality):
+        with pytest.raises(ModelError, match="no minimum|without end|unbounded"):
+            problem.solve(beliefs)
+
+
+def test_a_flat_direction_without_end_is_either_solved_or_a_model_error():
+    """The minimum exists but is not unique along an open direction: a decision, or a clear refusal, never nonsense."""
+    problem = QuadraticProblem([np.diag([1.0, 0.0])], [[-1.0, 0.0]], constraints=box([0.0, -np.inf], [2.0, np.inf]))
+    try:
+        action = problem.solve([1.0])
+    except ModelError:
+        return
+    assert np.isfinite(action).all()
+    assert float(problem.regret([1.0], action)) <= 1e-12
+    assert action[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("maker", [CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"measure": "maximal"}, "measure must be a privacy measure"),
+        ({"budget": -0.1}, "budget must be at least 0, got -0.1"),
+        ({"budget": np.nan}, "budget"),
+        ({"budget": "a lot"}, "budget must be a number"),
+        ({"on_empty": "ignore"}, "on_empty must be"),
+        ({"method": "fast"}, "method must be"),
+        ({"candidates": 5}, "candidate"),
+    ],
+)
+def test_malformed_arguments_are_refused(problem, maker, arguments, message):
+    with pytest.raises(InputError, match=message):
+        maker(problem, **arguments).decide([0.5, 0.5])
+
+
+@pytest.mark.parametrize("maker", [OriginalDecisionMaker, CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker])
+def test_what_is_not_a_problem_is_refused(maker):
+    with pytest.raises(InputError, match="problem"):
+        maker("portfolio").decide([0.5, 0.5])
+
+
+def test_randomness_comes_from_a_generator(problem, candidates):
+    mixed = ProbabilisticDecisionMaker(problem, candidates=candidates).decide([0.5, 0.5])
+    for wrong in (0, "seed", np.random, np.random.RandomState(0)):
+        with pytest.raises(InputError, match=r"numpy\.random\.Generator"):
+            mixed.sample(rng=wrong)
+        with pytest.raises(InputError, match=r"numpy\.random\.Generator"):
+            LocalSearch(rng=wrong)
+    for wrong in (0, 1.5, True, None):
+        with pytest.raises(InputError, match="n_starts"):
+            LocalSearch(n_starts=wrong)
+
+
+def test_regrets_and_tolerances_have_a_sign(problem):
+    action = problem.solve([0.5, 0.5])
+    for wrong in (-1e-9, np.nan, np.inf, "big"):
+        with pytest.raises(InputError, match="regret"):
+            near_optimal_beliefs(problem, action, wrong)
+    for wrong in (0.0, -1e-9, np.nan):
+        with pytest.raises(InputError, match="tolerance"):
+            consistent_beliefs(problem, action, tolerance=wrong)
+    for wrong in (-1.0, np.inf, np.nan, None):
+        with pytest.raises(InputError, match="budget"):
+            Budget.regret(wrong)
+        with pytest.raises(InputError, match="budget"):
+            Budget.relative(wrong)
+
+
+def test_input_is_copied_not_kept_or_changed():
+    means, covariances = np.array([[0.1, 0.2], [0.2, 0.1]]), np.stack([np.eye(2)] * 2)
+    problem = MarkowitzProblem(means, covariances, 1.0)
+    before = problem.solve([0.5, 0.5])
+    means[:], covariances[:] = 99.0, 99.0
+    np.testing.assert_array_equal(problem.solve([0.5, 0.5]), before)
+    belief = np.array([0.4, 0.6])
+    action = problem.solve(belief)
+    consistent_beliefs(problem, action).distance(belief)
+    CounterAdversarialDecisionMaker(problem, candidates=decoy_grid(problem, 5)).decide(belief)
+    np.testing.assert_array_equal(belief, [0.4, 0.6])
+
+
+def test_errors_are_sorted_by_what_the_reader_can_do():
+    assert (InputError.exit_code, ModelError.exit_code, SolverError.exit_code) == (3, 4, 1)
+    for kind in (InputError, ModelError, SolverError):
+        assert issubclass(kind, InscrutableError)
+    assert issubclass(InputError, ValueError)

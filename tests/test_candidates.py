@@ -1,0 +1,194 @@
+"""Sets of decisions to choose from: grids, samples, decoys, and those that lie outside."""
+
+from __future__ import annotations
+
+from itertools import product
+from math import comb
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    InputError,
+    MarkowitzProblem,
+    ModelError,
+    Polyhedron,
+    ProbabilisticDecisionMaker,
+    QuadraticProblem,
+    action_grid,
+    box,
+    decoy_grid,
+    random_candidates,
+    simplex,
+    simplex_grid,
+)
+from oracles import markets
+from strategies import belief_problem
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return MarkowitzProblem(*markets.random_market(np.random.default_rng(5), 3, 4))
+
+
+def test_decoys_are_explained_by_their_own_beliefs(problem):
+    candidates = decoy_grid(problem, 8)
+    assert len(candidates) == comb(10, 2)
+    np.testing.assert_array_equal(candidates.decoys, simplex_grid(3, 8))
+    np.testing.assert_allclose(candidates.actions, problem.solve(candidates.decoys), atol=1e-13)
+    np.testing.assert_allclose(candidates.state_costs, problem.state_costs(candidates.actions), rtol=1e-12)
+    assert (candidates.sets.dimension >= 0).all()
+    assert candidates.n_outside == 0
+    for index, decoy in enumerate(candidates.decoys):
+        assert candidates.sets[index].distance(decoy) <= 1e-9
+
+
+def test_the_papers_grid_has_861_actions():
+    candidates = action_grid(belief_problem(3), 40)
+    assert len(candidates) == 861
+    assert candidates.decoys is None
+    np.testing.assert_allclose(candidates.actions.sum(axis=1), 1)
+    assert len(np.unique(candidates.actions.round(9), axis=0)) == 861
+
+
+def test_a_grid_over_a_box_with_a_budget_row_is_brute_force():
+    region = box([0.0, 0.0, -0.5], [1.0, 0.5, 0.5]) & Polyhedron(A_eq=[[1.0, 1.0, 1.0]], b_eq=[1.0])
+    problem = QuadraticProblem([np.eye(3)] * 2, np.zeros((2, 3)), constraints=region)
+    found = action_grid(problem, 4).actions
+    # Coordinates follow from the others; the library leaves out one of them.
+    assert (region.violation(found) <= 1e-9).all()
+    np.testing.assert_allclose(found.sum(axis=1), 1, atol=1e-12)
+    ticks = [np.linspace(low, high, 5) for low, high in region.bounding_box]
+    counts = []
+    for left_out in range(3):
+        kept = [j for j in range(3) if j != left_out]
+        points = np.zeros((25, 3))
+        points[:, kept] = list(product(ticks[kept[0]], ticks[kept[1]]))
+        points[:, left_out] = 1 - points.sum(axis=1)
+        counts.append({tuple(row) for row in points[region.violation(points) <= 1e-9].round(9).tolist()})
+    assert {tuple(row) for row in found.round(9).tolist()} in counts
+
+
+def test_random_decisions_are_uniform_on_the_simplex(problem):
+    candidates = random_candidates(problem, 4000, rng=np.random.default_rng(0))
+    np.testing.assert_allclose(candidates.actions.mean(axis=0), 0.25, atol=0.02)
+    assert (candidates.actions > 0.5).mean() == pytest.approx(0.5**3, abs=0.02)  # P(u_j > ½) = (1 − ½)³
+    again = random_candidates(problem, 4000, rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(candidates.actions, again.actions)
+
+
+def test_random_decisions_stay_in_a_general_set_and_fill_it():
+    region = simplex(3) & box([0, 0, 0], [0.5, 0.6, 1.0]) & Polyhedron([[1.0, 1.0, 0.0]], [0.8])
+    problem = QuadraticProblem([np.eye(3)] * 2, np.zeros((2, 3)), constraints=region)
+    points = random_candidates(problem, 3000, rng=np.random.default_rng(1)).actions
+    assert region.violation(points).max() <= 1e-12
+    uniform = np.random.default_rng(2).dirichlet(np.ones(3), 40_000)
+    uniform = uniform[region.violation(uniform) <= 0]
+    np.testing.assert_allclose(points.mean(axis=0), uniform.mean(axis=0), atol=0.02)
+    np.testing.assert_allclose(points.std(axis=0), uniform.std(axis=0), atol=0.02)
+    pinned = QuadraticProblem([np.eye(2)], np.zeros((1, 2)), constraints=Polyhedron(A_eq=np.eye(2), b_eq=[0.3, 0.7]))
+    np.testing.assert_allclose(random_candidates(pinned, 3, rng=np.random.default_rng(0)).actions, [[0.3, 0.7]] * 3)
+
+
+def test_random_decisions_fill_a_flat_set_written_with_inequalities():
+    """Σu <= 1 and −Σu <= −1 say what Σu = 1 says."""
+    flat = Polyhedron(np.vstack([-np.eye(2), np.ones(2), -np.ones(2)]), [0.0, 0.0, 1.0, -1.0])
+    problem = QuadraticProblem([np.eye(2)] * 2, np.zeros((2, 2)), constraints=flat)
+    points = random_candidates(problem, 500, rng=np.random.default_rng(0)).actions
+    np.testing.assert_allclose(points.sum(axis=1), 1, atol=1e-9)
+    assert points[:, 0].std() == pytest.approx(1 / np.sqrt(12), abs=0.05)
+
+
+def test_random_decisions_fill_a_set_whose_optimal_decisions_share_a_corner():
+    size = 6
+    region = simplex(size) & box([0.0] * size, [0.9] * size)
+    problem = QuadraticProblem(np.zeros((2, size, size)), np.tile(-np.arange(size), (2, 1)), constraints=region)
+    points = random_candidates(problem, 3000, rng=np.random.default_rng(1)).actions
+    np.testing.assert_allclose(points.mean(axis=0), 1 / size, atol=0.03)
+    assert len(np.unique(points.round(9), axis=0)) == 3000
+
+
+def test_candidates_outside_are_counted_and_never_chosen(problem):
+    own = problem.solve([0.3, 0.3, 0.4])
+    actions = np.vstack([[2.0, -1.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], np.eye(4), own, [1 + 1e-6, -1e-6, 0, 0]])
+    for maker in (ProbabilisticDecisionMaker, CounterAdversarialDecisionMaker):
+        chooser = maker(problem, budget=Budget.regret(10.0), candidates=actions)
+        assert chooser.candidates.n_outside == 3
+        assert chooser.candidates.usable.tolist() == [False, False, True, True, True, True, True, False]
+        assert "3 outside the feasible set" in chooser.candidates.summary()
+        decided = chooser.decide([0.3, 0.3, 0.4])
+        for action in np.atleast_2d(getattr(decided, "actions", getattr(decided, "action", None))):
+            assert problem.constraints.violation(action) <= 1e-9
+
+
+def test_inadmissible_candidates_are_not_chosen_either():
+    problem = belief_problem(2, min_slack=1e-2)
+    actions = np.array([[0.995, 0.005], [0.6, 0.4], [1.0, 0.0]])
+    chooser = ProbabilisticDecisionMaker(problem, budget=Budget.regret(10.0), candidates=actions)
+    assert chooser.candidates.usable.tolist() == [False, True, True]
+
+
+def test_joined_candidates_are_both(problem):
+    first, second = decoy_grid(problem, 3), decoy_grid(problem, 4)
+    both = first.joined(second)
+    assert len(both) == len(first) + len(second)
+    np.testing.assert_array_equal(both.actions, np.vstack([first.actions, second.actions]))
+    belief = np.array([0.2, 0.5, 0.3])
+    np.testing.assert_allclose(
+        both.sets.distances(belief), np.concatenate([first.sets.distances(belief), second.sets.distances(belief)])
+    )
+    assert first.joined(action_grid(problem, 2)).decoys is None
+
+
+def test_equal_decisions_share_their_set(problem):
+    candidates = decoy_grid(problem, 10)
+    for index, first in enumerate(candidates.sets.distinct):
+        np.testing.assert_allclose(candidates.actions[index], candidates.actions[first], atol=1e-10)
+        if candidates.sets.distinct[index] != index:
+            assert candidates.sets[index] is candidates.sets[int(first)]
+
+
+def test_candidates_are_refused_where_malformed(problem):
+    rng = np.random.default_rng(0)
+    for make in (
+        lambda: decoy_grid(problem, 0),
+        lambda: decoy_grid(problem, 2.5),
+        lambda: action_grid(problem, 0),
+        lambda: action_grid(problem, 10_000),
+        lambda: random_candidates(problem, 0, rng=rng),
+        lambda: random_candidates(problem, 5, rng=0),
+        lambda: random_candidates(problem, 5, rng=np.random.RandomState(0)),
+        lambda: ProbabilisticDecisionMaker(problem, candidates=np.ones((3, 2))).candidates,
+        lambda: ProbabilisticDecisionMaker(problem, candidates=np.ones(4)).candidates,
+        lambda: ProbabilisticDecisionMaker(problem, candidates=np.full((2, 4), np.nan)).candidates,
+        lambda: ProbabilisticDecisionMaker(problem, candidates=np.zeros((0, 4))).candidates,
+        lambda: ProbabilisticDecisionMaker(problem, candidates=decoy_grid(belief_problem(3), 3)).candidates,
+    ):
+        with pytest.raises(InputError):
+            make()
+
+
+def test_candidates_of_another_problem_of_the_same_shape_are_refused():
+    """State costs and sets belong to a problem: with another one's, regrets and privacies would be nonsense."""
+    first = MarkowitzProblem(*markets.random_market(np.random.default_rng(1), 3, 3))
+    second = MarkowitzProblem(*markets.random_market(np.random.default_rng(2), 3, 3))
+    with pytest.raises(InputError, match="problem"):
+        ProbabilisticDecisionMaker(second, candidates=decoy_grid(first, 3)).decide([0.3, 0.3, 0.4])
+
+
+def test_an_unbounded_set_has_no_grid_and_no_uniform_law():
+    problem = QuadraticProblem([np.eye(2)] * 2, np.eye(2), constraints=Polyhedron([[-1.0, 0.0]], [0.0]))
+    with pytest.raises(ModelError, match="unbounded in coordinate"):
+        action_grid(problem, 5)
+    with pytest.raises(ModelError, match="unbounded in coordinate"):
+        random_candidates(problem, 5, rng=np.random.default_rng(0))
+    assert len(decoy_grid(problem, 5)) == 6
+
+
+@pytest.mark.parametrize("n_states", [1, 2, 3, 4, 5, 6])
+def test_default_candidates_are_about_five_thousand(n_states):
+    problem = MarkowitzProblem(np.eye(n_states, 2), [np.eye(2)] * n_states, 1.0)
+    size = len(ProbabilisticDecisionMaker(problem).candidates)
+    assert size == 1 if n_states == 1 else 1500 <= size <= 5200

@@ -1,0 +1,392 @@
+"""The command line as a person and a shell meet it: exit codes, streams, files, interruption."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import inscrutable
+from inscrutable import cli
+from inscrutable.budgets import Budget
+from inscrutable.cli_values import UsageError, budget_of, measure_of
+from inscrutable.errors import InputError, SolverError
+from inscrutable.privacy import DesiredObfuscation, NonUniqueness
+from test_attack import market, published
+
+Said = tuple[int, str, str]
+COMMAND = [sys.executable, "-m", "inscrutable"]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]):  # type: ignore[no-untyped-def]
+    """Run the command line in this process: exit code, stdout, stderr."""
+
+    def call(*arguments: object) -> Said:
+        code = cli.main([str(each) for each in arguments])
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model, weights, beliefs and returns."""
+    place = tmp_path_factory.mktemp("files")
+    model = market(30, 4)
+    model.save(place / "model.json")
+    beliefs = np.random.default_rng(30).dirichlet(np.ones(3), size=2)
+    published(model, beliefs, 3).to_csv(place / "weights.csv", index_label="row")
+    dates = pd.date_range("2001-01", periods=2, freq="ME", name="date")
+    pd.DataFrame(beliefs, index=dates, columns=list(model.regimes)).to_csv(place / "beliefs.csv")
+    rng = np.random.default_rng(31)
+    spread = np.repeat([0.01, 0.05, 0.02], 20)[:, None]
+    months = pd.date_range("2001-01", periods=60, freq="ME", name="date")
+    returns = pd.DataFrame(0.01 + spread * rng.normal(size=(60, 2)), index=months, columns=["A", "B"])
+    returns.to_csv(place / "returns.csv")
+    (100 * (1 + returns).cumprod()).to_csv(place / "prices.csv")
+    return place
+
+
+def protecting(folder: Path, *more: object) -> tuple[object, ...]:
+    return ("protect", "--model", folder / "model.json", "--belief", "0.2,0.3,0.5", "--seed", 1, *more)
+
+
+def attacking(folder: Path, *more: object) -> tuple[object, ...]:
+    return ("attack", "--model", folder / "model.json", "--weights", folder / "weights.csv", *more)
+
+
+def is_one_clear_message(err: str) -> bool:
+    """One message on stderr: a single line, beside a hint, and no traceback."""
+    lines = [line for line in err.splitlines() if line.startswith("inscrutable: ")]
+    return len(lines) == 1 and "Traceback" not in err
+
+
+# ---- help, version, usage ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["-h"]])
+def test_help_lists_the_verbs(run, arguments: list[str]) -> None:  # type: ignore[no-untyped-def]
+    code, out, err = run(*arguments)
+    assert (code, err) == (0, "")
+    for verb in ("reproduce", "backtest", "attack", "protect"):
+        assert verb in out
+    assert "Exit codes" in out
+
+
+@pytest.mark.parametrize("verb", ["reproduce", "backtest", "attack", "protect"])
+def test_each_verb_explains_itself(run, verb: str) -> None:  # type: ignore[no-untyped-def]
+    code, out, _ = run(verb, "--help")
+    assert code == 0
+    for option in ("--out", "--json", "--quiet", "-q", "--verbose"):
+        assert option in out
+
+
+def test_version(run) -> None:  # type: ignore[no-untyped-def]
+    assert run("--version") == (0, f"{inscrutable.__version__}\n", "")
+
+
+def test_help_loads_nothing_heavy_and_is_fast() -> None:
+    code = "import sys; from inscrutable.cli import main; main(['--help']); print([m for m in {} if m in sys.modules])"
+    heavy = ("numpy", "pandas", "numba", "scipy", "matplotlib", "pydantic")
+    start = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code.format(heavy)], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert time.monotonic() - start < 5.0  # about 0.2 s; a loaded machine is given time
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nonsense"], "nonsense"),
+        (["attack"], "--model"),
+        (["attack", "--modle", "x"], "--modle"),
+        (["backtest", "--regimes", "three"], "three"),
+        (["backtest", "--measure", "other"], "other"),
+        (["backtest", "--measure", "desired"], "needs --target"),
+        (["backtest", "--target", "reverse"], "belongs to --measure desired"),
+        (["backtest", "--budget", "cheap"], "'cheap' is not a number"),
+        (["backtest", "--budget", "euro:3"], "regret:0.002"),
+        (["backtest", "--returns", "a.csv", "--daily"], "exclude one another"),
+        (["protect", "--model", "m.json"], "give one of"),
+        (["protect", "--model", "m.json", "--belief", "0.5,x", "--weights", "w"], "give one of"),
+        (["protect", "--model", "m.json", "--belief", "0.5,x"], "'x' is not a number"),
+    ],
+)
+def test_wrong_usage_is_two(run, arguments: list[str], message: str) -> None:  # type: ignore[no-untyped-def]
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert "Try: inscrutable --help" in err
+    assert is_one_clear_message(err)
+
+
+def test_values_of_the_command_line() -> None:
+    assert budget_of("0.1") == Budget.relative(0.1)
+    assert budget_of("regret:0.002") == Budget.regret(0.002)
+    assert isinstance(measure_of("non-uniqueness", None), NonUniqueness)
+    turned = measure_of("desired", "reverse")
+    assert isinstance(turned, DesiredObfuscation)
+    assert turned.target_for(np.array([0.2, 0.3, 0.5])).tolist() == [0.5, 0.3, 0.2]
+    with pytest.raises(UsageError):
+        measure_of("maximal", "reverse")
+    with pytest.raises(InputError, match="at least 0"):
+        budget_of("-1")
+
+
+# ---- attack and protect --------------------------------------------------------------------------
+
+
+def test_attack_prints_results_and_writes_files(run, folder: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    code, out, err = run(*attacking(folder, "--out", tmp_path / "new" / "a"))
+    assert code == 0
+    assert "near-optimal" in out
+    assert "2 of 2 rows are explained" in out
+    assert "Rows read: 2 of 2" in err
+    listed = re.findall(r"^  (.+)$", out[out.index("Written:") :], re.M)
+    assert sorted(Path(each).name for each in listed) == sorted(
+        each.name for each in (tmp_path / "new" / "a").iterdir()
+    )
+
+
+def test_protect_says_what_to_publish(run, folder: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    code, out, _ = run(*protecting(folder, "--budget", "regret:0.0004", "--out", tmp_path))
+    assert code == 0
+    for word in ("publish this", "atom 1", "draw", "observer: regime 1", "knows the regret you allow", "publish.csv"):
+        assert word in out
+    once = json.loads((tmp_path / "summary.json").read_text())
+    assert once["rows"][0]["regret"] <= 0.0004 * (1 + 1e-9)
+    assert once["budget"] == "regret of 0.0004"
+
+
+@pytest.mark.parametrize("source", ["--beliefs", "--weights"])
+def test_protect_reads_beliefs_and_weights(run, folder: Path, source: str) -> None:  # type: ignore[no-untyped-def]
+    path = folder / f"{source[2:]}.csv"
+    code, out, _ = run(
+        "protect", "--model", folder / "model.json", source, path, "--measure", "desired", "--target", "reverse"
+    )
+    assert code == 0
+    assert "on average over 2 rows" in out.lower()
+
+
+def test_json_is_alone_on_stdout_and_the_same_again(run, folder: Path) -> None:  # type: ignore[no-untyped-def]
+    for arguments in (attacking(folder), protecting(folder)):
+        code, out, err = run(*arguments, "--json")
+        assert code == 0
+        assert json.loads(out)["regimes"] == ["regime 1", "regime 2", "regime 3"]
+        assert err
+        assert run(*arguments, "--json", "-q") == (0, out, "")
+
+
+def test_quiet_is_quiet_but_not_about_errors(run, folder: Path) -> None:  # type: ignore[no-untyped-def]
+    code, out, err = run(*attacking(folder, "--quiet"))
+    assert (code, err) == (0, "")
+    assert out
+    code, out, err = run("attack", "--model", folder / "none.json", "--weights", folder / "weights.csv", "-q")
+    assert (code, out) == (3, "")
+    assert "none.json" in err
+
+
+# ---- bad data, no solution, folders ---------------------------------------------------------------
+
+
+BAD_WEIGHTS = {
+    "empty": ("", "is empty"),
+    "text": ("A0,A1,A2,A3\n0.25,x,0.25,0.25\n", "line 2, column 'A1': found 'x'"),
+    "column missing": ("A0,A1,A2\n0.5,0.25,0.25\n", "missing asset: 'A3'"),
+    "column twice": ("A0,A1,A1,A3\n0.5,0.25,0.25,0\n", "'A1' is duplicated"),
+    "sum": ("A0,A1,A2,A3\n0.500,0.250,0.250,0.100\n", "weights sum to 1.1"),
+    "short": ("row,A0,A1,A2,A3\nx,1.200,-0.200,0,0\n", "weight of A1 >= 0"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_WEIGHTS)
+def test_bad_weights_are_three(run, folder: Path, tmp_path: Path, case: str) -> None:  # type: ignore[no-untyped-def]
+    content, message = BAD_WEIGHTS[case]
+    path = tmp_path / "w.csv"
+    path.write_text(content)
+    out_folder = tmp_path / "out"
+    code, out, err = run("attack", "--model", folder / "model.json", "--weights", path, "--out", out_folder, "-q")
+    assert (code, out) == (3, "")
+    assert message in err
+    assert is_one_clear_message(err)
+    assert not out_folder.exists() or not list(out_folder.iterdir())
+
+
+BAD_RETURNS = {
+    "text": ("date,A,B\n2001-01,0.01,x\n", "column 'B': found 'x'"),
+    "missing date": ("date,A,B\n2001-01,0.01,0.02\n,0.01,0.02\n", "line 3"),
+    "column twice": ("date,A,A\n2001-01,0.01,0.02\n", "'A' is duplicated"),
+    "empty": ("", "is empty"),
+    "short": ("date,A,B\n2001-01,0.01,0.02\n2001-02,0.01,0.02\n2001-03,0.01,0.02\n", "regimes of 2 assets need"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_RETURNS)
+def test_bad_returns_are_three(run, tmp_path: Path, case: str) -> None:  # type: ignore[no-untyped-def]
+    content, message = BAD_RETURNS[case]
+    path = tmp_path / "r.csv"
+    path.write_text(content)
+    code, out, err = run("backtest", "--returns", path, "--out", tmp_path / "out", "-q")
+    assert (code, out) == (3, "")
+    assert message in err
+    assert is_one_clear_message(err)
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--belief", "0.2,0.3,0.6"], "sums to 1.1"),
+        (["--belief", "0.5,0.5"], "2 entries"),
+        (["--belief", "0.2,0.3,0.5", "--budget", "-1"], "at least 0"),
+        (["--belief", "0.2,0.3,0.5", "--measure", "desired", "--target", "0.5,0.6"], "sums to 1.1"),
+        (["--beliefs", "nowhere.csv"], "does not exist"),
+    ],
+)
+def test_bad_beliefs_are_three(run, folder: Path, arguments: list[str], message: str) -> None:  # type: ignore[no-untyped-def]
+    code, out, err = run("protect", "--model", folder / "model.json", *arguments)
+    assert (code, out) == (3, "")
+    assert message in err
+    assert is_one_clear_message(err)
+
+
+def test_no_solution_is_four(run, folder: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    data = json.loads((folder / "model.json").read_text())
+    data["problem"]["constraints"]["b_eq"] = [-1.0]
+    path = tmp_path / "impossible.json"
+    path.write_text(json.dumps(data))
+    code, out, err = run("protect", "--model", path, "--belief", "0.2,0.3,0.5")
+    assert (code, out) == (4, "")
+    assert "no decision satisfies all constraints" in err
+    assert str(path) in err
+    assert is_one_clear_message(err)
+
+
+@pytest.mark.parametrize("verb", ["attack", "protect", "backtest", "reproduce"])
+def test_an_unwritable_folder_is_found_before_the_work(  # type: ignore[no-untyped-def]
+    run, folder: Path, tmp_path: Path, verb: str
+) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    arguments = {
+        "attack": attacking(folder),
+        "protect": protecting(folder),
+        "backtest": ("backtest",),
+        "reproduce": ("reproduce",),
+    }[verb]
+    start = time.monotonic()
+    code, out, err = run(*arguments, "--out", blocked / "out", "-q")
+    assert (code, out) == (3, "")
+    assert "cannot be written" in err
+    assert time.monotonic() - start < 10.0
+    assert blocked.read_text() == "in the way"
+
+
+def test_failures_are_one_line_unless_more_is_asked_for(  # type: ignore[no-untyped-def]
+    run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(error: Exception):  # type: ignore[no-untyped-def]
+        def fail(*_: object, **__: object) -> None:
+            raise error
+
+        return fail
+
+    name = "inscrutable.experiments.attack.attack_weights"
+    monkeypatch.setattr(name, broken(SolverError("did not converge")))
+    code, _, err = run(*attacking(folder, "-q"))
+    assert code == 1
+    assert "did not converge" in err
+    monkeypatch.setattr(name, broken(RuntimeError("a slip")))
+    code, _, err = run(*attacking(folder, "-q"))
+    assert code == 1
+    assert "unexpected RuntimeError: a slip" in err
+    assert is_one_clear_message(err)
+    with pytest.raises(RuntimeError, match="a slip"):
+        cli.main([str(each) for each in attacking(folder, "-v")])
+
+
+# ---- backtest and reproduce -----------------------------------------------------------------------
+
+
+def test_backtest_then_attack_then_protect(run, folder: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    out_folder = tmp_path / "b"
+    common = ("--regimes", 2, "--budget", "0.2", "--out", out_folder)
+    code, out, err = run("backtest", "--prices", folder / "prices.csv", *common, "--train-until", "2005-06")
+    assert code == 0
+    assert "earns the return of month t+1" in out
+    assert "A rival who inverts the published weights" in out
+    assert "model.json" in out
+    assert "Decisions:" in err
+    model = out_folder / "model.json"
+    code, out, _ = run("attack", "--model", model, "--weights", out_folder / "weights_CDM.csv", "--json", "-q")
+    assert code == 0
+    assert json.loads(out)["readings"]["implausible"] == 0
+    code, out, _ = run("protect", "--model", model, "--belief", "0.4,0.6", "--json", "-q")
+    assert json.loads(out)["budget"] == "0.2 of |c*|"
+    beliefs = out_folder / "beliefs.csv"
+    code, out, err = run("backtest", "--returns", folder / "returns.csv", "--beliefs", beliefs, *common, "--json", "-q")
+    assert code == 3, "those beliefs do not cover a training sample that ends in the middle"
+    assert "beliefs lack" in err
+
+
+def test_reproduce_judges_the_claims(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    sizes = ("--markets", 2, "--simulations", 2, "--steps", 2, "--resolution", 5, "--jobs", 1)
+    code, out, _ = run("reproduce", *sizes, "--out", tmp_path, "-q")
+    assert code == 0
+    assert "claims over 2 random markets" in out
+    assert (tmp_path / "claims.csv").is_file()
+    assert json.loads((tmp_path / "summary.json").read_text())
+
+
+# ---- a real process -------------------------------------------------------------------------------
+
+
+def test_a_process_reports_its_exit_code(folder: Path) -> None:
+    done = subprocess.run(
+        [*COMMAND, "attack", "--model", folder / "x", "--weights", "y"], capture_output=True, text=True
+    )
+    assert done.returncode == 3
+    assert done.stdout == ""
+    assert is_one_clear_message(done.stderr)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_an_interrupted_run_says_so_and_leaves_nothing_half_written(tmp_path: Path) -> None:
+    out_folder = tmp_path / "out"
+    process = subprocess.Popen(
+        [*COMMAND, "backtest", "--out", out_folder], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    first = process.stderr.readline()
+    assert "fitting 3 regimes" in first
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    assert list(out_folder.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+def test_a_reader_that_stops_early_is_no_crash(folder: Path) -> None:
+    command = [str(each) for each in (*COMMAND, *attacking(folder, "-q"))]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    err = process.stderr.read()
+    process.wait(timeout=60)
+    assert "Traceback" not in err
+    process.stderr.close()

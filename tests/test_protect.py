@@ -1,0 +1,146 @@
+"""Protection: within the budget, private against the adversary's own tools, honest about what is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable.adversaries import consistent_beliefs
+from inscrutable.budgets import Budget
+from inscrutable.datasets import read_weights
+from inscrutable.decision_makers import CounterAdversarialDecisionMaker
+from inscrutable.errors import InputError
+from inscrutable.experiments.attack import attack_weights
+from inscrutable.experiments.protect import implausible_rows, protect, protect_weights
+from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, NonExistence
+from inscrutable.reports.protect import (
+    option_lines,
+    protect_summary,
+    protect_table,
+    published_weights,
+    row_lines,
+    write_protect,
+)
+from test_attack import market, published
+
+MODEL = market(20, 5)
+BELIEFS = np.array([[0.2, 0.3, 0.5], [0.7, 0.2, 0.1]])
+
+
+def test_budget_privacy_and_conclusion() -> None:
+    budget = Budget.regret(3e-4)
+    found = protect(MODEL, BELIEFS, budget, rng=np.random.default_rng(0))
+    problem = MODEL.problem
+    for step, belief in enumerate(BELIEFS):
+        publish, lottery = found.deterministic[step], found.lotteries[step]
+        assert float(problem.regret(belief, publish.action)) <= 3e-4 * (1 + 1e-9)
+        assert lottery.expected_regret <= 3e-4 * (1 + 1e-9)
+        assert publish.privacy == pytest.approx(consistent_beliefs(problem, publish.action).distance(belief), abs=1e-6)
+        assert publish.privacy > 0.1
+        assert lottery.expected_privacy >= publish.privacy - 1e-9
+        assert any(np.array_equal(found.drawn[step].action, atom) for atom in lottery.actions)
+        low, high = found.aware_bounds[step].T
+        assert (low - 1e-6 <= belief).all()
+        assert (belief <= high + 1e-6).all(), "who knows the budget is never wrong"
+        assert found.optimal_sets[step].contains(belief)
+    assert "regret" in found.summary()
+
+
+def test_one_belief_frames_and_defaults() -> None:
+    single = protect(MODEL, BELIEFS[0], rng=np.random.default_rng(1))
+    assert len(single) == 1
+    assert single.budget == MODEL.budget
+    assert isinstance(single.measure, MaximalObfuscation)
+    columns = list(MODEL.regimes)
+    frame = pd.DataFrame(BELIEFS, columns=columns, index=["x", "y"])
+    swapped = protect(MODEL, frame[columns[::-1]].iloc[:1], rng=np.random.default_rng(1))
+    assert np.array_equal(swapped.beliefs, single.beliefs)
+    assert np.array_equal(swapped.drawn.action, single.drawn.action)
+    assert list(swapped.index) == ["x"]
+
+
+def test_planned_weights_are_read_first() -> None:
+    planned = published(MODEL, BELIEFS, None)
+    found = protect_weights(MODEL, planned, 0.2, rng=np.random.default_rng(2))
+    assert np.allclose(found.beliefs, BELIEFS, atol=1e-6)
+    assert implausible_rows(found) == []
+    odd = market(21, 8)
+    strange = protect_weights(odd, pd.DataFrame([np.full(8, 0.125)], columns=list(odd.assets)), 0.2)
+    assert implausible_rows(strange) == [0]
+    assert strange.beliefs.sum() == pytest.approx(1.0)
+
+
+def test_desired_obfuscation_gets_nearer_to_its_target() -> None:
+    target = DesiredObfuscation(lambda belief: belief[::-1])
+    found = protect(MODEL, BELIEFS[:1], Budget.regret(1e-3), target, rng=np.random.default_rng(3))
+    own = -consistent_beliefs(MODEL.problem, found.optimal[0]).distance(BELIEFS[0][::-1])
+    assert found.deterministic.privacy[0] > own
+    direct = CounterAdversarialDecisionMaker(MODEL.problem, target, Budget.regret(1e-3)).decide(BELIEFS[0])
+    assert np.array_equal(found.deterministic.action[0], direct.action)
+
+
+def test_other_measures_and_a_budget_of_nothing() -> None:
+    nothing = protect(MODEL, BELIEFS[:1], 0.0, rng=np.random.default_rng(4))
+    assert nothing.deterministic.privacy[0] == pytest.approx(0.0, abs=1e-6)
+    missed = protect(MODEL, BELIEFS[:1], 0.1, NonExistence(), rng=np.random.default_rng(4))
+    assert missed.deterministic.privacy[0] == 0.0
+    assert missed.deterministic.belief_set[0].distance(BELIEFS[0]) >= 0.01 - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0.5, 0.6, 0.1],), "sums to 1.2"),
+        (([0.5, 0.5],), "2 entries, expected one per state: 3"),
+        ((pd.DataFrame([[1.0, 0.0]], columns=["regime 1", "x"]),), r"missing: \['regime 2', 'regime 3'\]"),
+        ((BELIEFS[0], -0.1), "at least 0"),
+        ((BELIEFS[0], 0.1, "maximal"), "measure must be"),
+        ((BELIEFS[0], 0.1, DesiredObfuscation([0.5, 0.5])), "expected one per state"),
+    ],
+)
+def test_malformed_arguments(arguments: tuple[object, ...], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        protect(MODEL, *arguments)  # type: ignore[arg-type]
+
+
+def test_published_files_are_read_back_as_intended(tmp_path: Path) -> None:
+    done: list[tuple[int, int]] = []
+    frame = pd.DataFrame(
+        BELIEFS, columns=list(MODEL.regimes), index=pd.DatetimeIndex(["2001-01-31", "2001-02-28"], name="month")
+    )
+    found = protect(
+        MODEL, frame, 0.2, rng=np.random.default_rng(5), progress=lambda now, total: done.append((now, total))
+    )
+    assert done[-1] == (6, 6)
+    assert [now for now, _ in done] == sorted(now for now, _ in done)
+    written = write_protect(found, tmp_path)
+    assert all(path.stat().st_size > 100 for path in written)
+    table = read_weights(tmp_path / "publish.csv", assets=MODEL.assets)
+    assert np.array_equal(table.frame.to_numpy(), found.deterministic.action)
+    read = attack_weights(MODEL, table)
+    concluded = np.array([each.center() for each in found.deterministic.belief_set])
+    assert np.allclose(read.estimates, concluded, atol=1e-6)
+    drawn = read_weights(tmp_path / "publish_drawn.csv", assets=MODEL.assets)
+    assert np.array_equal(drawn.frame.to_numpy(), published_weights(found, drawn=True).to_numpy())
+
+
+def test_tables_say_what_each_publication_costs_and_says() -> None:
+    found = protect(MODEL, BELIEFS, 0.2, rng=np.random.default_rng(6))
+    table = protect_table(found)
+    for step in range(2):
+        rows = table.loc[step]
+        assert rows.loc["ODM: optimal", "regret"] == 0.0
+        assert rows.loc["ODM: optimal", "distance"] == pytest.approx(0.0, abs=1e-6)
+        assert rows.loc["CDM: publish this", "regret"] == found.deterministic.regret[step]
+        atoms = rows[rows.index.str.startswith("PDM: atom")]
+        assert atoms["probability"].sum() == pytest.approx(1.0)
+        weights = rows[[f"weight: {asset}" for asset in MODEL.assets]].to_numpy(dtype=float)
+        assert np.allclose(weights.sum(axis=1), 1.0)
+        assert option_lines(found, step).shape[1] == len(rows)
+    assert list(row_lines(found).index) == [0, 1]
+    summary = protect_summary(found)
+    assert len(summary["rows"]) == 2
+    assert summary["implausible_rows"] == []

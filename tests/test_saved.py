@@ -1,0 +1,75 @@
+"""Results survive a round trip through a file, and foreign files are refused with one sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    CounterAdversarialDecisionMaker,
+    Decision,
+    Frontier,
+    InputError,
+    MarkowitzProblem,
+    MixedDecision,
+    MixedDecisions,
+    ProbabilisticDecisionMaker,
+    privacy_frontier,
+)
+
+
+@pytest.fixture(scope="module")
+def problem() -> MarkowitzProblem:
+    rng = np.random.default_rng(3)
+    factors = rng.normal(size=(3, 4, 6))
+    return MarkowitzProblem(0.05 * rng.normal(size=(3, 4)), 0.01 * factors @ factors.transpose(0, 2, 1), 2.0)
+
+
+def same(first: object, second: object) -> bool:
+    if isinstance(first, np.ndarray):
+        return np.array_equal(first, second, equal_nan=True)
+    return first == second
+
+
+def test_decision_round_trip(problem, tmp_path):
+    decision = CounterAdversarialDecisionMaker(problem).decide([0.2, 0.3, 0.5])
+    decision.save(tmp_path / "decision.npz")
+    again = Decision.load(tmp_path / "decision.npz")
+    for name in ("action", "cost", "regret", "privacy", "privacy_bound", "decoy", "status"):
+        assert same(getattr(decision, name), getattr(again, name)), name
+    assert np.array_equal(decision.belief_set.vertices(), again.belief_set.vertices())
+    assert again.summary() == decision.summary()
+
+
+def test_mixtures_and_frontiers_round_trip(problem, tmp_path):
+    makers = ProbabilisticDecisionMaker(problem)
+    mixed, many = makers.decide([0.2, 0.3, 0.5]), makers.decide_many([[0.2, 0.3, 0.5], [1, 0, 0]])
+    frontier = privacy_frontier(problem, [0.2, 0.3, 0.5], candidates=makers.candidates)
+    for number, result in enumerate((mixed, many, frontier)):
+        result.save(tmp_path / f"{number}.npz")
+        again = type(result).load(tmp_path / f"{number}.npz")
+        assert isinstance(again, (MixedDecision, MixedDecisions, Frontier))
+    assert same(MixedDecision.load(tmp_path / "0.npz").probabilities, mixed.probabilities)
+    assert same(MixedDecisions.load(tmp_path / "1.npz")[1].actions, many[1].actions)
+    assert Frontier.load(tmp_path / "2.npz").randomized(0.01) == frontier.randomized(0.01)
+
+
+def test_foreign_files_are_refused(problem, tmp_path):
+    decision = CounterAdversarialDecisionMaker(problem).decide([0.2, 0.3, 0.5])
+    path = tmp_path / "decision.npz"
+    decision.save(path)
+    with pytest.raises(InputError, match="holds a Decision, expected a Frontier"):
+        Frontier.load(path)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(InputError, match="not a saved result"):
+        Decision.load(path)
+    (tmp_path / "text.npz").write_text("hello")
+    with pytest.raises(InputError, match="not a saved result"):
+        Decision.load(tmp_path / "text.npz")
+    with pytest.raises(InputError, match="not a saved result"):
+        Decision.load(tmp_path / "missing.npz")
+    with pytest.raises(InputError, match="cannot write"):
+        decision.save(tmp_path / "no" / "folder.npz")
+    np.savez(tmp_path / "other.npz", a=np.zeros(2))
+    with pytest.raises(InputError, match="not a saved result"):
+        Decision.load(tmp_path / "other.npz")

@@ -28,6 +28,7 @@ from inscrutable import (
     decoy_grid,
     plausibility_gap,
 )
+from inscrutable.adversaries import consistent_sets
 from oracles import enumeration, markets
 from strategies import belief_problem, drawn_problems, line_problem
 
@@ -483,3 +484,35 @@ def test_budgets_are_shares_of_the_size_of_the_cost():
     assert Budget.relative(0.1).limit(3.0) == pytest.approx(0.3)
     assert Budget.regret(0.1).limit(-3.0) == 0.1
     assert Budget.relative(0.1).limit(0.0) == 0
+
+
+# --- against a dense search ------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    drawn_problems(states=(2, 4), assets=(2, 8), kinds=[{}], spread=1.0, min_slack=1e-4),
+    st.sampled_from([0.003, 0.03, 0.3]),
+)
+def test_no_decoy_of_a_dense_grid_is_better(drawn, share):
+    """A few thousand decoys, each pulled to where the budget ends on its ray: none beats the search."""
+    problem, belief = drawn.problem, drawn.belief
+    optimal_cost = float(problem.optimal_cost(belief))
+    limit = share * abs(optimal_cost)
+    ends = np.vstack([drawn.rng.dirichlet(np.full(belief.size, 0.5), 300), np.eye(belief.size)])
+    low, high = np.zeros(len(ends)), np.ones(len(ends))
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        decoys = belief + middle[:, None] * (ends - belief)
+        fits = problem.state_costs(problem.solve(decoys)) @ belief - optimal_cost <= limit
+        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+    rays = belief + np.linspace(0.1, 1.0, 10)[:, None, None] * (low[:, None] * (ends - belief))
+    actions = problem.solve(rays.reshape(-1, belief.size))
+    actions = actions[problem.constraints.is_admissible(actions)]
+    actions = actions[problem.state_costs(actions) @ belief - optimal_cost <= limit]
+    sets = consistent_sets(problem, actions)
+    target = drawn.rng.dirichlet(np.ones(belief.size))
+    for measure, sign, point in ((MaximalObfuscation(), 1, belief), (DesiredObfuscation(target), -1, target)):
+        best = max((sign * sets.distances(point)).max(initial=-np.inf), measure(belief, sets[0]) if len(actions) else 0.0)
+        decision = CounterAdversarialDecisionMaker(problem, measure, Budget.regret(limit)).decide(belief)
+        assert decision.privacy >= best - 1e-4 * max(1.0, abs(best)), (measure, best)

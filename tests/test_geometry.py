@@ -236,3 +236,22 @@ def test_cone_rows_accept_exactly_the_combinations(seed, size, n_active, n_equal
         )
         assume(residual < 1e-10 or residual > 1e-5)
         assert accepted == (residual < 1e-10)
+
+
+@pytest.mark.parametrize("n", [3, 4, 5])
+@pytest.mark.parametrize("gap", [-1e-6, -2e-9, -5e-10, -2e-10, 0.0, 2e-10, 5e-10, 2e-9, 1e-6])
+def test_rows_that_almost_conflict_give_an_answer(n, gap):
+    """π_1 − π_2 >= gap/2 and <= −gap/2: a thin set, a set without interior, or none; never an error."""
+    row = np.zeros(n)
+    row[:2] = 1.0, -1.0
+    found = BeliefSet(nothing(n), np.vstack([row, -row]) - gap / 2)
+    if gap > 1e-8:
+        assert found.is_empty
+        return
+    assert found.is_empty or found.dimension in (n - 2, n - 1)
+    if not found.is_empty:
+        middle = np.full(n, 1 / n)
+        assert found.distance(middle) <= 1e-8
+        assert found.distance(np.eye(n)[0]) == pytest.approx(1 / np.sqrt(2), abs=1e-5)
+        np.testing.assert_allclose(found.bounds()[:2], [[0, 0.5], [0, 0.5]], atol=1e-5)
+    assert found.is_empty is False or gap > 0

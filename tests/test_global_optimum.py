@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from inscrutable import Budget, CounterAdversarialDecisionMaker, MarkowitzProblem, consistent_beliefs
-from oracles import consistent, markets, optimum
+from oracles import consistent, enumeration, markets, optimum
 
 pytest.importorskip("pyscipopt", reason="SCIP comes with the [global] extra")
 
@@ -32,3 +33,25 @@ def test_the_global_search_reaches_the_proven_optimum(case):
     system = consistent.simplex_system(markets.gradients(case.market, decision.action), decision.action > 1e-12)
     corners = consistent.vertices(system)
     assert decision.privacy == pytest.approx(consistent.hull_distance(case.belief, corners), abs=1e-6)
+
+
+def hard_case(seed):
+    """Small budgets, thin faces, two-asset segments: where a regular grid of decoys has nothing affordable."""
+    rng = np.random.default_rng(77000 + seed)
+    n_states, n_assets = int(rng.choice([2, 3, 3])), int(rng.choice([2, 3, 4, 5], p=[0.2, 0.4, 0.25, 0.15]))
+    share = float(rng.choice([0.003, 0.03, 0.1, 0.3, 1.0]))
+    spread = float(rng.choice([0, 0, 1.0]))
+    market = markets.random_market(rng, n_states, n_assets, positive_value=bool(seed % 2), scale_spread=spread)
+    belief = markets.random_belief(rng, n_states) if seed % 3 else rng.dirichlet(np.full(n_states, 0.3))
+    if seed % 7 == 0:
+        belief = np.eye(n_states)[0]
+    return market, belief, share * abs(enumeration.value(market, belief)[0])
+
+
+@pytest.mark.parametrize("seed", [7, 36, 40, 60, 128, 158, 286, 321])
+def test_small_budgets_and_thin_faces(seed):
+    market, belief, budget = hard_case(seed)
+    best, _, bound = optimum.global_cdm(market, belief, budget, 1e-4)
+    decision = CounterAdversarialDecisionMaker(MarkowitzProblem(*market), budget=Budget.regret(budget)).decide(belief)
+    assert decision.privacy >= best * (1 - MISSED), f"gap {best - decision.privacy:.3g} below {best:.6f}"
+    assert decision.privacy <= bound + ABOVE

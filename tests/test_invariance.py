@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
+    DecisionStatus,
     DesiredObfuscation,
     MarkowitzProblem,
     MaximalObfuscation,
@@ -25,6 +26,7 @@ from oracles import markets
 from strategies import SEEDS, cost_scale, long_only
 
 SAME_PRIVACY = 1e-6  # two searches of one optimum
+FOUND = (DecisionStatus.POLISHED, DecisionStatus.BEST_CANDIDATE)
 MEASURES = st.sampled_from(["maximal", "desired", "non-existence"])
 
 
@@ -55,7 +57,8 @@ def setting(seed, kind):
 def assert_same(first, second, *, unit=1.0):
     """Privacy is the same; regrets differ by the unit of the costs."""
     (single, mixed), (other_single, other_mixed) = first, second
-    assert other_single.status is single.status
+    # Whether the best candidate or its polish is a rounding ahead is not an invariant; whether anything is found is.
+    assert (other_single.status in FOUND) == (single.status in FOUND)
     assert other_single.privacy == pytest.approx(single.privacy, abs=SAME_PRIVACY)
     assert other_mixed.expected_privacy == pytest.approx(mixed.expected_privacy, abs=SAME_PRIVACY)
     # Where several decisions are equally private their regrets may differ; for unique optima they do not.

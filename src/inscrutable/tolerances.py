@@ -87,8 +87,9 @@ lost in the rounding of a cost (1e-16) allows about 1e-8."""
 POLISH = 1e-9
 """Accuracy asked of the local polish of a decision; its result is re-judged by the set's own distance."""
 
-GAP_STEP = 1e-10
-"""Relative accuracy of the plausibility gap: upper minus lower bound of its cutting planes."""
+GAP_STEP = 1e-9
+"""Relative accuracy of the plausibility gap: upper minus lower bound of its cutting planes; ten times what the linear
+programmes resolve, else they return the same corner for ever."""
 
 NEAR_OPTIMAL = 1e-7
 """Excess regret allowed at the corners of a near-optimal set's outer polytope, relative to the decision's cost."""

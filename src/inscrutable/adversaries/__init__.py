@@ -1,8 +1,8 @@
 """Step 4: what an observer infers from a decision."""
 
 from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_sets
-from inscrutable.adversaries.inverse import consistent_beliefs
-from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs, plausibility_gap
+from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
+from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 
 __all__ = [
     "ConsistentSets",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries.near_optimal import gap_compared
+from inscrutable.adversaries.plausibility import gap_compared
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -53,3 +53,30 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
     scale = np.abs(gradients).max()
     scaled = gradients.T / (scale if scale > 0 else 1.0)
     return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled, tolerance, partial(gap_compared, problem, u))
+
+
+def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:
+    """Return r(u) = min_π ρ(π,u), the least regret that any belief leaves to a decision.
+
+    Formula: min_{π ∈ Δ} max_{v ∈ C} π·(s(u) − s(v)); zero exactly when some belief explains the decision.
+
+    Args:
+        problem: The decision problem.
+        action: u, shape (U,), feasible.
+
+    Returns:
+        The gap, in the cost's unit, at least 0.
+
+    Raises:
+        InputError: `action` is not a feasible decision.
+        SolverError: The cutting planes did not close.
+
+    Cost: some tens of forward solves. Source: a detection statistic on top of the paper's Theorem 1.
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem(np.zeros((2, 2)), [np.eye(2), 2 * np.eye(2)], 1.0)
+        >>> round(plausibility_gap(problem, [1.0, 0.0]), 6)
+        0.5
+    """
+    return belief_set_of(problem, problem.check_action(action)).plausibility_gap

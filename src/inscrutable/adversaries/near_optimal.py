@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.adversaries.plausibility import MOST_PLANES, nearest_explanation, onto_simplex
 from inscrutable.errors import InputError, SolverError
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.hulls import sum_zero_basis
@@ -24,91 +26,10 @@ from inscrutable.geometry.polytopes import (
     reduce_polytope,
     sample_polytope,
 )
-from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
-_MOST_PLANES = 500
 _SHAPE = 0.01
-
-
-def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:
-    """Return r(u) = min_π ρ(π,u), the least regret that any belief leaves to a decision.
-
-    Formula: min_{π ∈ Δ} max_{v ∈ C} π·(s(u) − s(v)); zero exactly when some belief explains the decision.
-
-    Args:
-        problem: The decision problem.
-        action: u, shape (U,), feasible.
-
-    Returns:
-        The gap, in the cost's unit, at least 0.
-
-    Raises:
-        InputError: `action` is not a feasible decision.
-        SolverError: The cutting planes did not close.
-
-    Cost: some tens of forward solves. Source: a detection statistic on top of the paper's Theorem 1.
-
-    Example:
-        >>> from inscrutable.problems import MarkowitzProblem
-        >>> problem = MarkowitzProblem(np.zeros((2, 2)), [np.eye(2), 2 * np.eye(2)], 1.0)
-        >>> round(plausibility_gap(problem, [1.0, 0.0]), 6)
-        0.5
-    """
-    return nearest_explanation(problem, action)[1]
-
-
-def gap_compared(problem: DecisionProblem, action: ArrayLike, margin: float) -> float:
-    """Return the plausibility gap, or any bound of it on the same side of `margin` as soon as the side is known."""
-    return nearest_explanation(problem, action, margin)[1]
-
-
-def nearest_explanation(problem: DecisionProblem, action: ArrayLike, margin: float = np.inf) -> tuple[Array, float]:
-    """Return the belief (X,) that leaves the decision the least regret, and that regret.
-
-    With a finite `margin` the search ends when the regret is known to lie above or below it, with a bound in its place.
-    """
-    u = problem.check_action(action)
-    own = problem.state_costs(u)
-    n_states = problem.n_states
-    points = np.vstack([np.full(n_states, 1.0 / n_states), np.eye(n_states)]) if n_states > 1 else np.ones((1, 1))
-    planes = own - problem.state_costs(problem.solve(points))
-    regrets = (points * planes).sum(axis=1)
-    best, upper = points[int(regrets.argmin())], float(max(regrets.min(), 0.0))
-    scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
-    for _ in range(_MOST_PLANES):
-        lower, trial = _lowest_of_planes(planes / scale)
-        if upper - lower * scale <= tolerances.GAP_STEP * scale:
-            break
-        if np.isfinite(margin) and (lower * scale >= margin or upper < margin):
-            return best, max(lower * scale, 0.0) if lower * scale >= margin else upper
-        # Half-way to the best belief so far: Kelley's corners alone zigzag.
-        for point in (trial, 0.5 * (trial + best)):
-            plane = own - problem.state_costs(problem.solve(point))
-            planes = np.vstack([planes, plane])
-            regret = float(point @ plane)
-            if regret < upper:
-                best, upper = point, max(regret, 0.0)
-    else:
-        raise SolverError(f"the plausibility gap did not close: between {lower * scale:.3g} and {upper:.3g}")
-    return best, upper
-
-
-def _lowest_of_planes(planes: Array) -> tuple[float, Array]:
-    n_states = planes.shape[1]
-    answer = minimum(
-        np.concatenate([np.zeros(n_states), [1.0]]),
-        Rows(np.column_stack([planes, -np.ones(planes.shape[0])]), np.zeros(planes.shape[0])),
-        Rows(np.concatenate([np.ones(n_states), [0.0]])[None], np.ones(1)),
-        (0, None),
-    )
-    return answer.value, _onto_simplex(answer.x[None, :n_states])[0]
-
-
-def _onto_simplex(points: Array) -> Array:
-    clipped = np.maximum(points, 0.0)
-    return np.asarray(clipped / clipped.sum(axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +62,8 @@ class NearOptimalBeliefs:
 
     @cached_property
     def _explanation(self) -> tuple[Array, float]:
-        return nearest_explanation(self.problem, self.action)
+        found = belief_set_of(self.problem, self.action)
+        return nearest_explanation(self.problem, self.action) if found.is_empty else (found.center(), 0.0)
 
     @property
     def plausibility_gap(self) -> float:
@@ -180,10 +102,10 @@ class NearOptimalBeliefs:
             if outer is None:
                 best = self._explanation[0]
                 return Reduced(best, np.zeros((0, self.n_states)), np.zeros((0, 0)), np.zeros(0), best[None])
-            corners = _onto_simplex(outer.vertices)
+            corners = onto_simplex(outer.vertices)
             excess = self.problem.regret(corners, self.action) - self.regret
             outside = corners[excess > allowed]
-            if not len(outside) or len(self._planes) > _MOST_PLANES:
+            if not len(outside) or len(self._planes) > MOST_PLANES:
                 return outer
             self._add(outside)
 
@@ -217,8 +139,8 @@ class NearOptimalBeliefs:
         """Add planes at the candidate the current polytope proposes until it is a member."""
         self._seed()
         centre = np.full(self.n_states, 1.0 / self.n_states)
-        for _ in range(_MOST_PLANES):
-            point: Array = _onto_simplex((centre + self._basis @ candidate(*self._rows()))[None])[0]
+        for _ in range(MOST_PLANES):
+            point: Array = onto_simplex((centre + self._basis @ candidate(*self._rows()))[None])[0]
             if float(self.problem.regret(point, self.action)) <= self.regret + self.accuracy:
                 return point
             self._add(point[None])

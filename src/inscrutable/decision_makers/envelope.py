@@ -70,7 +70,7 @@ def mixture_by_linear_programme(regrets: Array, privacies: Array, limit: float) 
     usable = np.flatnonzero(np.isfinite(privacies))
     if not usable.size or regrets[usable].min() > limit:
         return None
-    scale = max(float(regrets[usable].max()), np.finfo(float).tiny)
+    scale = max(float(regrets[usable].max()), limit, np.finfo(float).tiny)
     answer = minimum(
         -privacies[usable],
         Rows(regrets[usable][None] / scale, np.array([limit / scale])),

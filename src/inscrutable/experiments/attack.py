@@ -25,7 +25,7 @@ from scipy.linalg import null_space
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries import consistent_beliefs, near_optimal_beliefs
-from inscrutable.adversaries.near_optimal import nearest_explanation
+from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.datasets import WeightsTable
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError, ModelError

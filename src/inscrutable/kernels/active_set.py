@@ -128,82 +128,99 @@ def _newton(
 
 
 @njit(cache=True)
+def _left_over(equalities: Any, sides: Any, u: Any, out: Any) -> None:
+    """out = b − A u."""
+    for e in range(sides.size):
+        total = sides[e]
+        for j in range(u.size):
+            total -= equalities[e, j] * u[j]
+        out[e] = total
+
+
+@njit(cache=True)
+def _advance(free: Any, n_free: int, step: Any, region: Any, u: Any, state: Any) -> bool:
+    """u += θ p with the longest θ ≤ 1 inside the bounds; a coordinate that stops it is put on its bound. True if θ = 1."""
+    lower, upper = region[0], region[1]
+    length = 1.0
+    blocking = -1
+    for a in range(n_free):
+        j = free[a]
+        if step[a] < 0.0 and u[j] + step[a] < lower[j]:
+            reach = (lower[j] - u[j]) / step[a]
+        elif step[a] > 0.0 and u[j] + step[a] > upper[j]:
+            reach = (upper[j] - u[j]) / step[a]
+        else:
+            continue
+        if reach < length:
+            length = max(reach, 0.0)
+            blocking = a
+    for a in range(n_free):
+        u[free[a]] += length * step[a]
+    if blocking >= 0:
+        j = free[blocking]
+        state[j] = -1 if step[blocking] < 0.0 else 1
+        u[j] = lower[j] if step[blocking] < 0.0 else upper[j]
+    return blocking < 0
+
+
+@njit(cache=True)
+def _settle(free: Any, n_free: int, step: Any, region: Any, near: float, u: Any) -> None:
+    """u += p on the free coordinates, kept inside the bounds; what ends within `near` of a bound is put on it."""
+    lower, upper = region[0], region[1]
+    for a in range(n_free):
+        j = free[a]
+        u[j] = min(max(u[j] + step[a], lower[j]), upper[j])
+        if u[j] - lower[j] <= near:
+            u[j] = lower[j]
+        elif upper[j] - u[j] <= near:
+            u[j] = upper[j]
+
+
+@njit(cache=True)
+def _entering(gradient: Any, region: Any, nu: Any, state: Any, least: float) -> int:
+    """The bound whose multiplier has the wrong sign by most, beyond `least`; −1 for none."""
+    lower, upper, equalities, _ = region
+    found = -1
+    for j in range(state.size):
+        if state[j] != 0 and lower[j] < upper[j]:
+            reduced = gradient[j]
+            for e in range(nu.size):
+                reduced -= equalities[e, j] * nu[e]
+            if state[j] * reduced > least:
+                least = state[j] * reduced
+                found = j
+    return found
+
+
+@njit(cache=True)
 def _solve_one(
     belief: Any, costs: Any, region: Any, limits: Any, u: Any, state: Any, free: Any, gradient: Any, work: Any
 ) -> bool:
     """Move the feasible u to the minimiser; state is −1, 0, +1 per coordinate. False where the method gave up."""
     hessians, linear = costs
-    lower, upper, equalities, sides = region
+    _, _, equalities, sides = region
     pivot, stationarity = limits
     step, nu = work[3], work[4]
-    size = u.size
-    n_equal = equalities.shape[0]
-    unmet = np.empty(n_equal)
-    scale = 0.0
-    for _ in range(50 + 10 * size):
+    unmet = np.empty(sides.size)
+    for _ in range(50 + 10 * u.size):
         _gradient(belief, hessians, linear, u, gradient)
+        scale = np.abs(gradient).max()
         n_free = 0
-        scale = 0.0
-        for j in range(size):
-            scale = max(scale, abs(gradient[j]))
+        for j in range(u.size):
             if state[j] == 0:
                 free[n_free] = j
                 n_free += 1
-        for e in range(n_equal):
-            total = sides[e]
-            for j in range(size):
-                total -= equalities[e, j] * u[j]
-            unmet[e] = total
-        if n_free < n_equal or not _newton(belief, hessians, free, n_free, gradient, equalities, unmet, work, pivot):
+        _left_over(equalities, sides, u, unmet)
+        if n_free < sides.size or not _newton(belief, hessians, free, n_free, gradient, equalities, unmet, work, pivot):
             return False
-        length = 1.0
-        blocking = -1
-        for a in range(n_free):
-            j = free[a]
-            if step[a] < 0.0 and u[j] + step[a] < lower[j]:
-                reach = (lower[j] - u[j]) / step[a]
-            elif step[a] > 0.0 and u[j] + step[a] > upper[j]:
-                reach = (upper[j] - u[j]) / step[a]
-            else:
-                continue
-            if reach < length:
-                length = max(reach, 0.0)
-                blocking = j
-        for a in range(n_free):
-            u[free[a]] += length * step[a]
-        if blocking >= 0:
-            if u[blocking] - lower[blocking] < upper[blocking] - u[blocking]:
-                state[blocking] = -1
-                u[blocking] = lower[blocking]
-            else:
-                state[blocking] = 1
-                u[blocking] = upper[blocking]
+        if not _advance(free, n_free, step, region, u, state):
             continue
-        # One more Newton step removes the rounding of the first; then the multipliers are read.
+        # One more step with the factors at hand removes the rounding of the first; then the multipliers are read.
         _gradient(belief, hessians, linear, u, gradient)
-        for e in range(n_equal):
-            total = sides[e]
-            for j in range(size):
-                total -= equalities[e, j] * u[j]
-            unmet[e] = total
+        _left_over(equalities, sides, u, unmet)
         _refine(free, n_free, gradient, equalities, unmet, work)
-        for a in range(n_free):
-            j = free[a]
-            u[j] = min(max(u[j] + step[a], lower[j]), upper[j])
-            if u[j] - lower[j] <= stationarity:
-                u[j] = lower[j]
-            elif upper[j] - u[j] <= stationarity:
-                u[j] = upper[j]
-        worst = stationarity * scale
-        entering = -1
-        for j in range(size):
-            if state[j] != 0 and lower[j] < upper[j]:
-                reduced = gradient[j]
-                for e in range(n_equal):
-                    reduced -= equalities[e, j] * nu[e]
-                if state[j] * reduced > worst:
-                    worst = state[j] * reduced
-                    entering = j
+        _settle(free, n_free, step, region, stationarity, u)
+        entering = _entering(gradient, region, nu, state, stationarity * scale)
         if entering < 0:
             return _is_stationary(belief, costs, region, stationarity * scale, stationarity, u, state, gradient, nu)
         state[entering] = 0

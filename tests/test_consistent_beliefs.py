@@ -185,11 +185,11 @@ POLYHEDRA = ["box", "sector", "redundant", "duplicated", "degenerate vertex", "e
 
 
 @pytest.mark.parametrize("kind", POLYHEDRA)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(SEEDS)
 def test_general_feasible_sets_agree_with_the_lifted_oracle(kind, seed):
     rng = np.random.default_rng(seed)
-    n_states, size = int(rng.integers(2, 5)), int(rng.integers(3, 7))
+    n_states, size = int(rng.integers(2, 5)), int(rng.integers(3, 6))
     region = random_polyhedron(rng, kind, size)
     linear = rng.normal(size=(n_states, size))
     if kind == "degenerate vertex":
@@ -199,8 +199,8 @@ def test_general_feasible_sets_agree_with_the_lifted_oracle(kind, seed):
     belief = rng.dirichlet(np.ones(n_states))
     action = problem.solve(belief)
     assert problem.constraints.violation(action) <= 1e-12
-    assume(((s := region.slacks(action)) < 1e-12).any() or s.size == 0 or s.min() > 1e-3)
-    assume(((s < 1e-12) | (s > 2e-4)).all())  # no row whose tightness is a matter of `min_slack`
+    slacks = region.slacks(action)
+    assume(((slacks < 1e-12) | (slacks > 2e-4)).all())  # no row whose tightness is a matter of `min_slack`
     system = system_of(problem, action)
     found = consistent_beliefs(problem, action)
     assert found.contains(belief)

@@ -148,7 +148,9 @@ def test_a_share_of_the_cost_is_not_a_regret():
     regrets = []
     for constant in (0.0, 100.0):
         problem = QuadraticProblem(hessians, linear, np.full(3, constant), constraints=region)
-        decision = CounterAdversarialDecisionMaker(problem, budget=0.01, candidates=decoy_grid(problem, 14)).decide(belief)
+        decision = CounterAdversarialDecisionMaker(problem, budget=0.01, candidates=decoy_grid(problem, 14)).decide(
+            belief
+        )
         regrets.append(decision.regret)
     assert regrets[1] > 1.5 * regrets[0]
 

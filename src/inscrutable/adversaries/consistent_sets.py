@@ -116,11 +116,11 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     start = np.zeros((count, n_states))
     end = np.zeros((count, n_states))
     tight = region.tight_rows(actions)
-    patterns, pattern_of = np.unique(tight, axis=0, return_inverse=True)
+    patterns, pattern_of = _distinct_rows(tight)
     distinct = _first_equal(actions)
     pending: dict[int, BeliefSet] = {}
     for number, pattern in enumerate(patterns):
-        index = np.flatnonzero(pattern_of.reshape(-1) == number)
+        index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
         gradients = problem.cost_gradients(actions[index])
         scale = np.abs(gradients).max(axis=(1, 2), keepdims=True)
@@ -150,6 +150,13 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
             elif dimension[i] >= 0:
                 start[i], end[i] = found.vertices()[[0, -1]]
     return ConsistentSets(problem, actions, dimension, start, end, distinct, pending)
+
+
+def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if len(rows) == 1 or (rows == rows[0]).all():
+        return rows[:1], np.zeros(len(rows), dtype=np.int64)
+    found, place = np.unique(rows, axis=0, return_inverse=True)
+    return found, place.reshape(-1)
 
 
 def _first_equal(actions: Array) -> np.ndarray:

@@ -244,11 +244,16 @@ def random_candidates(problem: DecisionProblem, n: int, *, rng: np.random.Genera
         >>> len(random_candidates(problem, 10, rng=np.random.default_rng(0)))
         10
     """
+    return make_candidates(problem, random_actions(problem, n, rng=rng))
+
+
+def random_actions(problem: DecisionProblem, n: int, *, rng: np.random.Generator) -> Array:
+    """Return decisions (n,U) drawn uniformly from a bounded feasible set."""
     validation.count(n, "n")
     validation.generator(rng)
     if _is_simplex(problem):
-        return make_candidates(problem, rng.dirichlet(np.ones(problem.n_actions), size=n))
-    return make_candidates(problem, _hit_and_run(problem, n, rng))
+        return rng.dirichlet(np.ones(problem.n_actions), size=n)
+    return _hit_and_run(problem, n, rng)
 
 
 def _hit_and_run(problem: DecisionProblem, n: int, rng: np.random.Generator) -> Array:

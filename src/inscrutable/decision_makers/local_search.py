@@ -11,12 +11,15 @@ from scipy.optimize import minimize
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries import consistent_sets
-from inscrutable.decision_makers.candidates import random_candidates
+from inscrutable.decision_makers.candidates import random_actions
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _TRIES_A_START = 200
+_HALVINGS = 30
+_UNEXPLAINED = 2.0
+_DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
 
 
 @dataclass(frozen=True)
@@ -58,36 +61,33 @@ class _Watched:
         self.best: Array | None = None
         self.best_key = (-np.inf, -np.inf)
 
-    def privacy(self, action: Array) -> float:
-        outside = float(self.problem.constraints.violation(action))
-        if not outside <= tolerances.FINITE_DIFFERENCE:
-            return -np.inf
-        if self.measure.judges_empty and outside > tolerances.FEASIBILITY:
-            return -np.inf
-        sets = consistent_sets(self.problem, action[None])
-        empty = sets.dimension[0] < 0
-        if empty and not self.measure.judges_empty:
-            return -np.inf
-        if sets.dimension[0] >= 2 or self.measure.reference(self.belief) is None:
-            return float(self.measure(self.belief, sets[0]))
-        return float(self.measure.values(self.belief, sets).privacies[0])
+    def privacies(self, actions: Array) -> Array:
+        """Privacy of trials (n,U), −∞ for those outside the feasible set or, where that matters, unexplained."""
+        outside = self.problem.constraints.violation(actions)
+        far = tolerances.FEASIBILITY if self.measure.judges_empty else tolerances.FINITE_DIFFERENCE
+        sets = consistent_sets(self.problem, actions)
+        values = self.measure.values(self.belief, sets)
+        privacies = values.privacies.copy()
+        for index in np.flatnonzero(~values.exact & (outside <= far)):
+            privacies[index] = self.measure(self.belief, sets[int(index)])
+        if not self.measure.judges_empty:
+            privacies[sets.dimension < 0] = -np.inf
+        return np.where(outside <= far, privacies, -np.inf)
 
-    def excess(self, action: Array) -> float:
-        return float(self.problem.state_costs(action) @ self.belief) - self.optimal_cost - self.limit
+    def excess(self, actions: Array) -> Array:
+        """Cost above what the budget allows, for trials (U,) or (n,U)."""
+        return np.asarray(self.problem.state_costs(actions) @ self.belief - self.optimal_cost - self.limit)
 
-    def __call__(self, action: Array) -> float:
-        value = self.privacy(action)
-        excess = self.excess(action)
-        key = (value, -excess)
-        if (
-            np.isfinite(value)
-            and excess <= 0
-            and key > self.best_key
-            and self.problem.constraints.is_admissible(action)
-        ):
-            self.best, self.best_key = action.copy(), key
+    def losses(self, actions: Array) -> Array:
+        """Return minus the privacy of trials (n,U), and remember the best admissible affordable one."""
+        privacies, excess = self.privacies(actions), self.excess(actions)
+        playable = np.isfinite(privacies) & (excess <= 0) & self.problem.constraints.is_admissible(actions)
+        for index in np.flatnonzero(playable):
+            key = (float(privacies[index]), -float(excess[index]))
+            if key > self.best_key:
+                self.best, self.best_key = actions[index].copy(), key
         # Beyond the plausible set the privacy is undefined: worse than any belief could be, so the solver turns back.
-        return -value if np.isfinite(value) else 2.0
+        return np.where(np.isfinite(privacies), -privacies, _UNEXPLAINED)
 
 
 def search_locally(
@@ -108,35 +108,42 @@ def search_locally(
 
 
 def _affordable_start(watched: _Watched, optimal: Array, rng: np.random.Generator) -> Array | None:
-    drawn = random_candidates(watched.problem, _TRIES_A_START, rng=rng).actions
-    for target in drawn:
-        share = _affordable_share(watched, optimal, target) * rng.uniform()
-        start = optimal + share * (target - optimal)
-        if watched(start) < 2.0:
-            return np.asarray(start)
+    """The first of some random decisions, moved at random between the optimal one and the budget's end, that a belief
+    explains."""
+    away = random_actions(watched.problem, _TRIES_A_START, rng=rng) - optimal
+    shares = _affordable_shares(watched, optimal, away) * rng.uniform(size=len(away))
+    starts = optimal + shares[:, None] * away
+    # One by one where judging a start takes a search of its own.
+    block = 1 if watched.measure.searches_actions else len(starts)
+    for first in range(0, len(starts), block):
+        explained = np.flatnonzero(watched.privacies(starts[first : first + block]) > -np.inf)
+        if explained.size:
+            start = np.asarray(starts[first + explained[0]])
+            watched.losses(start[None])
+            return start
     return None
 
 
-def _affordable_share(watched: _Watched, optimal: Array, target: Array) -> float:
-    low, high = 0.0, 1.0
-    if watched.excess(target) <= 0:
-        return 1.0
-    while high - low > tolerances.FEASIBILITY:
+def _affordable_shares(watched: _Watched, optimal: Array, away: Array) -> Array:
+    """The longest shares of the steps `away` (n,U) that the budget affords, at most one: the cost is convex along them."""
+    low = np.zeros(len(away))
+    high = np.where(watched.excess(optimal + away) <= 0, 0.0, 1.0)
+    low[high == 0.0] = 1.0
+    for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if watched.excess(optimal + middle * (target - optimal)) <= 0:
-            low = middle
-        else:
-            high = middle
+        fits = watched.excess(optimal + middle[:, None] * away) <= 0
+        low = np.where((high > low) & fits, middle, low)
+        high = np.where((high > low) & ~fits, middle, high)
     return low
 
 
 def _cheaper(watched: _Watched, optimal: Array, reached: Array) -> Array:
     """The cheapest decision on the line to the optimal one that still meets an indicator measure."""
     low, high = 0.0, 1.0
-    while high - low > tolerances.FEASIBILITY:
+    for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        trial = optimal + middle * (reached - optimal)
-        if watched.privacy(trial) == 0.0 and watched.problem.constraints.is_admissible(trial):
+        trial = (optimal + middle * (reached - optimal))[None]
+        if watched.privacies(trial)[0] == 0.0 and watched.problem.constraints.is_admissible(trial)[0]:
             high = middle
         else:
             low = middle
@@ -156,8 +163,10 @@ def _run(watched: _Watched, start: Array) -> None:
             "jac": lambda v: -region.A_ub @ free,
         },
     ]
+    steps = np.vstack([np.zeros(free.shape[1]), _DIFFERENCE * np.eye(free.shape[1])])
 
-    def loss(v: Array) -> float:
-        return watched(np.asarray(start + free @ v))
+    def loss(v: Array) -> tuple[float, Array]:
+        values = watched.losses(start + (v + steps) @ free.T)
+        return float(values[0]), (values[1:] - values[0]) / _DIFFERENCE
 
-    minimize(loss, np.zeros(free.shape[1]), method="SLSQP", constraints=rules, options={"maxiter": 100})
+    minimize(loss, np.zeros(free.shape[1]), jac=True, method="SLSQP", constraints=rules, options={"maxiter": 100})

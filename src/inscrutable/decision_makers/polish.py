@@ -108,7 +108,30 @@ def _starts(goal: Goal, scores: Scores) -> list[Start]:
                 known.append(Start(tight, decoys[i], actions[i], float(promise[i])))
         if len(faces) >= _FACES:
             break
-    return [start for known in list(faces.values())[:_FACES] for start in known]
+    return [start for known in list(faces.values())[:_FACES] for start in known] + _leaving(goal)
+
+
+def _leaving(goal: Goal) -> list[Start]:
+    """Where many beliefs share the optimal decision, the edges on which another decision begins: each tight row freed."""
+    region = goal.problem.constraints
+    optimal = goal.problem.solve(goal.belief)
+    tight = region.tight_rows(optimal)
+    rank = np.linalg.matrix_rank(np.vstack([region.A_ub[tight], region.A_eq]))
+    if region.n_actions - rank >= goal.problem.n_states - 1:
+        return []
+    starts = []
+    for row in np.flatnonzero(tight):
+        others = tight.copy()
+        others[row] = False
+        normals = np.vstack([region.A_ub[others], region.A_eq])
+        free = null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(region.n_actions)
+        inward = -free @ (free.T @ region.A_ub[row])
+        speed = -float(region.A_ub[row] @ inward)
+        if speed <= tolerances.ON_FACE:
+            continue
+        step = region.min_slack * (1.0 + tolerances.SLACK_SAFETY) * region.row_scale[row] / speed
+        starts.append(Start(others, goal.belief, np.asarray(optimal + step * inward), np.inf))
+    return starts
 
 
 def _neighbours(goal: Goal, trial: Trial) -> list[Start]:
@@ -228,7 +251,7 @@ def judge(goal: Goal, action: Array) -> Trial | None:
 def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
     """A shrinking search over the few free coordinates of a decision, judging the set's distance at every trial."""
     best = judge(goal, action)
-    if best is None:
+    if _regret(goal, action) > goal.limit:
         return None
     reach = _reach(goal, action, free)
     widths = np.maximum(reach[:, 1] - reach[:, 0], 0.0)
@@ -239,9 +262,11 @@ def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
         offsets = reach[:, 0] + (steps + 1.0) / 2.0 * widths if round_number == 0 else steps * widths
         trials = _affordable(goal, centre + offsets @ free.T)
         found = _best_of(goal, trials)
-        if found is not None and found.privacy > best.privacy:
+        if found is not None and (best is None or found.privacy > best.privacy):
             best = found
             centre = best.action
+        if best is None:
+            return None
         widths = widths * (4.0 / _ZOOM_POINTS if free.shape[1] == 1 else 0.5)
     return best
 

@@ -44,7 +44,8 @@ def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Arra
         return None
     if radius > tolerances.ON_FACE:
         return Reduced(origin, directions, rows, offsets, origin + _corners(rows, offsets, centre) @ directions)
-    tight = _always_tight(rows, offsets)
+    # Rows that conflict by less than the tolerance touch: the linear programmes must see them so.
+    tight = _always_tight(rows, offsets + max(0.0, -radius) + tolerances.ON_FACE)
     free = null_space(rows[tight], rcond=tolerances.ON_FACE)
     if free.shape[1] == dimension:
         raise SolverError("a belief set has no interior, yet no row of it is tight everywhere")
@@ -89,7 +90,7 @@ def minimise_over_rows(objective: Array, rows: Array, offsets: Array) -> Array:
 
 
 def _always_tight(rows: Array, offsets: Array) -> np.ndarray:
-    slack = [offsets[j] - rows[j] @ minimise_over_rows(rows[j], rows, offsets + 0.0) for j in range(rows.shape[0])]
+    slack = [offsets[j] - rows[j] @ minimise_over_rows(rows[j], rows, offsets) for j in range(rows.shape[0])]
     # A row that moves by less than the tolerance anywhere on the set is an equality of it.
     return np.asarray(np.array(slack) <= 10 * tolerances.ON_FACE)
 

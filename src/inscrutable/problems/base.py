@@ -47,8 +47,13 @@ class DecisionProblem(ABC):
 
     def expected_cost(self, beliefs: ArrayLike, actions: ArrayLike) -> Array:
         """Return π·s(u), paired: beliefs (T,X) with decisions (T,U) give (T,); a single one broadcasts."""
-        held = validation.beliefs(beliefs, self.n_states)
-        return np.asarray((held * self.state_costs(self.check_actions(actions))).sum(axis=-1))
+        held, points = validation.beliefs(beliefs, self.n_states), self.check_actions(actions)
+        if held.ndim == points.ndim == 2 and len(held) != len(points) and 1 not in (len(held), len(points)):
+            raise InputError(
+                f"{len(held)} beliefs with {len(points)} actions: give as many of each, or one of either; "
+                "for all pairs use beliefs @ problem.state_costs(actions).T"
+            )
+        return np.asarray((held * self.state_costs(points)).sum(axis=-1))
 
     def optimal_cost(self, beliefs: ArrayLike) -> Array:
         """Return V(π) = min_{u ∈ C} π·s(u) for one belief (X,) or many (T,X): shape () or (T,)."""

@@ -135,6 +135,8 @@ class QuadraticProblem(DecisionProblem):
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
         points = self._as_actions(actions)
+        if points.ndim == 1:
+            return np.asarray((0.5 * (self.hessians @ points) + self.linear) @ points + self.constants)
         curved = np.stack([((points @ hessian) * points).sum(axis=-1) for hessian in self.hessians], axis=-1)
         return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
 

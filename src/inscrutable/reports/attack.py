@@ -55,7 +55,7 @@ def attack_table(attack: Attack) -> pd.DataFrame:
 
 
 def attack_lines(attack: Attack) -> pd.DataFrame:
-    """Return the same in few columns of text, for a terminal: "0.28 [0.27, 0.29]" per regime, and how it was read."""
+    """Return the same in few columns of text, for a terminal: "0.280 [0.271, 0.289]" per regime, and how it was read."""
     columns: dict[str, list[str]] = {}
     for i, regime in enumerate(attack.model.regimes):
         columns[regime] = [
@@ -69,8 +69,8 @@ def attack_lines(attack: Attack) -> pd.DataFrame:
 
 _SHORT = {
     Reading.EXACT: "exact",
-    Reading.ROUNDED: "near-optimal, ε = {1:.1e}",
-    Reading.IMPLAUSIBLE: "implausible, least regret {0:.1e}",
+    Reading.ROUNDED: "rounded, ε {1:.1e}",
+    Reading.IMPLAUSIBLE: "implausible, gap {0:.1e}",
 }
 
 
@@ -80,12 +80,12 @@ def reading_notes(attack: Attack) -> list[str]:
     notes = {
         Reading.EXACT: "exact: these beliefs, and no others, make the weights optimal.",
         Reading.ROUNDED: (
-            f"near-optimal: the weights are rounded to {digits} decimals, so every belief counts that leaves them at "
-            "most ε of regret, the most that rounding can cause."
+            f"rounded to {digits} decimals: the near-optimal set is read, every belief that leaves the weights at most ε of "
+            "regret, the most that rounding can cause."
         ),
         Reading.IMPLAUSIBLE: (
             "implausible: no belief explains the weights, rounded or not; shown is the nearest explanation, the belief "
-            "of least regret."
+            "of least regret, and the gap is that regret."
         ),
     }
     return [note for reading, note in notes.items() if attack.count(reading)]

@@ -192,7 +192,7 @@ def test_a_cost_that_falls_without_end_is_a_model_error(n_beliefs):
     # Bounded in state 1, unbounded in state 2: only some beliefs have a decision.
     equality = QuadraticProblem(np.zeros((2, 2, 2)), [[1, 1], [1, 2]], constraints=Polyhedron(A_eq=[[1, 1]], b_eq=[1]))
     for problem in (linear, curved, equality):
-        with pytest.raises(ModelError, match="no minimum|without end|unbounded"):
+        with pytest.raises(ModelError, match=r"no minimum|without end|unbounded"):
             problem.solve(beliefs)
 
 

@@ -11,7 +11,9 @@ import pytest
 from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
+    Envelope,
     InputError,
+    LinearProgramme,
     MarkowitzProblem,
     ModelError,
     Polyhedron,
@@ -20,6 +22,7 @@ from inscrutable import (
     action_grid,
     box,
     decoy_grid,
+    privacy_frontier,
     random_candidates,
     simplex,
     simplex_grid,
@@ -123,11 +126,21 @@ def test_candidates_outside_are_counted_and_never_chosen(problem):
             assert problem.constraints.violation(action) <= 1e-9
 
 
-def test_inadmissible_candidates_are_not_chosen_either():
+@pytest.mark.parametrize("method", [LinearProgramme(), Envelope()], ids=["programme", "envelope"])
+def test_neither_outside_nor_inadmissible_decisions_are_chosen_however_private(method):
+    """Each would be the most private by far: a belief explains it, the true one is a corner away."""
     problem = belief_problem(2, min_slack=1e-2)
-    actions = np.array([[0.995, 0.005], [0.6, 0.4], [1.0, 0.0]])
-    chooser = ProbabilisticDecisionMaker(problem, budget=Budget.regret(10.0), candidates=actions)
-    assert chooser.candidates.usable.tolist() == [False, True, True]
+    actions = np.array([[1.05, -0.05], [0.995, 0.005], [0.6, 0.4]])
+    chooser = ProbabilisticDecisionMaker(problem, budget=Budget.regret(10.0), candidates=actions, method=method)
+    assert chooser.candidates.usable.tolist() == [False, False, True]
+    assert chooser.candidates.n_outside == 1
+    assert (chooser.candidates.sets.distances(np.array([0.0, 1.0]))[:2] > 0.9).all()
+    mixed = chooser.decide([0.0, 1.0])
+    if isinstance(method, LinearProgramme):
+        np.testing.assert_array_equal(mixed.actions, actions[2:])
+    assert problem.constraints.is_admissible(mixed.actions).all()
+    frontier = privacy_frontier(problem, [0.0, 1.0], candidates=actions)
+    assert set(frontier.indices.tolist()) == {2, 3}
 
 
 def test_joined_candidates_are_both(problem):

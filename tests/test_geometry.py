@@ -94,6 +94,19 @@ def test_sets_by_hand(equalities, inequalities, dimension, corners):
         assert found.distance([1, 0, 0]) == np.inf
 
 
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_a_direction_that_hardly_matters_is_free_within_the_tolerance(n):
+    """|1e-8 (π_1 − ½)| <= 1e-10 is |π_1 − ½| <= .01, whatever the rank is taken to be."""
+    row = np.full(n, -0.5e-8)
+    row[0] += 1e-8
+    found = BeliefSet(row[None], nothing(n), 1e-10)
+    assert found.dimension == n - 1
+    np.testing.assert_allclose(found.bounds()[0], [0.49, 0.51], atol=1e-6)
+    assert found.contains(np.append([0.509], np.full(n - 1, 0.491 / (n - 1))))
+    assert not found.contains(np.append([0.511], np.full(n - 1, 0.489 / (n - 1))))
+    assert found.distance(np.eye(n)[0]) == pytest.approx(0.49 * np.sqrt(n / (n - 1)), abs=1e-5)
+
+
 def test_empty_sets_answer_every_query():
     nobody = BeliefSet(np.ones((1, 2)), nothing(2))
     assert nobody.is_empty

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from scipy.optimize import nnls
 
 from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem, box, simplex
+from inscrutable.problems.quadratic_programme import _repair, _Working, layout_of
 from oracles import enumeration, markets
 from strategies import SEEDS, belief_problem, cost_scale, drawn_problems, line_problem, long_only
 
@@ -85,6 +86,23 @@ def test_forward_solutions_over_general_sets_equal_enumeration(kind, seed):
     np.testing.assert_allclose(action, winner, atol=1e-8)
     assert kkt_residual(problem, belief, action) <= 10 * KKT
     assert region.violation(action) <= 1e-12
+
+
+@settings(max_examples=60, deadline=None)
+@given(SEEDS)
+def test_the_repair_of_a_degenerate_programme_goes_the_whole_way(seed):
+    """From any feasible point, not only from one that is nearly right."""
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(2, 5))
+    region = simplex(size) & Polyhedron([rng.uniform(0, 1, size)], [1.0])
+    factor = rng.normal(size=(size, size))
+    hessian, linear = factor @ factor.T / size, rng.normal(size=size)
+    unused = _Working(np.zeros(size, dtype=np.int8), np.zeros(1, dtype=bool))
+    scale = max(np.abs(hessian).max(), np.abs(linear).max())
+    start = np.eye(size)[rng.integers(size)] if rng.uniform() < 0.5 else rng.dirichlet(np.ones(size))
+    action = _repair(hessian / scale, linear / scale, layout_of(region), unused, start)
+    rows = (region.A_ub, region.b_ub, region.A_eq, region.b_eq)
+    np.testing.assert_allclose(action, enumeration.quadratic_value(hessian, linear, *rows)[1], atol=1e-7)
 
 
 def test_many_beliefs_are_solved_as_one_is():
@@ -167,6 +185,7 @@ def test_expected_costs_and_regrets_pair_and_broadcast():
 def test_a_quadratic_problem_has_its_half_and_its_constants():
     problem = QuadraticProblem([[[2.0]], [[4.0]]], [[-1.0], [0.0]], [10.0, -5.0], constraints=box([-1.0], [1.0]))
     np.testing.assert_allclose(problem.state_costs([0.5]), [0.25 - 0.5 + 10, 0.5 - 5])
+    np.testing.assert_allclose(problem.state_costs([[0.5], [0.0]]), [[0.25 - 0.5 + 10, 0.5 - 5], [10, -5]])
     assert problem.solve([1.0, 0.0]) == pytest.approx([0.5])
     assert float(problem.optimal_cost([1.0, 0.0])) == pytest.approx(9.75)
 

@@ -403,7 +403,7 @@ def test_labels_of_rows_may_be_anything(file: Path) -> None:
         ("A,fund,B\n1,x,0\n", ["unknown asset: 'fund'"]),
         ("fund,A,B\nx,0.5,0.5\nx,0.4,0.6\n", ["line 3, column 'fund'", "'x'", "duplicated", "line 2"]),
         ("fund,A,B\nx,0.5,0.5\n,0.4,0.6\n", ["line 3, column 'fund'", "missing"]),
-        ("fund,A,B\nx,0.5,0.4\n", ["line 2", "sum to 0.9", "within 0.005"]),
+        ("fund,A,B\nx,0.50,0.40\n", ["line 2", "sum to 0.9", "within 0.01"]),
         ("fund,A,B\nx,50,50\n", ["line 2", "look like percentages"]),
         ("day,A,B\n01/02/2020,0.5,0.5\n", ["day first or month first"]),
     ],

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import wrap
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _PLAIN_WIDTH = 150
+_INDEX_WIDTH = 28
 _SECONDS_BETWEEN_LINES = 10.0
 
 
@@ -120,9 +122,9 @@ def show_table(frame: pd.DataFrame, title: str, *, prose: bool = False) -> None:
     from rich.text import Text
 
     table = Table(title=Text(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column(Text(str(frame.index.name or "")), no_wrap=not prose)
+    table.add_column(Text("\n".join(wrap(str(frame.index.name or ""), _INDEX_WIDTH))), no_wrap=not prose)
     for column in frame.columns:
-        table.add_column(Text(str(column)), justify="left" if prose else "right")
+        table.add_column(Text(str(column)), justify="left" if prose else "right", no_wrap=not prose)
     for label, row in zip(frame.index, frame.itertuples(index=False), strict=True):
         table.add_row(Text(label_text(label)), *(Text(str(cell)) for cell in row))
     results().print(table)

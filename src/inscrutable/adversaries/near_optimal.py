@@ -42,7 +42,12 @@ class NearOptimalBeliefs:
 
     Source: near-optimal inverse optimisation; equals Theorem 1's set at ε = 0.
 
-    Example: see `near_optimal_beliefs`.
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> near_optimal_beliefs(problem, [0.5, 0.5], 0.001).contains([0.52, 0.48])
+        True
     """
 
     problem: DecisionProblem

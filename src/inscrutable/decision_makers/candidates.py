@@ -41,7 +41,14 @@ class Candidates:
         n_outside: How many decisions lie outside the feasible set; they are never chosen.
         decided: The latest searches from these candidates, which decision makers share.
 
-    Source: the paper, Assumption 1. Example: see `decoy_grid`.
+    Source: the paper, Assumption 1.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> decoy_grid(problem, 10).summary()
+        '11 candidates: 11 admissible, 11 of them explained by a belief, 0 outside the feasible set'
     """
 
     actions: Array

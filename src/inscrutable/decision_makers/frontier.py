@@ -33,7 +33,15 @@ class Frontier(Saved):
         corners: Those of them on the concave envelope, shape (H,2).
         indices: Which candidate each point is; the number of candidates itself stands for the optimal decision.
 
-    Source: the paper, eq. (12) and Figure 7, for all budgets. Example: see `privacy_frontier`.
+    Source: the paper, eq. (12) and Figure 7, for all budgets.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> frontier = privacy_frontier(problem, [0.5, 0.5])
+        >>> bool(frontier.randomized(0.001) >= frontier.deterministic(0.001))
+        True
     """
 
     belief: Array

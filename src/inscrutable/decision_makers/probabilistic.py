@@ -36,12 +36,26 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True)
 class Envelope:
-    """Mix on the concave envelope of all candidates, the optimal decision and the polished CDM's: exact, any budget."""
+    """Mix on the concave envelope of all candidates, the optimal decision and the polished CDM's: exact, any budget.
+
+    Source: fact F4 of the design.
+
+    Example:
+        >>> Envelope()
+        Envelope()
+    """
 
 
 @dataclass(frozen=True)
 class LinearProgramme:
-    """Solve the paper's eq. (12) with HiGHS over the candidates and the optimal decision, without polish."""
+    """Solve the paper's eq. (12) with HiGHS over the candidates and the optimal decision, without polish.
+
+    Source: the paper, eq. (12).
+
+    Example:
+        >>> LinearProgramme()
+        LinearProgramme()
+    """
 
 
 class ProbabilisticDecisionMaker:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
@@ -19,7 +20,12 @@ Progress = Callable[[int, int], None]
 
 @saved_choice
 class DecisionStatus(Enum):
-    """How a decision came about; the text says what to do about it."""
+    """How a decision came about; the text says what to do about it.
+
+    Example:
+        >>> DecisionStatus.OPTIMAL.value
+        'optimal: the decision of least cost'
+    """
 
     OPTIMAL = "optimal: the decision of least cost"
     POLISHED = "best candidate, polished by a local search: no proof that nothing better exists"
@@ -47,7 +53,19 @@ class Decision(Saved):
         decoy: A belief that the decision is optimal for, shape (X,); NaN where there is none.
         status: How the decision came about.
 
-    Source: the paper, Approach 1. Example: see `CounterAdversarialDecisionMaker`.
+    Source: the paper, Approach 1.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> from inscrutable import OriginalDecisionMaker
+        >>> print(OriginalDecisionMaker(problem).decide([0.5, 0.5]).summary())
+        action        [0.5000 0.5000]
+        cost          0.4, 0 above the optimal 0.4 (0.0% of |c*|)
+        privacy       0.0000 (at most 0.0000)
+        observer sees the belief [0.5000 0.5000]
+        status        optimal: the decision of least cost
     """
 
     action: Array
@@ -92,7 +110,16 @@ class MixedDecision(Saved):
         decoys: A belief each atom is optimal for, shape (k,X); NaN where there is none.
         status: How the decision came about.
 
-    Source: the paper, Approach 2 and eq. (12). Example: see `ProbabilisticDecisionMaker`.
+    Source: the paper, Approach 2 and eq. (12).
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> from inscrutable import ProbabilisticDecisionMaker
+        >>> mixed = ProbabilisticDecisionMaker(problem, budget=0.001).decide([0.5, 0.5])
+        >>> mixed.expected_regret <= 0.001 * abs(mixed.optimal_cost)
+        True
     """
 
     actions: Array
@@ -148,7 +175,18 @@ class MixedDecision(Saved):
 
 @dataclass(frozen=True, eq=False)
 class Decisions(Saved):
-    """`Decision` for T beliefs: the same fields with a leading T; belief sets and statuses as tuples."""
+    """`Decision` for T beliefs: the same fields with a leading T; belief sets and statuses as tuples.
+
+    Source: the paper, Approach 1 at every step.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> from inscrutable import OriginalDecisionMaker
+        >>> OriginalDecisionMaker(problem).decide_many([[0.5, 0.5], [1.0, 0.0]]).action.shape
+        (2, 2)
+    """
 
     action: Array
     cost: Array
@@ -162,6 +200,17 @@ class Decisions(Saved):
 
     def __len__(self) -> int:
         return len(self.status)
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        return "\n".join(
+            [
+                f"{len(self)} decisions",
+                f"regret   mean {self.regret.mean():.3g}, largest {self.regret.max():.3g}",
+                f"privacy  mean {self.privacy.mean():.4f}, least {self.privacy.min():.4f}",
+                *_counted_statuses(self.status),
+            ]
+        )
 
     def __getitem__(self, step: int) -> Decision:
         """Return the decision of one step."""
@@ -180,7 +229,19 @@ class Decisions(Saved):
 
 @dataclass(frozen=True, eq=False)
 class MixedDecisions(Saved):
-    """`MixedDecision` for T beliefs: the same fields with a leading T; atoms padded with probability 0."""
+    """`MixedDecision` for T beliefs: the same fields with a leading T; atoms padded with probability 0.
+
+    Source: the paper, Approach 2 at every step.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> from inscrutable import ProbabilisticDecisionMaker
+        >>> mixed = ProbabilisticDecisionMaker(problem, budget=0.001).decide_many([[0.5, 0.5], [0.9, 0.1]])
+        >>> len(mixed), mixed.sample(rng=np.random.default_rng(0)).action.shape
+        (2, (2, 2))
+    """
 
     actions: Array  # (T, k, U)
     probabilities: Array  # (T, k)
@@ -196,6 +257,19 @@ class MixedDecisions(Saved):
 
     def __len__(self) -> int:
         return len(self.status)
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        regrets = self.expected_cost - self.optimal_cost
+        privacy = self.expected_privacy
+        return "\n".join(
+            [
+                f"{len(self)} lotteries",
+                f"expected regret   mean {regrets.mean():.3g}, largest {regrets.max():.3g}",
+                f"expected privacy  mean {privacy.mean():.4f}, least {privacy.min():.4f}",
+                *_counted_statuses(self.status),
+            ]
+        )
 
     def __getitem__(self, step: int) -> MixedDecision:
         """Return the mixture of one step."""
@@ -254,6 +328,10 @@ def stack_mixed(decisions: list[MixedDecision]) -> MixedDecisions:
         tuple(d.status for d in decisions),
         tuple(decisions),
     )
+
+
+def _counted_statuses(statuses: tuple[DecisionStatus, ...]) -> list[str]:
+    return [f"{count:6d} × {status.value}" for status, count in Counter(statuses).most_common()]
 
 
 def _numbers(values: Array) -> str:

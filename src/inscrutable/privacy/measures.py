@@ -34,6 +34,17 @@ class PrivacyMeasure(ABC):
     """A map (belief, consistent set) → privacy, larger is better, −∞ where the goal is missed.
 
     A subclass gives `__call__`; `values` may be overridden to judge many decisions at once.
+
+    Source: the paper, Section III-C.
+
+    Example:
+        >>> class Entropy(PrivacyMeasure):
+        ...     def __call__(self, belief, belief_set):
+        ...         centre = belief_set.center()
+        ...         return float(-(centre * np.log(centre)).sum())
+        >>> half = BeliefSet(np.array([[1.0, -1.0]]), np.zeros((0, 2)))
+        >>> round(Entropy()([1.0, 0.0], half), 4)
+        0.6931
     """
 
     searches_actions: bool = False

@@ -18,7 +18,14 @@ class DecisionProblem(ABC):
 
     A subclass gives `constraints`, `n_states`, `solve`, `state_costs` and `cost_gradients`; the rest follows.
 
-    Source: the paper, eq. (3). Example: see `MarkowitzProblem`.
+    Source: the paper, eq. (3).
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> isinstance(problem, DecisionProblem), problem.n_states, problem.n_actions
+        (True, 2, 2)
     """
 
     constraints: Polyhedron

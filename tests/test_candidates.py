@@ -28,7 +28,7 @@ from inscrutable import (
     simplex_grid,
 )
 from oracles import markets
-from strategies import belief_problem
+from strategies import belief_problem, line_problem
 
 
 @pytest.fixture(scope="module")
@@ -128,13 +128,14 @@ def test_candidates_outside_are_counted_and_never_chosen(problem):
 
 @pytest.mark.parametrize("method", [LinearProgramme(), Envelope()], ids=["programme", "envelope"])
 def test_neither_outside_nor_inadmissible_decisions_are_chosen_however_private(method):
-    """Each would be the most private by far: a belief explains it, the true one is a corner away."""
-    problem = belief_problem(2, min_slack=1e-2)
+    """Each would be the most private by far: beliefs explain it, and the true one is far from them."""
+    problem = line_problem([4.0, 0.0], min_slack=1e-2)  # u_1 = ½ + π_1, up to 1
     actions = np.array([[1.05, -0.05], [0.995, 0.005], [0.6, 0.4]])
     chooser = ProbabilisticDecisionMaker(problem, budget=Budget.regret(10.0), candidates=actions, method=method)
     assert chooser.candidates.usable.tolist() == [False, False, True]
     assert chooser.candidates.n_outside == 1
-    assert (chooser.candidates.sets.distances(np.array([0.0, 1.0]))[:2] > 0.9).all()
+    apart = chooser.candidates.sets.distances(np.array([0.0, 1.0]))
+    np.testing.assert_allclose(apart, np.sqrt(2) * np.array([0.55, 0.495, 0.1]), atol=1e-9)
     mixed = chooser.decide([0.0, 1.0])
     if isinstance(method, LinearProgramme):
         np.testing.assert_array_equal(mixed.actions, actions[2:])

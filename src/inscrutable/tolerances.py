@@ -58,6 +58,9 @@ the belief; below it a residual of `STATIONARITY` would move the belief by more 
 ON_FACE = 1e-9
 """A coordinate or multiplier below this, relative to its scale, counts as zero in a belief set."""
 
+POLYGON_WIDTH = 1e-7
+"""A polygon narrower than this is handed to the linear programmes that decide whether it is a segment or empty."""
+
 SAME_ACTION = 1e-11
 """Decisions closer than this in every coordinate are one decision: above solver noise, below any tradable change."""
 

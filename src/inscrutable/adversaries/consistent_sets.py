@@ -14,6 +14,8 @@ from inscrutable.geometry.hulls import affine_hulls, clip_to_segments
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
+_FEW = 16
+
 
 @dataclass(frozen=True, eq=False)
 class ConsistentSets:
@@ -162,6 +164,9 @@ def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _first_equal(actions: Array) -> np.ndarray:
     if len(actions) == 1:
         return np.zeros(1, dtype=np.int64)
+    if len(actions) <= _FEW:
+        equal = np.abs(actions[:, None] - actions[None]).max(axis=2) <= tolerances.SAME_ACTION
+        return np.asarray(equal.argmax(axis=1))
     rounded = np.round(actions / tolerances.SAME_ACTION) * tolerances.SAME_ACTION
     _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
     return np.asarray(first[inverse.reshape(-1)])

@@ -11,6 +11,7 @@ from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
+from inscrutable.geometry.polygons import clip_polygon
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
@@ -39,6 +40,10 @@ def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Arra
         return Reduced(origin, directions, np.zeros((0, 0)), np.zeros(0), origin[None])
     if dimension == 1:
         return _segment(origin, directions, rows, offsets)
+    if dimension == 2:
+        corners = clip_polygon(rows, offsets)
+        if corners is not None:
+            return Reduced(origin, directions, rows, offsets, origin + corners @ directions)
     centre, radius = _deepest_point(rows, offsets)
     if radius < -tolerances.ON_FACE:
         return None

@@ -52,6 +52,7 @@ def drawing(width: float = COLUMN_WIDTH, height: float | None = None, **subplots
 
     matplotlib.use("Agg", force=False)
     import matplotlib.pyplot as plt
+    import mpltern  # noqa: F401  (registers the ternary projection)
 
     with plt.rc_context(
         {

@@ -66,7 +66,7 @@ def check_decision(problem, measure, belief, decision, limit):
 # --- properties over random problems ------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(drawn_problems(states=(2, 4), assets=(2, 8), spread=1.0, min_slack=1e-4), st.sampled_from([0.0, 0.02, 0.1, 1.0]))
 def test_what_every_decision_maker_promises(drawn, share):
     problem, belief = drawn.problem, drawn.belief
@@ -496,7 +496,7 @@ def test_budgets_are_shares_of_the_size_of_the_cost():
 # --- against a dense search ------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     drawn_problems(states=(2, 4), assets=(2, 8), kinds=[{}], spread=1.0, min_slack=1e-4),
     st.sampled_from([0.003, 0.03, 0.3]),

@@ -13,6 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "audit" / "log.txt"
+NOISE = "Cannot set feasibility tolerance"  # SCIP's remark at every model, without consequence
 PACKAGES = ("inscrutable", "numpy", "scipy", "numba", "daqp", "PySCIPOpt")
 
 
@@ -43,6 +44,8 @@ def main(arguments: list[str]) -> int:
         log.write(header())
         assert run.stdout is not None
         for line in run.stdout:
+            if line.startswith(NOISE):
+                continue
             clean = anonymous(line)
             log.write(clean)
             log.flush()

@@ -23,10 +23,10 @@ Table = TypeVar("Table")
 class FilterResult(Generic[Table]):
     """Beliefs over time, each from the observations up to its own row.
 
-    Attributes:
+    Args:
         beliefs: (T,X), beliefs[t] = p(x_t | y_0..t).
         predicted: (T,X), predicted[t] = p(x_{t+1} | y_0..t): a row's label is the time of its last observation.
-        log_likelihood: log p(y_0..T-1), natural logarithm.
+        log_likelihood: Log p(y_0..T-1), natural logarithm.
 
     Example:
         >>> from inscrutable.filtering import filter_beliefs
@@ -56,7 +56,7 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any) -> FilterResult[
     Causal: more observations never change an earlier row, not even its last digit.
 
     Args:
-        world: the hidden Markov model.
+        world: The hidden Markov model.
         observations: (T,) symbols or (T,D) real vectors, T >= 1. With a DataFrame or Series the beliefs come back as
             DataFrames with the same index and the states' names as columns.
 
@@ -64,8 +64,8 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any) -> FilterResult[
         Beliefs (T,X), one-step predictions (T,X) and the log-likelihood.
 
     Raises:
-        InputError: malformed observations; row and column are named.
-        ModelError: an observation that no reachable state can report; its step is named.
+        InputError: Malformed observations; row and column are named.
+        ModelError: An observation that no reachable state can report; its step is named.
 
     Cost: O(T X²) after the sensor's log-likelihoods.
 
@@ -99,7 +99,7 @@ class BeliefFilter:
     """The private belief of a live agent, one observation at a time: the numbers of `filter_beliefs`, bit for bit.
 
     Args:
-        world: the hidden Markov model.
+        world: The hidden Markov model.
 
     Example:
         >>> from inscrutable.filtering import BeliefFilter
@@ -134,14 +134,14 @@ class BeliefFilter:
         """Take in one observation and return the belief p(x_t | y_0..t); the first has no transition before it.
 
         Args:
-            observation: a symbol or a (D,) real vector; a Series is aligned by the sensor's asset names.
+            observation: A symbol or a (D,) real vector; a Series is aligned by the sensor's asset names.
 
         Returns:
             (X,) belief.
 
         Raises:
-            InputError: a malformed observation.
-            ModelError: no reachable state can report it. In both cases the filter stays as it was.
+            InputError: A malformed observation.
+            ModelError: No reachable state can report it. In both cases the filter stays as it was.
 
         Cost: O(X²) after the sensor's log-likelihoods.
         """

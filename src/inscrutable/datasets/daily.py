@@ -15,27 +15,20 @@ def load_daily_returns() -> pd.DataFrame:
     `load_sp500_dataset`, which is part of that package and needs no network. The twenty companies were chosen
     with hindsight: fit for trying things out, not for judging an investment.
 
-    Returns
-    -------
-    DataFrame
+    Returns:
         (8312,20), a DatetimeIndex of trading days, ticker symbols as columns.
 
-    Raises
-    ------
-    InputError
-        If skfolio is not installed or cannot be loaded (the message says how to install it), or if the installed
-        version has to download the prices and cannot.
+    Raises:
+        InputError: Skfolio is not installed or cannot be loaded (the message says how to install it), or if the
+            installed version has to download the prices and cannot.
 
-    Notes
-    -----
     Cost: about two seconds, nearly all of it the first import of skfolio. Source: skfolio, BSD-3-Clause.
 
-    Examples
-    --------
-    >>> from inscrutable.datasets import load_daily_returns
-    >>> returns = load_daily_returns()  # doctest: +SKIP
-    >>> returns.shape  # doctest: +SKIP
-    (8312, 20)
+    Example:
+        >>> from inscrutable.datasets import load_daily_returns
+        >>> returns = load_daily_returns()  # doctest: +SKIP
+        >>> returns.shape  # doctest: +SKIP
+        (8312, 20)
     """
     try:
         from skfolio.datasets import load_sp500_dataset

@@ -26,36 +26,28 @@ PathLike = str | os.PathLike[str]
 def whole_file(path: PathLike) -> Iterator[Path]:
     """Give a temporary path in the target's folder to write to, and move it to `path` when all went well.
 
-    Parameters
-    ----------
-    path
-        The file to create or replace. Its folder must exist. The temporary file keeps the suffix, so writers that go
-        by it (images, npz) work.
+    Args:
+        path: The file to create or replace. Its folder must exist. The temporary file keeps the suffix, so writers that
+            go by it (images, npz) work.
 
-    Yields
-    ------
-    Path
+    Yields:
         Where to write. After an exception it is deleted and the former file, if any, is as it was.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written, with the operating system's reason. Other exceptions of the body pass through.
+    Raises:
+        InputError: The file cannot be written, with the operating system's reason. Other exceptions of the body pass
+            through.
 
-    Notes
-    -----
     Cost: one rename. The data are flushed to the disk before it.
 
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inscrutable.datasets import whole_file
-    >>> with TemporaryDirectory() as folder:
-    ...     with whole_file(folder + "/note.txt") as temporary:
-    ...         _ = temporary.write_text("all of it")
-    ...     (Path(folder) / "note.txt").read_text()
-    'all of it'
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.datasets import whole_file
+        >>> with TemporaryDirectory() as folder:
+        ...     with whole_file(folder + "/note.txt") as temporary:
+        ...         _ = temporary.write_text("all of it")
+        ...     (Path(folder) / "note.txt").read_text()
+        'all of it'
     """
     target = Path(path)
     temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}") if target.name else target
@@ -75,31 +67,23 @@ def whole_file(path: PathLike) -> Iterator[Path]:
 def write_table(frame: pd.DataFrame, path: PathLike) -> None:
     """Write a frame as CSV with every float in full, so that reading it gives the same numbers bit for bit.
 
-    Parameters
-    ----------
-    frame
-        Any frame; its index becomes the first column, NaN an empty cell. UTF-8, commas, lines end in ``\\n``.
-    path
-        The file to create or replace, whole or not at all.
+    Args:
+        frame: Any frame; its index becomes the first column, NaN an empty cell. UTF-8, commas, lines end in ``\\n``.
+        path: The file to create or replace, whole or not at all.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises:
+        InputError: The file cannot be written.
 
-    Notes
-    -----
     Cost: O(cells).
 
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inscrutable.datasets import write_table
-    >>> with TemporaryDirectory() as folder:
-    ...     write_table(pd.DataFrame({"A": [0.1 + 0.2]}, index=["x"]), folder + "/t.csv")
-    ...     (Path(folder) / "t.csv").read_text()
-    ',A\\nx,0.30000000000000004\\n'
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.datasets import write_table
+        >>> with TemporaryDirectory() as folder:
+        ...     write_table(pd.DataFrame({"A": [0.1 + 0.2]}, index=["x"]), folder + "/t.csv")
+        ...     (Path(folder) / "t.csv").read_text()
+        ',A\\nx,0.30000000000000004\\n'
     """
     text = frame.to_csv(lineterminator="\n")
     _write_text(text, path)
@@ -108,37 +92,29 @@ def write_table(frame: pd.DataFrame, path: PathLike) -> None:
 def write_json(data: Any, path: PathLike) -> None:
     """Write plain data as JSON that is the same bytes for the same data: sorted keys, two spaces, one final newline.
 
-    Parameters
-    ----------
-    data
-        Mappings, sequences, dataclasses, strings, numbers, booleans, None, dates, enums, paths, NumPy scalars and
-        arrays. NaN (and pandas' missing values) become null; infinities become the strings "Infinity" and "-Infinity",
-        which ``float`` reads back.
-    path
-        The file to create or replace, whole or not at all.
+    Args:
+        data: Mappings, sequences, dataclasses, strings, numbers, booleans, None, dates, enums, paths, NumPy scalars and
+            arrays. NaN (and pandas' missing values) become null; infinities become the strings "Infinity" and
+            "-Infinity", which ``float`` reads back.
+        path: The file to create or replace, whole or not at all.
 
-    Raises
-    ------
-    InputError
-        If something has no JSON form (said with its place in the data), two keys become the same text, or the file
-        cannot be written.
+    Raises:
+        InputError: Something has no JSON form (said with its place in the data), two keys become the same text, or
+            the file cannot be written.
 
-    Notes
-    -----
     Cost: O(size of the data).
 
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inscrutable.datasets import write_json
-    >>> with TemporaryDirectory() as folder:
-    ...     write_json({"b": np.float64("nan"), "a": 1}, folder + "/s.json")
-    ...     print((Path(folder) / "s.json").read_text())
-    {
-      "a": 1,
-      "b": null
-    }
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.datasets import write_json
+        >>> with TemporaryDirectory() as folder:
+        ...     write_json({"b": np.float64("nan"), "a": 1}, folder + "/s.json")
+        ...     print((Path(folder) / "s.json").read_text())
+        {
+          "a": 1,
+          "b": null
+        }
     """
     text = json.dumps(_plain(data, "data"), indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
     _write_text(text + "\n", path)
@@ -147,32 +123,24 @@ def write_json(data: Any, path: PathLike) -> None:
 def output_folder(path: PathLike) -> Path:
     """Return `path` as a folder that exists and can be written to, created with its parents where needed.
 
-    Parameters
-    ----------
-    path
-        The folder for results. Files in it stay.
+    Args:
+        path: The folder for results. Files in it stay.
 
-    Returns
-    -------
-    Path
+    Returns:
         The folder. A file was created in it and removed again, so writing is known to work before a long run.
 
-    Raises
-    ------
-    InputError
-        If the folder cannot be created or written to (a file in its place, read-only, disk full), with the reason.
+    Raises:
+        InputError: The folder cannot be created or written to (a file in its place, read-only, disk full), with the
+            reason.
 
-    Notes
-    -----
     Cost: two file operations.
 
-    Examples
-    --------
-    >>> from tempfile import TemporaryDirectory
-    >>> from inscrutable.datasets import output_folder
-    >>> with TemporaryDirectory() as folder:
-    ...     output_folder(folder + "/results/run").is_dir()
-    True
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.datasets import output_folder
+        >>> with TemporaryDirectory() as folder:
+        ...     output_folder(folder + "/results/run").is_dir()
+        True
     """
     folder = Path(path)
     probe = folder / f".probe.{secrets.token_hex(6)}"

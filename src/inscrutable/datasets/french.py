@@ -39,16 +39,12 @@ INDUSTRIES = MappingProxyType(
 class IndustryReturns:
     """Monthly returns of industries, market and riskless rate, on one index of month ends.
 
-    Attributes
-    ----------
-    returns
-        (T,12) simple monthly returns as fractions, raw (not in excess of the riskless rate), one column per industry.
-    market
-        (T,) simple monthly return of the whole market, raw.
-    riskless
-        (T,) return of the one-month Treasury bill over the same month.
-    provenance
-        Source, vintage, and the SHA-256 of the file that was read.
+    Args:
+        returns: (T,12) simple monthly returns as fractions, raw (not in excess of the riskless rate), one column per
+            industry.
+        market: (T,) simple monthly return of the whole market, raw.
+        riskless: (T,) return of the one-month Treasury bill over the same month.
+        provenance: Source, vintage, and the SHA-256 of the file that was read.
     """
 
     returns: pd.DataFrame
@@ -70,23 +66,18 @@ def load_industry_returns() -> IndustryReturns:
     r_t = P_t / P_{t-1} - 1 with dividends, as a fraction in US dollars, not annualised. The industries are raw returns:
     subtract `riskless` for excess returns. The library states the market in excess, so market = MktRF + RF here.
 
-    Returns
-    -------
-    IndustryReturns
+    Returns:
         `returns` (819,12) with the library's short names as columns (`INDUSTRIES` spells them out), `market` (819,),
         `riskless` (819,), and `provenance`.
 
-    Notes
-    -----
     Cost: a few milliseconds; every call returns fresh frames. Source: Kenneth R. French's data library, as shipped
     in linearmodels 7.1.
 
-    Examples
-    --------
-    >>> from inscrutable.datasets import load_industry_returns
-    >>> data = load_industry_returns()
-    >>> data.returns.shape, str(data.returns.index[0].date()), str(data.returns.index[-1].date())
-    ((819, 12), '1949-01-31', '2017-03-31')
+    Example:
+        >>> from inscrutable.datasets import load_industry_returns
+        >>> data = load_industry_returns()
+        >>> data.returns.shape, str(data.returns.index[0].date()), str(data.returns.index[-1].date())
+        ((819, 12), '1949-01-31', '2017-03-31')
     """
     packed = resources.files("inscrutable.datasets").joinpath(_FILE).read_bytes()
     frame = pd.read_csv(StringIO(bz2.decompress(packed).decode("ascii")), index_col="month")

@@ -32,13 +32,10 @@ _LISTED = 8
 class WeightsTable:
     """Weights as a file states them, and how many decimals they were rounded to.
 
-    Attributes
-    ----------
-    frame
-        (T,U) raw weights, columns in the model's order of assets; the index holds dates, labels or row numbers.
-    decimals
-        Largest number of decimal digits written anywhere in the file, None from eight on: a weight may be off by half
-        a unit of that digit.
+    Args:
+        frame: (T,U) raw weights, columns in the model's order of assets; the index holds dates, labels or row numbers.
+        decimals: Largest number of decimal digits written anywhere in the file, None from eight on: a weight may be off
+            by half a unit of that digit.
     """
 
     frame: pd.DataFrame
@@ -53,30 +50,22 @@ class WeightsTable:
 def simple_returns(prices: pd.DataFrame) -> pd.DataFrame:
     """Turn prices into simple returns, r_t = p_t / p_{t-1} - 1.
 
-    Parameters
-    ----------
-    prices
-        (T,U) prices, positive and finite, in order of time.
+    Args:
+        prices: (T,U) prices, positive and finite, in order of time.
 
-    Returns
-    -------
-    DataFrame
+    Returns:
         (T-1,U) returns as fractions, labels kept; each stands at the later of its two dates.
 
-    Raises
-    ------
-    InputError
-        If there are fewer than two rows, or a price is missing, infinite or not above 0; the message names the cell.
+    Raises:
+        InputError: There are fewer than two rows, or a price is missing, infinite or not above 0; the message names
+            the cell.
 
-    Notes
-    -----
     Cost: O(T U).
 
-    Examples
-    --------
-    >>> from inscrutable.datasets import simple_returns
-    >>> simple_returns(pd.DataFrame({"A": [100.0, 110.0, 99.0]})).round(10)["A"].tolist()
-    [0.1, -0.1]
+    Example:
+        >>> from inscrutable.datasets import simple_returns
+        >>> simple_returns(pd.DataFrame({"A": [100.0, 110.0, 99.0]})).round(10)["A"].tolist()
+        [0.1, -0.1]
     """
     if len(prices) < 2:
         raise InputError(f"prices have {len(prices)} row, expected at least 2 to form a return")
@@ -94,46 +83,36 @@ def simple_returns(prices: pd.DataFrame) -> pd.DataFrame:
 def read_returns(path: PathLike, *, prices: bool = False) -> pd.DataFrame:
     """Read simple returns, or prices to be turned into them, from a CSV file with dates in its first column.
 
-    Parameters
-    ----------
-    path
-        The file. First column: strictly increasing dates as 2020-01-31, 2020-01 (the end of that month), 20200131,
-        31.01.2020, or with slashes where only one order of day and month fits; a time of day is kept and an offset
-        from UTC dropped, so the local day stays. Every other column: one asset, numbers in every row.
-    prices
-        False: the numbers are simple returns as fractions, 0.01 for one per cent, not below -1. True: they are
-        prices above 0, and r_t = p_t / p_{t-1} - 1 is returned; the first date drops out.
+    Args:
+        path: The file. First column: strictly increasing dates as 2020-01-31, 2020-01 (the end of that month),
+            20200131, 31.01.2020, or with slashes where only one order of day and month fits; a time of day is kept and
+            an offset from UTC dropped, so the local day stays. Every other column: one asset, numbers in every row.
+        prices: False: the numbers are simple returns as fractions, 0.01 for one per cent, not below -1. True: they are
+            prices above 0, and r_t = p_t / p_{t-1} - 1 is returned; the first date drops out.
 
-    Returns
-    -------
-    DataFrame
+    Returns:
         (T,U) simple returns as fractions, a DatetimeIndex, columns labelled as in the file. A row's return is the one
         earned up to its date.
 
-    Raises
-    ------
-    InputError
-        With file, line and column: missing, empty or unreadable file, only a header, no asset column, another
-        separator, duplicated or blank column names, rows of another length, text or missing or infinite cells, dates
-        that are missing, unreadable, ambiguous, duplicated or not in order, prices not above 0, returns below -1, and
-        returns that look like percentages or prices (most of them above 1 in size).
+    Raises:
+        InputError: With file, line and column: missing, empty or unreadable file, only a header, no asset column,
+            another separator, duplicated or blank column names, rows of another length, text or missing or infinite
+            cells, dates that are missing, unreadable, ambiguous, duplicated or not in order, prices not above 0,
+            returns below -1, and returns that look like percentages or prices (most of them above 1 in size).
 
-    Notes
-    -----
     Cost: O(T U), about a microsecond a cell. Nothing is filled in, sorted or rescaled.
 
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inscrutable.datasets import read_returns
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder, "prices.csv")
-    ...     _ = file.write_text("date,A,B\\n2020-01,100,50\\n2020-02,110,49\\n")
-    ...     print(read_returns(file, prices=True).round(4))
-                  A     B
-    date
-    2020-02-29  0.1 -0.02
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.datasets import read_returns
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "prices.csv")
+        ...     _ = file.write_text("date,A,B\\n2020-01,100,50\\n2020-02,110,49\\n")
+        ...     print(read_returns(file, prices=True).round(4))
+                      A     B
+        date
+        2020-02-29  0.1 -0.02
     """
     table = _dated_table(path, "asset")
     index = date_index(table)
@@ -159,44 +138,34 @@ def read_returns(path: PathLike, *, prices: bool = False) -> pd.DataFrame:
 def read_beliefs(path: PathLike, *, names: Sequence[str] | None = None) -> pd.DataFrame:
     """Read dated beliefs over the regimes, one row on the simplex per date, from a CSV file.
 
-    Parameters
-    ----------
-    path
-        The file. First column: strictly increasing dates, as for `read_returns`. Every other column: the probability
-        of one regime, at least 0. A row may miss the sum 1 by 5e-3 (files rounded to a few digits) and is then
-        divided by its sum.
-    names
-        (X,) names of the regimes. Columns are matched to them by label, in any order, and returned in the order of
-        `names`. None: as in the file.
+    Args:
+        path: The file. First column: strictly increasing dates, as for `read_returns`. Every other column: the
+            probability of one regime, at least 0. A row may miss the sum 1 by 5e-3 (files rounded to a few digits) and
+            is then divided by its sum.
+        names: (X,) names of the regimes. Columns are matched to them by label, in any order, and returned in the order
+            of `names`. None: as in the file.
 
-    Returns
-    -------
-    DataFrame
+    Returns:
         (T,X) beliefs whose rows sum to one, a DatetimeIndex, columns labelled by regime.
 
-    Raises
-    ------
-    InputError
-        With file, line and column: everything `read_returns` raises about files, cells and dates, a probability below
-        0, a row whose sum is not 1, and regimes that are missing or unknown.
+    Raises:
+        InputError: With file, line and column: everything `read_returns` raises about files, cells and dates, a
+            probability below 0, a row whose sum is not 1, and regimes that are missing or unknown.
 
-    Notes
-    -----
     Cost: O(T X).
 
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inscrutable.datasets import read_beliefs
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder, "beliefs.csv")
-    ...     _ = file.write_text("date,calm,crisis\\n2020-01,0.9,0.1\\n2020-02,0.25,0.75\\n")
-    ...     print(read_beliefs(file, names=["crisis", "calm"]))
-                crisis  calm
-    date
-    2020-01-31    0.10  0.90
-    2020-02-29    0.75  0.25
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.datasets import read_beliefs
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "beliefs.csv")
+        ...     _ = file.write_text("date,calm,crisis\\n2020-01,0.9,0.1\\n2020-02,0.25,0.75\\n")
+        ...     print(read_beliefs(file, names=["crisis", "calm"]))
+                    crisis  calm
+        date
+        2020-01-31    0.10  0.90
+        2020-02-29    0.75  0.25
     """
     table = _dated_table(path, "regime")
     wanted = list(table.header[1:]) if names is None else _unique(names, "names")
@@ -214,44 +183,34 @@ def read_beliefs(path: PathLike, *, names: Sequence[str] | None = None) -> pd.Da
 def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
     """Read published portfolio weights, one row per portfolio, aligned to a model's assets by label.
 
-    Parameters
-    ----------
-    path
-        The file. One column per asset, in any order, 0 for what is not held. The first column is the rows' label if
-        its name is not one of `assets` (dates are parsed if the whole column reads as dates, otherwise it is kept as
-        text); if it is an asset, rows are numbered from 0.
-    assets
-        (U,) labels of the model's assets.
+    Args:
+        path: The file. One column per asset, in any order, 0 for what is not held. The first column is the rows' label
+            if its name is not one of `assets` (dates are parsed if the whole column reads as dates, otherwise it is
+            kept as text); if it is an asset, rows are numbered from 0.
+        assets: (U,) labels of the model's assets.
 
-    Returns
-    -------
-    WeightsTable
+    Returns:
         `frame` (T,U) with the weights as written, in the order of `assets`: rows are not rescaled, because a rounded
-        weight is evidence and a rescaled one is neither the number published nor the one decided. `decimals` counts
-        the digits after the point in the text (0.2500 has four), None from eight on.
+        weight is evidence and a rescaled one is neither the number published nor the one decided. `decimals` counts the
+        digits after the point in the text (0.2500 has four), None from eight on.
 
-    Raises
-    ------
-    InputError
-        With file, line and column: everything `read_returns` raises about files and cells, labels that are blank or
-        duplicated, assets that are missing or unknown (all listed), and rows that miss the sum 1 by more than
-        `tolerances.PUBLISHED_SUM`.
+    Raises:
+        InputError: With file, line and column: everything `read_returns` raises about files and cells, labels that are
+            blank or duplicated, assets that are missing or unknown (all listed), and rows that miss the sum 1 by more
+            than `tolerances.PUBLISHED_SUM`.
 
-    Notes
-    -----
     Cost: O(T U).
 
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> from inscrutable.datasets import read_weights
-    >>> with TemporaryDirectory() as folder:
-    ...     file = Path(folder, "weights.csv")
-    ...     _ = file.write_text("B,A\\n0.3,0.70\\n")
-    ...     table = read_weights(file, assets=["A", "B"])
-    >>> table.frame.to_dict("list"), table.decimals
-    ({'A': [0.7], 'B': [0.3]}, 2)
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.datasets import read_weights
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "weights.csv")
+        ...     _ = file.write_text("B,A\\n0.3,0.70\\n")
+        ...     table = read_weights(file, assets=["A", "B"])
+        >>> table.frame.to_dict("list"), table.decimals
+        ({'A': [0.7], 'B': [0.3]}, 2)
     """
     wanted = _unique(assets, "assets")
     table = read_text_table(path)

@@ -183,13 +183,14 @@ def _rows(A: ArrayLike | None, b: ArrayLike | None, kind: str, other: ArrayLike 
     return rows, sides
 
 
-def simplex(n: int) -> Polyhedron:
+def simplex(n: int, *, min_slack: float = tolerances.MIN_SLACK) -> Polyhedron:
     """Return {u ≥ 0 : Σu = 1}, the long-only fully invested portfolios of `n` assets.
 
     Formula: −u ≤ 0, 1'u = 1.
 
     Args:
         n: Number of coordinates, at least 1.
+        min_slack: Least weight that is not zero in an admissible decision; 0 is the paper's letter.
 
     Raises:
         InputError: `n` is not a whole number of at least 1.
@@ -202,15 +203,16 @@ def simplex(n: int) -> Polyhedron:
     """
     validation.count(n, "n")
     names = [f"u[{j}] >= 0" for j in range(n)] + ["sum(u) = 1"]
-    return Polyhedron(-np.eye(n), np.zeros(n), np.ones((1, n)), np.ones(1), names=names)
+    return Polyhedron(-np.eye(n), np.zeros(n), np.ones((1, n)), np.ones(1), names=names, min_slack=min_slack)
 
 
-def box(lower: ArrayLike, upper: ArrayLike) -> Polyhedron:
+def box(lower: ArrayLike, upper: ArrayLike, *, min_slack: float = tolerances.MIN_SLACK) -> Polyhedron:
     """Return {u : lower ≤ u ≤ upper}; an infinite bound gives no row.
 
     Args:
         lower: Least value of each coordinate, shape (U,), −inf allowed.
         upper: Greatest value of each coordinate, shape (U,), +inf allowed.
+        min_slack: Least distance from a bound of a coordinate that is not on it in an admissible decision.
 
     Raises:
         InputError: Shapes differ, a bound is NaN, or no bound is finite.
@@ -239,4 +241,9 @@ def box(lower: ArrayLike, upper: ArrayLike) -> Polyhedron:
         raise InputError("a box needs at least one finite bound")
     unit = np.eye(low.size)
     names = [f"u[{j}] >= {low[j]:g}" for j in below] + [f"u[{j}] <= {high[j]:g}" for j in above]
-    return Polyhedron(np.vstack([-unit[below], unit[above]]), np.concatenate([-low[below], high[above]]), names=names)
+    return Polyhedron(
+        np.vstack([-unit[below], unit[above]]),
+        np.concatenate([-low[below], high[above]]),
+        names=names,
+        min_slack=min_slack,
+    )

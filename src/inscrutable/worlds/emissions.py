@@ -48,7 +48,7 @@ class CategoricalEmission:
         probabilities: (X,Y), rows of probabilities that sum to one.
 
     Raises:
-        InputError: a row has a negative entry or does not sum to one; the row and the amount are named.
+        InputError: A row has a negative entry or does not sum to one; the row and the amount are named.
 
     Example:
         >>> from inscrutable.worlds import CategoricalEmission
@@ -82,7 +82,7 @@ class CategoricalEmission:
             observations: (T,) whole numbers in 0..Y-1.
 
         Raises:
-            InputError: an observation is not a symbol; its row is named.
+            InputError: An observation is not a symbol; its row is named.
         """
         with np.errstate(divide="ignore"):
             return np.asarray(np.log(self.probabilities.T[symbols(observations, self.n_symbols)]))
@@ -109,8 +109,8 @@ class GaussianEmission:
         asset_names: D labels; observations that come as a DataFrame are then aligned by them.
 
     Raises:
-        InputError: shapes that do not fit, an entry that is not finite, an asymmetric covariance.
-        ModelError: a covariance that is indefinite or singular, so that no density exists; the message has its
+        InputError: Shapes that do not fit, an entry that is not finite, an asymmetric covariance.
+        ModelError: A covariance that is indefinite or singular, so that no density exists; the message has its
             smallest eigenvalue and condition number.
 
     Example:
@@ -167,7 +167,7 @@ class GaussianEmission:
                 with `asset_names` where the sensor has them.
 
         Raises:
-            InputError: wrong shape, missing columns, or an entry that is not finite, with its row and column.
+            InputError: Wrong shape, missing columns, or an entry that is not finite, with its row and column.
         """
         from inscrutable.kernels.hidden_markov import gaussian_log_densities
 

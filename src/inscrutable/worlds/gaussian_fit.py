@@ -36,14 +36,14 @@ MAX_ITERATIONS = 500
 class Restart:
     """What one restart of Baum-Welch came to.
 
-    Attributes:
-        log_likelihood: natural logarithm of the likelihood reached, in the observations' unit.
-        n_iterations: number of evaluations of the likelihood.
-        converged: whether the gain per observation fell below `tolerances.EM_CHANGE` within the allowed steps.
-        collapsed: regimes, counted from 0 in the result's order, held up by the covariance floor or by fewer
+    Args:
+        log_likelihood: Natural logarithm of the likelihood reached, in the observations' unit.
+        n_iterations: Number of evaluations of the likelihood.
+        converged: Whether the gain per observation fell below `tolerances.EM_CHANGE` within the allowed steps.
+        collapsed: Regimes, counted from 0 in the result's order, held up by the covariance floor or by fewer
             observations than a covariance needs.
-        note: the same in words, with the number of observations; empty if there is nothing to say.
-        trace: the log-likelihood before each step; it never decreases.
+        note: The same in words, with the number of observations; empty if there is nothing to say.
+        trace: The log-likelihood before each step; it never decreases.
     """
 
     log_likelihood: float
@@ -58,12 +58,12 @@ class Restart:
 class FittedWorld:
     """The best world of several restarts.
 
-    Attributes:
-        world: regimes ordered by volatility (trace of the covariance), calmest first. Its `initial` is the smoothed
+    Args:
+        world: Regimes ordered by volatility (trace of the covariance), calmest first. Its `initial` is the smoothed
             belief about the first observation of the sample, as maximum likelihood has it; for data that begin
             elsewhere build `HiddenMarkovModel(world.transition, world.emission)`, which starts from the stationary law.
-        log_likelihood: natural logarithm of the sample's likelihood under `world`, as `filter_beliefs` gives it.
-        restarts: one row for each restart, in the order they were run.
+        log_likelihood: Natural logarithm of the sample's likelihood under `world`, as `filter_beliefs` gives it.
+        restarts: One row for each restart, in the order they were run.
 
     Example:
         >>> import numpy as np
@@ -107,16 +107,16 @@ def fit_gaussian_hmm(
 
     Args:
         observations: (T,D) real vectors, or (T,) for D = 1. The columns of a DataFrame become `asset_names`.
-        n_states: number of regimes X, at least 1 and at most the number of different observations.
-        rng: randomness of the starting points; each restart has a child of its own.
-        n_restarts: number of restarts, at least 1. Where their likelihoods differ, as on real returns, more find better.
+        n_states: Number of regimes X, at least 1 and at most the number of different observations.
+        rng: Randomness of the starting points; each restart has a child of its own.
+        n_restarts: Number of restarts, at least 1. Where their likelihoods differ, as on real returns, more find better.
 
     Returns:
         The world, its log-likelihood and the table of restarts.
 
     Raises:
-        InputError: missing entries (row and column named), or fewer different observations than regimes.
-        ModelError: observations that are all equal.
+        InputError: Missing entries (row and column named), or fewer different observations than regimes.
+        ModelError: Observations that are all equal.
 
     Cost: O(n_restarts · iterations · T (X D² + X²)); about a second for ten restarts on 490 × 12 observations and three
     regimes.

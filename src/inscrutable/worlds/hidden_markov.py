@@ -19,7 +19,7 @@ from inscrutable.worlds.emissions import Emission, cumulative, emission_from_dic
 class Trajectory:
     """A sampled path.
 
-    Attributes:
+    Args:
         states: (T,) states x_0..x_{T-1}, counted from 0.
         observations: (T,) symbols or (T,D) real vectors; row t was reported in state x_t.
 
@@ -42,13 +42,13 @@ class HiddenMarkovModel:
 
     Args:
         transition: (X,X), rows of probabilities that sum to one.
-        emission: the sensor, `CategoricalEmission`, `GaussianEmission` or any `Emission`, over X states.
+        emission: The sensor, `CategoricalEmission`, `GaussianEmission` or any `Emission`, over X states.
         initial: (X,) law of x_0; None for the stationary law π = π P (states that the chain leaves for good get
             zero; a periodic chain has one too).
         names: X different labels of the states, in messages, tables and pictures; "regime 1", … by default.
 
     Raises:
-        InputError: a row that does not sum to one (row and sum are named), shapes or names that do not fit.
+        InputError: A row that does not sum to one (row and sum are named), shapes or names that do not fit.
         ModelError: `initial` is None and the chain has several closed classes, so several stationary laws.
 
     Example:
@@ -107,8 +107,8 @@ class HiddenMarkovModel:
         """Draw a path x_0 ~ initial, x_{t+1} ~ transition[x_t], y_t ~ p(y | x_t), in O(n_steps (log X + D²)).
 
         Args:
-            n_steps: length T of the path, at least 1.
-            rng: the only source of randomness; the same state of it gives the same path.
+            n_steps: Length T of the path, at least 1.
+            rng: The only source of randomness; the same state of it gives the same path.
 
         Raises:
             InputError: `n_steps` is not a whole number of at least 1, or `rng` is not a generator.
@@ -134,7 +134,7 @@ class HiddenMarkovModel:
         """Rebuild a world from `to_dict`.
 
         Raises:
-            InputError: a key is missing, the emission is not one of this library's, or the numbers are no model.
+            InputError: A key is missing, the emission is not one of this library's, or the numbers are no model.
 
         Example:
             >>> from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel

@@ -26,7 +26,7 @@ class FilterResult(Generic[Table]):
     Args:
         beliefs: (T,X), beliefs[t] = p(x_t | y_0..t).
         predicted: (T,X), predicted[t] = p(x_{t+1} | y_0..t): a row's label is the time of its last observation.
-        log_likelihood: Log p(y_0..T-1), natural logarithm.
+        log_likelihood: Natural logarithm of p(y_0..T-1).
 
     Example:
         >>> from inscrutable.filtering import filter_beliefs

@@ -12,7 +12,9 @@ from inscrutable import tolerances
 from inscrutable.errors import SolverError
 from inscrutable.validation import Array
 
-OPTIMAL, LIMIT, INFEASIBLE, UNBOUNDED = 0, 1, 2, 3
+OPTIMAL = 0
+"""The status of `scipy.optimize.linprog` for a programme solved to its tolerance."""
+
 _FREE = (None, None)
 
 

@@ -68,7 +68,8 @@ SAME_BELIEF = 1e-9
 """Beliefs closer than this are one belief: distances are square roots, so noise of 1e-18 in squares."""
 
 BUDGET = 1e-12
-"""Slack given to a budget, relative to the cost's scale: absorbs the rounding of one inner product, nothing more."""
+"""Least unit, relative to the cost's scale, in which the polish measures what is left of a budget: one near zero is
+then judged to the rounding of an inner product, not to its own size."""
 
 FINITE_DIFFERENCE = 1e-6
 """How far outside the feasible set a local solver's trial may lie and still be judged: its difference steps are 1e-8."""

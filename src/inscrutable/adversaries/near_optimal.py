@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.adversaries.plausibility import MOST_PLANES, nearest_explanation, onto_simplex
+from inscrutable.adversaries.plausibility import MOST_PLANES, nearest_explanation
 from inscrutable.errors import InputError, SolverError
 from inscrutable.geometry import simplex_grid
-from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.geometry.hulls import onto_simplex, sum_zero_basis
 from inscrutable.geometry.polytopes import (
     Reduced,
     minimise_over_rows,
@@ -212,7 +212,8 @@ def near_optimal_beliefs(problem: DecisionProblem, action: ArrayLike, regret: fl
     Raises:
         InputError: `action` is not a feasible decision or `regret` is negative.
 
-    Cost: some tens of forward solves at the first query. Source: Section 2.8 of the design; the paper's Theorem 1 at ε = 0.
+    Cost: some tens of forward solves at the first query. Source: Kelley's cutting planes (SIAM Journal 8, 1960); at
+    ε = 0 the paper's Theorem 1.
 
     Example:
         >>> from inscrutable.problems import MarkowitzProblem

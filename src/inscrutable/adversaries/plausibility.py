@@ -10,6 +10,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
+from inscrutable.geometry.hulls import onto_simplex
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -61,9 +62,3 @@ def _lowest_of_planes(planes: Array) -> tuple[float, Array]:
         (0, None),
     )
     return answer.value, onto_simplex(answer.x[None, :n_states])[0]
-
-
-def onto_simplex(points: Array) -> Array:
-    """Return points (n,X) that lie on the simplex up to rounding, put on it."""
-    clipped = np.maximum(points, 0.0)
-    return np.asarray(clipped / clipped.sum(axis=1, keepdims=True))

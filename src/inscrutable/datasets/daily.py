@@ -19,7 +19,7 @@ def load_daily_returns() -> pd.DataFrame:
         (8312,20), a DatetimeIndex of trading days, ticker symbols as columns.
 
     Raises:
-        InputError: Skfolio is not installed or cannot be loaded (the message says how to install it), or if the
+        InputError: The package skfolio is not installed or cannot be loaded (the message says how to install it), or the
             installed version has to download the prices and cannot.
 
     Cost: about two seconds, nearly all of it the first import of skfolio. Source: skfolio, BSD-3-Clause.

@@ -132,7 +132,7 @@ def decoy_grid(problem: DecisionProblem, resolution: int) -> Candidates:
     Raises:
         InputError: The resolution is not a whole number of at least 1.
 
-    Cost: one forward solve per decoy. Source: for the paper's measures (b), (d) and (e), fact F2 of the design.
+    Cost: one forward solve per decoy. Source: the paper's set {ū^(l)}, for its measures (b), (d) and (e).
 
     Example:
         >>> from inscrutable.problems import MarkowitzProblem

@@ -33,7 +33,8 @@ _DIRECTIONS = 300
 class GlobalSearch:
     """Search all candidates, then polish the best ones to a local optimum among admissible decisions.
 
-    Cost: one pass over the candidates and some tens of small optimisations. Source: facts F1 to F3 of the design.
+    Cost: one pass over the candidates and some tens of small optimisations. Source: every
+    plausible decision is optimal for some decoy, and a decoy's regret never falls along a ray from the true belief.
 
     Example:
         >>> GlobalSearch()

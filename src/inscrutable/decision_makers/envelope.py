@@ -1,7 +1,7 @@
 """The best mixture of decisions at an expected regret: the upper concave envelope of (regret, privacy) points.
 
-With one budget row beside Σp = 1 some optimum has at most two atoms (fact F4 of the design), so the linear programme of
-the paper's eq. (12) is the value of a concave envelope; its slope is the price of privacy.
+A linear programme has an optimum with no more atoms than rows: two, with one budget row beside Σp = 1. So the value of
+the paper's eq. (12) is that of a concave envelope, and its slope is the price of privacy.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def privacy_frontier(
     Raises:
         InputError: The belief is not one point of the simplex.
 
-    Cost: one pass over the candidates. Source: fact F4 of the design; the paper's Figure 7.
+    Cost: one pass over the candidates. Source: the paper's eq. (12) and Figure 7.
 
     Example:
         >>> from inscrutable.problems import MarkowitzProblem

@@ -227,7 +227,7 @@ def _through_decoys(goal: Goal, problem: QuadraticProblem, tight: np.ndarray, st
 
 
 def _pulled_back(goal: Goal, decoy: Array, tight: np.ndarray) -> Trial | None:
-    """Move the decoy toward the true belief (regret falls, fact F1) until its decision is affordable and admissible."""
+    """Move the decoy toward the true belief, where regret never rises, until its decision is affordable and admissible."""
     for step in (0.0, *(tolerances.POLISH * 10.0**k for k in range(6))):
         action = goal.problem.solve(goal.belief + (1.0 - step) * (decoy - goal.belief))
         if np.array_equal(goal.problem.constraints.tight_rows(action), tight):

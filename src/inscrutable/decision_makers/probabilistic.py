@@ -38,7 +38,7 @@ from inscrutable.validation import Array
 class Envelope:
     """Mix on the concave envelope of all candidates, the optimal decision and the polished CDM's: exact, any budget.
 
-    Source: fact F4 of the design.
+    Source: the paper's eq. (12); one budget row beside Σp = 1 leaves an optimum of at most two atoms.
 
     Example:
         >>> Envelope()

@@ -1,7 +1,8 @@
 """How far the budget reaches in every direction of belief.
 
-On a ray y_t = π + t(y − π) the regret of u*(y_t) never decreases (fact F1), so what is affordable is star-shaped around the
-true belief: one number a direction describes it, however small it is.
+On a ray y_t = π + t(y − π) the regret of u*(y_t) never decreases, for every cost and feasible set: ρ is the
+Bregman divergence of −V. What is affordable is therefore star-shaped around the true belief, and one number a direction
+describes it, however small it is.
 """
 
 from __future__ import annotations

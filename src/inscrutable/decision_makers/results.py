@@ -229,7 +229,9 @@ class Decisions(Saved):
 
 @dataclass(frozen=True, eq=False)
 class MixedDecisions(Saved):
-    """`MixedDecision` for T beliefs: the same fields with a leading T; atoms padded with probability 0.
+    """`MixedDecision` for T beliefs: its fields with a leading T, atoms padded with probability 0.
+
+    Belief sets and decoys of a step's atoms are in `mixed[step]`.
 
     Source: the paper, Approach 2 at every step.
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inscrutable import tolerances
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.envelope import concave_envelope, undominated
 from inscrutable.privacy import PrivacyMeasure
@@ -82,8 +81,3 @@ def score(belief: Array, optimal_cost: float, candidates: Candidates, measure: P
             privacies = np.where(empty, -np.inf, privacies)
     privacies = np.where(candidates.usable, privacies, -np.inf)
     return Scores(belief, candidates, measure, regrets, privacies, exact | ~candidates.usable, on_empty)
-
-
-def affordable_limit(limit: float, state_costs: Array) -> float:
-    """Return the limit with the rounding of one inner product added."""
-    return limit + tolerances.BUDGET * float(np.abs(state_costs).max(initial=0.0))

@@ -27,15 +27,12 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries import consistent_beliefs, near_optimal_beliefs
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.datasets import WeightsTable
+from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.problems import MarkowitzProblem, Polyhedron, QuadraticProblem
 from inscrutable.validation import Array
-
-FULL_DIGITS = 8
-"""Decimals that weights "in full precision" are trusted to."""
-
 
 _DRAWN_STATES = 3
 
@@ -202,7 +199,7 @@ def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None)
                 0.0,
                 0.0,
             )
-    return _read_rounded(problem, published, _half_unit(FULL_DIGITS if decimals is None else decimals))
+    return _read_rounded(problem, published, _half_unit(FULL_PRECISION_DIGITS if decimals is None else decimals))
 
 
 def _half_unit(decimals: int) -> float:

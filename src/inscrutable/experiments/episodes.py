@@ -80,7 +80,7 @@ def run_episode(
     validation.generator(rng)
     records: dict[str, Record] = {}
     for done, (name, decision_maker) in enumerate(decision_makers.items()):
-        watch = None if progress is None else _part(progress, done, len(decision_makers))
+        watch = part_of(progress, done, len(decision_makers))
         made = decision_maker.decide_many(held, progress=watch)
         if isinstance(made, MixedDecisions):
             records[name] = Record(made.sample(rng=rng), made)
@@ -89,8 +89,11 @@ def run_episode(
     return Episode(problem, held, records)
 
 
-def _part(progress: Progress, done: int, parts: int) -> Progress:
+def part_of(progress: Progress | None, done: int, parts: int) -> Progress:
+    """Return the progress of one of several parts of equal length, as a share of the whole."""
+
     def report(step: int, steps: int) -> None:
-        progress(done * steps + step, parts * steps)
+        if progress is not None:
+            progress(done * steps + step, parts * steps)
 
     return report

@@ -21,6 +21,7 @@ from inscrutable.decision_makers import (
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading, attack_weights
+from inscrutable.experiments.episodes import part_of
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
@@ -185,7 +186,7 @@ def _protect(
 ) -> Protection:
     problem = model.problem
     _check_target(order.measure, beliefs)
-    watch = [_part(order.progress, number, 3) for number in range(3)]
+    watch = [part_of(order.progress, number, 3) for number in range(3)]
     chooser = CounterAdversarialDecisionMaker(problem, order.measure, order.budget)
     deterministic = chooser.decide_many(beliefs, progress=watch[0])
     mixer = ProbabilisticDecisionMaker(problem, order.measure, order.budget, candidates=chooser.candidates)
@@ -217,14 +218,6 @@ def _check_target(measure: PrivacyMeasure, beliefs: Array) -> None:
     if isinstance(measure, DesiredObfuscation):
         for step, belief in enumerate(beliefs):
             measure.at_step(step).reference(belief)
-
-
-def _part(progress: Progress | None, done: int, parts: int) -> Progress:
-    def report(step: int, steps: int) -> None:
-        if progress is not None:
-            progress(done * steps + step, parts * steps)
-
-    return report
 
 
 def _beliefs_of(model: InvestorModel, beliefs: ArrayLike | pd.DataFrame) -> tuple[Array, pd.Index]:

@@ -95,7 +95,7 @@ def clip_to_segments(hulls: Hulls, inequalities: Array, which: np.ndarray) -> Se
     value = np.einsum("nmx,nx->nm", everything, origin)
     if hulls.dimension[which[0]] == 0:
         present = np.all(value >= -noise, axis=1)
-        point = _onto_simplex(origin)
+        point = onto_simplex(origin)
         return Segments(present, point, point)
     direction = hulls.directions[which, 0]
     slope = np.einsum("nmx,nx->nm", everything, direction)
@@ -116,11 +116,12 @@ def clip_to_segments(hulls: Hulls, inequalities: Array, which: np.ndarray) -> Se
     low = np.where(present, low, 0.0)
     high = np.where(present, high, 0.0)
     return Segments(
-        present, _onto_simplex(origin + low[:, None] * direction), _onto_simplex(origin + high[:, None] * direction)
+        present, onto_simplex(origin + low[:, None] * direction), onto_simplex(origin + high[:, None] * direction)
     )
 
 
-def _onto_simplex(points: Array) -> Array:
+def onto_simplex(points: Array) -> Array:
+    """Return points (n,X) that lie on the simplex up to rounding, put on it."""
     clipped = np.maximum(points, 0.0)
     total = clipped.sum(axis=1, keepdims=True)
     return np.asarray(clipped / np.where(total > 0, total, 1.0))

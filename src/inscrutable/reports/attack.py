@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.datasets import output_folder, write_json, write_table
-from inscrutable.experiments.attack import FULL_DIGITS, Attack, Reading
+from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
+from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.reports.style import (
     BLACK,
     GREY,
@@ -76,7 +77,7 @@ _SHORT = {
 
 def reading_notes(attack: Attack) -> list[str]:
     """Return what the readings that occur mean, one line each."""
-    digits = FULL_DIGITS if attack.decimals is None else attack.decimals
+    digits = FULL_PRECISION_DIGITS if attack.decimals is None else attack.decimals
     notes = {
         Reading.EXACT: "exact: these beliefs, and no others, make the weights optimal.",
         Reading.ROUNDED: (
@@ -97,7 +98,7 @@ def reading_of(attack: Attack, step: int) -> str:
     if row.reading is Reading.EXACT:
         return "exact"
     if row.reading is Reading.ROUNDED:
-        digits = FULL_DIGITS if attack.decimals is None else attack.decimals
+        digits = FULL_PRECISION_DIGITS if attack.decimals is None else attack.decimals
         return f"near-optimal within regret {row.allowance:.1e} because weights are rounded to {digits} decimals"
     nearest = ", ".join(f"{share:.3f}" for share in row.estimate)
     return f"implausible: no belief explains this; least regret {row.gap:.1e}, nearest explanation ({nearest})"

@@ -48,7 +48,8 @@ def test_slacks_are_per_unit_of_the_rows_largest_coefficient():
     np.testing.assert_allclose(region.slacks([0.5, 0.5]), [0.25, 0.5])
     np.testing.assert_allclose(region.slacks([[0.5, 0.5], [1.0, 0.0]]), [[0.25, 0.5], [0.0, 1.0]])
     assert float(region.violation([0.5, 0.5])) == 0
-    assert float(region.violation([2.0, 0.0])) == pytest.approx(1.0)
+    # Per unit of the decision's size, here 2.
+    assert float(region.violation([2.0, 0.0])) == pytest.approx(0.5)
     assert float(region.violation([-0.25, 0.0])) == pytest.approx(0.25)
     assert float(simplex(2).violation([0.5, 0.6])) == pytest.approx(0.1)
 

@@ -22,6 +22,7 @@ _EXPORTS: dict[str, str] = {
     "DecisionStatus": "decision_makers",
     "Decisions": "decision_makers",
     "DesiredObfuscation": "privacy",
+    "Emission": "worlds",
     "Envelope": "decision_makers",
     "FilterResult": "filtering",
     "FittedWorld": "worlds",
@@ -109,6 +110,7 @@ if TYPE_CHECKING:
     from inscrutable.problems import box as box
     from inscrutable.problems import simplex as simplex
     from inscrutable.worlds import CategoricalEmission as CategoricalEmission
+    from inscrutable.worlds import Emission as Emission
     from inscrutable.worlds import FittedWorld as FittedWorld
     from inscrutable.worlds import GaussianEmission as GaussianEmission
     from inscrutable.worlds import HiddenMarkovModel as HiddenMarkovModel

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from inscrutable import validation
+from inscrutable.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Budget:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "amount", validation.non_negative(self.amount, "budget"))
+        if not isinstance(self.is_relative, bool):
+            raise InputError(f"is_relative must be True or False, got {self.is_relative!r}; use Budget.regret(amount)")
 
     @classmethod
     def relative(cls, share: float) -> Budget:

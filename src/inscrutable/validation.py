@@ -23,6 +23,8 @@ def finite_array(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...]) ->
     if array.ndim not in ranks:
         expected = " or ".join(f"{rank}-dimensional" for rank in ranks)
         raise InputError(f"{name} must be {expected}, got shape {array.shape}")
+    if array.ndim == 0 and not np.isfinite(array):
+        raise InputError(f"{name} must be finite, got {float(array)}")
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         where = ", ".join(str(int(i)) for i in bad[0])

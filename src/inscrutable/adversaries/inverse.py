@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.plausibility import gap_compared
 from inscrutable.geometry import BeliefSet
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 
@@ -41,7 +41,7 @@ def consistent_beliefs(
         >>> consistent_beliefs(problem, problem.solve([0.3, 0.7])).contains([0.3, 0.7])
         True
     """
-    u = problem.check_action(action)
+    u = checked_problem(problem).check_action(action)
     return belief_set_of(problem, u, validation.positive(tolerance, "tolerance"))
 
 
@@ -79,4 +79,5 @@ def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:
         >>> round(plausibility_gap(problem, [1.0, 0.0]), 6)
         0.5
     """
-    return belief_set_of(problem, problem.check_action(action)).plausibility_gap
+    u = checked_problem(problem).check_action(action)
+    return belief_set_of(problem, u).plausibility_gap

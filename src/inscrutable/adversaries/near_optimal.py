@@ -26,7 +26,7 @@ from inscrutable.geometry.polytopes import (
     reduce_polytope,
     sample_polytope,
 )
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 _SHAPE = 0.01
@@ -222,7 +222,7 @@ def near_optimal_beliefs(problem: DecisionProblem, action: ArrayLike, regret: fl
         array([[0.43, 0.57],
                [0.43, 0.57]])
     """
-    u = problem.check_action(action)
+    u = checked_problem(problem).check_action(action)
     epsilon = validation.non_negative(regret, "regret")
     scale = max(float(np.abs(problem.state_costs(u)).max()), np.finfo(float).tiny)
     return NearOptimalBeliefs(problem, u, epsilon, tolerances.NEAR_OPTIMAL * max(scale, epsilon))

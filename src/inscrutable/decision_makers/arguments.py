@@ -6,14 +6,6 @@ from typing import Any
 
 from inscrutable.errors import InputError
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
-from inscrutable.problems import DecisionProblem
-
-
-def checked_problem(problem: Any) -> DecisionProblem:
-    """Return a decision problem, or raise `InputError`."""
-    if not isinstance(problem, DecisionProblem):
-        raise InputError(f"problem must be a decision problem such as MarkowitzProblem(...), got {problem!r}")
-    return problem
 
 
 def checked_measure(measure: Any) -> PrivacyMeasure:

@@ -17,7 +17,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import resolution_for
 from inscrutable.linear_programmes import Rows, minimum
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 DEFAULT_SIZE = 5000
@@ -64,11 +64,12 @@ class Candidates:
 
     def once(self, key: Hashable, search: Callable[[], T]) -> T:
         """Return what `search` returned for this key before, or search and keep it; the oldest are forgotten."""
-        if key not in self.decided:
+        found: T | None = self.decided.get(key)
+        if found is None:
+            found = search()
             if len(self.decided) >= _MOST_KEPT:
-                self.decided.pop(next(iter(self.decided)))
-            self.decided[key] = search()
-        found: T = self.decided[key]
+                self.decided.pop(next(iter(self.decided)), None)
+            self.decided[key] = found
         return found
 
     def joined(self, other: Candidates) -> Candidates:
@@ -140,7 +141,11 @@ def decoy_grid(problem: DecisionProblem, resolution: int) -> Candidates:
         >>> len(decoy_grid(problem, 4))
         15
     """
-    decoys = simplex_grid(problem.n_states, resolution)
+    validation.count(resolution, "resolution")
+    n = checked_problem(problem).n_states
+    if comb(resolution + n - 1, n - 1) > _MOST_GRID_POINTS:
+        raise InputError(f"a grid of resolution {resolution} over {n} states exceeds {_MOST_GRID_POINTS} points")
+    decoys = simplex_grid(n, resolution)
     return make_candidates(problem, problem.solve(decoys), decoys)
 
 
@@ -169,14 +174,20 @@ def action_grid(problem: DecisionProblem, resolution: int) -> Candidates:
         861
     """
     validation.count(resolution, "resolution")
-    n = problem.n_actions
+    n = checked_problem(problem).n_actions
     if _is_simplex(problem):
         if comb(resolution + n - 1, n - 1) > _MOST_GRID_POINTS:
             raise InputError(
                 f"a grid of resolution {resolution} over {n} coordinates exceeds {_MOST_GRID_POINTS} points"
             )
         return make_candidates(problem, simplex_grid(n, resolution))
-    return make_candidates(problem, _grid_in_box(problem, resolution))
+    candidates = make_candidates(problem, _grid_in_box(problem, resolution))
+    if not candidates.usable.any():
+        raise InputError(
+            f"no admissible decision on a grid of resolution {resolution}: the feasible set is thin; use a finer grid, "
+            "random_candidates or decoy_grid"
+        )
+    return candidates
 
 
 def _is_simplex(problem: DecisionProblem) -> bool:
@@ -217,7 +228,8 @@ def _grid_in_box(problem: DecisionProblem, resolution: int) -> Array:
     if rest:
         right = region.b_eq - chosen @ region.A_eq[:, free].T
         points[:, rest] = np.linalg.lstsq(region.A_eq[:, rest], right.T, rcond=None)[0].T
-    return np.asarray(points[region.violation(points) <= tolerances.FEASIBILITY])
+    inside = points[region.violation(points) <= tolerances.FEASIBILITY]
+    return np.asarray(inside) if len(inside) else np.atleast_2d(problem.solve(np.eye(problem.n_states)))
 
 
 def _free_coordinates(equalities: Array) -> list[int]:
@@ -251,7 +263,7 @@ def random_candidates(problem: DecisionProblem, n: int, *, rng: np.random.Genera
         >>> len(random_candidates(problem, 10, rng=np.random.default_rng(0)))
         10
     """
-    return make_candidates(problem, random_actions(problem, n, rng=rng))
+    return make_candidates(checked_problem(problem), random_actions(problem, n, rng=rng))
 
 
 def random_actions(problem: DecisionProblem, n: int, *, rng: np.random.Generator) -> Array:

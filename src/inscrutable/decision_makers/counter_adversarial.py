@@ -9,19 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.budgets import Budget, as_budget
-from inscrutable.decision_makers.arguments import (
-    checked_choice,
-    checked_measure,
-    checked_on_empty,
-    checked_problem,
-)
-from inscrutable.decision_makers.candidates import Candidates, as_candidates, make_candidates, near_decoys
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.arguments import checked_choice
+from inscrutable.decision_makers.candidates import Candidates, make_candidates
+from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
-from inscrutable.decision_makers.original import cheap_bound, decision_for
+from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.polish import Goal, Trial, polish
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
+from inscrutable.errors import InputError
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -42,7 +39,7 @@ class GlobalSearch:
     """
 
 
-class CounterAdversarialDecisionMaker:
+class CounterAdversarialDecisionMaker(HidingDecisionMaker):
     """The most private decision that the budget allows (CDM).
 
     Formula: max_ū Ψ(ū) over ū ∈ C with ρ(π,ū) ≤ budget; decisions that no belief explains are excluded by default.
@@ -78,20 +75,10 @@ class CounterAdversarialDecisionMaker:
         method: GlobalSearch | LocalSearch | None = None,
         on_empty: str = "exclude",
     ) -> None:
-        self.problem = checked_problem(problem)
-        self.measure = checked_measure(measure)
-        self.budget = as_budget(budget)
+        super().__init__(problem, measure, budget, candidates, on_empty)
         self.method = checked_choice(method, "method", (GlobalSearch, LocalSearch))
-        self.on_empty = checked_on_empty(on_empty)
-        self._given = candidates
-        self._candidates: Candidates | None = None
-
-    @property
-    def candidates(self) -> Candidates:
-        """The candidates, solved at first use and kept."""
-        if self._candidates is None:
-            self._candidates = candidates_for(self.problem, self.measure, self._given)
-        return self._candidates
+        if isinstance(self.method, LocalSearch) and on_empty == "infinite":
+            raise InputError('a local search cannot climb where no belief explains the decision: on_empty="exclude"')
 
     def decide(self, belief: ArrayLike) -> Decision:
         """Return the decision for one belief (X,).
@@ -122,19 +109,10 @@ class CounterAdversarialDecisionMaker:
         return decision_for(self.problem, belief, action, measure, DecisionStatus.LOCAL_OPTIMUM)
 
 
-def candidates_for(
-    problem: DecisionProblem, measure: PrivacyMeasure, given: Candidates | ArrayLike | None
-) -> Candidates:
-    """Return given candidates, or the default: decoys, and decisions beside them where unexplained ones can be best."""
-    if given is None and measure.searches_actions:
-        return near_decoys(problem)
-    return as_candidates(problem, given)
-
-
 def best_decision(problem: DecisionProblem, scores: Scores, limit: float, optimal_cost: float) -> Decision:
     """Return the polished best of scored candidates, never worse than the optimal decision; searched once."""
     reference = scores.measure.reference(scores.belief)
-    goal = scores.measure if reference is None else (reference.point.tobytes(), reference.sign)
+    goal = scores.measure if reference is None else (type(scores.measure), reference.point.tobytes(), reference.sign)
     key = (scores.belief.tobytes(), limit, goal, scores.on_empty)
     return scores.candidates.once(key, lambda: _search(problem, scores, limit, optimal_cost))
 
@@ -148,7 +126,9 @@ def _search(problem: DecisionProblem, scores: Scores, limit: float, optimal_cost
         return decision_for(problem, belief, scores.candidates.actions[index], measure, DecisionStatus.UNBOUNDED)
     reference = measure.reference(belief)
     if reference is None:
-        action = None if index is None else _cheapest(problem, scores, index, optimal)
+        action = None if index is None else scores.candidates.actions[index]
+        if index is not None and measure.is_indicator:
+            action = _cheapest(problem, scores, index, optimal)
     else:
         action, status = _most_private(Goal(problem, belief, limit, reference, optimal_cost), scores, index)
     own = decision_for(problem, belief, optimal, measure, DecisionStatus.OPTIMAL)
@@ -157,9 +137,16 @@ def _search(problem: DecisionProblem, scores: Scores, limit: float, optimal_cost
         # A regret of rounding size allows a distance of its square root, which is no privacy.
         if chosen.privacy > own.privacy + (0.0 if reference is None else tolerances.NO_PRIVACY):
             return chosen
-    if (reference is None and own.privacy == 0) or (reference is not None and reference.sign < 0):
-        return own
-    return replace(own, privacy_bound=cheap_bound(belief, measure), status=DecisionStatus.NO_AFFORDABLE_PRIVACY)
+    own = replace(own, privacy_bound=measure.upper_bound(belief))
+    if shows_nothing(measure, belief, own.privacy):
+        return replace(own, status=DecisionStatus.NO_AFFORDABLE_PRIVACY)
+    return own
+
+
+def shows_nothing(measure: PrivacyMeasure, belief: Array, privacy: float) -> bool:
+    """Whether a privacy means that the goal is missed altogether: −∞, or no distance where distance is sought."""
+    reference = measure.reference(belief)
+    return bool(np.isneginf(privacy)) or (reference is not None and reference.sign > 0 and privacy <= 0.0)
 
 
 def _most_private(goal: Goal, scores: Scores, index: int | None) -> tuple[Array | None, DecisionStatus]:

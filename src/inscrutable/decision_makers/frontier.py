@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.decision_makers.arguments import checked_measure, checked_problem
+from inscrutable.decision_makers.arguments import checked_measure
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.counter_adversarial import candidates_for
+from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.probabilistic import with_extra
 from inscrutable.decision_makers.results import DecisionStatus
 from inscrutable.decision_makers.scores import score
 from inscrutable.errors import InputError
 from inscrutable.privacy import PrivacyMeasure
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
@@ -114,8 +114,7 @@ def privacy_frontier(
         >>> frontier.deterministic(0.0), round(frontier.deterministic(1.0), 3)
         (0.0, 0.707)
     """
-    held = validation.one_belief(belief, problem.n_states)
-    checked_problem(problem)
+    held = validation.one_belief(belief, checked_problem(problem).n_states)
     chosen = checked_measure(measure)
     given = candidates_for(problem, chosen, candidates)
     optimal_cost = float(problem.optimal_cost(held))

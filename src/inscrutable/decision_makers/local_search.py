@@ -60,6 +60,7 @@ class _Watched:
         self.optimal_cost = float(problem.optimal_cost(belief))
         self.best: Array | None = None
         self.best_key = (-np.inf, -np.inf)
+        self.worst = 0.0
 
     def privacies(self, actions: Array) -> Array:
         """Privacy of trials (n,U), −∞ for those outside the feasible set or, where that matters, unexplained."""
@@ -86,8 +87,9 @@ class _Watched:
             key = (float(privacies[index]), -float(excess[index]))
             if key > self.best_key:
                 self.best, self.best_key = actions[index].copy(), key
+        self.worst = max(self.worst, -float(privacies[np.isfinite(privacies)].min(initial=np.inf)))
         # Beyond the plausible set the privacy is undefined: worse than any belief could be, so the solver turns back.
-        return np.where(np.isfinite(privacies), -privacies, _UNEXPLAINED)
+        return np.where(np.isfinite(privacies), -privacies, self.worst + _UNEXPLAINED)
 
 
 def search_locally(
@@ -100,7 +102,7 @@ def search_locally(
         start = _affordable_start(watched, optimal, method.rng)
         if start is None:
             continue
-        if measure.reference(belief) is not None:
+        if not measure.is_indicator:
             _run(watched, start)
         elif watched.best is not None:
             watched.best = _cheaper(watched, optimal, watched.best)

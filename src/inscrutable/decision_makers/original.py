@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.adversaries import consistent_beliefs
-from inscrutable.decision_makers.arguments import checked_problem
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 
@@ -25,6 +23,7 @@ class OriginalDecisionMaker:
     Cost: one forward solve per belief. Source: the paper, eq. (3).
 
     Example:
+        >>> import numpy as np
         >>> from inscrutable.problems import MarkowitzProblem
         >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
         >>> OriginalDecisionMaker(problem).decide([0.5, 0.5]).privacy
@@ -66,16 +65,8 @@ def decision_for(
         optimal,
         max(cost - optimal, 0.0),
         privacy,
-        0.0 if status is DecisionStatus.OPTIMAL else max(cheap_bound(belief, measure), privacy),
+        0.0 if status is DecisionStatus.OPTIMAL else max(measure.upper_bound(belief), privacy),
         found,
         found.center(),
         status,
     )
-
-
-def cheap_bound(belief: Array, measure: PrivacyMeasure) -> float:
-    """Return an upper bound of the measure that costs nothing: the farthest corner of the simplex for distances."""
-    reference = measure.reference(belief)
-    if reference is None or reference.sign < 0:
-        return 0.0
-    return float(np.linalg.norm(reference.point - np.eye(belief.size), axis=1).max())

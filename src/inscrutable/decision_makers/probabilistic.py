@@ -8,17 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.budgets import Budget, as_budget
-from inscrutable.decision_makers.arguments import (
-    checked_choice,
-    checked_measure,
-    checked_on_empty,
-    checked_problem,
-)
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.counter_adversarial import best_decision, candidates_for
+from inscrutable.decision_makers.counter_adversarial import best_decision, shows_nothing
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
-from inscrutable.decision_makers.original import cheap_bound, decision_for
+from inscrutable.decision_makers.hiding import HidingDecisionMaker
+from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.results import (
     Decision,
     DecisionStatus,
@@ -58,7 +54,7 @@ class LinearProgramme:
     """
 
 
-class ProbabilisticDecisionMaker:
+class ProbabilisticDecisionMaker(HidingDecisionMaker):
     """The lottery of largest expected privacy that the budget allows in expectation (PDM).
 
     Formula: max_p Σ p_l Ψ(ū_l) with Σ p_l ρ(π,ū_l) ≤ budget, Σ p_l = 1, p ≥ 0.
@@ -94,20 +90,8 @@ class ProbabilisticDecisionMaker:
         method: Envelope | LinearProgramme | None = None,
         on_empty: str = "exclude",
     ) -> None:
-        self.problem = checked_problem(problem)
-        self.measure = checked_measure(measure)
-        self.budget = as_budget(budget)
+        super().__init__(problem, measure, budget, candidates, on_empty)
         self.method = checked_choice(method, "method", (Envelope, LinearProgramme))
-        self.on_empty = checked_on_empty(on_empty)
-        self._given = candidates
-        self._candidates: Candidates | None = None
-
-    @property
-    def candidates(self) -> Candidates:
-        """The candidates, solved at first use and kept."""
-        if self._candidates is None:
-            self._candidates = candidates_for(self.problem, self.measure, self._given)
-        return self._candidates
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery for one belief (X,)."""
@@ -149,6 +133,8 @@ class ProbabilisticDecisionMaker:
             mixture = mixture_on_envelope(both.regrets, both.privacies, hull, limit)
         if mixture is None:
             return self._lottery(both, Mixture(np.array([m]), np.ones(1), 0.0), optimal_cost, _NOTHING)
+        if shows_nothing(scores.measure, scores.belief, float(both.privacies[mixture.indices].max())):
+            return self._lottery(both, mixture, optimal_cost, _NOTHING)
         polished = np.any(mixture.indices > m)
         status = DecisionStatus.POLISHED if polished else DecisionStatus.BEST_CANDIDATE
         return self._lottery(both, mixture, optimal_cost, status)
@@ -179,7 +165,7 @@ class ProbabilisticDecisionMaker:
             optimal_cost + float(probabilities @ regrets),
             expected,
             optimal_cost,
-            max(cheap_bound(scores.belief, scores.measure), expected),
+            max(scores.measure.upper_bound(scores.belief), expected),
             mixture.price,
             tuple(sets[int(i)] for i in indices),
             np.array([sets[int(i)].center() for i in indices]),

@@ -9,6 +9,7 @@ import numpy as np
 
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.envelope import concave_envelope, undominated
+from inscrutable.errors import InputError
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.validation import Array
 
@@ -73,6 +74,10 @@ def score(belief: Array, optimal_cost: float, candidates: Candidates, measure: P
     regrets = np.maximum(costs - optimal_cost, 0.0)
     values = measure.values(belief, candidates.sets)
     privacies = values.privacies
+    unclear = np.flatnonzero(np.isnan(privacies) & candidates.usable & (candidates.sets.dimension >= 0))
+    if unclear.size:
+        raise InputError(f"{measure!r} is NaN for candidate {unclear[0]}; a measure must give a number, −inf or inf")
+    privacies = np.where(np.isnan(privacies), -np.inf, privacies)
     empty = candidates.sets.dimension < 0
     exact = values.exact.copy()
     if not measure.judges_empty:

@@ -15,7 +15,7 @@ from inscrutable.decision_makers import (
     OriginalDecisionMaker,
     ProbabilisticDecisionMaker,
 )
-from inscrutable.decision_makers.counter_adversarial import candidates_for
+from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import ModelError
 from inscrutable.experiments.backtest_inputs import BacktestSettings, Market, beliefs_by_date, checked_market

@@ -46,6 +46,15 @@ class BeliefSet(Saved):
     tolerance: float = tolerances.EXPLAINED
     gap: Callable[[float], float] | None = field(default=None, repr=False, metadata={"saved": False})
 
+    def __post_init__(self) -> None:
+        for name in ("equalities", "inequalities"):
+            object.__setattr__(self, name, validation.finite_array(getattr(self, name), name, ndim=2))
+        if self.equalities.shape[1] != self.inequalities.shape[1]:
+            raise InputError(
+                f"equalities have {self.equalities.shape[1]} columns, inequalities {self.inequalities.shape[1]}: "
+                "expected one per state in both"
+            )
+
     @property
     def n_states(self) -> int:
         """Number of states X."""

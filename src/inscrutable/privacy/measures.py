@@ -53,6 +53,9 @@ class PrivacyMeasure(ABC):
     judges_empty: bool = False
     """Whether the measure gives empty sets a meaning, so that the policy for them does not apply."""
 
+    is_indicator: bool = False
+    """Whether the only values are 0, the goal is met, and −∞; the cheapest decision is then the best."""
+
     @abstractmethod
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return Ψ for the true belief (X,) and the set that an observer reconstructs."""
@@ -65,6 +68,10 @@ class PrivacyMeasure(ABC):
     def reference(self, belief: Array) -> Reference | None:
         """Return the point and sign of a measure that is a distance, or None."""
         return None
+
+    def upper_bound(self, belief: Array) -> float:
+        """Return a number that Ψ cannot exceed for a true belief (X,)."""
+        return 0.0 if self.is_indicator else float("inf")
 
     def least_distance(self) -> float | None:
         """Return the distance from the true belief at which the goal is met, or None where there is no such distance."""
@@ -102,6 +109,10 @@ class MaximalObfuscation(PrivacyMeasure):
     def reference(self, belief: Array) -> Reference:
         """Return the true belief, to be far from."""
         return Reference(belief, 1.0)
+
+    def upper_bound(self, belief: Array) -> float:
+        """Return the distance to the farthest corner of the simplex."""
+        return float(np.linalg.norm(belief - np.eye(belief.size), axis=1).max())
 
 
 class DesiredObfuscation(PrivacyMeasure):
@@ -164,6 +175,10 @@ class DesiredObfuscation(PrivacyMeasure):
         """Return −dist(π^d, Π) of many decisions, exactly."""
         return Values(0.0 - sets.distances(self.target_for(belief)), np.ones(len(sets), dtype=bool))
 
+    def upper_bound(self, belief: Array) -> float:
+        """Return 0, reached where the target is in the set."""
+        return 0.0
+
     def reference(self, belief: Array) -> Reference:
         """Return the target, to be near to."""
         return Reference(self.target_for(belief), -1.0)
@@ -190,9 +205,15 @@ class NonExistence(PrivacyMeasure):
     """
 
     judges_empty = True
+    is_indicator = True
 
     def __init__(self, margin: float = tolerances.NON_EXISTENCE_MARGIN) -> None:
-        self.margin = validation.non_negative(margin, "margin")
+        self._margin = validation.non_negative(margin, "margin")
+
+    @property
+    def margin(self) -> float:
+        """The margin, fixed at construction."""
+        return self._margin
 
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return 0 if the true belief misses the set by the margin, else −∞."""
@@ -228,6 +249,8 @@ class NonUniqueness(PrivacyMeasure):
         0.0
     """
 
+    is_indicator = True
+
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return 0 if the set holds another belief, else −∞."""
         corners = belief_set.vertices()
@@ -262,9 +285,15 @@ class Infeasibility(PrivacyMeasure):
 
     searches_actions = True
     judges_empty = True
+    is_indicator = True
 
     def __init__(self, margin: float = tolerances.INFEASIBILITY_MARGIN) -> None:
-        self.margin = validation.non_negative(margin, "margin")
+        self._margin = validation.non_negative(margin, "margin")
+
+    @property
+    def margin(self) -> float:
+        """The margin, fixed at construction."""
+        return self._margin
 
     def __repr__(self) -> str:
         return f"Infeasibility(margin={self.margin:g})"

@@ -1,8 +1,8 @@
 """Step 3: what the agent decides, at what cost, under which constraints."""
 
-from inscrutable.problems.base import DecisionProblem
+from inscrutable.problems.base import DecisionProblem, checked_problem
 from inscrutable.problems.constraints import Polyhedron, box, simplex
 from inscrutable.problems.markowitz import MarkowitzProblem
 from inscrutable.problems.quadratic import QuadraticProblem
 
-__all__ = ["DecisionProblem", "MarkowitzProblem", "Polyhedron", "QuadraticProblem", "box", "simplex"]
+__all__ = ["DecisionProblem", "MarkowitzProblem", "Polyhedron", "QuadraticProblem", "box", "checked_problem", "simplex"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,17 +61,17 @@ class DecisionProblem(ABC):
                 f"{len(held)} beliefs with {len(points)} actions: give as many of each, or one of either; "
                 "for all pairs use beliefs @ problem.state_costs(actions).T"
             )
-        return np.asarray((held * self.state_costs(points)).sum(axis=-1))
+        return _plain((held * self.state_costs(points)).sum(axis=-1))
 
     def optimal_cost(self, beliefs: ArrayLike) -> Array:
         """Return V(π) = min_{u ∈ C} π·s(u) for one belief (X,) or many (T,X): shape () or (T,)."""
         held = validation.beliefs(beliefs, self.n_states)
-        return np.asarray((held * self.state_costs(self.solve(held))).sum(axis=-1))
+        return _plain((held * self.state_costs(self.solve(held))).sum(axis=-1))
 
     def regret(self, beliefs: ArrayLike, actions: ArrayLike) -> Array:
         """Return ρ(π,u) = π·s(u) − V(π) ≥ 0, paired as `expected_cost`."""
         # A difference of two nearly equal costs may round below zero.
-        return np.maximum(self.expected_cost(beliefs, actions) - self.optimal_cost(beliefs), 0.0)
+        return _plain(np.maximum(self.expected_cost(beliefs, actions) - self.optimal_cost(beliefs), 0.0))
 
     def check_actions(self, actions: ArrayLike) -> Array:
         """Return decisions (U,) or (T,U) as floats; raise `InputError` for a wrong length or one outside C."""
@@ -78,8 +79,7 @@ class DecisionProblem(ABC):
         if points.shape[-1] != self.n_actions:
             raise InputError(f"action has {points.shape[-1]} coordinates, expected {self.n_actions}")
         violation = np.atleast_1d(self.constraints.violation(points))
-        size = np.maximum(np.abs(np.atleast_2d(points)).max(axis=-1), 1.0)
-        bad = np.flatnonzero(violation > tolerances.FEASIBILITY * size)
+        bad = np.flatnonzero(violation > tolerances.FEASIBILITY)
         if bad.size:
             row = np.atleast_2d(points)[bad[0]]
             where = "" if points.ndim == 1 else f" row {bad[0]}"
@@ -101,3 +101,15 @@ class DecisionProblem(ABC):
             return f"{region.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
         worst = int(np.abs(off).argmax())
         return f"{region.names[len(region.b_ub) + worst]} is off by {off[worst]:.3g}"
+
+
+def _plain(values: Array) -> Array:
+    """A number of NumPy's for one belief and one decision, an array for many."""
+    return np.asarray(values)[()]
+
+
+def checked_problem(problem: Any) -> DecisionProblem:
+    """Return a decision problem, or raise `InputError`."""
+    if not isinstance(problem, DecisionProblem):
+        raise InputError(f"problem must be a decision problem such as MarkowitzProblem(...), got {problem!r}")
+    return problem

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.cones import StationarityRows, stationarity_rows
-from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.validation import Array
 
 _MOST_PATTERNS = 512
@@ -89,24 +89,27 @@ class Polyhedron:
     def stationarity(self, tight: np.ndarray) -> StationarityRows:
         """Return the rows that say, without multipliers, when a gradient is stationary with the rows `tight` active."""
         key = tight.tobytes()
-        if key not in self._stationarity:
+        known = self._stationarity.get(key)
+        if known is None:
+            known = stationarity_rows(self.A_ub[tight], self.A_eq)
             if len(self._stationarity) >= _MOST_PATTERNS:
                 self._stationarity.clear()
-            self._stationarity[key] = stationarity_rows(self.A_ub[tight], self.A_eq)
-        return self._stationarity[key]
+            self._stationarity[key] = known
+        return known
 
     def violation(self, actions: ArrayLike) -> Array:
-        """Return the largest violation of any row, per unit of its largest coefficient, shape (…)."""
+        """Return the largest violation of any row, per unit of its largest coefficient and of the decision's size where
+        that is above one, shape (…)."""
         points = np.asarray(actions, dtype=np.float64)
         beyond = -self.slacks(points).min(axis=-1, initial=np.inf)
         scale = np.abs(self.A_eq).max(axis=1, initial=0.0)
         off = (np.abs(points @ self.A_eq.T - self.b_eq) / scale).max(axis=-1, initial=0.0)
-        return np.asarray(np.maximum(np.maximum(beyond, off), 0.0))
+        return np.asarray(np.maximum(np.maximum(beyond, off), 0.0) / _size(points))
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
         """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""
         slack = self.slacks(actions)
-        tight = np.abs(slack) <= tolerances.FEASIBILITY
+        tight = np.abs(slack) <= tolerances.FEASIBILITY * _size(np.asarray(actions, dtype=np.float64))[..., None]
         return np.asarray(np.all(tight | (slack >= self.min_slack), axis=-1)) & (
             self.violation(actions) <= tolerances.FEASIBILITY
         )
@@ -134,22 +137,23 @@ class Polyhedron:
         """Raise `ModelError` naming the rows in conflict, and by how much, where no decision satisfies all rows."""
         n, e, u = len(self.b_ub), len(self.b_eq), self.n_actions
         elastic = np.concatenate([np.zeros(u), np.ones(n + 2 * e)])
-        answer = minimise(
+        answer = minimum(
             elastic,
             Rows(np.hstack([self.A_ub, -np.eye(n), np.zeros((n, 2 * e))]), self.b_ub),
             Rows(np.hstack([self.A_eq, np.zeros((e, n)), np.eye(e), -np.eye(e)]), self.b_eq),
             [(None, None)] * u + [(0, None)] * (n + 2 * e),
         )
-        size = max(1.0, np.abs(self.b_ub).max(initial=0.0))
-        if answer.status != OPTIMAL or answer.value <= tolerances.FEASIBILITY * size:
-            return
         broken = answer.x[u : u + n]
         off = answer.x[u + n : u + n + e] + answer.x[u + n + e :]
+        sides = np.abs(np.concatenate([self.b_ub, self.b_eq]))
+        scale = np.maximum(np.concatenate([self.row_scale, np.abs(self.A_eq).max(axis=1, initial=0.0)]), sides)
         amounts = [
             f"{name} by {amount:g}"
-            for name, amount in zip(self.names, np.concatenate([broken, off]), strict=True)
-            if amount > tolerances.FEASIBILITY
+            for name, amount, size in zip(self.names, np.concatenate([broken, off]), scale, strict=True)
+            if amount > tolerances.FEASIBILITY * size
         ]
+        if not amounts:
+            return
         raise ModelError(f"no decision satisfies all constraints; the least relaxation is: {', '.join(amounts)}")
 
     @cached_property
@@ -163,6 +167,11 @@ class Polyhedron:
                 )
                 limits[j, side] = sign * answer.value if answer.status == OPTIMAL else -sign * np.inf
         return limits
+
+
+def _size(points: Array) -> Array:
+    """Largest coordinate of each decision, at least one: what its rounding is relative to."""
+    return np.asarray(np.maximum(np.abs(points).max(axis=-1, initial=0.0), 1.0))
 
 
 def _rows(A: ArrayLike | None, b: ArrayLike | None, kind: str, other: ArrayLike | None) -> tuple[Array, Array]:

@@ -20,6 +20,11 @@ class Emission(Protocol):
     """An observation model p(y | x) over X states; write one of your own to use another sensor.
 
     A row of `log_likelihoods` must depend on that row's observation alone: the filter's causality rests on it.
+
+    Example:
+        >>> from inscrutable.worlds import CategoricalEmission
+        >>> isinstance(CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]), Emission)
+        True
     """
 
     @property

@@ -1,0 +1,46 @@
+"""What decision makers that hide a belief have in common: a problem, a goal, a budget, and candidates solved once."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.arguments import checked_measure, checked_on_empty
+from inscrutable.decision_makers.candidates import Candidates, as_candidates, near_decoys
+from inscrutable.privacy import PrivacyMeasure
+from inscrutable.problems import DecisionProblem, checked_problem
+
+
+class HidingDecisionMaker:
+    """The common part of the CDM and the PDM; arguments as there."""
+
+    def __init__(
+        self,
+        problem: DecisionProblem,
+        measure: PrivacyMeasure | None,
+        budget: Budget | float,
+        candidates: Candidates | ArrayLike | None,
+        on_empty: str,
+    ) -> None:
+        self.problem = checked_problem(problem)
+        self.measure = checked_measure(measure)
+        self.budget = as_budget(budget)
+        self.on_empty = checked_on_empty(on_empty)
+        self._given = candidates
+        self._candidates: Candidates | None = None
+
+    @property
+    def candidates(self) -> Candidates:
+        """The candidates, solved at first use and kept."""
+        if self._candidates is None:
+            self._candidates = candidates_for(self.problem, self.measure, self._given)
+        return self._candidates
+
+
+def candidates_for(
+    problem: DecisionProblem, measure: PrivacyMeasure, given: Candidates | ArrayLike | None
+) -> Candidates:
+    """Return given candidates, or the default: decoys, and decisions beside them where unexplained ones can be best."""
+    if given is None and measure.searches_actions:
+        return near_decoys(problem)
+    return as_candidates(problem, given)

@@ -146,7 +146,9 @@ def _search(problem: DecisionProblem, scores: Scores, limit: float, optimal_cost
 def shows_nothing(measure: PrivacyMeasure, belief: Array, privacy: float) -> bool:
     """Whether a privacy means that the goal is missed altogether: −∞, or no distance where distance is sought."""
     reference = measure.reference(belief)
-    return bool(np.isneginf(privacy)) or (reference is not None and reference.sign > 0 and privacy <= tolerances.NO_PRIVACY)
+    return bool(np.isneginf(privacy)) or (
+        reference is not None and reference.sign > 0 and privacy <= tolerances.NO_PRIVACY
+    )
 
 
 def _most_private(goal: Goal, scores: Scores, index: int | None) -> tuple[Array | None, DecisionStatus]:

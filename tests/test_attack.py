@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -216,3 +217,26 @@ def test_files_are_written_and_hold_the_numbers(tmp_path: Path, n_states: int, f
     assert list(table.index) == ["2001-01-31", "2001-02-28", "2001-03-31"]
     assert attack_lines(attack).shape == (3, n_states + 2)
     assert attack_summary(attack)["readings"] == {"exact": 0, "rounded": 3, "implausible": 0}
+
+
+def test_the_summary_keeps_every_row(tmp_path: Path) -> None:
+    """Two rows of one day, and a label that comes twice, are rows of their own."""
+    model = market(14, 4)
+    beliefs = np.random.default_rng(14).dirichlet(np.ones(3), size=2)
+    days = pd.to_datetime(["2001-01-02 10:00", "2001-01-02 16:00"])
+    for index, labels in (
+        (days, ["2001-01-02 10:00:00", "2001-01-02 16:00:00"]),
+        (pd.Index(["fund", "fund"]), ["fund", "fund"]),
+    ):
+        attack = attack_weights(model, published(model, beliefs, None).set_axis(index))
+        write_attack(attack, tmp_path)
+        rows = json.loads((tmp_path / "summary.json").read_text("utf-8"))["rows"]
+        assert [row["row"] for row in rows] == labels
+        assert np.array_equal([row["estimate"] for row in rows], attack.estimates)
+        assert np.array_equal([row["bounds"] for row in rows], attack.bounds)
+        assert [row["reading"] for row in rows] == ["exact", "exact"]
+
+
+def test_the_model_must_be_one() -> None:
+    with pytest.raises(InputError, match="model must be an InvestorModel"):
+        attack_weights(market(14, 4).problem, pd.DataFrame())  # type: ignore[arg-type]

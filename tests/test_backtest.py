@@ -22,6 +22,7 @@ from inscrutable import (
 from inscrutable.datasets import load_industry_returns, read_beliefs, read_weights
 from inscrutable.decision_makers import privacy_frontier
 from inscrutable.experiments.backtest import RESTARTS, Backtest, BacktestSettings, run_backtest
+from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.reports.backtest import headline, table_of, text_of, timing_of, write_backtest
 
@@ -316,3 +317,32 @@ def test_other_refusals(found: Backtest, tmp_path: Path) -> None:
     blocked.write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         write_backtest(found, blocked)
+
+
+@pytest.mark.parametrize(
+    ("increase", "optimal", "expected"),
+    [
+        ([0.2, 0.0], [-2.0, 4.0], [0.1, 0.0]),
+        ([0.0, 0.3], [0.0, 0.0], [0.0, np.inf]),
+        (0.0, -0.0, 0.0),
+        (1.0, 0.0, np.inf),
+    ],
+)
+def test_the_increase_relative_to_nothing(increase: object, optimal: object, expected: object) -> None:
+    assert np.array_equal(relative_increase(increase, optimal), expected)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("spent", [0.0, 1e-3])
+def test_optimal_costs_of_zero_give_no_nan(found: Backtest, spent: float) -> None:
+    def at_zero(record: Record) -> Record:
+        nothing = np.zeros(DECISIONS)
+        return Record(replace(record.decisions, optimal_cost=nothing, regret=nothing + spent))
+
+    records = {name: at_zero(record) for name, record in found.episode.records.items()}
+    shifted = replace(found, episode=replace(found.episode, records=records))
+    for record in records.values():
+        assert set(record.relative_increase) == {np.inf if spent else 0.0}
+    said = headline(shifted)
+    assert "nan" not in said
+    assert ("0.001 and 0.001 per month, where c* is 0" if spent else "0.0% and 0.0% of |c*|") in said
+    assert not np.isnan(table_of(shifted).loc["regret, sum as % of the sum of |c*|"]).any()

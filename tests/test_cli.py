@@ -75,6 +75,16 @@ def is_one_clear_message(err: str) -> bool:
 # ---- help, version, usage ------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("verb", ["reproduce", "backtest", "protect"])
+@pytest.mark.parametrize("seed", ["-1", "x"])
+def test_a_seed_that_is_none_is_wrong_usage_everywhere(run, folder: Path, verb: str, seed: str) -> None:  # type: ignore[no-untyped-def]
+    more = ("--model", folder / "model.json", "--belief", "0.2,0.3,0.5") if verb == "protect" else ()
+    code, out, err = run(verb, *more, "--seed", seed)
+    assert (code, out) == (cli.USAGE, "")
+    assert is_one_clear_message(err)
+    assert "--seed" in err
+
+
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["-h"]])
 def test_help_lists_the_verbs(run, arguments: list[str]) -> None:  # type: ignore[no-untyped-def]
     code, out, err = run(*arguments)

@@ -26,6 +26,9 @@ from pathlib import Path
 
 import pytest
 
+from inscrutable.privacy import PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(ROOT.glob("docs/**/*.md"))
 EXAMPLES = sorted(ROOT.glob("examples/**/*.py"))
@@ -260,3 +263,14 @@ def test_commands_are_held_to_what_is_shown(
 
 def test_commands_are_read_with_their_output() -> None:
     assert commands_of("$ one \\\n    two\nthree\nfour\n$ five\n") == [("one      two", "three\nfour\n"), ("five", "")]
+
+
+def test_contributing_names_what_a_new_class_must_write() -> None:
+    page = " ".join((ROOT / "CONTRIBUTING.md").read_text("utf-8").split())
+    measures, problems = page.split("## Adding a privacy measure ")[1].split("## Adding a decision problem ")
+    required = problems.split("and write ")[1].split(";")[0]
+    assert set(re.findall(r"`(\w+)`", required)) == DecisionProblem.__abstractmethods__ | {"constraints"}
+    assert PrivacyMeasure.__abstractmethods__ == {"__call__"}
+    assert measures.startswith("Derive a class from `PrivacyMeasure`")
+    for name in re.findall(r"`([a-z]\w+)`", measures):
+        assert hasattr(PrivacyMeasure, name), name

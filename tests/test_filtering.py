@@ -103,7 +103,7 @@ class Table:
     def log_likelihoods(self, observations: Any) -> np.ndarray:
         return np.asarray(observations, dtype=float)
 
-    def sample(self, states: Any, rng: np.random.Generator) -> np.ndarray:
+    def sample(self, states: Any, *, rng: np.random.Generator) -> np.ndarray:
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
@@ -206,6 +206,16 @@ class TestLabels:
         for label, row in self.frame.iterrows():
             assert np.array_equal(agent.update(row), expected.loc[label])
 
+    def test_a_frame_of_one_row_is_an_observation_and_one_of_more_is_not(self) -> None:
+        agent = BeliefFilter(self.world)
+        expected = filter_beliefs(self.world, self.frame).beliefs
+        with pytest.raises(InputError, match="one observation, got 2"):
+            agent.update(self.frame)
+        with pytest.raises(InputError, match="T >= 1"):
+            agent.update(self.frame.iloc[:0])
+        for t in range(2):
+            assert np.array_equal(agent.update(self.frame.iloc[[t]]), expected.iloc[t])
+
 
 def test_one_dimension_takes_plain_numbers() -> None:
     world = HiddenMarkovModel([[0.5, 0.5], [0.5, 0.5]], GaussianEmission([[0.0], [1.0]], np.ones((2, 1, 1))))
@@ -222,3 +232,9 @@ def test_a_broken_sensor_is_caught() -> None:
         filter_beliefs(world, [[0.0, 0.0, 0.0]])
     with pytest.raises(InputError, match="one observation, got 2"):
         BeliefFilter(HiddenMarkovModel(np.eye(2), Doubled(), [0.5, 0.5])).update([0.0, 0.0])
+
+
+def test_what_is_no_world_is_refused() -> None:
+    for call in (lambda: BeliefFilter(np.eye(2)), lambda: filter_beliefs(np.eye(2), [0])):
+        with pytest.raises(InputError, match="world must be a HiddenMarkovModel"):
+            call()

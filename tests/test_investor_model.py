@@ -77,7 +77,7 @@ def test_a_sensor_of_a_users_own_is_refused(tmp_path: Path) -> None:
 
         def log_likelihoods(self, observations: Any) -> Any: ...
 
-        def sample(self, states: Any, rng: Any) -> Any: ...
+        def sample(self, states: Any, *, rng: Any) -> Any: ...
 
         def to_dict(self) -> dict[str, Any]:
             return {"type": "own"}
@@ -169,3 +169,36 @@ def test_a_model_checks_itself() -> None:
     with pytest.raises(InputError, match="budget must be a Budget"):
         InvestorModel(model.world, model.problem, model.assets, model.regimes, 0.1)  # type: ignore[arg-type]
     assert "3 regimes" in model.summary()
+
+
+def test_names_of_the_world_must_be_those_of_the_model() -> None:
+    model = investor()
+    emission = model.world.emission
+    assert isinstance(emission, GaussianEmission)
+
+    def other(labels: Any = None, names: Any = None) -> HiddenMarkovModel:
+        sensor = GaussianEmission(emission.means, emission.covariances, asset_names=labels)
+        return HiddenMarkovModel(model.world.transition, sensor, names=names)
+
+    def build(world: HiddenMarkovModel, regimes: tuple[str, ...] = ("calm", "normal", "wild")) -> InvestorModel:
+        return InvestorModel(world, model.problem, model.assets, regimes)
+
+    assert build(other()).regimes == ("calm", "normal", "wild")
+    assert build(other(names=["calm", "normal", "wild"])).regimes == ("calm", "normal", "wild")
+    assert build(other(labels=model.assets[::-1])).assets == model.assets
+    for names in (["wild", "normal", "calm"], ["a", "b", "c"]):
+        with pytest.raises(InputError, match=r"states are .*the regimes .*calm.* same order"):
+            build(other(names=names))
+    with pytest.raises(InputError, match="same order"):
+        build(other(), ("regime 3", "regime 2", "regime 1"))
+    for labels in (range(4), ["asset 0", "asset 1", "asset 2", "gold"]):
+        with pytest.raises(InputError, match="sensor has the assets"):
+            build(other(labels=labels))
+
+
+def test_a_model_is_made_of_a_world_and_a_problem() -> None:
+    model = investor()
+    with pytest.raises(InputError, match="world must be a HiddenMarkovModel"):
+        InvestorModel(model.problem, model.problem, model.assets, model.regimes)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="problem must be a MarkowitzProblem"):
+        InvestorModel(model.world, model.world, model.assets, model.regimes)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ from inscrutable.experiments.random_markets import random_market
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.reports.simplex_plots import plot_actions, plot_beliefs
-from inscrutable.reports.style import COLUMN_WIDTH, drawing, save_figure
+from inscrutable.reports.style import COLUMN_WIDTH, around, drawing, save_figure
 from inscrutable.reports.time_plots import plot_costs, plot_privacy
 from inscrutable.reports.tradeoff_plots import plot_convergence, plot_tradeoff
 
@@ -29,8 +29,6 @@ EMPTY = BeliefSet(np.array([[1.0, 1.0, 1.0]]), np.zeros((0, 3)))
 
 @pytest.fixture
 def triangle() -> Iterator[tuple[Any, Any]]:
-    import mpltern  # noqa: F401
-
     with drawing(COLUMN_WIDTH, 3.3, subplot_kw={"projection": "ternary"}) as pair:
         yield pair
 
@@ -161,3 +159,17 @@ def test_shapes_must_agree(chart: tuple[Any, Any]) -> None:
     _, axes = chart
     with pytest.raises(InputError, match="values of CDM have 3 columns, expected 2"):
         plot_tradeoff(axes, [0.1, 1.0], {"CDM": np.zeros((4, 3))})
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("n_states", [3, 5])
+def test_corners_are_put_in_their_order_around(seed: int, n_states: int) -> None:
+    """A convex polygon walked around turns the same way at every corner and goes round once."""
+    rng = np.random.default_rng(seed)
+    angles = np.sort(rng.uniform(0.0, 2 * np.pi, size=int(rng.integers(3, 9))))
+    plane = np.linalg.qr(np.column_stack([np.ones(n_states), rng.normal(size=(n_states, 2))]))[0][:, 1:]
+    polygon = 1 / n_states + 0.1 / n_states * np.column_stack([np.cos(angles), np.sin(angles)]) @ plane.T
+    ordered = around(polygon[rng.permutation(len(polygon))])
+    place = [int(np.abs(polygon - corner).sum(axis=1).argmin()) for corner in ordered]
+    steps = {(after - before) % len(polygon) for before, after in zip(place, [*place[1:], place[0]], strict=True)}
+    assert steps in ({1}, {len(polygon) - 1})

@@ -13,7 +13,7 @@ from inscrutable.budgets import Budget
 from inscrutable.datasets import read_weights
 from inscrutable.decision_makers import CounterAdversarialDecisionMaker
 from inscrutable.errors import InputError
-from inscrutable.experiments.attack import attack_weights
+from inscrutable.experiments.attack import Reading, attack_weights
 from inscrutable.experiments.protect import implausible_rows, protect, protect_weights
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, NonExistence
 from inscrutable.reports.protect import (
@@ -144,3 +144,29 @@ def test_tables_say_what_each_publication_costs_and_says() -> None:
     summary = protect_summary(found)
     assert len(summary["rows"]) == 2
     assert summary["implausible_rows"] == []
+
+
+def test_rounded_plans_are_read_as_rounded_and_the_bar_moves_all_along() -> None:
+    plans = published(MODEL, BELIEFS, 2)
+    seen: list[tuple[int, int]] = []
+    found = protect_weights(
+        MODEL,
+        plans,
+        decimals=2,
+        rng=np.random.default_rng(0),
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    assert found.planned is not None
+    assert found.planned.decimals == 2
+    assert found.planned.count(Reading.ROUNDED) == len(plans)
+    assert np.array_equal(found.beliefs, attack_weights(MODEL, plans, decimals=2).estimates)
+    shares = [done / total for done, total in seen]
+    assert shares == sorted(shares)
+    assert shares[0] <= 1 / 8, "the reading of the weights is a part of the work"
+    assert shares[-1] == 1.0
+
+
+def test_the_model_must_be_one() -> None:
+    for budget in (None, 0.1):
+        with pytest.raises(InputError, match="model must be an InvestorModel"):
+            protect(MODEL.problem, BELIEFS, budget)  # type: ignore[arg-type]

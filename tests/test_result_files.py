@@ -17,8 +17,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from inscrutable import files
 from inscrutable.datasets import output_folder, whole_file, write_json, write_table
 from inscrutable.errors import InputError
+from inscrutable.labels import label_text
+from inscrutable.reports.style import save_figure
 
 same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 names = st.text(st.characters(codec="utf-8"), max_size=8)
@@ -157,3 +160,36 @@ def test_output_folder_on_a_read_only_file_system() -> None:
     for path in ("/proc/self", "/proc/self/results"):
         with pytest.raises(InputError, match="cannot be written"):
             output_folder(path)
+
+
+def test_there_is_one_writer() -> None:
+    assert whole_file is files.whole_file
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no such font"), OSError(28, "No space left on device")])
+def test_a_picture_that_fails_leaves_nothing(tmp_path: Path, error: Exception) -> None:
+    class Figure:
+        def savefig(self, path: Path, **options: Any) -> None:
+            Path(path).write_bytes(b"half")
+            raise error
+
+    expected = InputError if isinstance(error, OSError) else RuntimeError
+    with pytest.raises(expected, match=r"no such font|picture\.png cannot be written: No space left"):
+        save_figure(Figure(), tmp_path, "picture")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("label", "text"),
+    [
+        (pd.Timestamp("2020-01-31"), "2020-01-31"),
+        (pd.Timestamp("2020-01-31", tz="UTC"), "2020-01-31"),
+        (pd.Timestamp("2020-01-31 16:00"), "2020-01-31 16:00:00"),
+        (datetime(2020, 1, 31), "2020-01-31"),
+        (pd.NaT, "NaT"),
+        (pd.Period("2020-01", "M"), "2020-01"),
+        (7, "7"),
+    ],
+)
+def test_labels_are_written_as_a_person_would(label: Any, text: str) -> None:
+    assert label_text(label) == text

@@ -68,8 +68,53 @@ def test_foreign_files_are_refused(problem, tmp_path):
         Decision.load(tmp_path / "text.npz")
     with pytest.raises(InputError, match="not a saved result"):
         Decision.load(tmp_path / "missing.npz")
-    with pytest.raises(InputError, match="cannot write"):
+    with pytest.raises(InputError, match="cannot be written"):
         decision.save(tmp_path / "no" / "folder.npz")
     np.savez(tmp_path / "other.npz", a=np.zeros(2))
     with pytest.raises(InputError, match="not a saved result"):
         Decision.load(tmp_path / "other.npz")
+
+
+def test_a_flipped_byte_is_noticed_or_harmless(problem, tmp_path):
+    decision = CounterAdversarialDecisionMaker(problem).decide([0.2, 0.3, 0.5])
+    path = tmp_path / "decision.npz"
+    decision.save(path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    refused = 0
+    for place in np.sort(rng.choice(len(whole), min(400, len(whole)), replace=False)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        try:
+            again = Decision.load(path)
+        except InputError:
+            refused += 1
+        else:
+            assert np.array_equal(again.action, decision.action), place
+            assert again.regret == decision.regret, place
+    assert refused > 100
+
+
+@pytest.mark.parametrize("described", ["[]", "1", "null", '{"format": "other"}', "[" * 100_000])
+def test_a_description_of_another_kind_is_refused(tmp_path, described):
+    np.savez(tmp_path / "other.npz", description=np.array(described))
+    with pytest.raises(InputError, match=r"other\.npz is not a saved result"):
+        Decision.load(tmp_path / "other.npz")
+
+
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(problem, tmp_path, monkeypatch):
+    decision = CounterAdversarialDecisionMaker(problem).decide([0.2, 0.3, 0.5])
+    path = tmp_path / "decision.npz"
+    decision.save(path)
+    before = path.read_bytes()
+
+    def half(stream, **arrays):
+        stream.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", half)
+    with pytest.raises(InputError, match=r"decision\.npz cannot be written: No space left"):
+        decision.save(path)
+    assert [each.name for each in tmp_path.iterdir()] == ["decision.npz"]
+    assert path.read_bytes() == before

@@ -105,6 +105,12 @@ class TestRefused:
         with pytest.raises(InputError, match=r"numpy\.random\.Generator"):
             world.sample(3, rng=0)  # type: ignore[arg-type]
 
+    def test_a_sensor_takes_its_generator_by_name(self) -> None:
+        for emission in (sensor(2), gaussian_world(0).emission):
+            with pytest.raises(TypeError, match="positional"):
+                emission.sample([0, 1], np.random.default_rng(0))  # type: ignore[misc]
+            assert len(emission.sample([0, 1], rng=np.random.default_rng(0))) == 2
+
 
 class TestStationaryLaw:
     @given(st.integers(1, 7), st.integers(0, 10_000), st.floats(0.0, 0.7))

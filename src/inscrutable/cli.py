@@ -12,12 +12,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
-from inscrutable.cli_console import Speech, label_text, results, show_table
+from inscrutable.cli_console import Speech, results, show_table
 from inscrutable.cli_values import MeasureName, UsageError, belief_of, budget_of, measure_of
 from inscrutable.errors import InputError, InscrutableError
+from inscrutable.labels import label_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +51,9 @@ _OUTPUT = Group("Output", sort_key=9)
 
 Out = Annotated[Path, Parameter(group=_OUTPUT)]
 OptionalOut = Annotated[Path | None, Parameter(group=_OUTPUT)]
-Seed = Annotated[int, Parameter(group=_OUTPUT)]
+_AT_LEAST_0 = Parameter(group=_OUTPUT, validator=validators.Number(gte=0))
+Seed = Annotated[int, _AT_LEAST_0]
+OptionalSeed = Annotated[int | None, _AT_LEAST_0]
 
 
 @app.command
@@ -182,7 +185,7 @@ def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd
 
 
 def _middle(table: pd.DataFrame) -> str:
-    return label_text(table.index[(len(table) - 1) // 2])
+    return f"{table.index[(len(table) - 1) // 2]:%Y-%m-%d}"
 
 
 def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
@@ -253,7 +256,7 @@ def protect(
     budget: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
     target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
-    seed: Annotated[int | None, Parameter(group=_OUTPUT)] = None,
+    seed: OptionalSeed = None,
     out: OptionalOut = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
@@ -277,12 +280,14 @@ def protect(
     limit = None if budget is None else budget_of(budget)
     single = None if belief is None else belief_of(belief, "--belief")
 
+    import numpy as np
+
     from inscrutable.datasets import output_folder, read_beliefs, read_weights
     from inscrutable.experiments import protect as experiment
     from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.reports.protect import protect_summary, write_protect
 
-    rng = None if seed is None else _generator(seed)
+    rng = None if seed is None else np.random.default_rng(seed)
     investor = InvestorModel.load(model)
     planned = None if weights is None else read_weights(weights, assets=investor.assets)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
@@ -299,14 +304,6 @@ def protect(
         return
     _show_protection(found)
     speech.files(files)
-
-
-def _generator(seed: int) -> Any:
-    import numpy as np
-
-    if seed < 0:
-        raise UsageError(f"--seed {seed}: expected a whole number of at least 0")
-    return np.random.default_rng(seed)
 
 
 def _show_protection(found: Protection) -> None:

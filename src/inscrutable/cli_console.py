@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from inscrutable.labels import label_text
+
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
@@ -128,8 +130,3 @@ def show_table(frame: pd.DataFrame, title: str, *, prose: bool = False) -> None:
     for label, row in zip(frame.index, frame.itertuples(index=False), strict=True):
         table.add_row(Text(label_text(label)), *(Text(str(cell)) for cell in row))
     results().print(table)
-
-
-def label_text(label: Any) -> str:
-    """Return a row's label as a person writes it: a date without its midnight."""
-    return f"{label:%Y-%m-%d}" if hasattr(label, "strftime") else str(label)

@@ -64,7 +64,7 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any) -> FilterResult[
         Beliefs (T,X), one-step predictions (T,X) and the log-likelihood.
 
     Raises:
-        InputError: Malformed observations; row and column are named.
+        InputError: `world` is no hidden Markov model, or malformed observations; row and column are named.
         ModelError: An observation that no reachable state can report; its step is named.
 
     Cost: O(T X²) after the sensor's log-likelihoods.
@@ -79,7 +79,7 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any) -> FilterResult[
         >>> filter_beliefs(world, [0, 1]).beliefs.round(3).tolist()
         [[0.96, 0.04], [0.611, 0.389]]
     """
-    log_likelihoods = _log_likelihoods(world, observations)
+    log_likelihoods = _log_likelihoods(_checked(world), observations)
     with np.errstate(divide="ignore"):
         log_prior = np.log(world.initial)
     _, _, beliefs, predicted, increments = _pass(world, log_prior, log_likelihoods)
@@ -113,7 +113,7 @@ class BeliefFilter:
     """
 
     def __init__(self, world: HiddenMarkovModel) -> None:
-        self._world = world
+        self._world = _checked(world)
         with np.errstate(divide="ignore"):
             self._log_prior = np.log(world.initial)
         self._predicted: Array = world.initial.copy()
@@ -134,18 +134,19 @@ class BeliefFilter:
         """Take in one observation and return the belief p(x_t | y_0..t); the first has no transition before it.
 
         Args:
-            observation: A symbol or a (D,) real vector; a Series is aligned by the sensor's asset names.
+            observation: A symbol or a (D,) real vector; a Series, or a DataFrame of one row, is aligned by the sensor's
+                asset names.
 
         Returns:
             (X,) belief.
 
         Raises:
-            InputError: A malformed observation.
+            InputError: A malformed observation, or more than one.
             ModelError: No reachable state can report it. In both cases the filter stays as it was.
 
         Cost: O(X²) after the sensor's log-likelihoods.
         """
-        row = observation.to_frame().T if is_labelled(observation) else np.asarray(observation)[None]
+        row = _one_row(observation)
         log_likelihoods = _log_likelihoods(self._world, row)
         if log_likelihoods.shape[0] != 1:
             raise InputError(
@@ -158,6 +159,18 @@ class BeliefFilter:
         self._log_likelihood += float(increments[0])
         self._n_updates += 1
         return np.asarray(beliefs[0])
+
+
+def _one_row(observation: Any) -> Any:
+    if not is_labelled(observation):
+        return np.asarray(observation)[None]
+    return observation if hasattr(observation, "columns") else observation.to_frame().T
+
+
+def _checked(world: Any) -> HiddenMarkovModel:
+    if not isinstance(world, HiddenMarkovModel):
+        raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
+    return world
 
 
 def _log_likelihoods(world: HiddenMarkovModel, observations: Any) -> Array:

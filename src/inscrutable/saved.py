@@ -6,7 +6,6 @@ import dataclasses
 import io
 import json
 import os
-import zipfile
 from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
@@ -14,6 +13,7 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 
 from inscrutable.errors import InputError
+from inscrutable.files import whole_file
 
 _FORMAT = "inscrutable-result-1"
 _Choice = TypeVar("_Choice", bound=Enum)
@@ -38,14 +38,9 @@ class Saved:
         """Write the result to `path` as npz, whole or not at all; raise `InputError` where it cannot be written."""
         arrays: dict[str, Any] = {}
         described = json.dumps({"format": _FORMAT, "result": _encode(self, arrays)})
-        target = Path(path)
-        partial = target.with_name(f".{target.name}.partial")
-        try:
-            with partial.open("wb") as stream:
-                np.savez_compressed(stream, description=np.array(described), **arrays)
-            os.replace(partial, target)
-        except OSError as error:
-            raise InputError(f"cannot write {target}: {error.strerror or error}") from None
+        # A stream, because numpy adds an ending to a name.
+        with whole_file(path) as temporary, temporary.open("wb") as stream:
+            np.savez_compressed(stream, description=np.array(described), **arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -55,12 +50,11 @@ class Saved:
             with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as stored:
                 described = json.loads(str(stored["description"]))
                 if described.get("format") != _FORMAT:
-                    raise InputError(f"{path} has format {described.get('format')!r}, expected {_FORMAT!r}")
+                    raise InputError(f"its format is {described.get('format')!r}, expected {_FORMAT!r}")
                 found = _decode(described["result"], stored)
-        except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{path} is not a saved result: {error}") from None
+        except Exception as error:
+            # One damaged byte can raise anything in zlib, zipfile, numpy's header parser or a result's own checks.
+            raise InputError(f"{path} is not a saved result: {str(error) or type(error).__name__}") from error
         if not isinstance(found, cls):
             raise InputError(f"{path} holds a {type(found).__name__}, expected a {cls.__name__}")
         return found

@@ -34,6 +34,9 @@ Tight enough that a decision solved here always passes, loose enough for weights
 PUBLISHED_SUM = 5e-3
 """How far published weights may be from summing to one before a file is refused: fifty weights rounded to four digits."""
 
+COARSEST_SUM = 0.1
+"""However coarsely weights are rounded, a sum farther than this from one is a mistake in the file."""
+
 MIN_SLACK = 1e-4
 """Smallest slack of a row that is not tight, in the decision's unit: one basis point, a weight a person would trade."""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from inscrutable.datasets.daily import load_daily_returns
-from inscrutable.datasets.files import output_folder, whole_file, write_json, write_table
+from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.datasets.french import IndustryReturns, load_industry_returns
 from inscrutable.datasets.tables import WeightsTable, read_beliefs, read_returns, read_weights, simple_returns
+from inscrutable.files import whole_file
 
 __all__ = [
     "IndustryReturns",

@@ -1,4 +1,4 @@
-"""Writing results: a file appears whole or not at all, and the same data give the same bytes."""
+"""Writing results: whole files, and the same data give the same bytes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from datetime import date
 from enum import Enum
@@ -18,50 +17,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.errors import InputError
-
-PathLike = str | os.PathLike[str]
-
-
-@contextmanager
-def whole_file(path: PathLike) -> Iterator[Path]:
-    """Give a temporary path in the target's folder to write to, and move it to `path` when all went well.
-
-    Args:
-        path: The file to create or replace. Its folder must exist. The temporary file keeps the suffix, so writers that
-            go by it (images, npz) work.
-
-    Yields:
-        Where to write. After an exception it is deleted and the former file, if any, is as it was.
-
-    Raises:
-        InputError: The file cannot be written, with the operating system's reason. Other exceptions of the body pass
-            through.
-
-    Cost: one rename. The data are flushed to the disk before it.
-
-    Example:
-        >>> from pathlib import Path
-        >>> from tempfile import TemporaryDirectory
-        >>> from inscrutable.datasets import whole_file
-        >>> with TemporaryDirectory() as folder:
-        ...     with whole_file(folder + "/note.txt") as temporary:
-        ...         _ = temporary.write_text("all of it")
-        ...     (Path(folder) / "note.txt").read_text()
-        'all of it'
-    """
-    target = Path(path)
-    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}") if target.name else target
-    try:
-        if target.is_dir():
-            raise InputError(f"{target} cannot be written: it is a folder, expected a file name")
-        yield temporary
-        with temporary.open("r+b") as written:
-            os.fsync(written.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise InputError(f"{target} cannot be written: {_reason(error)}") from error
-    finally:
-        _remove(temporary, unless=target)
+from inscrutable.files import PathLike, reason, remove, whole_file
 
 
 def write_table(frame: pd.DataFrame, path: PathLike) -> None:
@@ -149,8 +105,8 @@ def output_folder(path: PathLike) -> Path:
         probe.write_bytes(b"\n")
         probe.unlink()
     except OSError as error:
-        _remove(probe, unless=folder)
-        raise InputError(f"output folder {folder} cannot be written: {_reason(error)}") from error
+        remove(probe, unless=folder)
+        raise InputError(f"output folder {folder} cannot be written: {reason(error)}") from error
     return folder
 
 
@@ -161,18 +117,6 @@ def _write_text(text: str, path: PathLike) -> None:
         raise InputError(f"{path} cannot be written: {text[error.start]!r} is not a character of UTF-8") from None
     with whole_file(path) as temporary:
         temporary.write_bytes(encoded)
-
-
-def _remove(temporary: Path, *, unless: Path) -> None:
-    if temporary != unless:
-        try:
-            temporary.unlink(missing_ok=True)
-        except OSError:
-            return  # the folder itself is out of reach; the first error is the one to report
-
-
-def _reason(error: OSError) -> str:
-    return error.strerror or str(error)
 
 
 def _plain(value: Any, place: str) -> Any:

@@ -222,7 +222,8 @@ def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
     digits = decimal_digits(table, columns)
     # Rounding moves each weight by at most half a unit of its last digit.
     rounding = len(wanted) * 0.5 * 10.0**-digits if digits > 0 else 0.0
-    _check_sums(table, values, max(tolerances.PUBLISHED_SUM, rounding), "weights")
+    allowed = max(tolerances.PUBLISHED_SUM, min(rounding, tolerances.COARSEST_SUM))
+    _check_sums(table, values, allowed, "weights")
     return WeightsTable(
         frame=pd.DataFrame(values, index=index, columns=pd.Index(wanted)),
         decimals=digits if digits < FULL_PRECISION_DIGITS else None,

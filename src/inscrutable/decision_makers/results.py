@@ -38,7 +38,7 @@ class DecisionStatus(Enum):
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Decision(Saved):
     """One decision and what it gives away.
 
@@ -78,6 +78,9 @@ class Decision(Saved):
     decoy: Array
     status: DecisionStatus
 
+    def __repr__(self) -> str:
+        return self.summary()
+
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         share = f" ({self.regret / abs(self.optimal_cost):.1%} of |c*|)" if self.optimal_cost else ""
@@ -92,7 +95,7 @@ class Decision(Saved):
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MixedDecision(Saved):
     """A lottery over decisions: draw one with `sample`.
 
@@ -160,6 +163,9 @@ class MixedDecision(Saved):
             self.status,
         )
 
+    def __repr__(self) -> str:
+        return self.summary()
+
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         lines = [
@@ -173,7 +179,7 @@ class MixedDecision(Saved):
         return "\n".join([*lines, f"status            {self.status.value}"])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Decisions(Saved):
     """`Decision` for T beliefs: the same fields with a leading T; belief sets and statuses as tuples.
 
@@ -201,6 +207,9 @@ class Decisions(Saved):
     def __len__(self) -> int:
         return len(self.status)
 
+    def __repr__(self) -> str:
+        return self.summary()
+
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         return "\n".join(
@@ -227,7 +236,7 @@ class Decisions(Saved):
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MixedDecisions(Saved):
     """`MixedDecision` for T beliefs: its fields with a leading T, atoms padded with probability 0.
 
@@ -259,6 +268,9 @@ class MixedDecisions(Saved):
 
     def __len__(self) -> int:
         return len(self.status)
+
+    def __repr__(self) -> str:
+        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

@@ -30,7 +30,8 @@ from inscrutable.datasets import WeightsTable
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError, ModelError
-from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.investor_model import InvestorModel, checked_model
+from inscrutable.labels import label_text
 from inscrutable.problems import MarkowitzProblem, Polyhedron, QuadraticProblem
 from inscrutable.validation import Array
 
@@ -172,7 +173,7 @@ def attack_weights(
     digits = weights.decimals if isinstance(weights, WeightsTable) and decimals is None else decimals
     if digits is not None:
         digits = validation.count(digits, "decimals", least=0)
-    published = _aligned(frame, model.assets)
+    published = _aligned(frame, checked_model(model).assets)
     _check_rows(model, published, frame.index, 0.0 if digits is None else _half_unit(digits))
     rows = []
     for step, row in enumerate(published):
@@ -333,6 +334,5 @@ def _check_rows(model: InvestorModel, published: Array, index: pd.Index, half_un
 
 
 def _row_name(index: pd.Index, row: int) -> str:
-    label = index[row]
-    text = f"{label:%Y-%m-%d}" if isinstance(label, pd.Timestamp) else str(label)
+    text = label_text(index[row])
     return str(row) if text == str(row) else f"{row} ({text})"

@@ -18,7 +18,7 @@ from inscrutable.decision_makers import (
 from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import ModelError
-from inscrutable.experiments.backtest_inputs import BacktestSettings, Market, beliefs_by_date, checked_market
+from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
 from inscrutable.experiments.backtest_results import Backtest, Comparison
 from inscrutable.experiments.episodes import DecisionMaker, Episode, run_episode
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
@@ -114,7 +114,7 @@ def run_backtest(
     return Backtest(chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons)
 
 
-def _enough_restarts(market: Market, settings: BacktestSettings) -> int:
+def _enough_restarts(market: ReturnsSample, settings: BacktestSettings) -> int:
     rows, assets = market.training.shape
     affordable = _WORK_OF_FIT // (rows * settings.regimes * assets**2)
     return max(_LEAST_RESTARTS, min(RESTARTS, affordable))
@@ -133,14 +133,14 @@ def _gaussian(world: HiddenMarkovModel) -> GaussianEmission:
     return world.emission
 
 
-def _held_beliefs(world: HiddenMarkovModel, market: Market, beliefs: pd.DataFrame | None) -> pd.DataFrame:
+def _held_beliefs(world: HiddenMarkovModel, market: ReturnsSample, beliefs: pd.DataFrame | None) -> pd.DataFrame:
     """Beliefs on the dates of the decisions, each about the row after its date."""
     if beliefs is not None:
         return beliefs_by_date(beliefs, market.decided, world.names)
     return filter_beliefs(world, market.returns).predicted.loc[market.decided]
 
 
-def _performance(episode: Episode, market: Market, settings: BacktestSettings) -> dict[str, Performance]:
+def _performance(episode: Episode, market: ReturnsSample, settings: BacktestSettings) -> dict[str, Performance]:
     return {
         name: track_portfolios(
             record.decisions.action,

@@ -1,4 +1,4 @@
-"""What a backtest starts from: the investor's settings and a market of returns, checked and aligned by label."""
+"""What a backtest starts from: the investor's settings and a sample of returns, checked and aligned by label."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class BacktestSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Market:
+class ReturnsSample:
     """Returns with dates and labels, and where the training sample ends.
 
     Args:
@@ -94,8 +94,8 @@ class Market:
         return self.returns.iloc[self.n_training :]
 
 
-def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: pd.Series | None) -> Market:
-    """Return the market, or raise `InputError` for whatever does not fit, with its date and label."""
+def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: pd.Series | None) -> ReturnsSample:
+    """Return the sample, or raise `InputError` for whatever does not fit, with its date and label."""
     table = _labelled(returns)
     dates = pd.DatetimeIndex(table.index)
     n_training = _training_rows(dates, settings)
@@ -109,7 +109,7 @@ def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: 
     if n_held < 2:
         raise InputError(f"{n_held} rows follow the training sample that ends {settings.train_until}; need at least 2")
     base = np.zeros(n_held) if riskless is None else _aligned_riskless(riskless, dates[n_training:])
-    return Market(table, base, riskless is not None, n_training, frequency_of(dates))
+    return ReturnsSample(table, base, riskless is not None, n_training, frequency_of(dates))
 
 
 def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tuple[str, ...]) -> pd.DataFrame:

@@ -13,8 +13,8 @@ import pandas as pd
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import Candidates, DecisionStatus
 from inscrutable.errors import InputError
-from inscrutable.experiments.backtest_inputs import BacktestSettings, Market
-from inscrutable.experiments.episodes import Episode, Record
+from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample
+from inscrutable.experiments.episodes import Episode, Record, relative_increase
 from inscrutable.experiments.performance import Performance, SharpeDifference
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
@@ -48,7 +48,7 @@ class Backtest:
     """
 
     settings: BacktestSettings
-    market: Market
+    market: ReturnsSample
     fit: FittedWorld
     world: HiddenMarkovModel
     problem: MarkowitzProblem
@@ -179,16 +179,13 @@ def _interval(name: str, found: SharpeDifference) -> dict[str, float]:
 def _cost_figures(result: Backtest, record: Record) -> dict[str, float]:
     own = np.abs(record.decisions.optimal_cost)
     regret, expected = record.decisions.regret, record.expected_regret
-    scale = float(own.sum())
-    with np.errstate(divide="ignore", invalid="ignore"):
-        worst = float(np.max(regret / own))
     silence = result.silence_regret
     return {
         "mean_regret": float(regret.mean()),
-        "mean_regret_share": float(regret.sum()) / scale if scale > 0 else float("nan"),
+        "mean_regret_share": float(relative_increase(regret.sum(), own.sum())),
         "mean_expected_regret": float(expected.mean()),
-        "mean_expected_regret_share": float(expected.sum()) / scale if scale > 0 else float("nan"),
-        "largest_regret_share": worst,
+        "mean_expected_regret_share": float(relative_increase(expected.sum(), own.sum())),
+        "largest_regret_share": float(record.relative_increase.max()),
         "mean_regret_of_silence": float(regret.mean()) / silence if silence > 0 else float("nan"),
     }
 

@@ -16,6 +16,19 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 
+def relative_increase(increase: ArrayLike, optimal_cost: ArrayLike) -> Array:
+    """Return (c̄ − c*)/|c*| for increases c̄ − c* and optimal costs c* of one shape.
+
+    At c* = 0 nothing is 0 and any increase is +∞, as a share of nothing.
+
+    Example:
+        >>> relative_increase([0.1, 0.0, 0.1], [-2.0, 0.0, 0.0])
+        array([0.05, 0.  ,  inf])
+    """
+    risen, scale = np.asarray(increase, dtype=np.float64), np.abs(np.asarray(optimal_cost, dtype=np.float64))
+    return np.divide(risen, scale, out=np.where(risen > 0, np.inf, 0.0), where=scale > 0)
+
+
 class DecisionMaker(Protocol):
     """Whatever turns a belief into a decision or a lottery over decisions."""
 
@@ -49,8 +62,8 @@ class Record:
 
     @property
     def relative_increase(self) -> Array:
-        """(c̄ − c*)/|c*| of the played decision, shape (T,)."""
-        return np.asarray(self.decisions.regret / np.abs(self.decisions.optimal_cost))
+        """(c̄ − c*)/|c*| of the played decision, shape (T,); at c* = 0 as `relative_increase` says."""
+        return relative_increase(self.decisions.regret, self.decisions.optimal_cost)
 
     @property
     def estimates(self) -> Array:

@@ -19,6 +19,7 @@ from inscrutable.datasets import write_json
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.problems import MarkowitzProblem, Polyhedron
 from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
+from inscrutable.worlds.hidden_markov import default_names
 
 if TYPE_CHECKING:
     from inscrutable.experiments.model_file import ModelFile
@@ -32,7 +33,8 @@ class InvestorModel:
     """An investor as a rival may know it: how its regimes move, what its weights cost, what it spends on privacy.
 
     Args:
-        world: The hidden Markov model of X regimes behind the returns.
+        world: The hidden Markov model of X regimes behind the returns. Names of its states, where they were given, are
+            the regimes; labels of its sensor, where it has any, are the assets, in any order.
         problem: The portfolio problem, X regimes and U assets.
         assets: U different labels, in the order of the weights.
         regimes: X different labels, in the order of a belief's entries.
@@ -40,7 +42,7 @@ class InvestorModel:
         note: One line on where the model comes from.
 
     Raises:
-        InputError: The numbers of regimes or assets disagree, or a label comes twice.
+        InputError: The numbers or names of regimes or assets disagree, or a label comes twice.
 
     Cost: none. Source: the paper's Section V, fitted to data.
 
@@ -62,10 +64,15 @@ class InvestorModel:
     note: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.world, HiddenMarkovModel):
+            raise InputError(f"world must be a HiddenMarkovModel, got {self.world!r}")
+        if not isinstance(self.problem, MarkowitzProblem):
+            raise InputError(f"problem must be a MarkowitzProblem, got {self.problem!r}")
         object.__setattr__(self, "assets", _labels(self.assets, "assets", self.problem.n_actions))
         object.__setattr__(self, "regimes", _labels(self.regimes, "regimes", self.problem.n_states))
         if self.world.n_states != self.problem.n_states:
             raise InputError(f"the world has {self.world.n_states} regimes, the problem {self.problem.n_states}")
+        _check_names(self.world, self.assets, self.regimes)
         if not isinstance(self.budget, Budget):
             raise InputError(f"budget must be a Budget such as Budget.relative(0.1), got {self.budget!r}")
 
@@ -131,6 +138,24 @@ def _labels(given: Any, what: str, count: int) -> tuple[str, ...]:
     if len(labels) != count or len(set(labels)) != count:
         raise InputError(f"{what} must be {count} different labels, got {len(labels)}: {list(labels)}")
     return labels
+
+
+def _check_names(world: HiddenMarkovModel, assets: tuple[str, ...], regimes: tuple[str, ...]) -> None:
+    unnamed = world.names == default_names(world.n_states) and not set(world.names) & set(regimes)
+    if world.names != regimes and not unnamed:
+        raise InputError(
+            f"the world's states are {list(world.names)}, the regimes {list(regimes)}; expected the same order"
+        )
+    labels = world.emission.asset_names if isinstance(world.emission, GaussianEmission) else None
+    if labels is not None and set(labels) != set(assets):
+        raise InputError(f"the world's sensor has the assets {list(labels)}, the model {list(assets)}")
+
+
+def checked_model(model: Any) -> InvestorModel:
+    """Return an investor model, or raise `InputError`."""
+    if not isinstance(model, InvestorModel):
+        raise InputError(f"model must be an InvestorModel, such as InvestorModel.load returns, got {model!r}")
+    return model
 
 
 def _read(source: Path) -> dict[str, Any]:

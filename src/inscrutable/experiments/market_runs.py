@@ -27,6 +27,7 @@ from inscrutable.decision_makers import (
     random_candidates,
 )
 from inscrutable.decision_makers.results import stack
+from inscrutable.experiments.episodes import relative_increase
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -224,13 +225,13 @@ def _limits(frontier: Frontier, shares: tuple[float, ...]) -> Array:
 def _single_curve(frontier: Frontier, shares: tuple[float, ...]) -> BudgetCurve:
     limits = _limits(frontier, shares)
     place = np.searchsorted(frontier.points[:, 0], limits, side="right") - 1
-    increase = frontier.points[place, 0] / abs(frontier.optimal_cost)
+    increase = relative_increase(frontier.points[place, 0], frontier.optimal_cost)
     return BudgetCurve(np.asarray(frontier.deterministic(limits)), increase)
 
 
 def _mixed_curve(frontier: Frontier, shares: tuple[float, ...]) -> BudgetCurve:
     limits = _limits(frontier, shares)
-    increase = np.minimum(limits, frontier.corners[-1, 0]) / abs(frontier.optimal_cost)
+    increase = relative_increase(np.minimum(limits, frontier.corners[-1, 0]), frontier.optimal_cost)
     return BudgetCurve(np.asarray(frontier.randomized(limits)), increase)
 
 
@@ -243,7 +244,7 @@ def _searched_curve(
 
 
 def _increase(decisions: Decisions) -> Array:
-    return np.asarray((decisions.cost - decisions.optimal_cost) / np.abs(decisions.optimal_cost))
+    return relative_increase(decisions.cost - decisions.optimal_cost, decisions.optimal_cost)
 
 
 def _played(decisions: Decisions) -> Played:
@@ -254,5 +255,5 @@ def _played(decisions: Decisions) -> Played:
 
 def _lottery(mixed: MixedDecisions, rng: np.random.Generator) -> Played:
     drawn = _played(mixed.sample(rng=rng))
-    expected = (mixed.expected_cost - mixed.optimal_cost) / np.abs(mixed.optimal_cost)
-    return Played(drawn.privacy, drawn.increase, mixed.expected_privacy, np.asarray(expected), drawn.dimension)
+    expected = relative_increase(mixed.expected_cost - mixed.optimal_cost, mixed.optimal_cost)
+    return Played(drawn.privacy, drawn.increase, mixed.expected_privacy, expected, drawn.dimension)

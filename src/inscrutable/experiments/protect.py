@@ -22,10 +22,12 @@ from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading, attack_weights
 from inscrutable.experiments.episodes import part_of
-from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.investor_model import InvestorModel, checked_model
 from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
+
+_PARTS = 3  # CDM, PDM, and what an observer concludes who knows the budget
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +121,9 @@ def protect(
         >>> bool(protection.deterministic.regret[0] <= 0.1 * abs(protection.deterministic.optimal_cost[0]))
         True
     """
+    order = _Order(model, budget, measure, rng, progress)
     held, index = _beliefs_of(model, beliefs)
-    return _protect(model, held, index, _Order(model, budget, measure, rng, progress), None)
+    return _protect(model, held, index, order, None)
 
 
 def protect_weights(
@@ -129,6 +132,7 @@ def protect_weights(
     budget: Budget | float | None = None,
     measure: PrivacyMeasure | None = None,
     *,
+    decimals: int | None = None,
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
 ) -> Protection:
@@ -142,6 +146,8 @@ def protect_weights(
         weights: The planned weights, as `read_weights` returns them or a frame with one column per asset.
         budget: A share of |c*|, or a `Budget`; None is the model's.
         measure: The privacy measure Ψ; None is maximal obfuscation.
+        decimals: Digits after the point that the weights were rounded to, at least 0; None takes them from the table,
+            and for a frame means full precision.
         rng: Source of the draws; None is the entropy of the operating system.
         progress: Called with (steps done, steps in all).
 
@@ -158,8 +164,9 @@ def protect_weights(
         >>> protect_weights(model, planned, rng=np.random.default_rng(0)).beliefs.round(3)
         array([[0.8, 0.2]])
     """
-    planned = attack_weights(model, weights)
-    return _protect(model, planned.estimates, planned.index, _Order(model, budget, measure, rng, progress), planned)
+    order = _Order(model, budget, measure, rng, progress)
+    planned = attack_weights(model, weights, decimals=decimals, progress=part_of(progress, 0, _PARTS + 1))
+    return _protect(model, planned.estimates, planned.index, order, planned)
 
 
 class _Order:
@@ -173,7 +180,8 @@ class _Order:
         rng: np.random.Generator | None,
         progress: Progress | None,
     ) -> None:
-        self.budget = model.budget if budget is None else as_budget(budget)
+        own = checked_model(model).budget
+        self.budget = own if budget is None else as_budget(budget)
         self.measure = MaximalObfuscation() if measure is None else measure
         self.rng = None if rng is None else validation.generator(rng)
         self.progress = progress
@@ -186,7 +194,8 @@ def _protect(
 ) -> Protection:
     problem = model.problem
     _check_target(order.measure, beliefs)
-    watch = [part_of(order.progress, number, 3) for number in range(3)]
+    done = 0 if planned is None else 1  # the reading of the weights
+    watch = [part_of(order.progress, done + number, done + _PARTS) for number in range(_PARTS)]
     chooser = CounterAdversarialDecisionMaker(problem, order.measure, order.budget)
     deterministic = chooser.decide_many(beliefs, progress=watch[0])
     mixer = ProbabilisticDecisionMaker(problem, order.measure, order.budget, candidates=chooser.candidates)

@@ -34,6 +34,8 @@ def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
     Q holds the rows of the negative pseudo-inverse that give λ; otherwise the facets
     of the cone are enumerated in the space that the active rows span beside the equalities.
     """
+    # Rows that repeat another, up to a positive factor, add nothing to the cone.
+    active = _without_repeats(active)
     normals = np.vstack([active, equalities])
     n_actions = normals.shape[1]
     if normals.shape[0] == 0:
@@ -46,6 +48,12 @@ def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
     if independent:
         return StationarityRows(complement, -np.linalg.pinv(normals).T[: active.shape[0]])
     return StationarityRows(complement, _facets(normals[: active.shape[0]], normals[active.shape[0] :]))
+
+
+def _without_repeats(rows: Array) -> Array:
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    _, first = np.unique(np.round(rows / length / tolerances.ON_FACE), axis=0, return_index=True)
+    return np.asarray(rows[np.sort(first)])
 
 
 def _projector(normals: Array) -> Array:

@@ -11,11 +11,13 @@ import pandas as pd
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
 from inscrutable.experiments.attack import Attack, Reading
+from inscrutable.labels import label_text
 from inscrutable.reports.style import (
     BLACK,
     GREY,
     ORANGE,
     REGIME_COLOURS,
+    around,
     drawing,
     save_figure,
     ternary_labels,
@@ -115,9 +117,7 @@ def plot_attack(attack: Attack, axes: Any) -> Any:
     colours = matplotlib.colormaps[_COLOURS_OVER_TIME](0.9 * order)
     for row, colour in zip(attack.rows, colours, strict=True):
         if len(row.corners) > 2:
-            axes.fill(
-                *row.corners[_around(row.corners)].T, facecolor=colour, edgecolor=colour, alpha=0.35, linewidth=0.8
-            )
+            axes.fill(*around(row.corners).T, facecolor=colour, edgecolor=colour, alpha=0.35, linewidth=0.8)
         elif len(row.corners) == 2:
             axes.plot(*row.corners.T, color=colour, linewidth=1.6, alpha=0.8, solid_capstyle="round")
     explained = np.array([row.reading is not Reading.IMPLAUSIBLE for row in attack.rows])
@@ -204,12 +204,6 @@ def dot_size(rows: int) -> float:
     return float(np.clip(160.0 / rows, 1.5, 6.0))
 
 
-def _around(corners: np.ndarray) -> np.ndarray:
-    """Order the corners of a polygon in the plane of the simplex around its centre."""
-    from_centre = corners - corners.mean(axis=0)
-    return np.argsort(np.arctan2(from_centre[:, 1], from_centre[:, 0]))  # any two coordinates keep the order around
-
-
 def write_attack(attack: Attack, folder: Path) -> list[Path]:
     """Write the table, a summary and the pictures of an attack into a folder and return their paths.
 
@@ -252,8 +246,6 @@ def write_attack(attack: Attack, folder: Path) -> list[Path]:
         figure.legend(handles, names, loc="outside lower center")
         paths += save_figure(figure, target, "attack_bounds")
     if n_regimes == 3:
-        import mpltern  # noqa: F401  # registers the projection
-
         with drawing(height=3.4, subplot_kw={"projection": "ternary"}) as (figure, axes):
             dots = plot_attack(attack, axes)
             figure.legend(loc="outside lower center", ncols=1)
@@ -264,26 +256,33 @@ def write_attack(attack: Attack, folder: Path) -> list[Path]:
 
 
 def attack_summary(attack: Attack) -> dict[str, Any]:
-    """Return the attack's figures as plain data: how many rows were read how, and each row's estimate and bounds."""
-    labels = [_label(label) for label in attack.index]
+    """Return the attack's figures as plain data: how many rows were read how, and in the file's order what each says."""
+    regimes = attack.model.regimes
     return {
         "sentence": attack.summary(),
-        "regimes": list(attack.model.regimes),
+        "regimes": list(regimes),
         "decimals": attack.decimals,
-        "rows": len(attack),
         "readings": {reading.name.lower(): attack.count(reading) for reading in Reading},
-        "estimates": {label: row.estimate for label, row in zip(labels, attack.rows, strict=True)},
-        "bounds": {label: row.bounds for label, row in zip(labels, attack.rows, strict=True)},
+        "rows": [
+            {
+                "row": label_text(label),
+                "reading": row.reading.name.lower(),
+                "estimate": row.estimate,
+                "bounds": row.bounds,
+                "most_likely": regimes[int(row.estimate.argmax())],
+                "least_regret": row.gap,
+                "regret_allowed_for_rounding": row.allowance,
+                "kkt_residual": row.residual,
+                "weights_changed_by": row.adjustment,
+            }
+            for label, row in zip(attack.index, attack.rows, strict=True)
+        ],
     }
-
-
-def _label(label: Any) -> str:
-    return f"{label:%Y-%m-%d}" if isinstance(label, pd.Timestamp) else str(label)
 
 
 def _colour_bar(figure: Any, axes: Any, dots: Any, index: pd.Index) -> None:
     bar = figure.colorbar(dots, ax=axes, orientation="horizontal", shrink=0.6, aspect=30, pad=0.12)
     ends = [0, len(index) - 1]
     bar.ax.set_xlim(*ends)
-    bar.set_ticks(ends, labels=[_label(index[k]) for k in ends])
+    bar.set_ticks(ends, labels=[label_text(index[k]) for k in ends])
     bar.outline.set_edgecolor(GREY)

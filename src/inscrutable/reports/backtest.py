@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -130,20 +131,23 @@ def headline(result: Backtest) -> str:
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     named = " and ".join(f"{_share(figures[name]['share_regime_named'])} ({name})" for name in hiding)
-    regret = " and ".join(f"{figures[name]['mean_regret_share']:.1%}" for name in hiding)
-    sharpe = " and ".join(
-        f"{figures[name]['annual_sharpe_net_minus_odm']:+.2f} "
-        f"[{figures[name]['annual_sharpe_net_minus_odm_low']:+.2f}, "
-        f"{figures[name]['annual_sharpe_net_minus_odm_high']:+.2f}]"
-        for name in hiding
-    )
+    shares = [figures[name]["mean_regret_share"] for name in hiding]
+    regret = " and ".join(f"{share:.1%}" for share in shares) + " of |c*|"
+    if not np.isfinite(shares).all():
+        regret = " and ".join(f"{figures[name]['mean_regret']:.3g}" for name in hiding) + f" per {word}, where c* is 0,"
+    sharpe = " and ".join(_change(figures[name]) for name in hiding)
     return (
         f"A rival who inverts the published weights names the investor's likeliest regime in "
         f"{_share(figures[odm]['share_regime_named'])} of {len(result.beliefs)} {word}s; hiding within a budget of "
         f"{result.budget} brings that to {named}, where always naming the commonest gives "
-        f"{_share(figures[odm]['base_rate'])}, for a regret of {regret} of |c*| and a change of the yearly Sharpe "
+        f"{_share(figures[odm]['base_rate'])}, for a regret of {regret} and a change of the yearly Sharpe "
         f"ratio after costs of {sharpe} ({LEVEL:.0%} intervals)."
     )
+
+
+def _change(figures: Mapping[str, float]) -> str:
+    difference, low, high = (figures[f"annual_sharpe_net_minus_odm{end}"] for end in ("", "_low", "_high"))
+    return "an undefined amount" if np.isnan(difference) else f"{difference:+.2f} [{low:+.2f}, {high:+.2f}]"
 
 
 def _share(value: float) -> str:

@@ -11,8 +11,9 @@ import pandas as pd
 from inscrutable.decision_makers import MixedDecision, privacy_frontier
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_results import Backtest
+from inscrutable.experiments.episodes import relative_increase
 from inscrutable.geometry import BeliefSet
-from inscrutable.reports.style import BLACK, GREY, REGIME_COLOURS, drawing, look_of, save_figure, ternary_labels
+from inscrutable.reports.style import BLACK, GREY, REGIME_COLOURS, around, drawing, look_of, save_figure, ternary_labels
 from inscrutable.validation import Array
 
 PAGE_WIDTH = 7.0
@@ -111,7 +112,7 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
             }
             privacy = path["privacy"].where(np.isfinite(path["privacy"]))
             above.plot(path.index, privacy, label=_published(result, name), **dots)
-            middle.plot(path.index, _PERCENT * path["regret"] / path["optimal_cost"].abs(), **dots)
+            middle.plot(path.index, _PERCENT * relative_increase(path["regret"], path["optimal_cost"]), **dots)
             wealth = np.cumprod(1.0 + path["net_return"])
             below.plot(path["earned_in"], wealth, color=look.colour, linestyle={"PDM": "--"}.get(name, "-"))
         if budget.is_relative:
@@ -177,8 +178,6 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
 
 def draw_month(result: Backtest, folder: Path, step: int) -> list[Path]:
     """Draw one decision on the belief simplex, as `month`: π, what each portfolio says, and the distance dashed."""
-    import mpltern  # noqa: F401  # registers the projection
-
     belief = result.beliefs.to_numpy()[step]
     with drawing(PAGE_WIDTH, 4.0, subplot_kw={"projection": "ternary"}) as (figure, axis):
         ternary_labels(axis, result.regimes)
@@ -230,9 +229,7 @@ def _draw_set(axis: Any, found: BeliefSet, look: Any, label: str, *, faint: bool
     elif len(corners) == 2:
         axis.plot(*corners.T, linestyle=":" if faint else "-", linewidth=2.5, marker=look.marker, **style)
     else:
-        middle = corners.mean(axis=0)
-        around = corners[np.argsort(np.arctan2(*((corners - middle)[:, :2].T)))]
-        axis.fill(*around.T, alpha=0.2 if faint else 0.45, **style)
+        axis.fill(*around(corners).T, alpha=0.2 if faint else 0.45, **style)
 
 
 def _draw_atoms(axis: Any, lottery: MixedDecision, look: Any, belief: Array) -> None:

@@ -10,8 +10,10 @@ import pandas as pd
 
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.decision_makers import Decision, MixedDecision
+from inscrutable.experiments.episodes import relative_increase
 from inscrutable.experiments.protect import Protection, implausible_rows
 from inscrutable.geometry import BeliefSet
+from inscrutable.labels import label_text
 from inscrutable.reports.simplex_plots import plot_beliefs
 from inscrutable.reports.style import BLACK, GREY, drawing, look_of, save_figure
 from inscrutable.validation import Array
@@ -43,11 +45,11 @@ def protect_table(protection: Protection) -> pd.DataFrame:
         for what, probability, action, belief_set, regret, privacy in _options(protection, step):
             keys.append((label, what))
             seen = belief_set.center()
-            optimal_cost = abs(float(protection.deterministic.optimal_cost[step]))
+            optimal_cost = float(protection.deterministic.optimal_cost[step])
             record: dict[str, Any] = {
                 "probability": probability,
                 "regret": regret,
-                "regret / |c*|": regret / optimal_cost if optimal_cost else np.nan,
+                "regret / |c*|": float(relative_increase(regret, optimal_cost)),
                 "privacy": privacy,
                 "distance": belief_set.distance(protection.beliefs[step]),
             }
@@ -98,7 +100,7 @@ def row_lines(protection: Protection) -> pd.DataFrame:
     for step, belief in enumerate(protection.beliefs):
         publish = protection.deterministic[step]
         seen = publish.belief_set.center()
-        share = publish.regret / abs(publish.optimal_cost) if publish.optimal_cost else np.nan
+        share = float(relative_increase(publish.regret, publish.optimal_cost))
         lines.append(
             {
                 "your belief": " ".join(f"{value:.2f}" for value in belief),
@@ -203,8 +205,6 @@ def write_protect(protection: Protection, folder: Path) -> list[Path]:
     write_json(protect_summary(protection), paths[3])
     last = len(protection) - 1
     if len(protection.model.regimes) == 3:
-        import mpltern  # noqa: F401  # registers the projection
-
         with drawing(height=3.6, subplot_kw={"projection": "ternary"}) as (figure, axes):
             plot_beliefs(axes, protection.beliefs[last], what_each_says(protection, last), protection.model.regimes)
             paths += save_figure(figure, target, "protect_beliefs")
@@ -227,7 +227,7 @@ def protect_summary(protection: Protection) -> dict[str, Any]:
         publish, lottery, drawn = protection.deterministic[step], protection.lotteries[step], protection.drawn[step]
         rows.append(
             {
-                "row": f"{label:%Y-%m-%d}" if isinstance(label, pd.Timestamp) else label,
+                "row": label_text(label),
                 "belief": protection.beliefs[step],
                 "optimal": protection.optimal[step],
                 "optimal_cost": publish.optimal_cost,

@@ -53,8 +53,6 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str]) -> 
 
 def draw_variant(result: Reproduction, variant: str, folder: Path) -> list[Path]:
     """Draw the five result figures of one variant into a folder and return their paths."""
-    import mpltern  # noqa: F401  # registers the ternary projection
-
     found = result.episodes[variant]
     episode, step = found.episode, result.step
     records = episode.records

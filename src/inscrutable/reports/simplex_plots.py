@@ -12,7 +12,7 @@ from inscrutable import validation
 from inscrutable.decision_makers import MixedDecision
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
-from inscrutable.reports.style import BLACK, LOOKS, look_of, ternary_labels
+from inscrutable.reports.style import BLACK, LOOKS, around, look_of, ternary_labels
 
 _CORNERS = 3
 _BAR_HEIGHT = 0.35  # of a bar of probability one, where the triangle is 1 high
@@ -121,11 +121,7 @@ def _extent(axes: Any, found: BeliefSet, colour: str) -> None:
     if found.dimension == 1:
         axes.plot(*corners.T, color=colour, linewidth=2.2, alpha=0.5, solid_capstyle="round")
         return
-    middle = corners.mean(axis=0)
-    basis = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
-    around = (corners - middle) @ basis.T
-    order = np.argsort(np.arctan2(around[:, 1], around[:, 0]))
-    axes.fill(*corners[order].T, facecolor=colour, edgecolor=colour, alpha=0.2, linewidth=1.0)
+    axes.fill(*around(corners).T, facecolor=colour, edgecolor=colour, alpha=0.2, linewidth=1.0)
 
 
 def _triples(values: ArrayLike, name: str) -> np.ndarray:

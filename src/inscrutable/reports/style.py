@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.errors import InputError
+from inscrutable.files import whole_file
+from inscrutable.validation import Array
 
 
 class Look(NamedTuple):
@@ -85,14 +85,17 @@ def save_figure(figure: Any, folder: Path, name: str) -> list[Path]:
     written = []
     for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
         path = folder / f"{name}.{ending}"
-        partial = folder / f".{name}.{ending}.partial"
-        try:
-            figure.savefig(partial, format=ending, metadata=metadata)
-            os.replace(partial, path)
-        except OSError as error:
-            raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+        with whole_file(path) as temporary:
+            figure.savefig(temporary, format=ending, metadata=metadata)
         written.append(path)
     return written
+
+
+def around(corners: Array) -> Array:
+    """Return the corners (V,X) of a convex polygon on the belief simplex in their order around its centre."""
+    # A plane polygon keeps its order in any two coordinates that tell its corners apart.
+    across, along = np.linalg.svd(corners - corners.mean(axis=0))[2][:2] @ (corners - corners.mean(axis=0)).T
+    return corners[np.argsort(np.arctan2(along, across))]
 
 
 def ternary_labels(axes: Any, names: tuple[str, ...]) -> None:

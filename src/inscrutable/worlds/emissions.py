@@ -36,7 +36,7 @@ class Emission(Protocol):
         """Return log p(y_t | x_t = i) as (T,X), −inf for an impossible observation; refuse malformed ones."""
         ...
 
-    def sample(self, states: ArrayLike, rng: np.random.Generator) -> NDArray[Any]:
+    def sample(self, states: ArrayLike, *, rng: np.random.Generator) -> NDArray[Any]:
         """Draw one observation for each state of a path (T,), the states counted from 0."""
         ...
 
@@ -92,7 +92,7 @@ class CategoricalEmission:
         with np.errstate(divide="ignore"):
             return np.asarray(np.log(self.probabilities.T[symbols(observations, self.n_symbols)]))
 
-    def sample(self, states: ArrayLike, rng: np.random.Generator) -> NDArray[np.int64]:
+    def sample(self, states: ArrayLike, *, rng: np.random.Generator) -> NDArray[np.int64]:
         """Draw a symbol for each state of a path (T,), by inversion of the cumulative row."""
         path = symbols(states, self.n_states)
         uniforms = validation.generator(rng).random(path.size)
@@ -181,7 +181,7 @@ class GaussianEmission:
             raise InputError(f"observations have {rows.shape[1]} columns, expected one per dimension: {self.n_dims}")
         return np.asarray(gaussian_log_densities(rows, self.means.copy(), self._factors))
 
-    def sample(self, states: ArrayLike, rng: np.random.Generator) -> Array:
+    def sample(self, states: ArrayLike, *, rng: np.random.Generator) -> Array:
         """Draw a vector for each state of a path (T,): means[x_t] + L z with L L' = covariances[x_t]; (T,D)."""
         path = symbols(states, self.n_states)
         drawn = validation.generator(rng).standard_normal((path.size, self.n_dims))

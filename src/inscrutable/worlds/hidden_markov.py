@@ -118,7 +118,7 @@ class HiddenMarkovModel:
         n_steps = validation.count(n_steps, "n_steps")
         uniforms = validation.generator(rng).random(n_steps)
         states = chain_pass(cumulative(self.initial), cumulative(self.transition), uniforms)
-        return Trajectory(states=states, observations=self.emission.sample(states, rng))
+        return Trajectory(states=states, observations=self.emission.sample(states, rng=rng))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the world as plain data for `json.dump`; `from_dict` restores every float to its last digit."""
@@ -150,9 +150,14 @@ class HiddenMarkovModel:
         return cls(data["transition"], emission, data["initial"], names=data["names"])
 
 
+def default_names(n_states: int) -> tuple[str, ...]:
+    """Return the names that states have where none were given."""
+    return tuple(f"regime {i + 1}" for i in range(n_states))
+
+
 def _state_names(names: Iterable[str] | None, n_states: int) -> tuple[str, ...]:
     if names is None:
-        return tuple(f"regime {i + 1}" for i in range(n_states))
+        return default_names(n_states)
     labels = tuple(names)
     if not all(isinstance(label, str) for label in labels) or isinstance(names, str):
         raise InputError(f"names must be a sequence of strings, got {names!r}")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from inscrutable.validation import Array
 
-Labels = NDArray[np.int64]
+Assignment = NDArray[np.int64]
 
 START_SHARE = 0.9
 """Weight of the guessed state in a starting point; the rest is spread evenly, so no state starts without data."""
@@ -23,7 +23,7 @@ def starting_responsibilities(rows: Array, n_states: int, kind: int, rng: np.ran
     return START_SHARE * np.eye(n_states)[labels] + (1.0 - START_SHARE) / n_states
 
 
-def _by_volatility(rows: Array, n_states: int, rng: np.random.Generator) -> Labels:
+def _by_volatility(rows: Array, n_states: int, rng: np.random.Generator) -> Assignment:
     """Cut a moving mean of the squared norm at random quantiles."""
     n_steps = len(rows)
     window = int(rng.integers(1, max(2, n_steps // (10 * n_states)) + 1))
@@ -32,7 +32,7 @@ def _by_volatility(rows: Array, n_states: int, rng: np.random.Generator) -> Labe
     return np.asarray(np.searchsorted(np.quantile(power, shares), power), dtype=np.int64)
 
 
-def _by_level(rows: Array, n_states: int, rng: np.random.Generator) -> Labels:
+def _by_level(rows: Array, n_states: int, rng: np.random.Generator) -> Assignment:
     """Assign each row to the nearest of centres drawn far apart (k-means++), moved by a few steps of k-means."""
     centres = rows[[int(rng.integers(len(rows)))]]
     while len(centres) < n_states:
@@ -45,7 +45,7 @@ def _by_level(rows: Array, n_states: int, rng: np.random.Generator) -> Labels:
     return np.asarray(_square_distances(rows, centres).argmin(axis=1), dtype=np.int64)
 
 
-def _by_period(rows: Array, n_states: int, rng: np.random.Generator) -> Labels:
+def _by_period(rows: Array, n_states: int, rng: np.random.Generator) -> Assignment:
     """Cut time into periods, a few for each state, and deal the states out to them."""
     n_periods = min(len(rows), n_states * int(rng.integers(1, 5)))
     dealt = rng.permutation(np.arange(n_periods) % n_states)

@@ -1,0 +1,69 @@
+"""Writing files: each appears whole or not at all, whatever goes wrong in between."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from inscrutable.errors import InputError
+
+PathLike = str | os.PathLike[str]
+
+
+@contextmanager
+def whole_file(path: PathLike) -> Iterator[Path]:
+    """Give a temporary path in the target's folder to write to, and move it to `path` when all went well.
+
+    Args:
+        path: The file to create or replace. Its folder must exist. The temporary file keeps the suffix, so writers that
+            go by it (images, npz) work.
+
+    Yields:
+        Where to write. After an exception it is deleted and the former file, if any, is as it was.
+
+    Raises:
+        InputError: The file cannot be written, with the operating system's reason. Other exceptions of the body pass
+            through.
+
+    Cost: one rename. The data are flushed to the disk before it.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.files import whole_file
+        >>> with TemporaryDirectory() as folder:
+        ...     with whole_file(folder + "/note.txt") as temporary:
+        ...         _ = temporary.write_text("all of it")
+        ...     (Path(folder) / "note.txt").read_text()
+        'all of it'
+    """
+    target = Path(path)
+    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}") if target.name else target
+    try:
+        if target.is_dir():
+            raise InputError(f"{target} cannot be written: it is a folder, expected a file name")
+        yield temporary
+        with temporary.open("r+b") as written:
+            os.fsync(written.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        raise InputError(f"{target} cannot be written: {reason(error)}") from error
+    finally:
+        remove(temporary, unless=target)
+
+
+def remove(temporary: Path, *, unless: Path) -> None:
+    """Delete a temporary file that may be there, unless it is the target itself."""
+    if temporary != unless:
+        try:
+            temporary.unlink(missing_ok=True)
+        except OSError:
+            return  # the folder itself is out of reach; the first error is the one to report
+
+
+def reason(error: OSError) -> str:
+    """Return what the operating system says of an error, without its number and path."""
+    return error.strerror or str(error)

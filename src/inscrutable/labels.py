@@ -1,0 +1,26 @@
+"""Labels of rows as a person writes them: in tables, messages, pictures and summaries."""
+
+from __future__ import annotations
+
+from datetime import datetime, time
+from typing import Any
+
+
+def label_text(label: Any) -> str:
+    """Return a row's label as text: a date without its midnight, any other time in full.
+
+    Args:
+        label: What stands in a frame's index.
+
+    Returns:
+        Text; labels that differ as text, or by their time of day, stay different.
+
+    Example:
+        >>> from datetime import datetime
+        >>> label_text(datetime(2020, 1, 31)), label_text(datetime(2020, 1, 31, 16)), label_text(7)
+        ('2020-01-31', '2020-01-31 16:00:00', '7')
+    """
+    # Pandas' missing date is a datetime that is not equal to itself and has no time.
+    if isinstance(label, datetime) and label == label and label.time() == time(0):
+        return f"{label:%Y-%m-%d}"
+    return str(label)

@@ -150,3 +150,19 @@ def test_one_belief_and_decision_give_a_number_many_give_an_array():
     for value in (problem.regret(BELIEF, action), problem.optimal_cost(BELIEF), problem.expected_cost(BELIEF, action)):
         assert isinstance(value, float)
     assert problem.optimal_cost([BELIEF, BELIEF]).shape == (2,)
+
+
+def test_repeated_rows_of_a_capped_portfolio_are_merged():
+    rng = np.random.default_rng(1)
+    n = 16
+    factors = rng.normal(size=(3, n, n + 2))
+    means, covariances = 0.01 * rng.normal(size=(3, n)), 4e-4 * factors @ factors.transpose(0, 2, 1)
+    twice = MarkowitzProblem(means, covariances, 5.0, simplex(n) & box(np.zeros(n), np.full(n, 0.2)))
+    once = MarkowitzProblem(means, covariances, 5.0, simplex(n) & box(np.full(n, -np.inf), np.full(n, 0.2)))
+    first, second = (consistent_beliefs(p, p.solve(BELIEF)) for p in (twice, once))
+    np.testing.assert_allclose(first.bounds(), second.bounds(), atol=1e-9)
+
+
+def test_results_print_their_summary():
+    decision = CounterAdversarialDecisionMaker(market(), candidates=decoy_grid(market(), 5).actions).decide(BELIEF)
+    assert repr(decision) == decision.summary()

@@ -327,6 +327,14 @@ def _show_protection(found: Protection) -> None:
         results().print(f"An observer who also knows the regret you allow is left with: {low_high}.")
 
 
+def _from_interrupt(error: BaseException | None) -> bool:
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; errors are one line on stderr, never a traceback.
 
@@ -350,6 +358,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILURE
     except Exception as error:
+        # A compiled kernel reports an interrupt as an error of its own.
+        if _from_interrupt(error):
+            return _said("interrupted; every file that was written is whole", INTERRUPTED)
         if "-v" in tokens or "--verbose" in tokens:
             raise
         return _said(f"unexpected {type(error).__name__}: {error}; run again with -v for the traceback", FAILURE)

@@ -121,7 +121,13 @@ def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tup
     if beliefs.shape[1] != len(regimes):
         raise InputError(
             f"beliefs have {beliefs.shape[1]} columns {list(beliefs.columns)}, "
-            f"expected one per regime, by rising volatility: {list(regimes)}"
+            f"expected one per regime, by rising volatility: {list(regimes)}; or ask for {beliefs.shape[1]} regimes"
+        )
+    known = set(beliefs.columns) & set(regimes)
+    if known and known != set(regimes):
+        raise InputError(
+            f"beliefs have the columns {list(beliefs.columns)}: {sorted(known)} are regimes, the others are not; name all "
+            f"of {list(regimes)}, or none of them to have the columns read by rising volatility"
         )
     _check_dates(beliefs.index, "beliefs")
     _refuse_missing(dates, beliefs.index, "beliefs", "the decisions")

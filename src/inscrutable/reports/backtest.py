@@ -18,6 +18,9 @@ from inscrutable.experiments.performance import LEVEL, REPLICATES
 from inscrutable.reports.backtest_plots import draw_backtest
 from inscrutable.worlds import GaussianEmission
 
+_HARDLY_LESS = 0.9
+"""A rival still right this often, against the undisguised share, has hardly been hidden from."""
+
 
 class _Row(NamedTuple):
     """A row of the table: a figure of the summary, its label with the unit, its factor, and how it is written."""
@@ -69,7 +72,7 @@ def text_of(result: Backtest) -> str:
     for row, (label, values) in zip(rows, table.iterrows(), strict=True):
         cells = "".join(f"{_written(float(value), row.style):>10}" for value in values)
         lines.append(f"{label:<{width}}{cells}")
-    return "\n".join([*lines, "", *notes_of(result)])
+    return "\n".join([*lines, "", *notes_of(result), *cautions(result)])
 
 
 def _written(value: float, style: str) -> str:
@@ -145,6 +148,29 @@ def headline(result: Backtest) -> str:
     )
 
 
+def cautions(result: Backtest) -> list[str]:
+    """Return what the verdict leaves out: hiding that did not hide, and silence that would have been cheaper."""
+    figures, word = result.figures, result.market.frequency.word
+    odm, *hiding = result.names
+    told = figures[odm]["share_regime_named"]
+    said = []
+    for name in hiding:
+        named = figures[name]["share_regime_named"]
+        if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
+            said.append(f"{name}: with two regimes, a rival who reads the opposite is right in {1 - named:.0%}.")
+        elif named >= _HARDLY_LESS * told:
+            said.append(
+                f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(told)}."
+            )
+    spent = min(figures[name]["mean_regret"] for name in hiding) if hiding else 0.0
+    if result.silence_regret < spent:
+        said.append(
+            f"One constant portfolio, known only in hindsight, would have cost {result.silence_regret:.3g} per {word} "
+            f"instead of {spent:.3g} and said nothing."
+        )
+    return said
+
+
 def _change(figures: Mapping[str, float]) -> str:
     difference, low, high = (figures[f"annual_sharpe_net_minus_odm{end}"] for end in ("", "_low", "_high"))
     return "an undefined amount" if np.isnan(difference) else f"{difference:+.2f} [{low:+.2f}, {high:+.2f}]"
@@ -202,6 +228,7 @@ def summary_data(result: Backtest) -> dict[str, Any]:
     return {
         "version": __version__,
         "headline": headline(result),
+        "cautions": cautions(result),
         "timing": timing_of(result),
         "notes": notes_of(result),
         "settings": chosen,

@@ -386,7 +386,7 @@ def test_an_interrupted_run_says_so_and_leaves_nothing_half_written(tmp_path: Pa
     assert out == ""
     assert "interrupted" in err
     assert "Traceback" not in err
-    assert list(out_folder.iterdir()) == []
+    assert not out_folder.exists()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
@@ -400,3 +400,9 @@ def test_a_reader_that_stops_early_is_no_crash(folder: Path) -> None:
     process.wait(timeout=60)
     assert "Traceback" not in err
     process.stderr.close()
+
+
+def test_a_run_that_fails_leaves_no_empty_folder(tmp_path):
+    out = tmp_path / "results"
+    assert cli.main(["backtest", "--train-until", "2099-01", "--out", str(out), "-q"]) == 3
+    assert not out.exists()

@@ -16,7 +16,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, results, show_table
-from inscrutable.cli_values import MeasureName, UsageError, belief_of, budget_of, measure_of
+from inscrutable.cli_values import MeasureName, UsageError, belief_of, budget_of, measure_of, writable_folder
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.labels import label_text
 
@@ -81,7 +81,6 @@ def reproduce(
         seed: The same seed gives the same numbers.
         out: Folder for figures, claims.csv and summary.json.
     """
-    from inscrutable.datasets import output_folder
     from inscrutable.experiments.reproduction import Effort, ReproductionSettings, reproduce
     from inscrutable.reports.reproduction import claims_table, write_reproduction
 
@@ -89,7 +88,7 @@ def reproduce(
     settings = ReproductionSettings(
         seed=seed, budget=budget, n_steps=steps, n_markets=markets, n_jobs=jobs, effort=effort
     )
-    folder = output_folder(out)
+    folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     with speech.progress("Random markets") as move:
         result = reproduce(settings, progress=move)
@@ -142,7 +141,7 @@ def backtest(
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json.
     """
-    from inscrutable.datasets import output_folder, read_beliefs
+    from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
     from inscrutable.reports.backtest import headline, text_of, write_backtest
 
@@ -157,7 +156,7 @@ def backtest(
         regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until=train_until, seed=seed
     )
     own = None if beliefs is None else read_beliefs(beliefs)
-    folder = output_folder(out)
+    folder = writable_folder(out)
     speech.log(f"{table.shape[1]} assets, {len(table)} rows; fitting {regimes} regimes up to {train_until}")
     with speech.progress("Decisions") as move:
         result = run_backtest(table, settings, beliefs=own, riskless=riskless, progress=move)
@@ -213,14 +212,14 @@ def attack(
         weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
         out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
     """
-    from inscrutable.datasets import output_folder, read_weights
+    from inscrutable.datasets import read_weights
     from inscrutable.experiments.attack import attack_weights
     from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.reports.attack import attack_summary, write_attack
 
     investor = InvestorModel.load(model)
     table = read_weights(weights, assets=investor.assets)
-    folder = None if out is None else output_folder(out)
+    folder = None if out is None else writable_folder(out)
     speech.log(table.summary())
     with speech.progress("Rows read") as move:
         found = attack_weights(investor, table, progress=move)
@@ -282,7 +281,7 @@ def protect(
 
     import numpy as np
 
-    from inscrutable.datasets import output_folder, read_beliefs, read_weights
+    from inscrutable.datasets import read_beliefs, read_weights
     from inscrutable.experiments import protect as experiment
     from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.reports.protect import protect_summary, write_protect
@@ -291,7 +290,7 @@ def protect(
     investor = InvestorModel.load(model)
     planned = None if weights is None else read_weights(weights, assets=investor.assets)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
-    folder = None if out is None else output_folder(out)
+    folder = None if out is None else writable_folder(out)
     with speech.progress("Steps") as move:
         extra: dict[str, Any] = {"rng": rng, "progress": move}
         if planned is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
@@ -65,3 +66,14 @@ def _number(text: str, option: str) -> float:
         return float(text)
     except ValueError:
         raise UsageError(f"{option}: {text.strip()!r} is not a number") from None
+
+
+def writable_folder(path: Path) -> Path:
+    """Return a folder that results can be written to, checked before the work; it is made when there is something in it."""
+    from inscrutable.datasets import output_folder
+
+    before = path.exists()
+    folder = output_folder(path)
+    if not before:
+        folder.rmdir()
+    return folder

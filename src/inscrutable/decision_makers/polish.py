@@ -223,17 +223,23 @@ def _through_decoys(goal: Goal, problem: QuadraticProblem, tight: np.ndarray, st
     decoy = np.maximum(answer.x, 0.0)
     if not np.all(np.isfinite(decoy)) or decoy.sum() <= 0:
         return None
-    return _pulled_back(goal, decoy / decoy.sum(), tight)
+    return _pulled_back(goal, problem, decoy / decoy.sum(), tight)
 
 
-def _pulled_back(goal: Goal, decoy: Array, tight: np.ndarray) -> Trial | None:
-    """Move the decoy toward the true belief, where regret never rises, until its decision is affordable and admissible."""
+def _pulled_back(goal: Goal, problem: QuadraticProblem, decoy: Array, tight: np.ndarray) -> Trial | None:
+    """Move the decoy toward the true belief, where regret falls, until its decision is affordable and admissible."""
     for step in (0.0, *(tolerances.POLISH * 10.0**k for k in range(6))):
-        action = goal.problem.solve(goal.belief + (1.0 - step) * (decoy - goal.belief))
-        if np.array_equal(goal.problem.constraints.tight_rows(action), tight):
-            trial = judge(goal, action)
-            if trial is not None:
-                return trial
+        moved = goal.belief + (1.0 - step) * (decoy - goal.belief)
+        action = problem.solve(moved)
+        if not np.array_equal(problem.constraints.tight_rows(action), tight):
+            # With copies of an asset the optimal decision is not unique, and this face has another one.
+            action = problem.face_solution(moved, tight).action
+            action = np.where(np.abs(action) <= tolerances.STATIONARITY, 0.0, action)
+            if not np.array_equal(problem.constraints.tight_rows(action), tight):
+                continue
+        trial = judge(goal, action)
+        if trial is not None:
+            return trial
     return None
 
 

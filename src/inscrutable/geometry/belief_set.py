@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
-from inscrutable.geometry.hulls import Hulls, affine_hulls, clip_to_segments
+from inscrutable.geometry.hulls import affine_hulls, described_sets
 from inscrutable.geometry.polytopes import Reduced, nearest_point, reduce_polytope, sample_polytope
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.saved import Saved
@@ -61,18 +61,14 @@ class BeliefSet(Saved):
         return int(self.equalities.shape[1])
 
     @cached_property
-    def _hull(self) -> Hulls:
-        return affine_hulls(self.equalities[None], self.tolerance)
-
-    @cached_property
     def _shape(self) -> Reduced | None:
-        hull = self._hull
-        dimension = int(hull.dimension[0])
+        dimensions, ends = described_sets(self.equalities[None], self.inequalities[None], self.tolerance)
+        dimension = int(dimensions[0])
         if dimension < 0:
             return None
         if dimension <= 1:
-            cut = clip_to_segments(hull, self.inequalities[None], np.array([0]))
-            return _between(cut.start[0], cut.end[0]) if cut.present[0] else None
+            return _between(ends[0, 0], ends[0, 1])
+        hull = affine_hulls(self.equalities[None], self.tolerance)
         directions = hull.directions[0, :dimension]
         bounded = np.vstack([self.inequalities, np.eye(self.n_states)])
         rows = -bounded @ directions.T

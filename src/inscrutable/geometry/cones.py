@@ -15,6 +15,7 @@ from scipy.linalg import null_space, orth
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
+from inscrutable.geometry.held_coordinates import held_coordinates
 from inscrutable.validation import Array
 
 _MOST_FACETS = 200_000
@@ -31,8 +32,20 @@ def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
     """Return P (k,U) and Q (m,U) for active rows (n,U) and equality rows (e,U).
 
     P g is what least squares over λ and ν leaves of g, in the decision's coordinates. Where the rows are independent,
-    Q holds the rows of the negative pseudo-inverse that give λ; otherwise the facets
-    of the cone are enumerated in the space that the active rows span beside the equalities.
+    Q holds the rows of the negative pseudo-inverse that give λ, without those of bounds that fix a coordinate from both
+    sides. Cost: bounds and few other rows are solved on the free coordinates; the rest are decomposed.
+    """
+    face = held_coordinates(active, equalities)
+    if face is None:
+        return decomposed_rows(active, equalities)
+    return StationarityRows(face.residual_rows(), np.ascontiguousarray(face.multipliers(np.eye(active.shape[1])).T))
+
+
+def decomposed_rows(active: Array, equalities: Array) -> StationarityRows:
+    """Return P and Q by singular value decompositions, for any rows.
+
+    Where the rows are dependent, Q holds the facets of the cone, enumerated in the space that the active rows span
+    beside the equalities.
     """
     # Rows that repeat another, up to a positive factor, add nothing to the cone.
     active = _without_repeats(active)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import chain, combinations
 from math import comb
 
 import numpy as np
@@ -39,19 +39,28 @@ def simplex_grid(n: int, resolution: int) -> Array:
     count(resolution, "resolution")
     if n == 1:
         return np.ones((1, 1))
-    size = comb(resolution + n - 1, n - 1)
+    size = grid_size(n, resolution)
     bars = np.fromiter(
-        (bar for chosen in combinations(range(resolution + n - 1), n - 1) for bar in chosen), dtype=np.int64
+        chain.from_iterable(combinations(range(resolution + n - 1), n - 1)), dtype=np.int64, count=size * (n - 1)
     ).reshape(size, n - 1)
-    edges = np.column_stack([np.full(size, -1), bars, np.full(size, resolution + n - 1)])
-    return np.asarray((np.diff(edges, axis=1) - 1) / resolution)
+    points = np.empty((size, n))
+    points[:, 0] = bars[:, 0]
+    points[:, 1:-1] = np.diff(bars, axis=1) - 1
+    points[:, -1] = resolution + n - 2 - bars[:, -1]
+    points /= resolution
+    return points
+
+
+def grid_size(n: int, resolution: int) -> int:
+    """Return how many points `simplex_grid` has, C(r+n−1, n−1), without making them."""
+    return comb(resolution + n - 1, n - 1)
 
 
 def resolution_for(n: int, points: int) -> int:
-    """Return the largest resolution whose grid on the `n`-simplex has at most about `points` points."""
+    """Return the largest resolution whose grid on the `n`-simplex has at most about `points` points, at least 1."""
     if n == 1:
         return 1
     resolution = 1
-    while comb(resolution + n, n - 1) <= points * 1.02:
+    while grid_size(n, resolution + 1) <= points * 1.02:
         resolution += 1
     return resolution

@@ -3,18 +3,23 @@
 With B an orthonormal basis of the directions that keep Σπ, π = 1/X + B w and M B w = −M 1/X. Singular values above
 the rank tolerance determine coordinates of w; the others leave a direction free, inside the band in which the residual
 stays below the tolerance. All functions work on a stack of systems of one shape.
+
+`affine_hulls` and `clip_to_segments` define what `described_sets` finds with a kernel.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
 
 from inscrutable import tolerances
 from inscrutable.validation import Array
+
+if TYPE_CHECKING:
+    from inscrutable.kernels.belief_sets import Limits
 
 _FARTHEST = 2.0
 """No two beliefs are farther apart than √2; twice the distance from the centre, rounded up."""
@@ -125,3 +130,33 @@ def onto_simplex(points: Array) -> Array:
     clipped = np.maximum(points, 0.0)
     total = clipped.sum(axis=1, keepdims=True)
     return np.asarray(clipped / np.where(total > 0, total, 1.0))
+
+
+def described_sets(equalities: Array, inequalities: Array, tolerance: float) -> tuple[np.ndarray, Array]:
+    """Return dimension (n,) and both ends (n,2,X) of the sets of stacked rows P (n,k,X) and Q (n,m,X).
+
+    Those of dimension two and more have the dimension of their hull and no ends; empty ones have dimension −1.
+    """
+    from inscrutable.kernels.belief_sets import describe_sets
+
+    count, _, n_states = equalities.shape
+    dimension, residual = np.empty(count, dtype=np.int64), np.empty(count)
+    ends = np.zeros((count, 2, n_states))
+    rows = (np.ascontiguousarray(equalities), np.ascontiguousarray(inequalities))
+    describe_sets(*rows, sum_zero_basis(n_states), kernel_limits(tolerance), dimension, ends, residual)
+    return dimension, ends
+
+
+@lru_cache(maxsize=64)
+def kernel_limits(tolerance: float) -> Limits:
+    """Return the tolerances of the kernels that describe belief sets."""
+    from inscrutable.kernels.belief_sets import Limits
+
+    return Limits(
+        float(tolerance),
+        tolerances.RANK,
+        tolerances.ON_FACE,
+        tolerances.SAME_BELIEF,
+        tolerances.POLYGON_WIDTH,
+        float(np.finfo(float).eps),
+    )

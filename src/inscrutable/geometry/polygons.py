@@ -13,6 +13,19 @@ _AROUND = 4.0
 
 def clip_polygon(rows: Array, offsets: Array) -> Array | None:
     """Return the corners (V,2) in order, or None where the polygon is empty or too thin to have an inside."""
+    corners = _left_of_square(rows, offsets)
+    if corners is None:
+        return None
+    corners = _without_repeats(corners)
+    return corners if len(corners) >= 3 and _width(corners) > tolerances.POLYGON_WIDTH else None
+
+
+def is_surely_empty(rows: Array, offsets: Array) -> bool:
+    """Return whether unit rows are in conflict by twice the tolerance, so that nothing is left even within it."""
+    return _left_of_square(rows, offsets + 2.0 * tolerances.ON_FACE) is None
+
+
+def _left_of_square(rows: Array, offsets: Array) -> Array | None:
     corners = _AROUND * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     for row, offset in zip(rows, offsets, strict=True):
         height = corners @ row - offset
@@ -21,8 +34,7 @@ def clip_polygon(rows: Array, offsets: Array) -> Array | None:
         if height.min() >= 0.0:
             return None
         corners = _clipped(corners, height)
-    corners = _without_repeats(corners)
-    return corners if len(corners) >= 3 and _width(corners) > tolerances.POLYGON_WIDTH else None
+    return corners
 
 
 def _clipped(corners: Array, height: Array) -> Array:

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
-from inscrutable.geometry.polygons import clip_polygon
+from inscrutable.geometry.polygons import clip_polygon, is_surely_empty
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
@@ -44,6 +44,8 @@ def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Arra
         corners = clip_polygon(rows, offsets)
         if corners is not None:
             return Reduced(origin, directions, rows, offsets, origin + corners @ directions)
+        if is_surely_empty(rows, offsets):
+            return None
     centre, radius = _deepest_point(rows, offsets)
     if radius < -tolerances.ON_FACE:
         return None

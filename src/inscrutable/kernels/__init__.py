@@ -1,1 +1,5 @@
 """Inner loops: arrays in, arrays out, nothing checked. Only this package imports Numba, and only when a loop is run."""
+
+from inscrutable.kernels.compiling import listen
+
+listen()

@@ -1,22 +1,73 @@
-"""How many threads a parallel kernel gets."""
+"""Kernels that release the interpreter's lock, run on fixed chunks by every core the process may use."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cache
+from threading import Event
 
-import numba
 
-_WORTH_A_SECOND_THREAD = 512
+def thread_count() -> int:
+    """Return the environment's NUMBA_NUM_THREADS, or else the number of processors this process may use.
+
+    Numba itself refuses a value that is not a whole number of at least 1.
+    """
+    asked = os.environ.get("NUMBA_NUM_THREADS", "")
+    if asked.isdigit() and int(asked) > 0:
+        return int(asked)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@contextmanager
-def threads_for(items: int) -> Iterator[None]:
-    """Give a small job one thread: waking a second one costs more than it saves. Results do not depend on it."""
-    before = numba.get_num_threads()
-    if items < _WORTH_A_SECOND_THREAD:
-        numba.set_num_threads(1)
+def in_chunks(
+    work: Callable[[int, int], None], count: int, chunk: int, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Call work(first, last) for the fixed chunks [0, chunk), [chunk, 2 chunk), … of `count` items on all cores.
+
+    The calling thread takes chunks as well, and all of them where there is one chunk or one core. Which thread takes
+    which chunk is left open, so `work` may write only what belongs to its items; then results are the same for any
+    number of threads. Helpers gain time only where `work` releases the interpreter's lock (`nogil=True`).
+
+    An error in `work`, or Ctrl-C, ends the call as soon as the chunks under way have ended, and is raised here.
+    `progress(items done, count)` is called on the calling thread, after each of its chunks and at the end.
+    """
+    starts = iter(range(0, count, chunk))  # taking the next entry is one step under the interpreter's lock
+    ended: list[int] = []
+    stop = Event()
+
+    def take() -> Iterator[int]:
+        for first in starts:
+            work(first, min(first + chunk, count))
+            ended.append(first)
+            yield min(len(ended) * chunk, count)
+            if stop.is_set():
+                return
+
+    def help_out() -> None:
+        for _ in take():
+            pass
+
+    helpers = min(thread_count(), -(-count // chunk)) - 1
+    futures: list[Future[None]] = [_pool(os.getpid(), helpers).submit(help_out) for _ in range(helpers)]
     try:
-        yield
+        for done in take():
+            if progress is not None:
+                progress(done, count)
+            if any(future.done() and future.exception() is not None for future in futures):
+                break
     finally:
-        numba.set_num_threads(before)
+        stop.set()
+        # A helper that has not begun has nothing left to do, and may never begin where chunks start chunks of theirs.
+        wait([future for future in futures if not future.cancel()])
+    for future in futures:
+        if not future.cancelled():
+            future.result()
+    if progress is not None and futures:
+        progress(count, count)
+
+
+@cache
+def _pool(process: int, helpers: int) -> ThreadPoolExecutor:
+    """Threads that wait for work; a forked process inherits none and so makes its own."""
+    return ThreadPoolExecutor(helpers, thread_name_prefix=f"chunks-{process}")

@@ -14,7 +14,9 @@ from inscrutable.geometry.cones import StationarityRows, stationarity_rows
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.validation import Array
 
-_MOST_PATTERNS = 512
+_MOST_PATTERNS = 4096
+_MOST_ENTRIES = 8_000_000
+"""Bounds on the patterns of tight rows that a set remembers; one takes about U by U entries, so 64 MB."""
 
 
 class Polyhedron:
@@ -66,6 +68,7 @@ class Polyhedron:
         self.names = tuple(given)
         self.min_slack = validation.non_negative(min_slack, "min_slack")
         self._stationarity: dict[bytes, StationarityRows] = {}
+        self._is_feasible = False  # until found to be
 
     @property
     def n_actions(self) -> int:
@@ -76,6 +79,18 @@ class Polyhedron:
     def row_scale(self) -> Array:
         """Largest coefficient of each inequality row, shape (n,)."""
         return np.asarray(np.abs(self.A_ub).max(axis=1, initial=0.0))
+
+    @cached_property
+    def coordinate_bounds(self) -> tuple[Array, Array]:
+        """Least and greatest value (U,) that rows with one coefficient leave to each coordinate; infinite where none."""
+        lower, upper = np.full(self.n_actions, -np.inf), np.full(self.n_actions, np.inf)
+        single = np.flatnonzero((self.A_ub != 0).sum(axis=1) == 1)
+        column = (self.A_ub[single] != 0).argmax(axis=1)
+        coefficient = self.A_ub[single, column]
+        value = self.b_ub[single] / coefficient + 0.0  # -0.0 would be published as a weight
+        np.maximum.at(lower, column[coefficient < 0], value[coefficient < 0])
+        np.minimum.at(upper, column[coefficient > 0], value[coefficient > 0])
+        return lower, upper
 
     def slacks(self, actions: ArrayLike) -> Array:
         """Return (b_ub − A_ub u) per unit of the row's largest coefficient, shape (…, n)."""
@@ -92,7 +107,7 @@ class Polyhedron:
         known = self._stationarity.get(key)
         if known is None:
             known = stationarity_rows(self.A_ub[tight], self.A_eq)
-            if len(self._stationarity) >= _MOST_PATTERNS:
+            if len(self._stationarity) >= min(_MOST_PATTERNS, max(1, _MOST_ENTRIES // self.n_actions**2)):
                 self._stationarity.clear()
             self._stationarity[key] = known
         return known
@@ -135,6 +150,8 @@ class Polyhedron:
 
     def check_feasible(self) -> None:
         """Raise `ModelError` naming the rows in conflict, and by how much, where no decision satisfies all rows."""
+        if self._is_feasible:
+            return
         n, e, u = len(self.b_ub), len(self.b_eq), self.n_actions
         elastic = np.concatenate([np.zeros(u), np.ones(n + 2 * e)])
         answer = minimum(
@@ -153,6 +170,7 @@ class Polyhedron:
             if amount > tolerances.FEASIBILITY * size
         ]
         if not amounts:
+            self._is_feasible = True
             return
         raise ModelError(f"no decision satisfies all constraints; the least relaxation is: {', '.join(amounts)}")
 

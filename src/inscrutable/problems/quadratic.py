@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +15,6 @@ from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.validation import Array
 
-_FEW = 16
-"""Below this many beliefs the bulk kernel's fixed costs are not worth it."""
 _CHUNK = 64
 """Beliefs solved in one warm-started run; fixed, so that results do not depend on the number of threads."""
 _MOST_EQUALITIES = 8
@@ -87,32 +85,41 @@ class QuadraticProblem(DecisionProblem):
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U), exact to a few roundings."""
         held = validation.beliefs(beliefs, self.n_states)
-        if held.ndim == 1:
-            return np.asarray(self._one_by_one(held[None])[0])
-        if len(held) < _FEW or not self._has_path:
-            return self._one_by_one(held)
-        return self._along_path(held)
+        rows = np.ascontiguousarray(np.atleast_2d(held))
+        solved = self._along_path(rows) if self._has_path else self._one_by_one(rows)
+        return np.asarray(solved[0]) if held.ndim == 1 else solved
 
-    @property
+    @cached_property
     def _has_path(self) -> bool:
         """Whether the feasible set is bounds and a few equalities, which the bulk kernel is made for."""
         return not len(self._layout.sides) and len(self._layout.equality_sides) <= _MOST_EQUALITIES
 
     @cached_property
-    def _path_start(self) -> Array:
-        return np.asarray(self._one_by_one(np.full((1, self.n_states), 1.0 / self.n_states))[0])
+    def _path_arguments(self) -> tuple[Any, ...]:
+        """What the bulk kernel takes besides the beliefs, in its own memory order."""
+        layout = self._layout
+        costs = (self.hessians.transpose(1, 2, 0).ravel(), self.linear.T.ravel())
+        rows = np.ascontiguousarray(layout.equalities, dtype=np.float64)
+        region = (layout.lower, layout.upper, rows, layout.equality_sides, rows.ravel(), rows.T.ravel())
+        start = self._one_by_one(np.full((1, self.n_states), 1.0 / self.n_states))[0]
+        return costs, region, (tolerances.PIVOT, 0.1 * tolerances.STATIONARITY), start
 
     def _along_path(self, held: Array) -> Array:
         from inscrutable.kernels.active_set import solve_path
-        from inscrutable.kernels.threads import threads_for
+        from inscrutable.kernels.threads import in_chunks
 
-        region = (self._layout.lower, self._layout.upper, self._layout.equalities, self._layout.equality_sides)
         actions = np.empty((len(held), self.n_actions))
         solved = np.zeros(len(held), dtype=np.bool_)
-        limits = (tolerances.PIVOT, 0.1 * tolerances.STATIONARITY)
-        costs = (self.hessians, self.linear)
-        with threads_for(len(held)):
-            solve_path(held, costs, region, limits, self._path_start, _CHUNK, actions, solved)
+        kernel: Any = solve_path
+        arguments = self._path_arguments
+
+        def work(first: int, last: int) -> None:
+            kernel(held[first:last], *arguments, actions[first:last], solved[first:last])
+
+        if len(held) <= _CHUNK:
+            work(0, len(held))
+        else:
+            in_chunks(work, len(held), _CHUNK)
         if not solved.all():
             actions[~solved] = self._one_by_one(held[~solved])
         return actions

@@ -37,15 +37,7 @@ class Layout:
 def layout_of(region: Polyhedron) -> Layout:
     """Split the rows of a polyhedron into bounds on one coordinate, general rows and equalities."""
     single = (region.A_ub != 0).sum(axis=1) == 1
-    lower = np.full(region.n_actions, -np.inf)
-    upper = np.full(region.n_actions, np.inf)
-    for row, side in zip(region.A_ub[single], region.b_ub[single], strict=True):
-        j = int(np.flatnonzero(row)[0])
-        if row[j] > 0:
-            upper[j] = min(upper[j], side / row[j])
-        else:
-            lower[j] = max(lower[j], side / row[j])
-    lower = lower + 0.0  # -0.0 would be published as a weight
+    lower, upper = region.coordinate_bounds
     return Layout(lower, upper, region.A_ub[~single], region.b_ub[~single], region.A_eq, region.b_eq)
 
 

@@ -1,0 +1,276 @@
+"""Consistent beliefs of many decisions, one small system at a time: {π ∈ Δ : P π = 0, Q π ≥ 0}.
+
+The arithmetic of `geometry.hulls`, which defines it. With B an orthonormal basis of the
+directions that keep Σπ, the columns of P B are rotated until they are orthogonal (one-sided Jacobi):
+
+    P B V = W,   σ_j = ‖W_j‖,   π = 1/X + B V t,   t_j = −W_j·(P 1/X) / σ_j² where σ_j determines a coordinate.
+
+Directions with a singular value below the rank tolerance stay free: none is a point, one a segment to cut with the
+inequalities. Larger sets are left to `kernels.belief_polygons` and to the caller.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable.kernels.options import kernel, part
+
+LARGER = 2
+"""Dimension reported for whatever is not empty, a point or a segment."""
+_SWEEPS = 40
+_FARTHEST = 2.0  # as in geometry.hulls
+
+
+class Limits(NamedTuple):
+    """The tolerances of the same names."""
+
+    explained: float
+    rank: float
+    on_face: float
+    same_belief: float
+    polygon_width: float
+    rounding: float
+
+
+class Room(NamedTuple):
+    """The hull of one system and the space to find it in; free directions come first."""
+
+    columns: Any  # (k, X-1): P B, then W
+    turn: Any  # (X-1, X-1): V
+    lengths: Any  # (X-1,): σ, rising
+    aligned: Any  # (X-1,): −W_j·(P 1/X) / σ_j
+    target: Any  # (k,): −P 1/X
+    origin: Any  # (X,)
+    directions: Any  # (X-1, X)
+
+
+@part
+def room_for(n_rows: int, n_states: int) -> Any:
+    """Return space for systems of at most `n_rows` equalities."""
+    free = n_states - 1
+    return Room(
+        np.empty((n_rows, free)),
+        np.empty((free, free)),
+        np.empty(free),
+        np.empty(free),
+        np.empty(n_rows),
+        np.empty(n_states),
+        np.empty((free, n_states)),
+    )
+
+
+@part
+def _rotate(matrix: Any, n_rows: int, p: int, q: int, cosine: float, sine: float) -> None:
+    for r in range(n_rows):
+        first, second = matrix[r, p], matrix[r, q]
+        matrix[r, p] = cosine * first - sine * second
+        matrix[r, q] = sine * first + cosine * second
+
+
+@part
+def _orthogonalise(room: Any, n_rows: int, rounding: float) -> None:
+    """Rotate the columns until they are orthogonal, then sort them by rising length."""
+    columns, turn, lengths = room.columns, room.turn, room.lengths
+    free = lengths.size
+    for a in range(free):
+        for b in range(free):
+            turn[a, b] = 1.0 if a == b else 0.0
+    turning = True
+    for _ in range(_SWEEPS):
+        if not turning:
+            break
+        turning = False
+        for p in range(free - 1):
+            for q in range(p + 1, free):
+                first, second, inner = 0.0, 0.0, 0.0
+                for r in range(n_rows):
+                    first += columns[r, p] * columns[r, p]
+                    second += columns[r, q] * columns[r, q]
+                    inner += columns[r, p] * columns[r, q]
+                largest = max(first, second)
+                if abs(inner) > rounding * np.sqrt(first * second) and abs(inner) > rounding * rounding * largest:
+                    turning = True
+                    ratio = (second - first) / (2.0 * inner)
+                    tangent = (1.0 if ratio >= 0.0 else -1.0) / (abs(ratio) + np.sqrt(1.0 + ratio * ratio))
+                    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+                    _rotate(columns, n_rows, p, q, cosine, cosine * tangent)
+                    _rotate(turn, free, p, q, cosine, cosine * tangent)
+    for a in range(free):
+        total = 0.0
+        for r in range(n_rows):
+            total += columns[r, a] * columns[r, a]
+        lengths[a] = np.sqrt(total)
+    for a in range(1, free):
+        b = a
+        while b > 0 and lengths[b] < lengths[b - 1]:
+            lengths[b], lengths[b - 1] = lengths[b - 1], lengths[b]
+            # A quarter turn exchanges two columns, up to a sign.
+            _rotate(columns, n_rows, b - 1, b, 0.0, 1.0)
+            _rotate(turn, free, b - 1, b, 0.0, 1.0)
+            b -= 1
+
+
+@part
+def _project(equalities: Any, n_rows: int, basis: Any, room: Any) -> None:
+    """columns = P B, target = −P 1/X."""
+    n_states, free = basis.shape
+    for r in range(n_rows):
+        total = 0.0
+        for x in range(n_states):
+            total += equalities[r, x]
+        room.target[r] = -total / n_states
+        for a in range(free):
+            total = 0.0
+            for x in range(n_states):
+                total += equalities[r, x] * basis[x, a]
+            room.columns[r, a] = total
+
+
+@part
+def _residual(equalities: Any, n_rows: int, room: Any, rank: float) -> float:
+    """What no belief can remove: a step along a free direction removes at most σ times the simplex's size."""
+    worst = 0.0
+    for r in range(n_rows):
+        total = 0.0
+        for x in range(room.origin.size):
+            total += equalities[r, x] * room.origin[x]
+        for a in range(room.lengths.size):
+            length = room.lengths[a]
+            if 0.0 < length <= rank:
+                removable = min(max(room.aligned[a], -_FARTHEST * length), _FARTHEST * length)
+                total += room.columns[r, a] / length * removable
+        worst = max(worst, abs(total))
+    return worst
+
+
+@part
+def hull_of(equalities: Any, n_rows: int, basis: Any, limits: Any, room: Any) -> tuple[int, float, float]:
+    """Write the affine hull of P π = 0, 1'π = 1 into `room`; return its dimension (−1 empty), residual and noise."""
+    n_states, free = basis.shape
+    _project(equalities, n_rows, basis, room)
+    _orthogonalise(room, n_rows, limits.rounding)
+    for x in range(n_states):
+        room.origin[x] = 1.0 / n_states
+    n_free, smallest = 0, 1.0
+    for a in range(free - 1, -1, -1):
+        length = room.lengths[a]
+        total = 0.0
+        for r in range(n_rows):
+            total += room.columns[r, a] * room.target[r]
+        room.aligned[a] = total / length if length > 0.0 else 0.0
+        for x in range(n_states):
+            total = 0.0
+            for b in range(free):
+                total += basis[x, b] * room.turn[b, a]
+            room.directions[a, x] = total
+        if length > limits.rank:
+            smallest = length  # they fall
+            for x in range(n_states):
+                room.origin[x] += room.aligned[a] / length * room.directions[a, x]
+        else:
+            n_free += 1
+    residual = _residual(equalities, n_rows, room, limits.rank)
+    noise = max(limits.on_face, limits.explained / smallest) if n_rows * free > 0 else limits.on_face
+    return (n_free if residual <= limits.explained else -1), residual, noise
+
+
+@part
+def band(room: Any, axis: int, explained: float) -> tuple[float, float]:
+    """Lowest and highest coordinate along a free direction at which the residual stays below the tolerance."""
+    length = room.lengths[axis]
+    if _FARTHEST * length <= explained:
+        return -np.inf, np.inf
+    return (room.aligned[axis] - explained) / length, (room.aligned[axis] + explained) / length
+
+
+@part
+def along(rows: Any, n_rows: int, r: int, vector: Any) -> float:
+    """Row r of Q, or of π ≥ 0 after the last one, times a vector."""
+    if r >= n_rows:
+        return float(vector[r - n_rows])
+    total = 0.0
+    for x in range(vector.size):
+        total += rows[r, x] * vector[x]
+    return total
+
+
+@part
+def _onto_simplex(room: Any, step: float, out: Any) -> None:
+    """out = the point at `step` on the first direction, which lies on the simplex up to rounding, put on it."""
+    total = 0.0
+    for x in range(out.size):
+        value = room.origin[x]
+        if step != 0.0:
+            value += step * room.directions[0, x]
+        out[x] = max(value, 0.0)
+        total += out[x]
+    if total > 0.0:
+        for x in range(out.size):
+            out[x] /= total
+
+
+@part
+def _cut_segment(rows: Any, n_rows: int, noise: float, limits: Any, room: Any) -> tuple[bool, float, float]:
+    """Whether the inequalities leave something of a line, and from where to where."""
+    low, high = band(room, 0, limits.explained)
+    steepest = np.inf
+    for r in range(n_rows + room.origin.size):
+        value = along(rows, n_rows, r, room.origin)
+        slope = along(rows, n_rows, r, room.directions[0])
+        if abs(slope) <= noise:
+            if value < -noise:
+                return False, 0.0, 0.0
+        else:
+            steepest = min(steepest, abs(slope))
+            if slope > 0.0:
+                low = max(low, -value / slope)
+            else:
+                high = min(high, -value / slope)
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return False, 0.0, 0.0
+    if low > high:
+        if low - high > 2.0 * noise / min(steepest, 1.0):
+            return False, 0.0, 0.0
+        low = high = 0.5 * (low + high)
+    return True, low, high
+
+
+@part
+def cut_hull(rows: Any, n_rows: int, dimension: int, noise: float, limits: Any, room: Any, ends: Any) -> int:
+    """Cut a hull of dimension 0 or 1 with Q π ≥ 0 and π ≥ 0; write both ends, return the dimension that is left."""
+    if dimension == 0:
+        for r in range(n_rows + room.origin.size):
+            if along(rows, n_rows, r, room.origin) < -noise:
+                return -1
+        _onto_simplex(room, 0.0, ends[0])
+        _onto_simplex(room, 0.0, ends[1])
+        return 0
+    present, low, high = _cut_segment(rows, n_rows, noise, limits, room)
+    if not present:
+        return -1
+    _onto_simplex(room, low, ends[0])
+    _onto_simplex(room, high, ends[1])
+    total = 0.0
+    for x in range(room.origin.size):
+        apart = ends[1, x] - ends[0, x]
+        total += apart * apart
+    return 1 if np.sqrt(total) > limits.same_belief else 0
+
+
+@kernel
+def describe_sets(
+    equalities: Any, inequalities: Any, basis: Any, limits: Any, dimension: Any, ends: Any, residual: Any
+) -> None:
+    """Dimension, both ends (n, 2, X) and residual of the sets of stacked systems P (n,k,X), Q (n,m,X).
+
+    Sets of dimension two and more have the dimension of their hull; their ends are not written.
+    """
+    n, k, n_states = equalities.shape
+    room = room_for(k, n_states)
+    for i in range(n):
+        size, residual[i], noise = hull_of(equalities[i], k, basis, limits, room)
+        if 0 <= size < LARGER:
+            size = cut_hull(inequalities[i], inequalities.shape[1], size, noise, limits, room, ends[i])
+        dimension[i] = size

@@ -1,0 +1,361 @@
+"""The best decoy on one face whose consistent sets are single beliefs: sequential quadratic programming, exact curvature.
+
+With z the n = X−1 coordinates of y = z B' + const, minimise over the face
+
+    −sign ½‖y − p‖²  under  ρ(y) ≤ r           (one decision), or
+    −sign ‖y − p‖ + price·ρ(y)                  (an atom of a lottery),
+
+under rows f_r(y) ≥ 0: probabilities, multipliers, slacks. All functions and their two derivatives come from `faces`; the
+quadratic programme of each step is convexified along the rows that were active before, and its step is pulled back onto
+the rows before it is judged.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from inscrutable.kernels.faces import (
+    add_regret_curvature,
+    add_row_curvature,
+    cholesky,
+    cost_under,
+    regret_slope,
+    row_slope,
+    row_value,
+    settle,
+)
+from inscrutable.kernels.projection import project
+
+_FIRST_TURNS, _LATER_TURNS = 8, 3  # Newton steps onto the rows, from a start and from a step's end
+_TRIALS_A_ROUND = 6
+_SHORTER, _SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
+
+
+class Aim(NamedTuple):
+    """What is climbed: distance from `point` times `sign`, under a budget or at a price."""
+
+    belief: Any  # (X,) the true belief
+    point: Any  # (X,)
+    sign: float
+    optimal_cost: float
+    limit: float  # largest regret; infinite where a price is set
+    price: float  # 0 where a budget is set
+
+
+class Rules(NamedTuple):
+    """Numbers that decide."""
+
+    pivot: float  # least share of a pivot that may remain
+    near: float  # violation of a row that counts as none
+    accuracy: float  # gain that is not worth a step
+    rank: float  # equations of a set below this, relative to the gradient, determine nothing
+    explained: float  # largest residual of an explained decision
+    on_face: float  # largest violation of a row of a set
+    inside: float  # share of a budget that is spent, so that rounding cannot break it
+    basis: Any  # (X, n) orthonormal, columns sum to zero
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _loss(aim: Any, y: Any, regret: float) -> float:
+    total = 0.0
+    for i in range(y.size):
+        total += (y[i] - aim.point[i]) ** 2
+    if aim.limit < np.inf:
+        return float(-aim.sign * 0.5 * total)
+    return float(-aim.sign * np.sqrt(total) + aim.price * regret)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shortfall(rows: Any, y: Any, w: Any, over: float) -> float:
+    """The largest violation of any row, and of the budget relative to itself."""
+    worst = max(over, 0.0)
+    for r in range(rows.shape[0]):
+        worst = max(worst, -row_value(rows[r], y, w))
+    return worst
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, lengths: Any, r: int) -> None:
+    """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length; a flat one is void."""
+    n = basis.shape[1]
+    length = 0.0
+    for c in range(n):
+        total = 0.0
+        for i in range(slope.size):
+            total += basis[i, c] * slope[i]
+        units[r, c] = total
+        length += total * total
+    length = np.sqrt(length)
+    if length <= 1e-14:
+        length = 1.0
+        value = max(value, 0.0)
+    for c in range(n):
+        units[r, c] /= length
+    sides[r] = -value / length
+    lengths[r] = length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _linearise(
+    rows: Any, y: Any, w: Any, slopes: Any, basis: Any, budget: Any, left: float, units: Any, sides: Any, lengths: Any
+) -> None:
+    """All rows at y, the budget's last; `budget` is its slope."""
+    slope = np.empty(y.size)
+    m = rows.shape[0]
+    for r in range(m):
+        row_slope(rows[r], y, w, slopes, slope)
+        _write_row(slope, row_value(rows[r], y, w), basis, units, sides, lengths, r)
+    if units.shape[0] > m:
+        for i in range(y.size):
+            slope[i] = -budget[i]
+        _write_row(slope, left, basis, units, sides, lengths, m)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _convexified(matrix: Any, n: int, factor: Any) -> None:
+    """Factor matrix + shift, with the least of a few shifts that makes it positive definite."""
+    size = 0.0
+    for i in range(n):
+        for k in range(n):
+            size = max(size, abs(matrix[i, k]))
+    shift = 0.0
+    for _ in range(60):
+        positive = True
+        for i in range(n):
+            for k in range(n):
+                factor[i, k] = matrix[i, k]
+            factor[i, i] += shift
+            if not factor[i, i] > 0.0:
+                positive = False
+        if positive and cholesky(factor, n, 1e-9):
+            return
+        shift = max(4.0 * shift, 1e-3 * size, 1e-300)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def quadratic_step(
+    hessian: Any,
+    slope: Any,
+    units: Any,
+    sides: Any,
+    near: float,
+    factor: Any,
+    turned: Any,
+    moved: Any,
+    step: Any,
+    weights: Any,
+) -> bool:
+    """Minimise ½d'Wd + slope·d under the rows: with W = LL' the projection of −L⁻¹ slope in x = L'd."""
+    n = step.size
+    _convexified(hessian, n, factor)
+    for i in range(n):
+        total = -slope[i]
+        for k in range(i):
+            total -= factor[i, k] * step[k]
+        step[i] = total / factor[i, i]
+    for r in range(sides.size):
+        length = 0.0
+        for i in range(n):
+            total = units[r, i]
+            for k in range(i):
+                total -= factor[i, k] * turned[r, k]
+            turned[r, i] = total / factor[i, i]
+            length += turned[r, i] ** 2
+        length = np.sqrt(length) if length > 0.0 else 1.0
+        for i in range(n):
+            turned[r, i] /= length
+        moved[r] = sides[r] / length
+        weights[r] = length
+    lengths = weights.copy()
+    if not project(turned, moved, sides.size, 0, near, step, weights):
+        return False
+    for r in range(sides.size):
+        weights[r] /= lengths[r]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            step[i] -= factor[k, i] * step[k]
+        step[i] /= factor[i, i]
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _curvature(
+    curves: Any,
+    rows: Any,
+    aim: Any,
+    y: Any,
+    factor: Any,
+    gradients: Any,
+    slopes: Any,
+    weights: Any,
+    scratch: Any,
+    out: Any,
+) -> None:
+    """Hessian (X,X) of the loss minus the weighted rows; the budget's weight is the last."""
+    n_states = y.size
+    square = 0.0
+    for i in range(n_states):
+        square += (y[i] - aim.point[i]) ** 2
+    length = np.sqrt(square)
+    on_regret = aim.price
+    if aim.limit < np.inf:
+        on_regret = weights[rows.shape[0]]
+    for i in range(n_states):
+        for k in range(n_states):
+            same = 1.0 if i == k else 0.0
+            if aim.limit < np.inf:
+                out[i, k] = -aim.sign * same
+            else:
+                along = (y[i] - aim.point[i]) * (y[k] - aim.point[k]) / max(square, 1e-300)
+                out[i, k] = -aim.sign * (same - along) / max(length, 1e-12)
+    if on_regret != 0.0:
+        add_regret_curvature(curves, aim.belief, y, gradients, slopes, on_regret, scratch, out)
+    for r in range(rows.shape[0]):
+        if weights[r] != 0.0:
+            add_row_curvature(curves, rows[r], y, factor, slopes, -weights[r], scratch, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _model(
+    curves: Any,
+    rows: Any,
+    aim: Any,
+    basis: Any,
+    y: Any,
+    factor: Any,
+    gradients: Any,
+    slopes: Any,
+    budget: Any,
+    weights: Any,
+    units: Any,
+    scratch: Any,
+    full: Any,
+    hessian: Any,
+    slope: Any,
+) -> None:
+    """Slope and Hessian of the step's programme in the reduced coordinates."""
+    n_states, n = basis.shape
+    _curvature(curves, rows, aim, y, factor, gradients, slopes, weights, scratch, full)
+    length = 0.0
+    for i in range(n_states):
+        length += (y[i] - aim.point[i]) ** 2
+    length = max(np.sqrt(length), 1e-12)
+    size = 0.0
+    for c in range(n):
+        total = 0.0
+        for i in range(n_states):
+            pull = -aim.sign * (y[i] - aim.point[i])
+            if not aim.limit < np.inf:
+                pull = pull / length + aim.price * budget[i]
+            total += basis[i, c] * pull
+        slope[c] = total
+        for d in range(n):
+            total = 0.0
+            for i in range(n_states):
+                for k in range(n_states):
+                    total += basis[i, c] * full[i, k] * basis[k, d]
+            hessian[c, d] = total
+            size = max(size, abs(total))
+    for r in range(units.shape[0]):
+        if weights[r] != 0.0:
+            for c in range(n):
+                for d in range(n):
+                    hessian[c, d] += 3.0 * size * units[r, c] * units[r, d]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _restore(
+    curves: Any, rows: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place: Any, lines: Any
+) -> tuple[bool, float]:
+    """Pull y the shortest way onto the linearised rows until all hold: whether they do, and the regret reached."""
+    factor, gradients, slopes, budget = place
+    units, sides, lengths, moved, step = lines
+    regret = 0.0
+    for turn in range(turns + 1):
+        if not settle(curves, y, rules.pivot, w, factor, gradients, slopes):
+            return False, regret
+        regret = cost_under(curves, aim.belief, w, gradients) - aim.optimal_cost
+        over = (regret - aim.limit) / aim.limit if aim.limit < np.inf else 0.0
+        if _shortfall(rows, y, w, over) <= rules.near:
+            return True, regret
+        if turn == turns:
+            return False, regret
+        regret_slope(aim.belief, gradients, slopes, budget)
+        _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths)
+        step[:] = 0.0
+        if not project(units, sides, sides.size, 0, 0.01 * rules.near, step, moved):
+            return False, regret
+        _move(rules.basis, y, step, 1.0, y)
+    return False, regret
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
+    """out = origin + share·basis step."""
+    for i in range(origin.size):
+        total = origin[i]
+        for c in range(step.size):
+            total += share * basis[i, c] * step[c]
+        out[i] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
+    """The budget's multiplier if its slope were along y − p: a first guess."""
+    length, lean = 0.0, 0.0
+    for i in range(y.size):
+        length += (y[i] - aim.point[i]) ** 2
+        lean += (y[i] - aim.point[i]) * budget[i]
+    return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
+    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
+    n_states, n = rules.basis.shape
+    k, m = w.size - 1, rows.shape[0]
+    has_budget = aim.limit < np.inf
+    count = m + 1 if has_budget else m
+    factor, gradients, slopes = np.empty((k, k)), np.empty((n_states, k)), np.empty((n_states, k))
+    budget, trial, step, slope = np.empty(n_states), y.copy(), np.empty(n), np.empty(n)
+    scratch, full = np.empty((n_states + 2, k)), np.empty((n_states, n_states))
+    units, turned, hessian, half = np.empty((count, n)), np.empty((count, n)), np.empty((n, n)), np.empty((n, n))
+    sides, moved, lengths, weights = np.empty(count), np.empty(count), np.empty(count), np.zeros(count)
+    place, lines = (factor, gradients, slopes, budget), (units, sides, lengths, moved, slope)
+    best, share, turns = np.inf, 1.0, _FIRST_TURNS
+    for _ in range(rounds * _TRIALS_A_ROUND):
+        allowed, regret = _restore(curves, rows, aim, rules, turns, trial, w, place, lines)
+        loss = _loss(aim, trial, regret)
+        if allowed and loss < best:
+            gain, best = best - loss, loss
+            y[:] = trial
+            if gain <= rules.accuracy and share == 1.0:
+                break
+            regret_slope(aim.belief, gradients, slopes, budget)
+            _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths)
+            if turns == _FIRST_TURNS and has_budget:
+                weights[m] = _price_of_budget(aim, y, budget)
+            share, turns = 1.0, _LATER_TURNS
+            _model(
+                curves, rows, aim, rules.basis, y, factor, gradients, slopes, budget, weights, units, scratch, full,
+                hessian, slope,
+            )  # fmt: skip
+            if not quadratic_step(hessian, slope, units, sides, 0.01 * rules.near, half, turned, moved, step, weights):
+                break
+            promise = 0.0
+            for c in range(n):
+                promise -= slope[c] * step[c]
+            if promise <= rules.accuracy:
+                break
+            for r in range(count):
+                weights[r] /= lengths[r]
+        else:
+            share *= _SHORTER
+            if turns == _FIRST_TURNS or share < _SHORTEST:
+                break
+        _move(rules.basis, y, step, share, trial)
+    settle(curves, y, rules.pivot, w, factor, gradients, slopes)
+    return best

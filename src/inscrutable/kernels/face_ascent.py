@@ -1,0 +1,353 @@
+"""The decision on one face whose consistent set is farthest from a point: sequential quadratic programming.
+
+With z = 1/X + B s the belief of the set nearest to p, every row is F_r(v, z) = Σ z_i R_ri·w = 0 (stationarity) or ≥ 0
+(probabilities, multipliers, slacks). For φ(v) = ½‖z − p‖², A = ∂F/∂s of the active rows, (AA')η = A(s − s_p),
+E = Σ η_r ∂²F_r/∂v∂s and J = ∂F/∂v + A E',
+
+    ∂φ/∂v = −Σ η_r ∂F_r/∂v,   ∂²φ/∂v² = J'(AA')⁻¹J − E E'.
+
+A step moves v and a member of the set together, so that decisions that no belief explains are seen before they are tried.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from inscrutable.kernels.climb import quadratic_step
+from inscrutable.kernels.faces import cholesky, row_value, solve_factored
+from inscrutable.kernels.projection import project
+from inscrutable.kernels.set_distance import cost_at, nearest_belief
+
+_WITNESS = 1e-2
+_ACROSS = 3.0
+_GROWTH = 2.0
+_EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def set_distance_model(
+    rows: Any, point: Any, basis: Any, w: Any, z: Any, active: Any, slope: Any, hessian: Any
+) -> None:
+    """Fill ∂φ/∂v and ∂²φ/∂v² in the first k coordinates; `rows` (m, X, k+1) with equalities first, `active` says which hold."""
+    n_states, n = basis.shape
+    k = w.size - 1
+    normals, moves = np.zeros((n, n)), np.zeros((n, k))
+    chosen = np.empty(n, dtype=np.int64)
+    gram, eta = np.empty((n, n)), np.zeros(n)
+    q = 0
+    for r in range(active.size):
+        if not active[r] or q == n:
+            continue
+        chosen[q] = r
+        for i in range(n_states):
+            along = rows[r, i, k]
+            for a in range(k):
+                along += rows[r, i, a] * w[a]
+                moves[q, a] += z[i] * rows[r, i, a]
+            for c in range(n):
+                normals[q, c] += basis[i, c] * along
+        q += 1
+    for r in range(q):
+        for i in range(n_states):
+            for c in range(n):
+                eta[r] += normals[r, c] * basis[i, c] * (z[i] - point[i])
+        for t in range(q):
+            gram[r, t] = 0.0
+            for c in range(n):
+                gram[r, t] += normals[r, c] * normals[t, c]
+    slope[:k] = 0.0
+    hessian[:k, :k] = 0.0
+    if not cholesky(gram, q, 1e-13):
+        return
+    solve_factored(gram, q, eta)
+    twist = np.zeros((k, n))
+    for r in range(q):
+        for a in range(k):
+            slope[a] -= eta[r] * moves[r, a]
+            for c in range(n):
+                for i in range(n_states):
+                    twist[a, c] += eta[r] * rows[chosen[r], i, a] * basis[i, c]
+    column = np.empty(n)
+    for a in range(k):
+        for r in range(q):
+            for c in range(n):
+                moves[r, a] += normals[r, c] * twist[a, c]
+    for b in range(k):
+        column[:q] = moves[:q, b]
+        solve_factored(gram, q, column)
+        for a in range(k):
+            for r in range(q):
+                hessian[a, b] += moves[r, a] * column[r]
+            for c in range(n):
+                hessian[a, b] -= twist[a, c] * twist[b, c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
+    """Gradient and Hessian of the expected cost in v."""
+    k = w.size - 1
+    for a in range(k):
+        slope[a] = 0.0
+        for c in range(k + 1):
+            total = 0.0
+            for i in range(belief.size):
+                total += belief[i] * curves[i, a, c]
+            slope[a] += total * w[c]
+            if c < k:
+                bend[a, c] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _write_rows(
+    rows: Any, basis: Any, w: Any, z: Any, cost_slope: Any, left: float, units: Any, sides: Any, lengths: Any
+) -> None:
+    """The rows at (v, z) and the budget behind them, linear in the step of (v, s), at unit length; flat ones are void."""
+    n_states, n = basis.shape
+    k = w.size - 1
+    m = rows.shape[0]
+    for r in range(units.shape[0]):
+        value = left
+        units[r, :] = 0.0
+        if r < m:
+            value = 0.0
+            for i in range(n_states):
+                along = rows[r, i, k]
+                for a in range(k):
+                    along += rows[r, i, a] * w[a]
+                    units[r, a] += z[i] * rows[r, i, a]
+                value += z[i] * along
+                for c in range(n):
+                    units[r, k + c] += basis[i, c] * along / _EASE
+        else:
+            units[r, :k] = -cost_slope
+        length = 0.0
+        for c in range(k + n):
+            length += units[r, c] * units[r, c]
+        length = np.sqrt(length)
+        if length <= 1e-13:
+            length = 1.0
+            value = max(value, 0.0)
+        units[r] /= length
+        sides[r] = -value / length
+        lengths[r] = length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pull(
+    curves: Any,
+    rows: Any,
+    n_equal: int,
+    aim: Any,
+    rules: Any,
+    w: Any,
+    z: Any,
+    turns: int,
+    units: Any,
+    sides: Any,
+    lengths: Any,
+) -> bool:
+    """Move (v, z) onto the rows and the budget by Newton steps; False where that fails."""
+    n_states, n = rules.basis.shape
+    k = w.size - 1
+    m = rows.shape[0]
+    slope, bend = np.empty(k), np.empty((k, k))
+    step, multipliers = np.empty(k + n), np.empty(units.shape[0])
+    for turn in range(turns + 1):
+        left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
+        worst = -left / aim.limit if aim.limit < np.inf else 0.0
+        for r in range(m):
+            value = row_value(rows[r], z, w)
+            worst = max(worst, abs(value) if r < n_equal else -value)
+        if worst <= rules.near:
+            return True
+        if turn == turns:
+            return False
+        cost_model(curves, aim.belief, w, slope, bend)
+        _write_rows(rows, rules.basis, w, z, slope, left, units, sides, lengths)
+        step[:] = 0.0
+        if not project(units, sides, sides.size, n_equal, 0.01 * rules.near, step, multipliers):
+            return False
+        w[:k] += step[:k]
+        for c in range(n):
+            for i in range(n_states):
+                z[i] += rules.basis[i, c] * step[k + c] / _EASE
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _model(
+    curves: Any,
+    rows: Any,
+    aim: Any,
+    basis: Any,
+    w: Any,
+    z: Any,
+    active: Any,
+    distance: float,
+    weight: float,
+    known: bool,
+    slope: Any,
+    hessian: Any,
+) -> float:
+    """Slope and Hessian of the step's programme at multiplier `weight` of the budget; returns the multiplier."""
+    k = w.size - 1
+    cost_slope, bend = np.empty(k), np.empty((k, k))
+    cost_model(curves, aim.belief, w, cost_slope, bend)
+    slope[:] = 0.0
+    hessian[:, :] = 0.0
+    set_distance_model(rows, aim.point, basis, w, z, active, slope, hessian)
+    length = max(distance, 1e-12)
+    for a in range(k):
+        for b in range(k):
+            if aim.limit < np.inf:
+                hessian[a, b] *= -aim.sign
+            else:
+                hessian[a, b] = -aim.sign * (hessian[a, b] - slope[a] * slope[b] / length**2) / length
+    inner, square = 0.0, 0.0
+    for a in range(k):
+        if aim.limit < np.inf:
+            slope[a] *= -aim.sign
+        else:
+            slope[a] = -aim.sign * slope[a] / length + aim.price * cost_slope[a]
+        inner -= slope[a] * cost_slope[a]
+        square += cost_slope[a] ** 2
+    if aim.limit < np.inf and not known and square > 0.0:
+        weight = max(inner / square, 0.0)
+    bending = weight if aim.limit < np.inf else aim.price
+    size = 0.0
+    for a in range(k):
+        for b in range(k):
+            hessian[a, b] += bending * bend[a, b]
+            size = max(size, abs(hessian[a, b]))
+    for c in range(k, slope.size):
+        hessian[c, c] = max(_WITNESS * size, 1e-12)
+    return weight
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, hessian: Any) -> None:
+    """Add the curvature −Σ weight ∂²F/∂v∂s of the rows, and enough across those that held to make the rest matter."""
+    n_states, n = basis.shape
+    k = hessian.shape[0] - n
+    top = 0.0
+    for a in range(k):
+        for b in range(k):
+            top = max(top, abs(hessian[a, b]))
+    for r in range(lengths.size):
+        if weights[r] == 0.0:
+            continue
+        if r < rows.shape[0]:
+            for a in range(k):
+                for c in range(n):
+                    total = 0.0
+                    for i in range(n_states):
+                        total += rows[r, i, a] * basis[i, c]
+                    total *= weights[r] / _EASE
+                    hessian[a, k + c] -= total
+                    hessian[k + c, a] -= total
+        square = 0.0
+        for a in range(k):
+            square += units[r, a] ** 2
+        across = _ACROSS * top / max(square, 1e-8)
+        for a in range(k + n):
+            for b in range(k + n):
+                hessian[a, b] += across * units[r, a] * units[r, b]
+    # Convex in the decision; the member's own coordinates are not to be held back.
+    size = k + n
+    factor = np.empty((size, size))
+    shift = 0.0
+    for _ in range(40):
+        factor[:] = hessian
+        for a in range(k):
+            factor[a, a] += shift
+        positive = True
+        for a in range(size):
+            positive = positive and factor[a, a] > 0.0
+        if positive and cholesky(factor, size, 1e-9):
+            break
+        shift = max(_GROWTH * shift, 1e-3 * top, 1e-300)
+    for a in range(k):
+        hessian[a, a] += shift
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, member: Any) -> None:
+    """A share of the step from (w, z)."""
+    k = w.size - 1
+    for a in range(k):
+        trial[a] = w[a] + share * step[a]
+    for i in range(z.size):
+        member[i] = z[i]
+        for c in range(basis.shape[1]):
+            member[i] += share * basis[i, c] * step[k + c] / _EASE
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ascend(
+    curves: Any, rows: Any, n_set_rows: int, scale: float, aim: Any, rules: Any, w: Any, z: Any, rounds: int
+) -> float:
+    """Improve the decision w, explained by z; both are replaced. Returns sign·distance (less price·regret), −∞ where lost.
+
+    `rows` begin with the k equalities, followed by the face's rows, `n_set_rows` of which describe the set.
+    """
+    n_states, n = rules.basis.shape
+    k = w.size - 1
+    size, m = k + n, rows.shape[0]
+    has_budget = aim.limit < np.inf
+    lines = m + 1 if has_budget else m
+    set_rows = rows[k : k + n_set_rows]
+    units, turned = np.empty((lines + k, size)), np.empty((lines + k, size))
+    sides, moved, lengths, weights = np.empty(lines + k), np.empty(lines + k), np.empty(lines + k), np.zeros(lines + k)
+    hessian, half, slope, step = np.empty((size, size)), np.empty((size, size)), np.empty(size), np.empty(size)
+    cost_slope, bend = np.empty(k), np.empty((k, k))
+    trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
+    active = np.zeros(k + n_set_rows, dtype=np.bool_)
+    best, known, share, weight = np.inf, False, 1.0, 0.0
+    for _ in range(2 * rounds):
+        loss, distance = np.inf, np.inf
+        if _pull(
+            curves, rows, k, aim, rules, trial, member, 3 if known else 8, units[:lines], sides[:lines], lengths[:lines]
+        ):
+            distance = nearest_belief(curves, set_rows, scale, trial, aim.point, rules, nearest, active)
+        if distance < np.inf:
+            loss = -aim.sign * distance
+            if aim.price > 0.0:
+                loss += aim.price * (cost_at(curves, aim.belief, trial) - aim.optimal_cost)
+        if not loss < best:
+            if not known:
+                return -np.inf
+            share *= 0.3
+            if share < 1e-3:
+                break
+        else:
+            gain = best - loss
+            best = loss
+            w[:] = trial
+            z[:] = nearest
+            if known and gain <= rules.accuracy and share == 1.0:
+                break
+            share = 1.0
+            weight = _model(curves, rows, aim, rules.basis, w, z, active, distance, weight, known, slope, hessian)
+            known = True
+            cost_model(curves, aim.belief, w, cost_slope, bend)
+            left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
+            _write_rows(rows, rules.basis, w, z, cost_slope, left, units[:lines], sides[:lines], lengths[:lines])
+            units[lines:] = -units[:k]
+            sides[lines:] = -sides[:k]
+            _bend_rows(rows, rules.basis, weights, lengths[:lines], units, hessian)
+            if not quadratic_step(hessian, slope, units, sides, 0.01 * rules.near, half, turned, moved, step, weights):
+                break
+            promise = 0.0
+            for a in range(k):
+                promise -= slope[a] * step[a]
+            if promise <= rules.accuracy:
+                break
+            weights[:k] -= weights[lines:]
+            weights[:lines] /= lengths[:lines]
+            if has_budget:
+                weight = weights[m]
+        _move(w, z, step, share, rules.basis, trial, member)
+    return -best

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from inscrutable import validation
 from inscrutable.errors import InputError
+from inscrutable.validation import Array
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,10 @@ class Budget:
     def limit(self, optimal_cost: float) -> float:
         """Return the largest affordable regret at an optimal cost c*, in the cost's unit."""
         return self.amount * abs(float(optimal_cost)) if self.is_relative else self.amount
+
+    def limits(self, optimal_costs: Array) -> Array:
+        """Return the largest affordable regret at each of many optimal costs (T,), in the cost's unit."""
+        return self.amount * np.abs(optimal_costs) if self.is_relative else np.full(len(optimal_costs), self.amount)
 
     def __str__(self) -> str:
         return f"{self.amount:.4g} of |c*|" if self.is_relative else f"regret of {self.amount:.4g}"

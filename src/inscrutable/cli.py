@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
-from inscrutable.cli_console import Speech, results, show_table
+from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_values import MeasureName, UsageError, belief_of, budget_of, measure_of, writable_folder
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.labels import label_text
@@ -342,7 +342,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        with library_log(quiet="-q" in tokens or "--quiet" in tokens):
+            app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except CycloptsError as error:
         return _said(f"{error}", USAGE)

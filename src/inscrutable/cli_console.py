@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -83,6 +84,18 @@ class Speech:
                 yield move
         else:
             yield _Lines(what)
+
+
+@contextmanager
+def library_log(*, quiet: bool) -> Iterator[None]:
+    """Let the library's log through to stderr, or only its errors where the user asked for quiet."""
+    logger = logging.getLogger(__name__.partition(".")[0])
+    before = logger.level
+    logger.setLevel(logging.ERROR if quiet else before)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 @contextmanager

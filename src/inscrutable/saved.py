@@ -26,9 +26,13 @@ def saved_choice(choice: type[_Choice]) -> type[_Choice]:
 
 
 class Saved:
-    """A frozen dataclass that can be saved and loaded; a field with metadata `saved=False` is left out."""
+    """A frozen dataclass that can be saved and loaded; a field with metadata `saved=False` is left out.
+
+    What a subclass names in `_derived` are cached properties: they are saved like fields, and loaded instead of computed.
+    """
 
     _known: ClassVar[dict[str, type]] = {}
+    _derived: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -71,7 +75,7 @@ def _encode(value: Any, arrays: dict[str, Any]) -> Any:
         return {"tuple": [_encode(item, arrays) for item in value]}
     if isinstance(value, Saved):
         declared: Any = value
-        kept = [f.name for f in dataclasses.fields(declared) if f.metadata.get("saved", True)]
+        kept = [f.name for f in dataclasses.fields(declared) if f.metadata.get("saved", True)] + list(value._derived)
         return {"record": type(value).__name__, "fields": {n: _encode(getattr(value, n), arrays) for n in kept}}
     plain = value.item() if isinstance(value, np.generic) else value
     if isinstance(plain, float) and not np.isfinite(plain):
@@ -90,4 +94,9 @@ def _decode(value: Any, stored: Any) -> Any:
         return tuple(_decode(item, stored) for item in value["tuple"])
     if "float" in value:
         return float(value["float"])
-    return Saved._known[value["record"]](**{name: _decode(item, stored) for name, item in value["fields"].items()})
+    kind: Any = Saved._known[value["record"]]
+    known = {name: _decode(item, stored) for name, item in value["fields"].items()}
+    derived = {name: known.pop(name) for name in kind._derived if name in known}
+    found = kind(**known)
+    vars(found).update(derived)
+    return found

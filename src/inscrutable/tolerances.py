@@ -87,6 +87,18 @@ BUDGET_SAFETY = 1e-8
 RAY_END = 1e-2
 """Relative accuracy of the end of an affordable ray: a start for the polish, which does the rest."""
 
+CHORD = 1e-7
+"""A gain in expected privacy below this is not worth a lottery, nor one more pass over the candidates."""
+
+NEAR_ATOMS = 0.1
+"""Atoms of a lottery on one face and closer than this are taken for one point of a concave frontier, which is climbed."""
+
+ROW_IN_REACH = 1e-6
+"""A multiplier or spare slack below this at the end of a climb stopped it: the face beyond that row is searched too."""
+
+LEAF_SLOPE = 1e-6
+"""Directions in which a leaf's decoys spread less than this share of their widest have no slope of their own."""
+
 NO_PRIVACY = 1e-7
 """A gain in privacy below this is not taken: regret is quadratic in the distance from the true belief, so a regret
 lost in the rounding of a cost (1e-16) allows about 1e-8."""

@@ -10,11 +10,13 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.geometry import BeliefSet
-from inscrutable.geometry.hulls import affine_hulls, clip_to_segments
+from inscrutable.geometry.hulls import described_sets
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _FEW = 16
+LARGER = 2
+"""Least dimension of the sets that are described only when asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +117,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     region = problem.constraints
     count, n_states = actions.shape[0], problem.n_states
     dimension = np.full(count, -1)
-    start = np.zeros((count, n_states))
-    end = np.zeros((count, n_states))
+    ends = np.zeros((count, 2, n_states))
     tight = region.tight_rows(actions)
     patterns, pattern_of = _distinct_rows(tight)
     distinct = _first_equal(actions)
@@ -128,30 +129,22 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
         scale = np.abs(gradients).max(axis=(1, 2), keepdims=True)
         scaled = (gradients / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1)
         inequalities = rows.inequalities @ scaled
-        hulls = affine_hulls(rows.equalities @ scaled, tolerances.EXPLAINED)
-        for size in (0, 1):
-            which = np.flatnonzero(hulls.dimension == size)
-            if which.size:
-                cut = clip_to_segments(hulls, inequalities, which)
-                chosen = index[which[cut.present]]
-                start[chosen], end[chosen] = cut.start[cut.present], cut.end[cut.present]
-                longer = np.linalg.norm(end[chosen] - start[chosen], axis=1) > tolerances.SAME_BELIEF
-                dimension[chosen] = longer.astype(int)
-        for i in index[hulls.dimension >= 2]:
+        dimension[index], ends[index] = described_sets(rows.equalities @ scaled, inequalities, tolerances.EXPLAINED)
+        for i in index[dimension[index] >= LARGER]:
             first = int(distinct[i])
             if members is not None:
-                dimension[i] = 2
-                start[i] = end[i] = members[i]
+                dimension[i] = LARGER
+                ends[i] = members[i]
                 continue
             if first not in pending:
                 pending[first] = belief_set_of(problem, actions[first])
             found = pending[first]
-            dimension[i] = min(found.dimension, 2)
-            if dimension[i] >= 2:
-                start[i] = end[i] = found.center()
+            dimension[i] = min(found.dimension, LARGER)
+            if dimension[i] >= LARGER:
+                ends[i] = found.center()
             elif dimension[i] >= 0:
-                start[i], end[i] = found.vertices()[[0, -1]]
-    return ConsistentSets(problem, actions, dimension, start, end, distinct, pending)
+                ends[i] = found.vertices()[[0, -1]]
+    return ConsistentSets(problem, actions, dimension, ends[:, 0].copy(), ends[:, 1].copy(), distinct, pending)
 
 
 def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,14 +9,15 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import minimize
 
-from inscrutable import tolerances, validation
-from inscrutable.adversaries import consistent_sets
+from inscrutable import validation
 from inscrutable.decision_makers.candidates import random_actions
+from inscrutable.decision_makers.trials import judge_for
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _TRIES_A_START = 200
+_BLOCK = 16
 _HALVINGS = 30
 _UNEXPLAINED = 2.0
 _DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
@@ -56,40 +57,36 @@ class _Watched:
     """The objective of the local solver; remembers the best trial that may be played."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, limit: float) -> None:
-        self.problem, self.belief, self.measure, self.limit = problem, belief, measure, limit
-        self.optimal_cost = float(problem.optimal_cost(belief))
+        self.problem, self.measure, self.limit = problem, measure, limit
+        self.judge = judge_for(problem, belief, measure)
+        self.optimal = np.asarray(problem.solve(belief))
+        self.optimal_cost = float(problem.state_costs(self.optimal) @ belief)
+        equalities = problem.constraints.A_eq
+        self.free = null_space(equalities) if len(equalities) else np.eye(self.optimal.size)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew, with nothing seen."""
         self.best: Array | None = None
         self.best_key = (-np.inf, -np.inf)
         self.worst = 0.0
 
-    def privacies(self, actions: Array) -> Array:
-        """Privacy of trials (n,U), −∞ for those outside the feasible set or, where that matters, unexplained."""
-        outside = self.problem.constraints.violation(actions)
-        far = tolerances.FEASIBILITY if self.measure.judges_empty else tolerances.FINITE_DIFFERENCE
-        sets = consistent_sets(self.problem, actions)
-        values = self.measure.values(self.belief, sets)
-        privacies = values.privacies.copy()
-        for index in np.flatnonzero(~values.exact & (outside <= far)):
-            privacies[index] = self.measure(self.belief, sets[int(index)])
-        if not self.measure.judges_empty:
-            privacies[sets.dimension < 0] = -np.inf
-        return np.where(outside <= far, privacies, -np.inf)
-
-    def excess(self, actions: Array) -> Array:
-        """Cost above what the budget allows, for trials (U,) or (n,U)."""
-        return np.asarray(self.problem.state_costs(actions) @ self.belief - self.optimal_cost - self.limit)
-
-    def losses(self, actions: Array) -> Array:
-        """Return minus the privacy of trials (n,U), and remember the best admissible affordable one."""
-        privacies, excess = self.privacies(actions), self.excess(actions)
-        playable = np.isfinite(privacies) & (excess <= 0) & self.problem.constraints.is_admissible(actions)
-        for index in np.flatnonzero(playable):
-            key = (float(privacies[index]), -float(excess[index]))
-            if key > self.best_key:
+    def losses(self, actions: Array) -> tuple[list[float], float, Array]:
+        """Minus the privacy of trials (n,U), of the first one the excess and the cost's gradient; remembers the best
+        admissible affordable one."""
+        found = self.judge(actions)
+        excess = [cost - self.optimal_cost - self.limit for cost in found.costs.tolist()]
+        losses = (-found.privacies).tolist()
+        for index, playable in enumerate(found.admissible.tolist()):
+            if losses[index] == np.inf:
+                continue
+            self.worst = max(self.worst, losses[index])
+            key = (-losses[index], -excess[index])
+            if playable and excess[index] <= 0 and key > self.best_key:
                 self.best, self.best_key = actions[index].copy(), key
-        self.worst = max(self.worst, -float(privacies[np.isfinite(privacies)].min(initial=np.inf)))
         # Beyond the plausible set the privacy is undefined: worse than any belief could be, so the solver turns back.
-        return np.where(np.isfinite(privacies), -privacies, self.worst + _UNEXPLAINED)
+        turned = [self.worst + _UNEXPLAINED if loss == np.inf else loss for loss in losses]
+        return turned, excess[0], found.slopes[0]
 
 
 def search_locally(
@@ -97,78 +94,119 @@ def search_locally(
 ) -> Array | None:
     """Return the best decision found, or None where no start was affordable and explained."""
     watched = _Watched(problem, belief, measure, limit)
-    optimal = problem.solve(belief)
     for _ in range(method.n_starts):
-        start = _affordable_start(watched, optimal, method.rng)
+        start = _affordable_start(watched, method.rng)
         if start is None:
             continue
         if not measure.is_indicator:
             _run(watched, start)
         elif watched.best is not None:
-            watched.best = _cheaper(watched, optimal, watched.best)
+            watched.best = _cheaper(watched, watched.best)
     return watched.best
 
 
-def _affordable_start(watched: _Watched, optimal: Array, rng: np.random.Generator) -> Array | None:
+def privacies_by_start(
+    problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, limit: float, method: LocalSearch
+) -> Array:
+    """Return the privacy that each start alone leads to, shape (n_starts,), of a measure that is no indicator; −∞ for a
+    start that was not affordable and explained."""
+    watched = _Watched(problem, belief, measure, limit)
+    reached = np.full(method.n_starts, -np.inf)
+    for number in range(method.n_starts):
+        watched.forget()
+        start = _affordable_start(watched, method.rng)
+        if start is not None:
+            _run(watched, start)
+        reached[number] = watched.best_key[0]
+    return reached
+
+
+def _affordable_start(watched: _Watched, rng: np.random.Generator) -> Array | None:
     """The first of some random decisions, moved at random between the optimal one and the budget's end, that a belief
     explains."""
-    away = random_actions(watched.problem, _TRIES_A_START, rng=rng) - optimal
-    shares = _affordable_shares(watched, optimal, away) * rng.uniform(size=len(away))
-    starts = optimal + shares[:, None] * away
+    away = random_actions(watched.problem, _TRIES_A_START, rng=rng) - watched.optimal
+    shares = rng.uniform(size=len(away))
     # One by one where judging a start takes a search of its own.
-    block = 1 if watched.measure.searches_actions else len(starts)
-    for first in range(0, len(starts), block):
-        explained = np.flatnonzero(watched.privacies(starts[first : first + block]) > -np.inf)
+    block = 1 if watched.measure.searches_actions else _BLOCK
+    most = watched.optimal_cost + watched.limit
+    for first in range(0, len(away), block):
+        part = slice(first, first + block)
+        affordable = watched.judge.affordable_shares(watched.optimal, away[part], most, _HALVINGS) * shares[part]
+        starts = watched.optimal + affordable[:, None] * away[part]
+        explained = np.flatnonzero(watched.judge(starts).privacies > -np.inf)
         if explained.size:
-            start = np.asarray(starts[first + explained[0]])
+            start = np.asarray(starts[explained[0]])
             watched.losses(start[None])
             return start
     return None
 
 
-def _affordable_shares(watched: _Watched, optimal: Array, away: Array) -> Array:
-    """The longest shares of the steps `away` (n,U) that the budget affords, at most one: the cost is convex along them."""
-    low = np.zeros(len(away))
-    high = np.where(watched.excess(optimal + away) <= 0, 0.0, 1.0)
-    low[high == 0.0] = 1.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        fits = watched.excess(optimal + middle[:, None] * away) <= 0
-        low = np.where((high > low) & fits, middle, low)
-        high = np.where((high > low) & ~fits, middle, high)
-    return low
-
-
-def _cheaper(watched: _Watched, optimal: Array, reached: Array) -> Array:
+def _cheaper(watched: _Watched, reached: Array) -> Array:
     """The cheapest decision on the line to the optimal one that still meets an indicator measure."""
+    optimal = watched.optimal
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        trial = (optimal + middle * (reached - optimal))[None]
-        if watched.privacies(trial)[0] == 0.0 and watched.problem.constraints.is_admissible(trial)[0]:
+        found = watched.judge((optimal + middle * (reached - optimal))[None])
+        if found.privacies[0] == 0.0 and found.admissible[0]:
             high = middle
         else:
             low = middle
     return np.asarray(optimal + high * (reached - optimal))
 
 
+class _Descent:
+    """What the solver asks for, found once a point: loss, constraints (≥ 0 where met) and their slopes, in coordinates
+    along the equalities, so that finite differences stay on them."""
+
+    def __init__(self, watched: _Watched, start: Array) -> None:
+        region = watched.problem.constraints
+        free = watched.free
+        self._watched, self._free = watched, free
+        self._scale = max(watched.limit, np.finfo(float).tiny)
+        self._around = start + np.vstack([np.zeros(free.shape[1]), _DIFFERENCE * np.eye(free.shape[1])]) @ free.T
+        self._room = region.b_ub - region.A_ub @ start
+        self._normals = region.A_ub @ free
+        self._rules = np.empty(1 + len(self._room))
+        self._rule_slopes = np.vstack([np.zeros(free.shape[1]), -self._normals])
+        self._loss, self._slope = 0.0, np.zeros(free.shape[1])
+        self._key = b""
+
+    def _look(self, v: Array) -> None:
+        key = v.tobytes()
+        if key == self._key:
+            return
+        losses, excess, slope = self._watched.losses(self._around + self._free @ v)
+        self._loss = losses[0]
+        self._slope = np.array([(loss - losses[0]) / _DIFFERENCE for loss in losses[1:]])
+        self._rules[0] = -excess / self._scale
+        self._rules[1:] = self._room - self._normals @ v
+        self._rule_slopes[0] = slope @ self._free / -self._scale
+        self._key = key
+
+    def loss(self, v: Array) -> float:
+        """Return the loss."""
+        self._look(v)
+        return self._loss
+
+    def slope(self, v: Array) -> Array:
+        """Return its gradient by forward differences."""
+        self._look(v)
+        return self._slope
+
+    def rules(self, v: Array) -> Array:
+        """Return what is left of the budget, as a share of it, and the slack of every row."""
+        self._look(v)
+        return self._rules
+
+    def rule_slopes(self, v: Array) -> Array:
+        """Return the derivatives of `rules`."""
+        self._look(v)
+        return self._rule_slopes
+
+
 def _run(watched: _Watched, start: Array) -> None:
-    region = watched.problem.constraints
-    scale = max(watched.limit, np.finfo(float).tiny)
-    # Steps along the equalities only, so that finite differences stay on them.
-    free = null_space(region.A_eq) if len(region.b_eq) else np.eye(start.size)
-    rules: list[Any] = [
-        {"type": "ineq", "fun": lambda v: np.array([-watched.excess(start + free @ v) / scale])},
-        {
-            "type": "ineq",
-            "fun": lambda v: region.b_ub - region.A_ub @ (start + free @ v),
-            "jac": lambda v: -region.A_ub @ free,
-        },
-    ]
-    steps = np.vstack([np.zeros(free.shape[1]), _DIFFERENCE * np.eye(free.shape[1])])
-
-    def loss(v: Array) -> tuple[float, Array]:
-        values = watched.losses(start + (v + steps) @ free.T)
-        return float(values[0]), (values[1:] - values[0]) / _DIFFERENCE
-
-    minimize(loss, np.zeros(free.shape[1]), jac=True, method="SLSQP", constraints=rules, options={"maxiter": 100})
+    descent = _Descent(watched, start)
+    rules: Any = {"type": "ineq", "fun": descent.rules, "jac": descent.rule_slopes}
+    origin = np.zeros(watched.free.shape[1])
+    minimize(descent.loss, origin, jac=descent.slope, method="SLSQP", constraints=rules, options={"maxiter": 100})

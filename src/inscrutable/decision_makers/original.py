@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.adversaries import consistent_beliefs
+from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem
@@ -47,7 +47,8 @@ class OriginalDecisionMaker:
             [
                 decision_for(self.problem, belief, actions[step], measure, DecisionStatus.OPTIMAL)
                 for step, belief in counted(held, progress)
-            ]
+            ],
+            self.problem,
         )
 
 
@@ -55,18 +56,20 @@ def decision_for(
     problem: DecisionProblem, belief: Array, action: Array, measure: PrivacyMeasure, status: DecisionStatus
 ) -> Decision:
     """Return an action with its cost, regret and privacy judged afresh from the action alone."""
-    found = consistent_beliefs(problem, action)
+    found = belief_set_of(problem, action)
     optimal = float(problem.optimal_cost(belief))
     cost = float(problem.expected_cost(belief, action))
     privacy = float(measure(belief, found))
-    return Decision(
+    decision = Decision(
         action,
         cost,
         optimal,
         max(cost - optimal, 0.0),
         privacy,
         0.0 if status is DecisionStatus.OPTIMAL else max(measure.upper_bound(belief), privacy),
-        found,
         found.center(),
         status,
+        problem,
     )
+    vars(decision)["belief_set"] = found
+    return decision

@@ -11,7 +11,7 @@ from inscrutable import validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.counter_adversarial import best_decision, shows_nothing
+from inscrutable.decision_makers.counter_adversarial import Case, best_decision, shows_nothing
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.original import decision_for
@@ -25,8 +25,9 @@ from inscrutable.decision_makers.results import (
     stack_mixed,
 )
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.privacy import PrivacyMeasure
-from inscrutable.problems import DecisionProblem
+from inscrutable.decision_makers.streamed import stream, stream_one
+from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
+from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 
@@ -100,11 +101,27 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X); a target per step is used in turn."""
         held = validation.many_beliefs(beliefs, self.problem.n_states)
-        return stack_mixed(
-            [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
+        if self._streams:
+            return stream(self._case(held[0], self.measure), held, progress)
+        decided = [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
+        return stack_mixed(decided, self.problem)
+
+    @property
+    def _streams(self) -> bool:
+        """Whether the streaming kernels know the problem, the measure and the method."""
+        return (
+            isinstance(self.problem, QuadraticProblem)
+            and type(self.measure) in (MaximalObfuscation, DesiredObfuscation)
+            and isinstance(self.method, Envelope)
+            and self.on_empty == "exclude"
         )
 
+    def _case(self, belief: Array, measure: PrivacyMeasure) -> Case:
+        return Case(self.problem, self.candidates, belief, measure, self.budget, self.on_empty)
+
     def _decide(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
+        if self._streams:
+            return stream_one(self._case(belief, measure))
         problem = self.problem
         optimal_cost = float(problem.optimal_cost(belief))
         limit = self.budget.limit(optimal_cost)
@@ -116,7 +133,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         scores.privacies[unbounded] = -np.inf
         extra = [decision_for(problem, belief, problem.solve(belief), measure, DecisionStatus.OPTIMAL)]
         if isinstance(self.method, Envelope):
-            best = best_decision(problem, scores, limit, optimal_cost)
+            best = best_decision(self._case(belief, measure))
             # It was found affordable: its regret, computed again, may differ by a rounding.
             extra.append(replace(best, regret=min(best.regret, limit)))
         return self._mixed(scores, extra, limit, optimal_cost)
@@ -167,9 +184,9 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
             optimal_cost,
             max(scores.measure.upper_bound(scores.belief), expected),
             mixture.price,
-            tuple(sets[int(i)] for i in indices),
             np.array([sets[int(i)].center() for i in indices]),
             status,
+            self.problem,
         )
 
 

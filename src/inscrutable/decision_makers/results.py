@@ -6,16 +6,62 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from inscrutable import validation
+from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
+from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved, saved_choice
 from inscrutable.validation import Array
 
 Progress = Callable[[int, int], None]
 """Called with (steps done, steps in all) in long runs."""
+
+
+class Played(Protocol):
+    """What was played: `actions(step)` gives one step's decisions, `actions(slice(None))` all of them."""
+
+    @property
+    def problem(self) -> DecisionProblem:
+        """The decision problem."""
+
+    def actions(self, step: int | slice) -> Array:
+        """Return the decisions of a step or of many."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Decisions kept as they are."""
+
+    problem: DecisionProblem
+    values: Array
+
+    def actions(self, step: int | slice) -> Array:
+        """Return the decisions of a step or of many."""
+        return np.asarray(self.values[step])
+
+
+@dataclass(frozen=True, eq=False)
+class Picked:
+    """One atom of each lottery."""
+
+    lotteries: Played
+    chosen: np.ndarray
+
+    @property
+    def problem(self) -> DecisionProblem:
+        """The decision problem."""
+        return self.lotteries.problem
+
+    def actions(self, step: int | slice) -> Array:
+        """Return the decisions of a step or of many."""
+        found, chosen = self.lotteries.actions(step), self.chosen[step]
+        return np.asarray(found[chosen] if found.ndim == 2 else found[np.arange(len(found)), chosen])
 
 
 @saved_choice
@@ -49,9 +95,9 @@ class Decision(Saved):
         regret: cost − optimal cost, at least 0.
         privacy: Ψ(ū) against an observer who takes the decision at face value.
         privacy_bound: No affordable decision has more privacy than this.
-        belief_set: Π(ū), what that observer reconstructs.
         decoy: A belief that the decision is optimal for, shape (X,); NaN where there is none.
         status: How the decision came about.
+        problem: The decision problem, from which `belief_set`, Π(ū), what that observer reconstructs, is made on access.
 
     Source: the paper, Approach 1.
 
@@ -74,9 +120,15 @@ class Decision(Saved):
     regret: float
     privacy: float
     privacy_bound: float
-    belief_set: BeliefSet
     decoy: Array
     status: DecisionStatus
+    problem: DecisionProblem | None = field(default=None, metadata={"saved": False})
+    _derived: ClassVar[tuple[str, ...]] = ("belief_set",)
+
+    @cached_property
+    def belief_set(self) -> BeliefSet:
+        """Π(ū), what the observer reconstructs."""
+        return _set_of(self.problem, self.action)
 
     def __repr__(self) -> str:
         return self.summary()
@@ -109,9 +161,9 @@ class MixedDecision(Saved):
         optimal_cost: c* = V(π).
         privacy_bound: No affordable mixture has more expected privacy than this.
         price: Slope of the expected privacy in the budget, per unit of cost.
-        belief_sets: Π of each atom.
         decoys: A belief each atom is optimal for, shape (k,X); NaN where there is none.
         status: How the decision came about.
+        problem: The decision problem, from which `belief_sets`, Π of each atom, are made on access.
 
     Source: the paper, Approach 2 and eq. (12).
 
@@ -134,9 +186,15 @@ class MixedDecision(Saved):
     optimal_cost: float
     privacy_bound: float
     price: float
-    belief_sets: tuple[BeliefSet, ...]
     decoys: Array
     status: DecisionStatus
+    problem: DecisionProblem | None = field(default=None, metadata={"saved": False})
+    _derived: ClassVar[tuple[str, ...]] = ("belief_sets",)
+
+    @cached_property
+    def belief_sets(self) -> tuple[BeliefSet, ...]:
+        """Π of each atom."""
+        return tuple(_set_of(self.problem, action) for action in self.actions)
 
     @property
     def expected_regret(self) -> float:
@@ -151,17 +209,20 @@ class MixedDecision(Saved):
         source = np.random.default_rng() if rng is None else validation.generator(rng)
         index = int(source.choice(len(self.probabilities), p=self.probabilities))
         regret = float(self.regrets[index])
-        return Decision(
+        drawn = Decision(
             self.actions[index],
             self.optimal_cost + regret,
             self.optimal_cost,
             regret,
             float(self.privacies[index]),
             max(self.privacy_bound, float(self.privacies[index])),
-            self.belief_sets[index],
             self.decoys[index],
             self.status,
+            self.problem,
         )
+        if "belief_sets" in vars(self):
+            vars(drawn)["belief_set"] = self.belief_sets[index]
+        return drawn
 
     def __repr__(self) -> str:
         return self.summary()
@@ -194,15 +255,26 @@ class Decisions(Saved):
         (2, 2)
     """
 
-    action: Array
     cost: Array
     optimal_cost: Array
     regret: Array
     privacy: Array
     privacy_bound: Array
-    belief_set: tuple[BeliefSet, ...]
     decoy: Array
     status: tuple[DecisionStatus, ...]
+    played: Played | None = field(default=None, metadata={"saved": False})
+    _derived: ClassVar[tuple[str, ...]] = ("action", "belief_set")
+
+    @cached_property
+    def action(self) -> Array:
+        """ū of every step, shape (T,U), made at first use."""
+        return _known(self.played).actions(slice(None))
+
+    @cached_property
+    def belief_set(self) -> tuple[BeliefSet, ...]:
+        """Π(ū) of every step, made at first use."""
+        problem = _known(self.played).problem
+        return tuple(belief_set_of(problem, action) for action in self.action)
 
     def __len__(self) -> int:
         return len(self.status)
@@ -223,24 +295,27 @@ class Decisions(Saved):
 
     def __getitem__(self, step: int) -> Decision:
         """Return the decision of one step."""
-        return Decision(
-            self.action[step],
+        found = Decision(
+            self.action[step] if self.played is None else self.played.actions(step),
             float(self.cost[step]),
             float(self.optimal_cost[step]),
             float(self.regret[step]),
             float(self.privacy[step]),
             float(self.privacy_bound[step]),
-            self.belief_set[step],
             self.decoy[step],
             self.status[step],
+            None if self.played is None else self.played.problem,
         )
+        if "belief_set" in vars(self):
+            vars(found)["belief_set"] = self.belief_set[step]
+        return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MixedDecisions(Saved):
     """`MixedDecision` for T beliefs: its fields with a leading T, atoms padded with probability 0.
 
-    Belief sets and decoys of a step's atoms are in `mixed[step]`.
+    Belief sets of a step's atoms are in `mixed[step]`.
 
     Source: the paper, Approach 2 at every step.
 
@@ -254,7 +329,6 @@ class MixedDecisions(Saved):
         (2, (2, 2))
     """
 
-    actions: Array  # (T, k, U)
     probabilities: Array  # (T, k)
     regrets: Array  # (T, k)
     privacies: Array  # (T, k)
@@ -263,8 +337,15 @@ class MixedDecisions(Saved):
     optimal_cost: Array
     privacy_bound: Array
     price: Array
+    decoys: Array  # (T, k, X)
     status: tuple[DecisionStatus, ...]
-    _steps: tuple[MixedDecision, ...] = field(repr=False, default=())
+    played: Played | None = field(default=None, metadata={"saved": False})
+    _derived: ClassVar[tuple[str, ...]] = ("actions",)
+
+    @cached_property
+    def actions(self) -> Array:
+        """The atoms of every step, shape (T,k,U), made at first use."""
+        return _known(self.played).actions(slice(None))
 
     def __len__(self) -> int:
         return len(self.status)
@@ -286,13 +367,64 @@ class MixedDecisions(Saved):
         )
 
     def __getitem__(self, step: int) -> MixedDecision:
-        """Return the mixture of one step."""
-        return self._steps[step]
+        """Return the mixture of one step, without its padding."""
+        kept = self.probabilities[step] > 0
+        actions = self.actions[step] if self.played is None else self.played.actions(step)
+        return MixedDecision(
+            actions[kept],
+            self.probabilities[step][kept],
+            self.regrets[step][kept],
+            self.privacies[step][kept],
+            float(self.expected_cost[step]),
+            float(self.expected_privacy[step]),
+            float(self.optimal_cost[step]),
+            float(self.privacy_bound[step]),
+            float(self.price[step]),
+            self.decoys[step][kept],
+            self.status[step],
+            None if self.played is None else self.played.problem,
+        )
 
     def sample(self, *, rng: np.random.Generator | None = None) -> Decisions:
         """Return one drawn decision per step; `rng` None draws from the operating system's entropy."""
         source = np.random.default_rng() if rng is None else validation.generator(rng)
-        return stack([step.sample(rng=source) for step in self._steps])
+        chosen = _drawn(self.probabilities, source)
+        rows = np.arange(len(self))
+        regret, privacy = self.regrets[rows, chosen], self.privacies[rows, chosen]
+        played = None if self.played is None else Picked(self.played, chosen)
+        drawn = Decisions(
+            self.optimal_cost + regret,
+            self.optimal_cost,
+            regret,
+            privacy,
+            np.maximum(self.privacy_bound, privacy),
+            self.decoys[rows, chosen],
+            self.status,
+            played,
+        )
+        if played is None:
+            vars(drawn)["action"] = self.actions[rows, chosen]
+        return drawn
+
+
+def _drawn(probabilities: Array, source: np.random.Generator) -> np.ndarray:
+    """One column number per row, drawn by the row's probabilities; padding is never drawn."""
+    edges = np.cumsum(probabilities, axis=1)
+    places = (source.random(len(edges))[:, None] * edges[:, -1:] >= edges).sum(axis=1)
+    last = probabilities.shape[1] - 1 - (probabilities[:, ::-1] > 0).argmax(axis=1)
+    return np.asarray(np.minimum(places, last))
+
+
+def _known(played: Played | None) -> Played:
+    if played is None:
+        raise InputError("this result was made without its decisions")
+    return played
+
+
+def _set_of(problem: DecisionProblem | None, action: Array) -> BeliefSet:
+    if problem is None:
+        raise InputError("this result was made without its problem: its belief sets are not known")
+    return belief_set_of(problem, action)
 
 
 def counted(beliefs: Array, progress: Progress | None) -> Iterator[tuple[int, Array]]:
@@ -303,22 +435,21 @@ def counted(beliefs: Array, progress: Progress | None) -> Iterator[tuple[int, Ar
             progress(step + 1, len(beliefs))
 
 
-def stack(decisions: list[Decision]) -> Decisions:
+def stack(decisions: list[Decision], problem: DecisionProblem) -> Decisions:
     """Return single decisions as one result with a leading T."""
     return Decisions(
-        np.array([d.action for d in decisions]),
         np.array([d.cost for d in decisions]),
         np.array([d.optimal_cost for d in decisions]),
         np.array([d.regret for d in decisions]),
         np.array([d.privacy for d in decisions]),
         np.array([d.privacy_bound for d in decisions]),
-        tuple(d.belief_set for d in decisions),
         np.array([d.decoy for d in decisions]),
         tuple(d.status for d in decisions),
+        Kept(problem, np.array([d.action for d in decisions])),
     )
 
 
-def stack_mixed(decisions: list[MixedDecision]) -> MixedDecisions:
+def stack_mixed(decisions: list[MixedDecision], problem: DecisionProblem) -> MixedDecisions:
     """Return single mixtures as one result with a leading T, atoms padded to the largest number."""
     most = max(len(d.probabilities) for d in decisions)
 
@@ -330,7 +461,6 @@ def stack_mixed(decisions: list[MixedDecision]) -> MixedDecisions:
         return np.concatenate([values, np.zeros(most - len(values))])
 
     return MixedDecisions(
-        np.array([padded(d.actions) for d in decisions]),
         np.array([zero_padded(d.probabilities) for d in decisions]),
         np.array([padded(d.regrets) for d in decisions]),
         np.array([padded(d.privacies) for d in decisions]),
@@ -339,8 +469,9 @@ def stack_mixed(decisions: list[MixedDecision]) -> MixedDecisions:
         np.array([d.optimal_cost for d in decisions]),
         np.array([d.privacy_bound for d in decisions]),
         np.array([d.price for d in decisions]),
+        np.array([padded(d.decoys) for d in decisions]),
         tuple(d.status for d in decisions),
-        tuple(decisions),
+        Kept(problem, np.array([padded(d.actions) for d in decisions])),
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances
 from inscrutable.errors import InputError
-from inscrutable.experiments.market_runs import GLOBAL, PAPER, MarketRun, Played
+from inscrutable.experiments.market_runs import GLOBAL, PAPER, MarketRun, PlayedSteps
 from inscrutable.validation import Array
 
 MATERIAL = 0.01
@@ -172,25 +172,31 @@ def saturation_budget(budgets: ArrayLike, privacies: ArrayLike) -> float:
     return float(shares[np.flatnonzero(values >= (1.0 - SATURATED) * values[-1])[0]])
 
 
-def _cdm(run: MarketRun, variant: str) -> Played:
+def _cdm(run: MarketRun, variant: str) -> PlayedSteps:
     return run.variants[variant].cdm
 
 
-def _pdm(run: MarketRun, variant: str) -> Played:
+def _pdm(run: MarketRun, variant: str) -> PlayedSteps:
     return run.variants[variant].pdm
 
 
+def _apart(first: Array, second: Array) -> Array:
+    """The difference; one of rounding size counts as none, so that equal decisions found twice are no gain or loss."""
+    difference = first - second
+    return np.where(np.abs(difference) > tolerances.CLAIM_ROUNDING, difference, 0.0)
+
+
 def _more_private(run: MarketRun, variant: str) -> float:
-    return float((_pdm(run, variant).privacy - _cdm(run, variant).privacy).mean())
+    return float(_apart(_pdm(run, variant).privacy, _cdm(run, variant).privacy).mean())
 
 
 def _dearer(run: MarketRun, variant: str) -> float:
-    return float((_pdm(run, variant).increase - _cdm(run, variant).increase).mean())
+    return float(_apart(_pdm(run, variant).increase, _cdm(run, variant).increase).mean())
 
 
 def _more_private_by_budget(run: MarketRun, variant: str) -> Array:
     found = run.variants[variant]
-    return found.pdm_curve.privacy - found.cdm_curve.privacy
+    return _apart(found.pdm_curve.privacy, found.cdm_curve.privacy)
 
 
 def _gain_of_starts(run: MarketRun, variant: str) -> Array:

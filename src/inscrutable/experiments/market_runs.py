@@ -26,9 +26,10 @@ from inscrutable.decision_makers import (
     privacy_frontier,
     random_candidates,
 )
-from inscrutable.decision_makers.results import stack
+from inscrutable.decision_makers.local_search import privacies_by_start
 from inscrutable.experiments.episodes import relative_increase
 from inscrutable.experiments.random_markets import MarketLaw, random_market
+from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -71,7 +72,7 @@ class Makers(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
+class PlayedSteps:
     """A decision maker's steps: of a lottery the drawn decision, and what the lottery gives on average.
 
     All of shape (T,): privacy Ψ; `increase` (c̄ − c*)/|c*|; both again in expectation; the dimension of Π.
@@ -105,8 +106,8 @@ class VariantRun:
         refining_gain: What the PDM gains over a grid `COARSER` times coarser, shape (T,).
     """
 
-    cdm: Played
-    pdm: Played
+    cdm: PlayedSteps
+    pdm: PlayedSteps
     cdm_curve: BudgetCurve
     pdm_curve: BudgetCurve
     mixing_gain: Array
@@ -128,7 +129,7 @@ class MarketRun:
 
     budget: float
     budgets: tuple[float, ...]
-    odm: Played
+    odm: PlayedSteps
     variants: Mapping[str, VariantRun]
     starts: Array
     samples: Mapping[str, Array] | None
@@ -189,10 +190,13 @@ def _best_of_starts(
     problem: DecisionProblem, belief: Array, plan: Plan, first: float, rng: np.random.Generator
 ) -> Array:
     """A search from n starts is the best of n searches from one: the first is known, the others follow it."""
-    found = [first]
+    found = np.array([first])
     if max(plan.starts) > 1:
-        again = np.repeat(belief[None], max(plan.starts) - 1, axis=0)
-        found.extend(_local(problem, again, plan.budget, rng).privacy)
+        limit = Budget.relative(plan.budget).limit(float(problem.optimal_cost(belief)))
+        others = LocalSearch(max(plan.starts) - 1, rng)
+        reached = privacies_by_start(problem, belief, MaximalObfuscation(), limit, others)
+        # Without a start the optimal decision is played, which hides nothing.
+        found = np.concatenate([found, np.maximum(reached, 0.0)])
     return np.asarray(np.maximum.accumulate(found)[np.array(plan.starts) - 1])
 
 
@@ -239,21 +243,22 @@ def _searched_curve(
     problem: DecisionProblem, known: Decision, first: Array, plan: Plan, rng: np.random.Generator
 ) -> BudgetCurve:
     """The local solver anew at every budget; at c_b what it has already found."""
-    found = [stack([known]) if share == plan.budget else _local(problem, first, share, rng) for share in plan.budgets]
-    return BudgetCurve(np.array([each.privacy[0] for each in found]), np.array([_increase(each)[0] for each in found]))
+    found = [known if share == plan.budget else _local(problem, first, share, rng)[0] for share in plan.budgets]
+    costs, optimal = (np.array([getattr(each, name) for each in found]) for name in ("cost", "optimal_cost"))
+    return BudgetCurve(np.array([each.privacy for each in found]), relative_increase(costs - optimal, optimal))
 
 
 def _increase(decisions: Decisions) -> Array:
     return relative_increase(decisions.cost - decisions.optimal_cost, decisions.optimal_cost)
 
 
-def _played(decisions: Decisions) -> Played:
+def _played(decisions: Decisions) -> PlayedSteps:
     dimension = np.array([found.dimension for found in decisions.belief_set])
     increase = _increase(decisions)
-    return Played(decisions.privacy, increase, decisions.privacy, increase, dimension)
+    return PlayedSteps(decisions.privacy, increase, decisions.privacy, increase, dimension)
 
 
-def _lottery(mixed: MixedDecisions, rng: np.random.Generator) -> Played:
+def _lottery(mixed: MixedDecisions, rng: np.random.Generator) -> PlayedSteps:
     drawn = _played(mixed.sample(rng=rng))
     expected = relative_increase(mixed.expected_cost - mixed.optimal_cost, mixed.optimal_cost)
-    return Played(drawn.privacy, drawn.increase, mixed.expected_privacy, expected, drawn.dimension)
+    return PlayedSteps(drawn.privacy, drawn.increase, mixed.expected_privacy, expected, drawn.dimension)

@@ -9,7 +9,7 @@ import numpy as np
 from inscrutable import validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.filtering import filter_beliefs
-from inscrutable.problems import MarkowitzProblem
+from inscrutable.problems import MarkowitzProblem, Polyhedron, simplex
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
 
@@ -128,10 +128,11 @@ def random_market(law: MarketLaw | None = None, *, rng: np.random.Generator) -> 
     """
     chosen = MarketLaw() if law is None else law
     validation.generator(rng)
-    regimes = [_regime(chosen, i, rng) for i in range(chosen.n_regimes)]
+    weights = simplex(chosen.n_assets)
+    regimes = [_regime(chosen, weights, i, rng) for i in range(chosen.n_regimes)]
     means = np.array([mean for mean, _ in regimes])
     covariances = np.array([covariance for _, covariance in regimes])
-    problem = MarkowitzProblem(means, covariances, chosen.risk_aversion)
+    problem = MarkowitzProblem(means, covariances, chosen.risk_aversion, weights)
     transition = _diagonal_and_rest(chosen.persistence, chosen.n_regimes, rng)
     if chosen.sensor.kind == "gaussian":
         return Market(HiddenMarkovModel(transition, GaussianEmission(means, covariances)), problem)
@@ -139,7 +140,7 @@ def random_market(law: MarketLaw | None = None, *, rng: np.random.Generator) -> 
     return Market(HiddenMarkovModel(transition, CategoricalEmission(symbols)), problem)
 
 
-def _regime(law: MarketLaw, number: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def _regime(law: MarketLaw, weights: Polyhedron, number: int, rng: np.random.Generator) -> tuple[Array, Array]:
     for _ in range(_MOST_DRAWS):
         mean = rng.uniform(*law.means, size=law.n_assets)
         deviations = rng.uniform(*law.volatilities, size=law.n_assets)
@@ -147,7 +148,7 @@ def _regime(law: MarketLaw, number: int, rng: np.random.Generator) -> tuple[Arra
         product = factors @ factors.T
         lengths = np.sqrt(np.diag(product))
         covariance = product * np.outer(deviations / lengths, deviations / lengths)
-        alone = MarkowitzProblem(mean[None], covariance[None], law.risk_aversion)
+        alone = MarkowitzProblem(mean[None], covariance[None], law.risk_aversion, weights)
         if float(alone.optimal_cost([1.0])) > 0:
             return mean, covariance
     raise ModelError(

@@ -158,6 +158,13 @@ class DesiredObfuscation(PrivacyMeasure):
             )
         return validation.beliefs(self.target, belief.size, "target")
 
+    def targets_for(self, beliefs: Array) -> Array:
+        """Return π^d for the true beliefs (T,X) of a path, shape (T,X)."""
+        if not callable(self.target) and self.target.shape == (beliefs.shape[1],):
+            return np.broadcast_to(self.target, beliefs.shape)
+        targets = [self.at_step(step).target_for(belief) for step, belief in enumerate(beliefs)]  # type: ignore[attr-defined]
+        return np.array(targets)
+
     def at_step(self, step: int) -> PrivacyMeasure:
         """Return the measure with the target of one step."""
         if callable(self.target) or self.target.ndim == 1:

@@ -82,12 +82,21 @@ def drawing(width: float = COLUMN_WIDTH, height: float | None = None, **subplots
 
 def save_figure(figure: Any, folder: Path, name: str) -> list[Path]:
     """Write `name`.png and `name`.svg into a folder, whole or not at all, and return their paths."""
+    import matplotlib
+
+    # Layout and outline are found once, at the resolution of the PNG, and hold for both files.
+    figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
+    figure.draw_without_rendering()
+    outline = figure.get_tightbbox().padded(matplotlib.rcParams["savefig.pad_inches"])
     written = []
-    for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
-        path = folder / f"{name}.{ending}"
-        with whole_file(path) as temporary:
-            figure.savefig(temporary, format=ending, metadata=metadata)
-        written.append(path)
+    # Without a layout engine, not even the placeholder that the name "none" leaves, nothing is drawn twice.
+    with matplotlib.rc_context({"figure.constrained_layout.use": False}):
+        figure.set_layout_engine(None)
+        for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+            path = folder / f"{name}.{ending}"
+            with whole_file(path) as temporary:
+                figure.savefig(temporary, format=ending, metadata=metadata, bbox_inches=outline)
+            written.append(path)
     return written
 
 

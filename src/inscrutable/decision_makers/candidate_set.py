@@ -1,0 +1,142 @@
+"""What is known about the decisions to choose from, solved once per problem: the paper's set {ū^(l)}."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries import ConsistentSets, consistent_sets
+from inscrutable.errors import InputError
+from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.geometry.low_discrepancy import covering_radius
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+_MOST_KEPT = 4096
+_BLOCK = 8192
+_MEGABYTE = 1_000_000
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Decisions with what does not depend on the agent's belief: their state costs and what an observer infers.
+
+    Args:
+        actions: Decisions, shape (M,U).
+        state_costs: c(i, u_l), shape (M,X), in the cost's unit.
+        decoys: The beliefs that the decisions are optimal for, shape (M,X), or None where they are not known.
+        sets: The consistent beliefs of every decision.
+        usable: Which decisions are feasible and admissible, shape (M,).
+        n_outside: How many decisions lie outside the feasible set; they are never chosen.
+        decided: The latest searches from these candidates, which decision makers share.
+
+    Many decoys may share one decision, most of all where few assets are held: `distinct` are the first candidates of
+    every decision, `same_as` says for every candidate which of these it is.
+
+    Source: the paper, Assumption 1.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem, decoy_grid
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2) / 100, np.eye(2) / 100], 1.0)
+        >>> candidates = decoy_grid(problem, 10)
+        >>> print(candidates.actions[candidates.distinct, 0], candidates.same_as)
+        [0.  0.5 1. ] [0 0 0 0 0 5 6 6 6 6 6]
+    """
+
+    actions: Array
+    state_costs: Array
+    decoys: Array | None
+    sets: ConsistentSets
+    usable: np.ndarray
+    n_outside: int = 0
+    decided: dict[Hashable, Any] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return int(self.actions.shape[0])
+
+    @cached_property
+    def same_as(self) -> np.ndarray:
+        """Index of the first candidate with the same decision, shape (M,): its own for the first of a kind.
+
+        Decisions are the same where every coordinate rounds to the same multiple of `tolerances.SAME_ACTION`.
+        """
+        return first_equal(self.actions)
+
+    @cached_property
+    def distinct(self) -> np.ndarray:
+        """Indices of the distinct decisions among the candidates, the first of each, rising, shape (D,)."""
+        return np.flatnonzero(self.same_as == np.arange(len(self)))
+
+    def sharing(self, index: int) -> np.ndarray:
+        """Return the indices of all candidates with the same decision as candidate `index`, itself among them."""
+        return np.flatnonzero(self.same_as == self.same_as[index])
+
+    @cached_property
+    def covering_radius(self) -> float:
+        """About the largest distance from a belief to the nearest decoy, from 512 beliefs; infinite without decoys."""
+        return np.inf if self.decoys is None else covering_radius(self.decoys)
+
+    @property
+    def memory(self) -> int:
+        """Bytes held by the candidates' arrays, each counted once, without what is found when first asked for."""
+        held = [getattr(part, each.name) for part in (self, self.sets) for each in fields(part)]
+        return sum({id(array): array.nbytes for array in held if isinstance(array, np.ndarray)}.values())
+
+    def once(self, key: Hashable, search: Callable[[], T]) -> T:
+        """Return what `search` returned for this key before, or search and keep it; the oldest are forgotten."""
+        found: T | None = self.decided.get(key)
+        if found is None:
+            found = search()
+            if len(self.decided) >= _MOST_KEPT:
+                self.decided.pop(next(iter(self.decided)), None)
+            self.decided[key] = found
+        return found
+
+    def joined(self, other: Candidates) -> Candidates:
+        """Return these candidates followed by others of the same problem; decoys are kept where both have them."""
+        both = self.decoys is not None and other.decoys is not None
+        return Candidates(
+            np.vstack([self.actions, other.actions]),
+            np.vstack([self.state_costs, other.state_costs]),
+            np.vstack([self.decoys, other.decoys]) if both else None,  # type: ignore[list-item]
+            self.sets.joined(other.sets),
+            np.concatenate([self.usable, other.usable]),
+            self.n_outside + other.n_outside,
+        )
+
+    def summary(self) -> str:
+        """Return one line: how many decisions, distinct, usable, explained, outside; their memory; how near a decoy is."""
+        explained = int(np.count_nonzero(self.sets.dimension[self.usable] >= 0))
+        near = "" if self.decoys is None else f"; every belief within about {self.covering_radius:.2g} of a decoy"
+        return (
+            f"{len(self)} candidates ({len(self.distinct)} distinct, {self.memory / _MEGABYTE:.1f} MB): "
+            f"{int(self.usable.sum())} admissible, {explained} of them explained by a belief, "
+            f"{self.n_outside} outside the feasible set{near}"
+        )
+
+
+def make_candidates(problem: DecisionProblem, actions: ArrayLike, decoys: Array | None = None) -> Candidates:
+    """Return candidates for decisions (M,U); those outside the feasible set are kept, counted and never chosen."""
+    points = validation.finite_array(actions, "candidate actions", ndim=2)
+    if points.shape[1] != problem.n_actions or not len(points):
+        raise InputError(f"candidate actions have shape {points.shape}, expected (M, {problem.n_actions}) with M >= 1")
+    region = problem.constraints
+    usable = np.empty(len(points), dtype=np.bool_)
+    costs = np.empty((len(points), problem.n_states))
+    n_outside = 0
+    for first in range(0, len(points), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        usable[block] = region.is_admissible(points[block])
+        costs[block] = problem.state_costs(points[block])
+        doubtful = points[block][~usable[block]]
+        n_outside += int(np.count_nonzero(region.violation(doubtful) > tolerances.FEASIBILITY))
+    return Candidates(points, costs, decoys, consistent_sets(problem, points, decoys), usable, n_outside)

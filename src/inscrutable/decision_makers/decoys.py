@@ -1,0 +1,75 @@
+"""Candidates that are optimal for some belief: decoys, spread over the simplex of beliefs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable import validation
+from inscrutable.decision_makers.action_candidates import bounding_box_of, coordinate_ends
+from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
+from inscrutable.geometry import simplex_grid
+from inscrutable.geometry.grids import grid_size
+from inscrutable.geometry.low_discrepancy import simplex_cover
+from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.validation import Array
+
+DEFAULT_SIZE = 5000
+MOST_DECOYS = 600_000
+"""Three states at a resolution of 1,000 stay below it."""
+
+
+def decoy_grid(problem: DecisionProblem, resolution: int) -> Candidates:
+    """Return the optimal decisions of decoys spread over the simplex: beliefs the agent may act as if it held.
+
+    Formula: {u*(y) : y ∈ Δ_X, r·y whole}; nothing plausible is lost, since Π(u) ≠ ∅ exactly when u = u*(y) for some y.
+    Where these would be more than 600,000, the finest regular grid of that size is taken, and above six states it is
+    filled up with low-discrepancy points in the interior (`geometry.low_discrepancy.simplex_cover`). Either way all
+    vertices are there and all faces are covered; `summary()` states how near every belief has a decoy.
+
+    Args:
+        problem: The decision problem.
+        resolution: r, at least 1; multiples of 1/r, corners included: every belief is then within √(X/4)/r of a decoy.
+
+    Returns:
+        C(r+X−1, X−1) candidates, or about 600,000, at most 750,000, where that is more.
+
+    Raises:
+        InputError: The resolution is not a whole number of at least 1.
+
+    Cost: one forward solve per decoy; 8U + 32X + 17 bytes a candidate kept (`Candidates.memory`), blocks besides.
+    Source: the paper's set {ū^(l)}, for its measures (b), (d) and (e).
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem(0.1 * np.eye(3), [np.eye(3)] * 3, 1.0)
+        >>> len(decoy_grid(problem, 4))
+        15
+    """
+    validation.count(resolution, "resolution")
+    n = checked_problem(problem).n_states
+    regular = grid_size(n, resolution) <= MOST_DECOYS
+    return decided_by(problem, simplex_grid(n, resolution) if regular else simplex_cover(n, MOST_DECOYS))
+
+
+def default_decoys(problem: DecisionProblem) -> Candidates:
+    """Return the candidates that are used where none are given: about 5,000 decoys, whatever the number of states:
+    a regular grid, filled up to at most 6,250 above six states."""
+    return decided_by(problem, simplex_cover(checked_problem(problem).n_states, DEFAULT_SIZE))
+
+
+def decided_by(problem: DecisionProblem, decoys: Array) -> Candidates:
+    """Return the decisions that are optimal for the beliefs `decoys` (M,X), with these."""
+    return make_candidates(problem, problem.solve(decoys), decoys)
+
+
+def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candidates:
+    """Return decisions a little beside optimal ones: steps from a coarse grid of decoys toward each state's decision
+    and toward each end of the feasible set's coordinates. Used where unexplained decisions are wanted."""
+    bounding_box_of(problem)
+    shares = np.array([0.01, 0.03, 0.1, 0.3])
+    n_ends = 2 * problem.n_actions
+    coarse = max(problem.n_states, points // (n_ends * len(shares)))
+    base = problem.solve(simplex_cover(problem.n_states, coarse))
+    ends = np.unique(coordinate_ends(problem), axis=0)
+    mixed = base[:, None, None] + shares[:, None] * (ends[:, None, :] - base[:, None, None, :])
+    return make_candidates(problem, np.vstack([base, mixed.reshape(-1, problem.n_actions)]))

@@ -1,0 +1,104 @@
+"""The faces of a feasible set as the climbing kernels want them: costs and rows in the face's own coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space
+
+from inscrutable import tolerances
+from inscrutable.geometry.held_coordinates import held_coordinates
+from inscrutable.problems import Polyhedron, QuadraticProblem
+from inscrutable.validation import Array
+
+
+class FaceProgramme(NamedTuple):
+    """Everything on the decisions u = origin + span v of a face; rows are ≥ 0, shape (m, X, k+1)."""
+
+    tight: np.ndarray  # (n,) which inequality rows are tight
+    origin: Array  # (U,)
+    span: Array  # (U, k)
+    curves: Array  # (X, k+1, k+1)
+    rows: Array  # probabilities, multipliers, then slacks
+    n_set_rows: int  # how many of them describe the consistent set
+    scale: float  # size of the gradients
+    bounds: tuple[Array, Array]  # (U,) values that single rows leave to coordinates
+
+    @property
+    def place(self) -> Array:
+        """Coordinates (k,) of the origin."""
+        return np.zeros(self.span.shape[1])
+
+    def action(self, place: Array) -> Array:
+        """Return the decision (U,) at coordinates (k,); rounding beside a tight bound is removed."""
+        found = self.origin + self.span @ place
+        low, high = self.bounds
+        found = np.where(np.abs(found - low) <= tolerances.STATIONARITY, low, found)
+        return np.where(np.abs(found - high) <= tolerances.STATIONARITY, high, found)
+
+
+def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramme:
+    """Return the face on which the inequality rows `tight` hold with equality.
+
+    Cost: where tight rows are bounds and few others, products with the Hessians' rows of the free coordinates.
+    """
+    region, size, n_states = problem.constraints, problem.n_actions, problem.n_states
+    chart = _chart(region, tight)
+    origin, k = chart.origin, chart.span.shape[1]
+    support = np.flatnonzero(origin)
+    gradients = problem.linear + origin[support] @ problem.hessians[:, support]  # (X, U)
+    field = np.empty((n_states, k + 1, size))  # gradients in the face's coordinates: the last row is the origin's
+    field[:, :k], field[:, k] = chart.along(problem.hessians), gradients
+    curves = np.empty((n_states, k + 1, k + 1))
+    curves[:, :, :k] = chart.project(field)
+    curves[:, :k, k] = curves[:, k, :k]
+    curves[:, k, k] = (gradients + problem.linear) @ origin + 2.0 * problem.constants
+    scale = max(float(np.abs(gradients).max()), np.finfo(float).tiny)
+    multipliers = chart.multipliers(field).transpose(2, 0, 1)
+    loose = ~tight
+    falling, lengths = region.A_ub[loose], region.row_scale[loose]
+    least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
+    n_set_rows = n_states + len(multipliers)
+    rows = np.zeros((n_set_rows + len(falling), n_states, k + 1))
+    rows[np.arange(n_states), np.arange(n_states), k] = 1.0
+    np.divide(multipliers, scale, out=rows[n_states:n_set_rows])
+    slacks = rows[n_set_rows:]
+    slacks[:, :, :k] = -(chart.project(falling) / lengths[:, None])[:, None]
+    slacks[:, :, k] = ((region.b_ub[loose] - falling @ origin) / lengths - least)[:, None]
+    return FaceProgramme(tight, origin, chart.span, curves, rows, n_set_rows, scale, region.coordinate_bounds)
+
+
+class _Chart(NamedTuple):
+    """Coordinates of a face and what is read in them."""
+
+    origin: Array  # (U,) the point of least norm among those with the held coordinates
+    span: Array  # (U, k) orthonormal
+    along: Callable[[Array], Array]  # (…,U,n) -> (…,k,n)
+    project: Callable[[Array], Array]  # (…,U) -> (…,k)
+    multipliers: Callable[[Array], Array]  # gradients (…,U) -> multipliers (…,m)
+
+
+def _chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
+    active = region.A_ub[tight]
+    face = held_coordinates(active, region.A_eq)
+    if face is None:
+        return _decomposed_chart(region, tight)
+    lower, upper = region.coordinate_bounds
+    point = np.zeros(region.n_actions)
+    point[face.held] = np.where(face.signs > 0, upper[face.held], lower[face.held])
+    point[face.fixed] = 0.5 * (lower[face.fixed] + upper[face.fixed])
+    sides = np.concatenate([region.b_ub[tight][face.active], region.b_eq])
+    return _Chart(face.nearest_point(point, sides), face.span(), face.along, face.project, face.multipliers)
+
+
+def _decomposed_chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
+    """The chart for any rows, by singular value decompositions."""
+    normals = np.vstack([region.A_ub[tight], region.A_eq])
+    span = null_space(normals, rcond=tolerances.ON_FACE)
+    origin = np.linalg.lstsq(normals, np.concatenate([region.b_ub[tight], region.b_eq]), rcond=None)[0]
+    inequalities = region.stationarity(tight).inequalities
+    return _Chart(
+        origin, span, lambda M: span.T @ M, lambda stack: stack @ span, lambda gradients: gradients @ inequalities.T
+    )

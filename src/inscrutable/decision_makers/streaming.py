@@ -1,0 +1,169 @@
+"""Lotteries for many beliefs: one streaming pass over the candidates, block by block, in memory that does not grow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.atlas import Atlas
+from inscrutable.decision_makers.face_search import rules_for
+from inscrutable.decision_makers.faces import FaceProgramme
+from inscrutable.decision_makers.results import Progress
+from inscrutable.kernels.faces import settle
+from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
+from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
+from inscrutable.kernels.threads import in_chunks
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+_CHUNK = 256
+_BLOCK = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class Lotteries:
+    """Two atoms for each of T beliefs; `index` says which decision of the atlas an atom is, or that it was polished."""
+
+    atlas: Atlas
+    beliefs: Array  # (T,X)
+    optimal_costs: Array  # (T,)
+    limits: Array  # (T,)
+    index: np.ndarray  # (T,2)
+    face: np.ndarray  # (T,2)
+    decoys: Array  # (T,2,X)
+    regrets: Array  # (T,2)
+    privacies: Array  # (T,2)
+    probabilities: Array  # (T,2)
+    prices: Array  # (T,)
+    more_patterns: list[np.ndarray]  # faces beyond the atlas's, numbered on
+
+    @property
+    def problem(self) -> DecisionProblem:
+        """The decision problem."""
+        return self.atlas.problem
+
+    def actions(self, step: int | slice) -> Array:
+        """Return the atoms of one step, shape (2,U), or of many, shape (T,2,U)."""
+        index, face, decoys = self.index[step], self.face[step], self.decoys[step]
+        shape = (*index.shape, self.problem.n_actions)
+        flat = self._made(index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
+        return flat.reshape(shape)
+
+    def _pattern(self, face: int) -> np.ndarray:
+        count = len(self.atlas.patterns)
+        return np.asarray(self.atlas.patterns[face] if face < count else self.more_patterns[face - count])
+
+    def take(self, step: int, other: Lotteries) -> None:
+        """Put another search's lottery for one belief in the place of a step's."""
+        for name in ("index", "face", "decoys", "regrets", "privacies", "probabilities", "prices"):
+            getattr(self, name)[step] = getattr(other, name)[0]
+        beyond = self.face[step] >= len(self.atlas.patterns)
+        self.face[step, beyond] += len(self.more_patterns)
+        self.more_patterns.extend(other.more_patterns)
+
+    def _made(self, index: np.ndarray, face: np.ndarray, decoys: Array) -> Array:
+        actions = np.empty((len(index), self.problem.n_actions))
+        known = index >= 0
+        actions[known] = self.atlas.actions[index[known]]
+        own = index == FIRST_SEED
+        if own.any():
+            actions[own] = self.problem.solve(decoys[own])
+        for i in np.flatnonzero(~known & ~own):
+            actions[i] = _decision_of(self.atlas.faces(self._pattern(int(face[i]))), decoys[i])
+        return actions
+
+
+def _decision_of(face: FaceProgramme, decoy: Array) -> Array:
+    k = face.span.shape[1]
+    w, factor, room = np.empty(k + 1), np.empty((k, k)), np.empty((2, decoy.size, k))
+    settle(face.curves, decoy, tolerances.PIVOT, w, factor, room[0], room[1])
+    return face.action(w[:-1])
+
+
+class Spot(NamedTuple):
+    """An affordable decision known before the search: the face it lies on, a decoy, and its point of the frontier."""
+
+    tight: np.ndarray
+    decoy: Array
+    regret: float
+    privacy: float
+
+
+class Aims(NamedTuple):
+    """What the lotteries of a path seek: distance from points (T,X) (sign +) or nearness to them (−), within a budget."""
+
+    points: Array
+    sign: float
+    budget: Budget
+
+
+def stream_lotteries(
+    atlas: Atlas, beliefs: Array, aims: Aims, *, known: Spot | None = None, progress: Progress | None = None
+) -> Lotteries:
+    """Return the lotteries of beliefs (T,X).
+
+    The optimal decision takes part with the least privacy it can have; `known`, for one belief, with its own.
+    """
+    count, n_states = beliefs.shape
+    pairs = (count, 2)
+    result = Lotteries(
+        atlas,
+        beliefs,
+        np.empty(count),
+        np.empty(count),
+        np.empty(pairs, dtype=np.int64),
+        np.empty(pairs, dtype=np.int64),
+        np.empty((*pairs, n_states)),
+        np.empty(pairs),
+        np.empty(pairs),
+        np.empty(pairs),
+        np.empty(count),
+        [] if known is None else [known.tight],
+    )
+    for first in range(0, count, _BLOCK):
+        part = slice(first, min(first + _BLOCK, count))
+        seen = None if progress is None else partial(_report, progress, first, count)
+        _fill(result, part, aims, known, seen)
+    own = result.index == FIRST_SEED
+    result.decoys[own] = np.broadcast_to(beliefs[:, None], result.decoys.shape)[own]
+    if known is not None:
+        chosen = result.index == FIRST_SEED - 1
+        result.decoys[chosen], result.face[chosen], result.index[chosen] = known.decoy, len(atlas.patterns), POLISHED
+    return result
+
+
+def _report(progress: Progress, before: int, count: int, done: int, _: int) -> None:
+    progress(before + done, count)
+
+
+def _fill(result: Lotteries, part: slice, aims: Aims, known: Spot | None, progress: Progress | None) -> None:
+    atlas, problem, sign = result.atlas, result.atlas.problem, aims.sign
+    beliefs, points = np.ascontiguousarray(result.beliefs[part]), np.ascontiguousarray(aims.points[part])
+    count = len(beliefs)
+    costs = (problem.state_costs(problem.solve(beliefs)) * beliefs).sum(axis=1)
+    limits = aims.budget.limits(costs)
+    result.optimal_costs[part], result.limits[part] = costs, limits
+    seeds = np.zeros((count, 1 if known is None else 2, 2))
+    if sign < 0:
+        seeds[:, 0, 1] = -np.linalg.norm(points - beliefs, axis=1)
+    if known is not None:
+        seeds[:, 1] = np.minimum(known.regret, limits[0]), known.privacy
+    scans, arena, rules = atlas.scans, atlas.arena, rules_for(beliefs.shape[1])
+    found = (np.empty((count, 3), dtype=np.int64), np.empty((count, 3)), np.empty((count, 3)))
+    decoys, face = atlas.table.decoys, atlas.table.face
+    fields = ("index", "face", "decoys", "regrets", "privacies", "probabilities", "prices")
+    out = tuple(getattr(result, name)[part] for name in fields)
+    scene = (beliefs, points, sign, costs, limits)
+
+    def work(low: int, high: int) -> None:
+        search_lotteries(low, high, *scene, seeds, scans.table, face, scans.leaves, scans.models, arena, rules,
+                         tolerances.CHORD, *found)  # fmt: skip
+        polish_lotteries(low, high, *scene, decoys, face, arena, rules, tolerances.NEAR_ATOMS, tolerances.CHORD, found,
+                         out)  # fmt: skip
+
+    in_chunks(work, count, _CHUNK, progress)

@@ -11,7 +11,7 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types imports audit clean
+.PHONY: help demo test lint types imports bench audit clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | while IFS='|' read -r name text; do \
@@ -38,16 +38,19 @@ types: .venv/.test ## static types
 imports: .venv/.test ## a step of the story imports only from the steps above it
 	$(BIN)/lint-imports --no-logo
 
+bench: .venv/.test ## measure everything against its peers, into benchmarks/results (minutes; let nothing else run)
+	$(BIN)/python -m benchmarks
+
 audit: .venv/.test ## the checks that take longer; their log is kept in audit/log.txt
 	$(BIN)/python tools/audit.py
 
 clean: ## remove the environment, the caches and the demo
 	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist demo
-	find src tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
+	find src tests tools benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # ---- the environment: made once, renewed when a requirement changes -----------------------------
 
-EVERYTHING := .[test,global,data]
+EVERYTHING := .[test,global,data,bench]
 
 define install
 	@echo "Installing into .venv (a minute or two the first time) ..."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from itertools import product
 from math import comb
 
@@ -27,6 +28,7 @@ from inscrutable import (
     simplex,
     simplex_grid,
 )
+from inscrutable.decision_makers.candidates import make_candidates
 from oracles import markets
 from strategies import belief_problem, line_problem
 
@@ -162,6 +164,95 @@ def test_equal_decisions_share_their_set(problem):
         np.testing.assert_allclose(candidates.actions[index], candidates.actions[first], atol=1e-10)
         if candidates.sets.distinct[index] != index:
             assert candidates.sets[index] is candidates.sets[int(first)]
+
+
+def cornered_problem():
+    """Where little is at stake in risk, whole regions of beliefs hold one asset: many decoys share a corner decision."""
+    return MarkowitzProblem(np.eye(3, 4), [0.2 * np.eye(4)] * 3, 1.0)
+
+
+def brute_force_first_equal(actions):
+    """For every row the first one that equals it, by comparing all pairs."""
+    near = np.abs(actions[:, None] - actions[None]).max(axis=2) <= 1e-11
+    return near.argmax(axis=1)
+
+
+def test_decoys_that_share_a_decision_are_known():
+    problem = cornered_problem()
+    candidates = decoy_grid(problem, 12)
+    same_as, distinct = candidates.same_as, candidates.distinct
+    np.testing.assert_array_equal(same_as, brute_force_first_equal(candidates.actions))
+    np.testing.assert_array_equal(distinct, np.unique(same_as))
+    assert 3 < len(distinct) < len(candidates) - 20
+    for corner in np.eye(4)[:3]:
+        sharing = np.flatnonzero((candidates.actions == corner).all(axis=1))
+        assert len(sharing) > 5
+        np.testing.assert_array_equal(candidates.sharing(int(sharing[-1])), sharing)
+        assert (same_as[sharing] == sharing[0]).all()
+        # Each of them is explained by the decoys of all: they are one set.
+        for decoy in candidates.decoys[sharing]:
+            assert candidates.sets[int(sharing[0])].distance(decoy) <= 1e-9
+    np.testing.assert_allclose(candidates.actions[same_as], candidates.actions, rtol=0, atol=1e-11)
+    assert f"{len(candidates)} candidates ({len(distinct)} distinct, " in candidates.summary()
+
+
+def test_shared_decisions_are_found_across_joined_candidates():
+    problem = cornered_problem()
+    both = decoy_grid(problem, 6).joined(decoy_grid(problem, 9))
+    np.testing.assert_array_equal(both.same_as, brute_force_first_equal(both.actions))
+    assert (both.same_as[28:] < 28).sum() > 10
+
+
+def test_memory_counts_every_array_once(problem):
+    candidates = decoy_grid(problem, 30)
+    held = [candidates.actions, candidates.state_costs, candidates.decoys, candidates.usable]
+    least = sum(each.nbytes for each in held) + candidates.sets.dimension.nbytes + candidates.sets.start.nbytes
+    assert least < candidates.memory <= len(candidates) * (8 * 4 + 32 * 3 + 40) + 4096
+    assert f"{candidates.memory / 1e6:.1f} MB" in candidates.summary()
+    own = ProbabilisticDecisionMaker(problem, candidates=np.eye(4)).candidates
+    assert own.memory < 4 * 300
+    assert own.covering_radius == np.inf
+    assert "of a decoy" not in own.summary()
+
+
+def test_candidates_are_made_in_blocks(monkeypatch):
+    """Besides what is kept, nothing of the size of all decisions is made: not even one copy of their slacks."""
+    problem = MarkowitzProblem(np.eye(6, 12), [np.eye(12)] * 6, 1.0)
+    sets = decoy_grid(problem, 2).sets
+    monkeypatch.setattr("inscrutable.decision_makers.candidate_set.consistent_sets", lambda *given: sets)
+    actions = np.random.default_rng(0).dirichlet(np.ones(12), 100_000)
+    tracemalloc.start()
+    made = make_candidates(problem, actions)
+    np.testing.assert_array_equal(made.same_as, np.arange(len(made)))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    kept = made.actions.nbytes + made.state_costs.nbytes
+    assert peak <= 1.8 * kept < kept + made.state_costs.nbytes * 12
+
+
+def test_a_regular_grid_where_it_is_affordable_and_a_cover_where_not(monkeypatch):
+    monkeypatch.setattr("inscrutable.decision_makers.decoys.MOST_DECOYS", 3000)
+    few = MarkowitzProblem(np.eye(3), [np.eye(3)] * 3, 1.0)
+    np.testing.assert_array_equal(decoy_grid(few, 75).decoys, simplex_grid(3, 75))
+    np.testing.assert_array_equal(decoy_grid(few, 1000).decoys, simplex_grid(3, 76))  # 3,003: within two per cent
+    many = MarkowitzProblem(np.eye(8, 3), [np.eye(3)] * 8, 1.0)
+    np.testing.assert_array_equal(decoy_grid(many, 6).decoys, simplex_grid(8, 6))
+    capped = decoy_grid(many, 1000)
+    assert 3000 <= len(capped) <= 3750
+    assert (capped.decoys.min(axis=1) > 0).mean() > 0.2
+    np.testing.assert_allclose(capped.decoys.sum(axis=1), 1, atol=1e-12)
+    np.testing.assert_array_equal(capped.decoys, decoy_grid(many, 2000).decoys)
+    assert f"every belief within about {capped.covering_radius:.2g} of a decoy" in capped.summary()
+
+
+@pytest.mark.parametrize("n_states", [7, 8, 10, 12])
+def test_default_decoys_of_many_states_reach_the_faces_and_the_interior(n_states):
+    problem = MarkowitzProblem(np.eye(n_states, 2), [np.eye(2)] * n_states, 1.0)
+    candidates = ProbabilisticDecisionMaker(problem).candidates
+    assert 5000 <= len(candidates) <= 6300
+    held = (candidates.decoys > 0).sum(axis=1)
+    assert (held == 1).sum() == n_states
+    assert (held == n_states).mean() > 0.15
 
 
 def test_candidates_are_refused_where_malformed(problem):

@@ -29,7 +29,9 @@ def test_the_global_search_reaches_the_proven_optimum(case):
     assert decision.privacy_bound >= best * (1 - 1e-9)
     assert problem.constraints.is_admissible(decision.action)
     # The same privacy, recomputed from nothing but the action: by the library, and by the oracle's corners.
-    assert decision.privacy == consistent_beliefs(problem, decision.action).distance(case.belief)
+    assert decision.privacy == pytest.approx(
+        consistent_beliefs(problem, decision.action).distance(case.belief), abs=1e-9
+    )
     system = consistent.simplex_system(markets.gradients(case.market, decision.action), decision.action > 1e-12)
     corners = consistent.vertices(system)
     assert decision.privacy == pytest.approx(consistent.hull_distance(case.belief, corners), abs=1e-6)

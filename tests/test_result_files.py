@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 
 from inscrutable import files
 from inscrutable.datasets import output_folder, whole_file, write_json, write_table
@@ -168,14 +169,14 @@ def test_there_is_one_writer() -> None:
 
 @pytest.mark.parametrize("error", [RuntimeError("no such font"), OSError(28, "No space left on device")])
 def test_a_picture_that_fails_leaves_nothing(tmp_path: Path, error: Exception) -> None:
-    class Figure:
-        def savefig(self, path: Path, **options: Any) -> None:
+    class Broken(Figure):
+        def savefig(self, path: Path, **options: Any) -> None:  # type: ignore[override]
             Path(path).write_bytes(b"half")
             raise error
 
     expected = InputError if isinstance(error, OSError) else RuntimeError
     with pytest.raises(expected, match=r"no such font|picture\.png cannot be written: No space left"):
-        save_figure(Figure(), tmp_path, "picture")
+        save_figure(Broken(), tmp_path, "picture")
     assert list(tmp_path.iterdir()) == []
 
 

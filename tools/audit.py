@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 LOG = ROOT / "audit" / "log.txt"
 NOISE = "Cannot set feasibility tolerance"  # SCIP's remark at every model, without consequence
-PACKAGES = ("inscrutable", "numpy", "scipy", "numba", "daqp", "PySCIPOpt")
+PACKAGES = ("inscrutable", "numpy", "scipy", "numba", "daqp", "piqp", "cvxpy-base", "clarabel", "PySCIPOpt")
 
 
 def header() -> str:

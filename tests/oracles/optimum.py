@@ -15,6 +15,7 @@ winner is judged again by the distance of its set. Two or three states, at most 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -52,13 +53,14 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Face:
-    """What is known of one support: best distance found, where, a bound and how it was obtained."""
+    """What is known of one support: best distance found, where, a bound, how it was obtained and what SCIP took."""
 
     held: tuple[int, ...]
     privacy: float
     action: Array | None
     upper_bound: float
     status: str
+    scip_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,9 @@ def solve_faces(
         elif len(held) < n_states:
             face = _scan(problem, held)
         else:
+            started = time.perf_counter()
             face = _scip(problem, held, seeds.get(tuple(held)), best, seconds)
+            face = replace(face, scip_seconds=time.perf_counter() - started)
         best = max(best, face.privacy)
         faces.append(face)
     return faces

@@ -10,9 +10,9 @@ import pytest
 from inscrutable.adversaries import consistent_sets
 from inscrutable.decision_makers.face_search import rules_for, within
 from inscrutable.decision_makers.faces import FaceProgramme, face_programme
+from inscrutable.decision_makers.set_faces import SetFaceSearch
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.face_ascent import set_distance_model
-from inscrutable.kernels.face_sets import search_face
 from inscrutable.kernels.set_distance import nearest_belief
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
@@ -42,18 +42,9 @@ class Case(NamedTuple):
     def search(self, w: Array | None = None) -> tuple[float, Array, Array]:
         place, nearest = (self.w if w is None else w).copy(), self.decoy.copy()
         face = self.face
-        value = search_face(
-            face.curves,
-            face.rows,
-            face.n_set_rows,
-            face.scale,
-            within(self.aim),
-            rules_for(nearest.size),
-            place,
-            nearest,
-            30,
-        )
-        return value, face.action(place[:-1]), nearest
+        search = SetFaceSearch(face, within(self.aim), rules_for(nearest.size))
+        value = search.improve(place, nearest, 30)
+        return value, face.action(search.place[:-1]), search.nearest
 
 
 def market(n_states: int, n_assets: int, rng: np.random.Generator) -> MarkowitzProblem:

@@ -25,11 +25,15 @@ def finite_array(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...]) ->
         raise InputError(f"{name} must be {expected}, got shape {array.shape}")
     if array.ndim == 0 and not np.isfinite(array):
         raise InputError(f"{name} must be finite, got {float(array)}")
-    bad = np.argwhere(~np.isfinite(array))
-    if bad.size:
-        where = ", ".join(str(int(i)) for i in bad[0])
-        raise InputError(f"{name} has {array[tuple(bad[0])]} at index [{where}]; every entry must be finite")
+    finite = np.isfinite(array)
+    if not np.logical_and.reduce(finite, axis=None):
+        bad = np.argwhere(~finite)[0]
+        raise InputError(f"{name} has {array[tuple(bad)]} at index [{_place(bad)}]; every entry must be finite")
     return array
+
+
+def _place(index: NDArray[np.intp]) -> str:
+    return ", ".join(str(int(i)) for i in index)
 
 
 def stochastic_rows(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...] = 2) -> Array:
@@ -66,16 +70,20 @@ def many_beliefs(value: ArrayLike, n_states: int) -> Array:
 
 
 def _on_simplex(array: Array, name: str, tolerance: float) -> Array:
-    bad = np.argwhere(array < -tolerance)
-    if bad.size:
-        where = ", ".join(str(int(i)) for i in bad[0])
-        raise InputError(f"{name} has {array[tuple(bad[0])]:g} at index [{where}]; probabilities must be >= 0")
-    sums = np.atleast_1d(array.sum(axis=-1))
-    wrong = np.argwhere(np.abs(sums - 1.0) > tolerance)
-    if wrong.size:
-        row = "" if array.ndim == 1 else f" row {', '.join(str(int(i)) for i in wrong[0])}"
-        raise InputError(f"{name}{row} sums to {sums[tuple(wrong[0])]:.10g}, expected 1")
+    lowest = np.minimum.reduce(array, axis=None, initial=0.0)
+    if lowest < -tolerance:
+        bad = np.argwhere(array < -tolerance)[0]
+        raise InputError(f"{name} has {array[tuple(bad)]:g} at index [{_place(bad)}]; probabilities must be >= 0")
+    sums = np.add.reduce(array, axis=-1)
+    errors = abs(sums - 1.0)
+    error = errors if array.ndim == 1 else np.maximum.reduce(errors, axis=None, initial=0.0)
+    if error > tolerance:
+        wrong = np.argwhere(np.atleast_1d(errors) > tolerance)[0]
+        row = "" if array.ndim == 1 else f" row {_place(wrong)}"
+        raise InputError(f"{name}{row} sums to {np.atleast_1d(sums)[tuple(wrong)]:.10g}, expected 1")
     clipped = np.maximum(array, 0.0)
+    if lowest == 0.0 and error <= tolerances.SUM_ROUNDING:
+        return clipped
     total = clipped.sum(axis=-1, keepdims=True)
     return np.asarray(np.where(np.abs(total - 1.0) <= tolerances.SUM_ROUNDING, clipped, clipped / total))
 

@@ -88,12 +88,10 @@ class Atlas:
         table, leaves = self.table, self.leaves
         pairs = zip(leaves.first[:-1], leaves.first[1:], strict=True)
         plain = np.array([not (table.kind[low:high] != POINT).any() for low, high in pairs], dtype=np.bool_)
-        widest = int(np.diff(leaves.first).max(initial=0))
-        by_state = (np.ascontiguousarray(table.costs.T), np.ascontiguousarray(table.decoys.T))
         models = (leaves.centre.T, leaves.costs.T, leaves.excess.T, leaves.slope.transpose(1, 2, 0))
         return Scans(
             (table.costs, table.decoys, table.start, table.along, table.square, table.kind),
-            (leaves.first, leaves.radius, leaves.reach, plain, *by_state, widest),
+            (leaves.first, leaves.radius, leaves.reach, plain),
             tuple(np.ascontiguousarray(model) for model in models),
         )
 

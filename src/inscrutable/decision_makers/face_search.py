@@ -14,9 +14,9 @@ from inscrutable import tolerances
 from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.faces import FaceProgramme
 from inscrutable.decision_makers.rays import farthest_decoys
+from inscrutable.decision_makers.set_faces import SetFaceSearch
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.climb import Aim, Rules, climb
-from inscrutable.kernels.face_sets import search_face
 from inscrutable.kernels.faces import settle
 from inscrutable.kernels.search import best_by_face
 from inscrutable.kernels.set_distance import nearest_belief
@@ -187,10 +187,9 @@ class _Search:
             return Found(face, w[:-1], nearest, self.aim.sign * float(distance) + 0.0) if distance < np.inf else None
         if not self._place(face, start, w):
             return None
-        best = search_face(
-            face.curves, face.rows, face.n_set_rows, face.scale, self.aim, self.rules, w, y, _LINE_ROUNDS
-        )
-        return Found(face, w[:-1], y, float(best) + 0.0) if best > -np.inf else None
+        search = SetFaceSearch(face, self.aim, self.rules)
+        best = search.improve(w, y, _LINE_ROUNDS)
+        return Found(face, search.place[:-1], search.nearest, float(best) + 0.0) if best > -np.inf else None
 
     def _place(self, face: FaceProgramme, start: _Start, w: Array) -> bool:
         """Fill the wished decision in the face's coordinates: the nearest to the start's own, else its decoy's."""

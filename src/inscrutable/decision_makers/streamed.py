@@ -8,8 +8,7 @@ from inscrutable import tolerances
 from inscrutable.decision_makers.atlas import Atlas, atlas_of
 from inscrutable.decision_makers.counter_adversarial import Case, best_decision
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions, Progress
-from inscrutable.decision_makers.streaming import Aims, Lotteries, Spot, stream_lotteries
-from inscrutable.kernels.lotteries import FIRST_SEED
+from inscrutable.decision_makers.streaming import OWN, Aims, Lotteries, Spot, stream_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation
 from inscrutable.problems import QuadraticProblem
@@ -23,7 +22,7 @@ def stream(case: Case, beliefs: Array, progress: Progress | None) -> MixedDecisi
     """
     atlas, aims = _atlas(case), _aims(case, beliefs)
     found = stream_lotteries(atlas, beliefs, aims, progress=progress)
-    coarse = ((found.index == FIRST_SEED) & (found.probabilities > 0)).any(axis=1)
+    coarse = ((found.index == OWN) & (found.probabilities > 0)).any(axis=1)
     for step in np.flatnonzero(coarse):
         at_step = case._replace(belief=beliefs[step], measure=case.measure.at_step(int(step)))
         found.take(int(step), _one(atlas, at_step))

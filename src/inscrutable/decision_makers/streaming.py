@@ -22,7 +22,10 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _CHUNK = 256
+_ROUNDS = np.array([12, 16])  # of a climb, and of the golden sections on a line
 _BLOCK = 1 << 16
+OWN, TARGET, KNOWN = FIRST_SEED, FIRST_SEED - 1, FIRST_SEED - 2
+"""Names of points that are no candidates: the optimal decision, the target's, and the polished single one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,7 @@ class Lotteries:
         actions = np.empty((len(index), self.problem.n_actions))
         known = index >= 0
         actions[known] = self.atlas.actions[index[known]]
-        own = index == FIRST_SEED
+        own = (index == OWN) | (index == TARGET)
         if own.any():
             actions[own] = self.problem.solve(decoys[own])
         for i in np.flatnonzero(~known & ~own):
@@ -129,10 +132,11 @@ def stream_lotteries(
         part = slice(first, min(first + _BLOCK, count))
         seen = None if progress is None else partial(_report, progress, first, count)
         _fill(result, part, aims, known, seen)
-    own = result.index == FIRST_SEED
-    result.decoys[own] = np.broadcast_to(beliefs[:, None], result.decoys.shape)[own]
+    for name, decoys in ((OWN, beliefs), (TARGET, aims.points)):
+        chosen = result.index == name
+        result.decoys[chosen] = np.broadcast_to(decoys[:, None], result.decoys.shape)[chosen]
     if known is not None:
-        chosen = result.index == FIRST_SEED - 1
+        chosen = result.index == KNOWN
         result.decoys[chosen], result.face[chosen], result.index[chosen] = known.decoy, len(atlas.patterns), POLISHED
     return result
 
@@ -148,11 +152,16 @@ def _fill(result: Lotteries, part: slice, aims: Aims, known: Spot | None, progre
     costs = (problem.state_costs(problem.solve(beliefs)) * beliefs).sum(axis=1)
     limits = aims.budget.limits(costs)
     result.optimal_costs[part], result.limits[part] = costs, limits
-    seeds = np.zeros((count, 1 if known is None else 2, 2))
+    seeds = np.zeros((count, 3, 2))
+    seeds[:, 1:, 1] = -np.inf
     if sign < 0:
         seeds[:, 0, 1] = -np.linalg.norm(points - beliefs, axis=1)
+        # Nothing is nearer to a target than the decision that the target itself makes optimal.
+        actions = problem.solve(points)
+        seeds[:, 1, 0] = np.maximum((problem.state_costs(actions) * beliefs).sum(axis=1) - costs, 0.0)
+        seeds[:, 1, 1] = np.where(problem.constraints.is_admissible(actions), 0.0, -np.inf)
     if known is not None:
-        seeds[:, 1] = np.minimum(known.regret, limits[0]), known.privacy
+        seeds[:, 2] = np.minimum(known.regret, limits[0]), known.privacy
     scans, arena, rules = atlas.scans, atlas.arena, rules_for(beliefs.shape[1])
     found = (np.empty((count, 3), dtype=np.int64), np.empty((count, 3)), np.empty((count, 3)))
     decoys, face = atlas.table.decoys, atlas.table.face
@@ -163,7 +172,7 @@ def _fill(result: Lotteries, part: slice, aims: Aims, known: Spot | None, progre
     def work(low: int, high: int) -> None:
         search_lotteries(low, high, *scene, seeds, scans.table, face, scans.leaves, scans.models, arena, rules,
                          tolerances.CHORD, *found)  # fmt: skip
-        polish_lotteries(low, high, *scene, decoys, face, arena, rules, tolerances.NEAR_ATOMS, tolerances.CHORD, found,
+        polish_lotteries(low, high, *scene, decoys, face, arena, rules, tolerances.NEAR_ATOMS, tolerances.CHORD, _ROUNDS, found,
                          out)  # fmt: skip
 
     in_chunks(work, count, _CHUNK, progress)

@@ -12,6 +12,10 @@ them alone does, which ends for positive definite H. The guess is what the last 
 than the free coordinates of eight neighbouring beliefs is ever factored. A coordinate that is free in another lane
 only has a row of the unit matrix in this one: it changes no digit of the answer.
 
+Of H_FF = L D L', with ones on the diagonal of L, the product L D is kept row by row, n = |F| numbers to a row, with 1/D_jj
+on its diagonal; below it stand the rows A_F and −∇_F, which the same elimination turns into C = A_F L'⁻¹ and
+y = L⁻¹(−∇_F). What each row of the array `lanes` holds is named below.
+
 Source: Júdice and Pires, A block principal pivoting algorithm for large-scale strictly monotone linear
 complementarity problems, Computers & Operations Research 21 (1994).
 """
@@ -21,305 +25,284 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from inscrutable.kernels.lanes import LANES, minus_dot, mix, plus_mix, times
+from inscrutable.kernels.lanes import LANES, blank, entry, inverse, load, magnitude, some, spread, store, where
+from inscrutable.kernels.options import kernel, part
 
 _ROUNDS = 60  # block exchanges before a belief is left to another method; three to six are usual
-_PATIENCE = 3  # exchanges in a row that may fail to lower the number of offenders
+_PATIENCE = 3.0  # exchanges in a row that may fail to lower the number of offenders
+_TILE = 4  # rows or columns worked on together; arrays have room for a last tile that is not full
+_LANES = _SOUND, _SCALE, _OFFENDERS, _FEWEST, _LEFT = 0, 1, 2, 3, 4  # rows of `lanes`; _LEFT is the patience left
 
 
-@njit(error_model="numpy")
-def _cholesky(factor: Any, n: int, pivot: float, ok: Any) -> None:
-    """H = L L' in place, row i at i·n, with 1/L_jj on the diagonal; ok turns False where a pivot shrinks too far."""
-    before = np.empty(LANES)
+@part
+def _eliminate(matrix: Any, n: int, first: int, rows: int, pivot: float, diagonal: Any, lanes: Any) -> None:
+    """Divide rows first to `rows` by L', and where first is 0 make L D; a lane whose pivot shrinks too far is not sound."""
+    for j in range(first, n):
+        store(diagonal, j, load(matrix, j * n + j))
     for j in range(n):
-        for lane in range(LANES):
-            before[lane] = factor[j * n + j, lane]
-        minus_dot(factor, j * n + j, factor, j * n, factor, j * n, j)
-        for lane in range(LANES):
-            left = factor[j * n + j, lane]
-            if not left > pivot * before[lane]:
-                ok[lane] = False
-                left = 1.0
-            factor[j * n + j, lane] = 1.0 / np.sqrt(left)
-        for i in range(j + 1, n):
-            minus_dot(factor, i * n + j, factor, i * n, factor, j * n, j)
-            times(factor, i * n + j, factor, j * n + j)
+        if j >= first:
+            left = load(diagonal, j)
+            sound = left > spread(pivot) * load(matrix, j * n + j)
+            store(lanes, _SOUND, where(sound, load(lanes, _SOUND), spread(0.0)))
+            store(matrix, j * n + j, inverse(where(sound, left, spread(1.0))))
+        scale = load(matrix, j * n + j)
+        for i in range(max(j + 1, first), rows, _TILE):
+            p, q, r, s = i * n, (i + 1) * n, (i + 2) * n, (i + 3) * n
+            a, b, c, d = load(matrix, p + j), load(matrix, q + j), load(matrix, r + j), load(matrix, s + j)
+            for k in range(j):
+                other = load(matrix, j * n + k) * load(matrix, k * n + k)
+                a -= load(matrix, p + k) * other
+                b -= load(matrix, q + k) * other
+                c -= load(matrix, r + k) * other
+                d -= load(matrix, s + k) * other
+            store(matrix, p + j, a)
+            store(matrix, q + j, b)
+            store(matrix, r + j, c)
+            store(matrix, s + j, d)
+            store(diagonal, i, load(diagonal, i) - a * a * scale)
+            store(diagonal, i + 1, load(diagonal, i + 1) - b * b * scale)
+            store(diagonal, i + 2, load(diagonal, i + 2) - c * c * scale)
+            store(diagonal, i + 3, load(diagonal, i + 3) - d * d * scale)
 
 
-@njit(error_model="numpy")
-def _forward(factor: Any, n: int, x: Any, first: int) -> None:
-    """x = L⁻¹ x, rows first to first + n."""
-    for i in range(n):
-        minus_dot(x, first + i, factor, i * n, x, first, i)
-        times(x, first + i, factor, i * n + i)
-
-
-@njit(error_model="numpy")
-def _backward(factor: Any, n: int, x: Any) -> None:
-    """x = L'⁻¹ x."""
+@part
+def _back(matrix: Any, n: int, row: int) -> None:
+    """x = L'⁻¹ D⁻¹ x for the row that starts at `row`."""
     for i in range(n - 1, -1, -1):
-        times(x, i, factor, i * n + i)
+        x = load(matrix, row + i) * load(matrix, i * n + i)
+        store(matrix, row + i, x)
         for k in range(i):
-            minus_dot(x, k, factor, i * n + k, x, i, 1)
+            store(matrix, row + k, load(matrix, row + k) - load(matrix, i * n + k) * x)
 
 
-@njit(error_model="numpy")
-def _step(factor: Any, columns: Any, small: Any, n: int, x: Any, nu: Any) -> None:
-    """With x = −∇_F and ν = what A u lacks: ν = S⁻¹(ν − C'L⁻¹x) and x = L'⁻¹(L⁻¹x + C ν), C = L⁻¹A_F', S = C'C."""
-    n_equal = nu.shape[0]
-    _forward(factor, n, x, 0)
-    for e in range(n_equal):
-        minus_dot(nu, e, columns, e * n, x, 0, n)
-    if n_equal > 0:
-        _forward(small, n_equal, nu, 0)
-        _backward(small, n_equal, nu)
-    for e in range(n_equal):
-        for lane in range(LANES):
-            nu[e, lane] = -nu[e, lane]
-        for a in range(n):
-            minus_dot(x, a, columns, e * n + a, nu, e, 1)
-        for lane in range(LANES):
-            nu[e, lane] = -nu[e, lane]
-    _backward(factor, n, x)
-
-
-@njit(error_model="numpy")
-def _prepare(belief: Any, costs: Any, region: Any, free: Any, n: int, state: Any, pivot: float, work: Any) -> None:
-    """Form and factor H_FF and S; a coordinate not free in a lane has a row of the unit matrix there."""
-    hessians, size, n_states = costs[0], state.shape[0], belief.shape[0]
-    equalities = region[2]
-    factor, columns, small, ok = work
-    for a in range(n):
-        for c in range(a + 1):
-            row = a * n + c
-            mix(factor, row, belief, 0, hessians, (free[a] * size + free[c]) * n_states, n_states)
-    for a in range(n):
-        for lane in range(LANES):
-            if state[free[a], lane] != 0:
-                for c in range(a):
-                    factor[a * n + c, lane] = 0.0
-                for i in range(a + 1, n):
-                    factor[i * n + a, lane] = 0.0
-                factor[a * n + a, lane] = 1.0
-    _cholesky(factor, n, pivot, ok)
-    n_equal = equalities.shape[0]
-    for e in range(n_equal):
-        for a in range(n):
-            for lane in range(LANES):
-                columns[e * n + a, lane] = equalities[e, free[a]] if state[free[a], lane] == 0 else 0.0
-        _forward(factor, n, columns, e * n)
-        for d in range(e + 1):
-            # minus the minus: S_ed = Σ_a C_ea C_da
-            for lane in range(LANES):
-                small[e * n_equal + d, lane] = 0.0
-            minus_dot(small, e * n_equal + d, columns, e * n, columns, d * n, n)
-            for lane in range(LANES):
-                small[e * n_equal + d, lane] = -small[e * n_equal + d, lane]
-    _cholesky(small, n_equal, pivot, ok)
-
-
-@njit(error_model="numpy")
-def _gradient(belief: Any, costs: Any, u: Any, rows: Any, n: int, weights: Any, out: Any) -> None:
-    """out[j] = (H(π) u + g(π))_j for the n given rows j, reading only the columns of coordinates that are not zero."""
-    hessians, linear = costs
-    size, n_states = u.shape[0], belief.shape[0]
-    for r in range(n):
-        mix(out, rows[r], belief, 0, linear, rows[r] * n_states, n_states)
-    for k in range(size):
-        some = False
-        for lane in range(LANES):
-            some |= u[k, lane] != 0.0
-        if some:
-            for i in range(n_states):
-                for lane in range(LANES):
-                    weights[i, lane] = belief[i, lane]
-                times(weights, i, u, k)
-            for r in range(n):
-                plus_mix(out, rows[r], weights, 0, hessians, (k * size + rows[r]) * n_states, n_states)
-
-
-@njit(error_model="numpy")
-def _offenders(u: Any, reduced: Any, region: Any, state: Any, limits: Any, offends: Any, counts: Any) -> None:
-    """Mark what is free outside its bounds, by more than `near`, or held there against its multiplier; count by lane."""
+@part
+def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
+    """Put u at its bounds, and at zero where free; list what is free in some lane and what is held in some."""
     lower, upper = region[0], region[1]
-    near, scale = limits
-    for lane in range(LANES):
-        counts[lane] = 0
+    n, n_held, zero = 0, 0, spread(0.0)
     for j in range(u.shape[0]):
-        may_move = lower[j] < upper[j]
-        for lane in range(LANES):
-            side = state[j, lane]
-            if side == 0:
-                below, above = u[j, lane] < lower[j] - near, u[j, lane] > upper[j] + near
-                found = -1 if below else (1 if above else 0)
-            else:
-                found = 2 if may_move and side * reduced[j, lane] > near * scale[lane] else 0
-            offends[j, lane] = found
-            if found != 0:
-                counts[lane] += 1
-
-
-@njit(error_model="numpy")
-def _exchange(offends: Any, state: Any, lane: int, only_last: bool) -> None:
-    """What offends changes sides."""
-    for j in range(state.shape[0] - 1, -1, -1):
-        found = offends[j, lane]
-        if found != 0:
-            state[j, lane] = 0 if found == 2 else found
-            if only_last:
-                return
-
-
-@njit(error_model="numpy")
-def _point(belief: Any, costs: Any, region: Any, state: Any, pivot: float, vectors: Any, work: Any) -> Any:
-    """The minimiser u of the guessed face and H u + g − A'ν there, both after one refinement of u and ν."""
-    lower, upper, _, sides, rows, transposed = region
-    u, reduced, x, nu, more, weights, free, everything, scale = vectors
-    factor, columns, small, ok = work
-    size, n_equal = u.shape[0], sides.size
-    n = 0
-    for j in range(size):
-        some = False
-        for lane in range(LANES):
-            side = state[j, lane]
-            u[j, lane] = 0.0 if side == 0 else (lower[j] if side < 0 else upper[j])
-            some |= side == 0
-        if some:
+        side = load(state, j)
+        is_free = side == zero
+        store(u, j, where(is_free, zero, where(side < zero, entry(lower, j), entry(upper, j))))
+        if some(is_free):
             free[n] = j
             n += 1
-    if n * n > factor.shape[0]:
-        factor = np.empty((min(size, n + 8) ** 2, LANES))
-    _prepare(belief, costs, region, free, n, state, pivot, (factor, columns, small, ok))
-    for lane in range(LANES):
-        scale[lane] = 0.0
-        for e in range(n_equal):
-            nu[e, lane] = 0.0
-    for attempt in range(2):
-        # u is first zero on F, then a minimiser but for rounding, which the same step with what is left removes.
-        _gradient(belief, costs, u, everything if attempt else free, size if attempt else n, weights, reduced)
-        for e in range(n_equal):
-            mix(more, e, u, 0, rows, e * size, size)
-            for lane in range(LANES):
-                more[e, lane] = sides[e] - more[e, lane]
-        # Terms may cancel in the gradient of the minimiser, so the largest of g_F + H_FB u_B counts as well.
-        for r in range(size if attempt else n):
-            for lane in range(LANES):
-                scale[lane] = max(scale[lane], abs(reduced[everything[r] if attempt else free[r], lane]))
-        if attempt:
-            for e in range(n_equal):
-                for lane in range(LANES):
-                    nu[e, lane] = -nu[e, lane]
-            for j in range(size):
-                plus_mix(reduced, j, nu, 0, transposed, j * n_equal, n_equal)
-            for e in range(n_equal):
-                for lane in range(LANES):
-                    nu[e, lane] = -nu[e, lane]
-        for a in range(n):
-            for lane in range(LANES):
-                x[a, lane] = -reduced[free[a], lane] if state[free[a], lane] == 0 else 0.0
-        _step(factor, columns, small, n, x, more)
-        for a in range(n):
-            for lane in range(LANES):
-                u[free[a], lane] += x[a, lane]
-        for e in range(n_equal):
-            for lane in range(LANES):
-                nu[e, lane] += more[e, lane]
-    return factor, n
+        if some(side != zero):
+            held[n_held] = j
+            n_held += 1
+    return n, n_held
 
 
-@njit(error_model="numpy")
-def _settled(belief: Any, costs: Any, region: Any, state: Any, near: float, vectors: Any, n: int, good: Any) -> None:
-    """Put u inside its bounds, exactly on those it is near; good where H u + g = A'ν on F and A u = b still hold."""
-    lower, upper, equalities, sides, _, transposed = region
-    u, reduced, _, nu, _, weights, free, _, scale = vectors
-    n_equal = sides.size
+@part
+def _assemble(belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: int, matrix: Any, n_equal: int) -> None:
+    """H_FF over A_F; a coordinate not free in a lane has a row of the unit matrix and of zeros there."""
+    size, n_states = state.shape[0], belief.shape[0]
+    zero = spread(0.0)
     for a in range(n):
         j = free[a]
-        for lane in range(LANES):
-            value = min(max(u[j, lane], lower[j]), upper[j])
-            if value - lower[j] <= near:
-                value = lower[j]
-            elif upper[j] - value <= near:
-                value = upper[j]
-            u[j, lane] = value
-    _gradient(belief, costs, u, free, n, weights, reduced)
+        mine = load(state, j) == zero
+        for c in range(a + 1):
+            place = (j * size + free[c]) * n_states
+            total = spread(0.0)
+            for i in range(n_states):
+                total += load(belief, i) * entry(hessians, place + i)
+            store(matrix, a * n + c, where(mine & (load(state, free[c]) == zero), total, zero))
+        store(matrix, a * n + a, where(mine, load(matrix, a * n + a), spread(1.0)))
+        for e in range(n_equal):
+            store(matrix, (n + e) * n + a, where(mine, entry(rows, e * size + j), zero))
+    for k in range((n + n_equal) * n, (n + n_equal + _TILE) * n):
+        store(matrix, k, zero)
+
+
+@part
+def _residual(belief: Any, costs: Any, region: Any, rows: Any, n_rows: int, room: Any) -> None:
+    """H u + g − A'ν in the given rows, reading only the columns of coordinates that are not zero.
+
+    The largest |H u + g| met so far is the scale.
+    """
+    hessians, linear = costs
+    u, reduced, nu, _, weights, _, lanes, columns, _, _ = room
+    transposed, n_equal = region[5], region[3].size
+    n_states, n, zero = belief.shape[0], 0, spread(0.0)
+    for k in range(u.shape[0]):
+        value = load(u, k)
+        if some(value != zero):
+            columns[n] = k * u.shape[0] * n_states
+            for i in range(n_states):
+                store(weights, n * n_states + i, load(belief, i) * value)
+            n += 1
+    for k in range(n, n + (-n) % _TILE):
+        columns[k] = 0
+        for i in range(n_states):
+            store(weights, k * n_states + i, zero)
+    for r in range(n_rows):
+        total = spread(0.0)
+        for i in range(n_states):
+            total += load(belief, i) * entry(linear, rows[r] * n_states + i)
+        store(reduced, rows[r], total)
+    for k in range(0, n, _TILE):
+        a, b, c, d = columns[k], columns[k + 1], columns[k + 2], columns[k + 3]
+        first, second, third, fourth = k * n_states, (k + 1) * n_states, (k + 2) * n_states, (k + 3) * n_states
+        for r in range(n_rows):
+            start = rows[r] * n_states
+            total, more = load(reduced, rows[r]), spread(0.0)
+            for i in range(n_states):
+                total += load(weights, first + i) * entry(hessians, a + start + i)
+                more += load(weights, second + i) * entry(hessians, b + start + i)
+                total += load(weights, third + i) * entry(hessians, c + start + i)
+                more += load(weights, fourth + i) * entry(hessians, d + start + i)
+            store(reduced, rows[r], total + more)
+    largest = load(lanes, _SCALE)
+    for r in range(n_rows):
+        total = load(reduced, rows[r])
+        largest = where(magnitude(total) > largest, magnitude(total), largest)
+        for e in range(n_equal):
+            total -= entry(transposed, rows[r] * n_equal + e) * load(nu, e)
+        store(reduced, rows[r], total)
+    store(lanes, _SCALE, largest)
+
+
+@part
+def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: float, room: Any) -> None:
+    """One Newton step of u and ν on the guessed face: from u_F = 0 to its minimiser, then again for the rounding.
+
+    x = L'⁻¹ D⁻¹(y + C'ν) and ν = S⁻¹(r − C D⁻¹ y) with S = C D⁻¹ C' and r = b − A u.
+    """
+    matrix, small = factors
+    u, reduced, nu, _, _, diagonal, lanes, _, free, _ = room
+    sides, rows = region[3], region[4]
+    n_equal, size, zero = sides.size, u.shape[0], spread(0.0)
+    last, lacks = (n + n_equal) * n, n_equal * n_equal
     for a in range(n):
-        j = free[a]
-        for lane in range(LANES):
-            total = reduced[j, lane]
-            for e in range(n_equal):
-                total -= transposed[j * n_equal + e] * nu[e, lane]
-            if state[j, lane] == 0 and not abs(total) <= near * scale[lane]:
-                good[lane] = False
+        store(matrix, last + a, where(load(state, free[a]) == zero, zero - load(reduced, free[a]), zero))
+    _eliminate(matrix, n, (n + n_equal) * again, n + n_equal + 1, pivot, diagonal, lanes)
     for e in range(n_equal):
-        for lane in range(LANES):
-            total = -sides[e]
-            largest = abs(total)
-            for j in range(u.shape[0]):
-                part = equalities[e, j] * u[j, lane]
-                total += part
-                largest = max(largest, abs(part))
-            if not abs(total) <= near * largest:
-                good[lane] = False
+        for d in range((e + 1) * (1 - again)):
+            total = spread(0.0)
+            for k in range(n):
+                total += load(matrix, (n + e) * n + k) * load(matrix, (n + d) * n + k) * load(matrix, k * n + k)
+            store(small, e * n_equal + d, total)
+        total = entry(sides, e)
+        for j in range(size):
+            total -= load(u, j) * entry(rows, e * size + j)
+        for k in range(n):
+            total -= load(matrix, (n + e) * n + k) * load(matrix, last + k) * load(matrix, k * n + k)
+        store(small, lacks + e, total)
+    _eliminate(small, n_equal, n_equal * again, n_equal + 1, pivot, diagonal, lanes)
+    _back(small, n_equal, lacks)
+    for e in range(n_equal):
+        more = load(small, lacks + e)
+        store(nu, e, load(nu, e) + more)
+        for k in range(n):
+            store(matrix, last + k, load(matrix, last + k) + load(matrix, (n + e) * n + k) * more)
+    _back(matrix, n, last)
+    for a in range(n):
+        store(u, free[a], load(u, free[a]) + load(matrix, last + a))
 
 
-@njit(error_model="numpy")
-def _solve_lanes(belief: Any, costs: Any, region: Any, limits: Any, state: Any, vectors: Any, work: Any) -> Any:
-    """Exchange until every lane has its minimiser in the first array returned, or is not solved in the second."""
+@part
+def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
+    """Move what is free outside its bounds, by more than `near`, or held there against its multiplier; is there any?"""
+    u, reduced, _, moved, _, _, lanes, _, _, _ = room
+    lower, upper = region[0], region[1]
+    zero, one, margin = spread(0.0), spread(1.0), spread(near)
+    against, found = margin * load(lanes, _SCALE), spread(0.0)
+    for j in range(u.shape[0]):
+        side, value = load(state, j), load(u, j)
+        low, high = entry(lower, j), entry(upper, j)
+        out = where(value < low - margin, zero - one, where(value > high + margin, one, zero))
+        stays = where((low < high) & (side * load(reduced, j) > against), zero, side)
+        to = where(side == zero, out, stays)
+        store(moved, j, to)
+        found += where(to == side, zero, one)
+    sound = load(lanes, _SOUND) > zero
+    offends = sound & (found > zero)
+    store(lanes, _OFFENDERS, load(lanes, _OFFENDERS) + where(sound, found, one))
+    if not some(offends):
+        return False
+    fewest = load(lanes, _FEWEST)
+    fewer = found < fewest
+    left = where(fewer, spread(_PATIENCE), load(lanes, _LEFT) - one)
+    store(lanes, _FEWEST, where(offends & fewer, found, fewest))
+    store(lanes, _LEFT, where(offends, left, load(lanes, _LEFT)))
+    taken = zero
+    for j in range(u.shape[0] - 1, -1, -1):
+        side, to = load(state, j), load(moved, j)
+        store(state, j, where(offends & ((left > zero - one) | (taken == zero)), to, side))
+        taken = where(to == side, taken, one)
+    return True
+
+
+@part
+def _settle(belief: Any, costs: Any, region: Any, state: Any, near: float, n: int, room: Any) -> Any:
+    """Put u inside its bounds, exactly on those it is near; sound where H u + g = A'ν on F and A u = b still hold."""
+    u, reduced, _, _, _, _, lanes, _, free, _ = room
+    lower, upper, _, sides, rows, _ = region
+    size, zero, margin = u.shape[0], spread(0.0), spread(near)
+    good = where(load(lanes, _OFFENDERS) == zero, load(lanes, _SOUND), zero)
+    allowed = margin * load(lanes, _SCALE)
+    for a in range(n):
+        value, low, high = load(u, free[a]), entry(lower, free[a]), entry(upper, free[a])
+        value = where(value - low <= margin, low, where(high - value <= margin, high, value))
+        store(u, free[a], value)
+    _residual(belief, costs, region, free, n, room)
+    for a in range(n):
+        fine = (magnitude(load(reduced, free[a])) <= allowed) | (load(state, free[a]) != zero)
+        good = where(fine, good, zero)
+    for e in range(sides.size):
+        total = zero - entry(sides, e)
+        largest = magnitude(total)
+        for j in range(size):
+            product = entry(rows, e * size + j) * load(u, j)
+            total += product
+            largest = where(magnitude(product) > largest, magnitude(product), largest)
+        good = where(magnitude(total) <= margin * largest, good, zero)
+    store(lanes, _SOUND, good)
+
+
+@part
+def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, factors: Any, room: Any) -> Any:
+    """Exchange until no lane offends; the minimisers are then in the room, where `_SOUND` holds."""
     pivot, near = limits
-    u, reduced, scale = vectors[0], vectors[1], vectors[8]
-    factor, columns, small, ok = work
-    size = u.shape[0]
-    answer = np.empty((size, LANES))
-    offends = np.empty((size, LANES), dtype=np.int8)
-    counts = np.empty(LANES, dtype=np.int64)
-    fewest = np.full(LANES, size + 1)
-    patience = np.full(LANES, _PATIENCE)
-    good = np.empty(LANES, dtype=np.bool_)
-    open_lane = np.ones(LANES, dtype=np.bool_)
-    solved = np.zeros(LANES, dtype=np.bool_)
-    for lane in range(LANES):
-        ok[lane] = True
-    for _ in range(_ROUNDS):
-        factor, n = _point(belief, costs, region, state, pivot, vectors, (factor, columns, small, ok))
-        _offenders(u, reduced, region, state, (near, scale), offends, counts)
-        ended = False
-        for lane in range(LANES):
-            good[lane] = open_lane[lane] and ok[lane] and counts[lane] == 0
-            ended |= good[lane]
-        if ended:
-            _settled(belief, costs, region, state, near, vectors, n, good)
-        left = False
-        for lane in range(LANES):
-            if not open_lane[lane]:
-                continue
-            if not ok[lane] or counts[lane] == 0:
-                open_lane[lane] = False
-                solved[lane] = good[lane]
-                for j in range(size):
-                    answer[j, lane] = u[j, lane]
-                continue
-            left = True
-            if counts[lane] < fewest[lane]:
-                fewest[lane], patience[lane] = counts[lane], _PATIENCE
-            else:
-                patience[lane] -= 1
-            _exchange(offends, state, lane, patience[lane] < 0)
-        if not left:
+    matrix, small = factors
+    u, _, nu, _, _, _, lanes, _, free, held = room
+    size, n_equal = u.shape[0], nu.shape[0]
+    store(lanes, _SOUND, spread(1.0))
+    store(lanes, _FEWEST, spread(size + 1.0))
+    store(lanes, _LEFT, spread(_PATIENCE))
+    for attempt in range(1, _ROUNDS + 1):
+        n, n_held = _guess(region, state, u, free, held)
+        if (n + n_equal + _TILE) * n > matrix.shape[0]:
+            matrix = blank((n + 2 * _TILE + n_equal + _TILE) * (n + 2 * _TILE))
+        _assemble(belief, costs[0], region[4], state, free, n, matrix, n_equal)
+        store(lanes, _SCALE, spread(0.0))
+        store(lanes, _OFFENDERS, spread(0.0))
+        for e in range(n_equal):
+            store(nu, e, spread(0.0))
+        for again in range(2):
+            _residual(belief, costs, region, free, n, room)
+            _improve(region, state, (matrix, small), n, again, pivot, room)
+            if again == 0:
+                _residual(belief, costs, region, held, n_held, room)
+            offended = _exchange(region, state, near, room)
+            if offended and attempt < _ROUNDS:
+                break
+        if not offended or attempt == _ROUNDS:
+            _settle(belief, costs, region, state, near, n, room)
             break
-    return answer, solved, factor
+    return matrix
 
 
-@njit(error_model="numpy")
-def _sides_of(start: Any, region: Any, state: Any, lane: int) -> None:
-    """−1, 0, +1 for each coordinate of a decision at its lower bound, between, at its upper bound."""
+@part
+def _sides_of(start: Any, region: Any, state: Any) -> None:
+    """−1, 0, +1 for each coordinate of a decision at its lower bound, between, at its upper bound, in every lane."""
     for j in range(start.size):
-        state[j, lane] = -1 if start[j] <= region[0][j] else (1 if start[j] >= region[1][j] else 0)
+        side = -1.0 if start[j] <= region[0][j] else (1.0 if start[j] >= region[1][j] else 0.0)
+        store(state, j, spread(side))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def solve_path(beliefs: Any, costs: Any, region: Any, limits: Any, start: Any, actions: Any, solved: Any) -> None:
     """Fill actions (T,U) for beliefs (T,X) in order.
 
@@ -330,40 +313,37 @@ def solve_path(beliefs: Any, costs: Any, region: Any, limits: Any, start: Any, a
     """
     count, size = actions.shape
     n_states, n_equal = beliefs.shape[1], region[3].size
-    ok = np.ones(LANES, dtype=np.bool_)
-    work = (np.empty((256, LANES)), np.empty((n_equal * size, LANES)), np.empty((n_equal * n_equal, LANES)), ok)
-    vectors = (
-        np.empty((size, LANES)),
-        np.empty((size, LANES)),
-        np.empty((size, LANES)),
-        np.empty((n_equal, LANES)),
-        np.empty((n_equal, LANES)),
-        np.empty((n_states, LANES)),
+    matrix, small = blank(256 + n_equal), blank((n_equal + _TILE) * n_equal)
+    belief, state = blank(n_states), blank(size)
+    room = (
+        blank(size),  # u
+        blank(size),  # H u + g − A'ν
+        blank(n_equal),  # ν
+        blank(size),  # the sides that coordinates move to
+        blank((size + _TILE) * n_states),  # π_i u_k
+        blank(size + n_equal + _TILE),  # what is left of the diagonal
+        blank(n_equal + len(_LANES)),
+        np.empty(size + _TILE, dtype=np.int64),
         np.empty(size, dtype=np.int64),
-        np.arange(size),
-        np.zeros(LANES),
+        np.empty(size, dtype=np.int64),
     )
-    belief = np.empty((n_states, LANES))
-    state = np.empty((size, LANES), dtype=np.int8)
-    for lane in range(LANES):
-        _sides_of(start, region, state, lane)
+    u, lanes = room[0], room[6]
+    _sides_of(start, region, state)
     for first in range(0, count, LANES):
         for lane in range(LANES):
             # A last group that is not full repeats its last belief.
             for i in range(n_states):
                 belief[i, lane] = beliefs[min(first + lane, count - 1), i]
-        answer, done, factor = _solve_lanes(belief, costs, region, limits, state, vectors, work)
-        work = (factor, work[1], work[2], ok)
+        matrix = _solve_group(belief, costs, region, limits, state, (matrix, small), room)
         last = -1
         for lane in range(min(LANES, count - first)):
-            solved[first + lane] = done[lane]
-            for j in range(size):
-                actions[first + lane, j] = answer[j, lane]
-            if done[lane]:
+            if lanes[_SOUND, lane] > 0.0:
                 last = lane
-        for lane in range(LANES):
-            if last < 0:
-                _sides_of(start, region, state, lane)
-            elif lane != last:
+                solved[first + lane] = True
                 for j in range(size):
-                    state[j, lane] = state[j, last]
+                    actions[first + lane, j] = u[j, lane]
+        if last < 0:
+            _sides_of(start, region, state)
+        else:
+            for j in range(size):
+                store(state, j, spread(state[j, last]))

@@ -15,7 +15,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from inscrutable.kernels.faces import (
     add_regret_curvature,
@@ -27,6 +26,7 @@ from inscrutable.kernels.faces import (
     row_value,
     settle,
 )
+from inscrutable.kernels.options import kernel, part
 from inscrutable.kernels.projection import project
 
 _FIRST_TURNS, _LATER_TURNS = 8, 3  # Newton steps onto the rows, from a start and from a step's end
@@ -58,7 +58,7 @@ class Rules(NamedTuple):
     basis: Any  # (X, n) orthonormal, columns sum to zero
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _loss(aim: Any, y: Any, regret: float) -> float:
     total = 0.0
     for i in range(y.size):
@@ -68,7 +68,7 @@ def _loss(aim: Any, y: Any, regret: float) -> float:
     return float(-aim.sign * np.sqrt(total) + aim.price * regret)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _shortfall(rows: Any, y: Any, w: Any, over: float) -> float:
     """The largest violation of any row, and of the budget relative to itself."""
     worst = max(over, 0.0)
@@ -77,7 +77,7 @@ def _shortfall(rows: Any, y: Any, w: Any, over: float) -> float:
     return worst
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, lengths: Any, r: int) -> None:
     """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length; a flat one is void."""
     n = basis.shape[1]
@@ -98,7 +98,7 @@ def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, len
     lengths[r] = length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _linearise(
     rows: Any, y: Any, w: Any, slopes: Any, basis: Any, budget: Any, left: float, units: Any, sides: Any, lengths: Any
 ) -> None:
@@ -114,7 +114,7 @@ def _linearise(
         _write_row(slope, left, basis, units, sides, lengths, m)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _convexified(matrix: Any, n: int, factor: Any) -> None:
     """Factor matrix + shift, with the least of a few shifts that makes it positive definite."""
     size = 0.0
@@ -135,7 +135,7 @@ def _convexified(matrix: Any, n: int, factor: Any) -> None:
         shift = max(4.0 * shift, 1e-3 * size, 1e-300)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def quadratic_step(
     hessian: Any,
     slope: Any,
@@ -181,7 +181,7 @@ def quadratic_step(
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _curvature(
     curves: Any,
     rows: Any,
@@ -218,7 +218,7 @@ def _curvature(
             add_row_curvature(curves, rows[r], y, factor, slopes, -weights[r], scratch, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _model(
     curves: Any,
     rows: Any,
@@ -266,7 +266,7 @@ def _model(
                     hessian[c, d] += 3.0 * size * units[r, c] * units[r, d]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _restore(
     curves: Any, rows: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place: Any, lines: Any
 ) -> tuple[bool, float]:
@@ -292,7 +292,7 @@ def _restore(
     return False, regret
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
     """out = origin + share·basis step."""
     for i in range(origin.size):
@@ -302,7 +302,7 @@ def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
         out[i] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     """The budget's multiplier if its slope were along y − p: a first guess."""
     length, lean = 0.0, 0.0
@@ -312,7 +312,7 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
     """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
     n_states, n = rules.basis.shape

@@ -14,10 +14,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from inscrutable.kernels.climb import quadratic_step
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
+from inscrutable.kernels.options import kernel, part
 from inscrutable.kernels.projection import project
 from inscrutable.kernels.set_distance import cost_at, nearest_belief
 
@@ -27,7 +27,7 @@ _GROWTH = 2.0
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def set_distance_model(
     rows: Any, point: Any, basis: Any, w: Any, z: Any, active: Any, slope: Any, hessian: Any
 ) -> None:
@@ -85,7 +85,7 @@ def set_distance_model(
                 hessian[a, b] -= twist[a, c] * twist[b, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
     """Gradient and Hessian of the expected cost in v."""
     k = w.size - 1
@@ -100,7 +100,7 @@ def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
                 bend[a, c] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _write_rows(
     rows: Any, basis: Any, w: Any, z: Any, cost_slope: Any, left: float, units: Any, sides: Any, lengths: Any
 ) -> None:
@@ -135,7 +135,7 @@ def _write_rows(
         lengths[r] = length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _pull(
     curves: Any,
     rows: Any,
@@ -177,7 +177,7 @@ def _pull(
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _model(
     curves: Any,
     rows: Any,
@@ -227,7 +227,7 @@ def _model(
     return weight
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, hessian: Any) -> None:
     """Add the curvature −Σ weight ∂²F/∂v∂s of the rows, and enough across those that held to make the rest matter."""
     n_states, n = basis.shape
@@ -273,7 +273,7 @@ def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, he
         hessian[a, a] += shift
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, member: Any) -> None:
     """A share of the step from (w, z)."""
     k = w.size - 1
@@ -285,7 +285,7 @@ def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, membe
             member[i] += share * basis[i, c] * step[k + c] / _EASE
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def ascend(
     curves: Any, rows: Any, n_set_rows: int, scale: float, aim: Any, rules: Any, w: Any, z: Any, rounds: int
 ) -> float:

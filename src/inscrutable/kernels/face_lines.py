@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from inscrutable.kernels.options import kernel, part
 from inscrutable.kernels.set_distance import cost_at, nearest_belief
 
 _SAMPLES = 48
@@ -17,7 +17,7 @@ _PEAKS = 3
 _GOLDEN = 0.3819660112501051
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def interval(
     curves: Any, slacks: Any, aim: Any, w: Any, direction: Any, limit: float, near: float
 ) -> tuple[float, float]:
@@ -61,7 +61,7 @@ def interval(
     return low, high
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def decision_value(
     curves: Any,
     set_rows: Any,
@@ -89,7 +89,7 @@ def decision_value(
     return float(value)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _refine(
     curves: Any,
     set_rows: Any,
@@ -123,7 +123,7 @@ def _refine(
     return best, value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def best_step(
     curves: Any,
     set_rows: Any,

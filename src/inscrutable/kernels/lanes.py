@@ -1,114 +1,177 @@
 """Arithmetic on eight programmes at once: an array of shape (n, LANES) holds entry k of every programme in row k.
 
-Compiled, each function is a few vector instructions per row, with the running sum kept in a register; interpreted
-(NUMBA_DISABLE_JIT=1), it is the NumPy below. Every lane is summed in the same order, so the answer in one lane does not
-depend on what the others hold.
+Compiled, a row is one value in one or a few vector registers, with the operators + − · and the comparisons; interpreted
+(NUMBA_DISABLE_JIT=1), it is a NumPy array and the functions below are what they say. Every lane goes through the same
+operations in the same order, so the answer in one lane does not depend on what the others hold.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import config, types
+from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
+from numba.core.datamodel import models
+from numba.core.imputils import lower_builtin
+from numba.core.typing import templates
+
+from inscrutable.kernels.options import part
 
 LANES = 8
 
 
-def plain_minus_dot(out: Any, row: int, x: Any, first: int, y: Any, second: int, n: int) -> None:
-    """out[row] −= Σ_k x[first + k] · y[second + k] over k < n."""
-    for k in range(n):
-        out[row] -= x[first + k] * y[second + k]
+@part
+def blank(n: int) -> Any:
+    """An array (n, LANES) of zeros whose rows each fill one line of the processor's cache."""
+    line = np.zeros((n + 1) * LANES)
+    skip = -(line.ctypes.data // line.itemsize) % LANES
+    return line[skip : skip + n * LANES].reshape(n, LANES)
 
 
-def plain_plus_mix(out: Any, row: int, x: Any, first: int, weights: Any, second: int, n: int) -> None:
-    """out[row] += Σ_k x[first + k] · weights[second + k] over k < n; a weight is one number for all lanes."""
-    for k in range(n):
-        out[row] += x[first + k] * weights[second + k]
+def load(array: Any, row: int) -> Any:
+    """Row of an array (n, LANES)."""
+    return array[row].copy()
 
 
-def plain_mix(out: Any, row: int, x: Any, first: int, weights: Any, second: int, n: int) -> None:
-    """out[row] = Σ_k x[first + k] · weights[second + k] over k < n; a weight is one number for all lanes."""
-    out[row] = 0.0
-    plain_plus_mix(out, row, x, first, weights, second, n)
+def store(array: Any, row: int, value: Any) -> None:
+    """Set a row of an array (n, LANES)."""
+    array[row] = value
 
 
-def plain_times(out: Any, row: int, x: Any, first: int) -> None:
-    """out[row] ·= x[first]."""
-    out[row] *= x[first]
+def spread(number: float) -> Any:
+    """The same number in every lane."""
+    return np.full(LANES, number)
 
 
+def entry(numbers: Any, k: int) -> Any:
+    """numbers[k] in every lane, for k ≥ 0."""
+    return np.full(LANES, numbers[k])
+
+
+def where(mask: Any, yes: Any, no: Any) -> Any:
+    """`yes` in the lanes of the mask, `no` in the others."""
+    return np.where(mask, yes, no)
+
+
+def some(mask: Any) -> bool:
+    """Whether the mask holds in any lane."""
+    return bool(np.any(mask))
+
+
+def magnitude(value: Any) -> Any:
+    """|value|."""
+    return np.abs(value)
+
+
+def inverse(value: Any) -> Any:
+    """1/value."""
+    return 1.0 / value
+
+
+class _Lanes(types.Type):
+    """A row as compiled code sees it."""
+
+
+# Numba is only partly typed.
+_types: Any = types
+_models: Any = models
+_templates: Any = templates
+_lower: Any = lower_builtin
+_function: Any = cgutils.get_or_insert_function
+
+_NUMBERS, _MASK = (cast(Any, _Lanes)(name) for name in ("numbers in lanes", "yes or no in lanes"))
+_ROWS, _LINE = _types.Array(_types.float64, 2, "C"), _types.Array(_types.float64, 1, "C")
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
-_FUSED = ("contract",)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
 
 
-class _Rows:
-    """Rows of an array (n, LANES) in compiled code."""
+def _model(manager: Any, kind: Any) -> Any:
+    return _models.PrimitiveModel(manager, kind, _VECTOR if kind is _NUMBERS else _BITS)
 
-    def __init__(self, context: Any, builder: Any, kind: Any, array: Any, first: Any) -> None:
-        self.builder = builder
-        data = context.make_array(kind)(context, builder, array).data
-        self.start = builder.bitcast(builder.gep(data, [builder.mul(first, first.type(LANES))]), _VECTOR.as_pointer())
 
-    def load(self, k: Any) -> Any:
-        return self.builder.load(self.builder.gep(self.start, [k]), align=8)
+_models.register_default(_Lanes)(_model)
 
-    def store(self, value: Any) -> None:
-        self.builder.store(value, self.start, align=8)
+
+def _compiled(function: Callable[..., Any], result: Any, arguments: tuple[Any, ...], build: Callable[..., Any]) -> None:
+    """Give a function of lanes its type and its instructions, `build(builder, argument, …)`."""
+
+    def lowered(context: Any, builder: Any, _: Any, values: Any) -> Any:
+        places = [
+            context.make_array(kind)(context, builder, value).data if kind in (_ROWS, _LINE) else value
+            for kind, value in zip(arguments, values, strict=True)
+        ]
+        answer = build(builder, *places)
+        return context.get_dummy_value() if result is _types.void else answer
+
+    cases = {"cases": [_templates.signature(result, *arguments)]}
+    _templates.infer_global(function)(type("Lanes", (_templates.ConcreteTemplate,), cases))
+    _lower(function, *arguments)(lowered)
+
+
+def _address(builder: Any, data: Any, row: Any) -> Any:
+    start = builder.gep(data, [builder.mul(row, row.type(LANES))])
+    return builder.bitcast(start, _VECTOR.as_pointer())
 
 
 def _spread(builder: Any, number: Any) -> Any:
-    """The same number in every lane."""
     one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, ir.IntType(32)(0))
     return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
-def _sum_of_products(context: Any, builder: Any, kinds: Any, values: Any, mixes: bool, adds: bool) -> Any:
-    out, row, x, first, y, second, n = values
-    place, left = _Rows(context, builder, kinds[0], out, row), _Rows(context, builder, kinds[2], x, first)
-    total = cgutils.alloca_once(builder, _VECTOR)  # type: ignore[no-untyped-call]
-    builder.store(place.load(row.type(0)) if adds else ir.Constant(_VECTOR, [0.0] * LANES), total)
-    if mixes:
-        numbers = builder.gep(context.make_array(kinds[4])(context, builder, y).data, [second])
-    else:
-        right = _Rows(context, builder, kinds[4], y, second)
-    with cgutils.for_range(builder, n) as loop:
-        k = loop.index
-        factor = _spread(builder, builder.load(builder.gep(numbers, [k]))) if mixes else right.load(k)
-        product = builder.fmul(left.load(k), factor, flags=_FUSED)
-        add = builder.fadd if mixes else builder.fsub
-        builder.store(add(builder.load(total), product, flags=_FUSED), total)
-    place.store(builder.load(total))
-    return context.get_dummy_value()
+def _intrinsic(name: str) -> Callable[..., Any]:
+    kind, full = ir.FunctionType(_VECTOR, [_VECTOR]), f"llvm.{name}.v{LANES}f64"
+    return lambda builder, value: builder.call(_function(builder.module, kind, full), [value])
 
 
-def _seven(mixes: bool, adds: bool) -> Callable[..., Any]:
-    def typed(_: Any, out: Any, row: Any, x: Any, first: Any, y: Any, second: Any, n: Any) -> Any:
-        def generated(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            return _sum_of_products(context, builder, signature.args, values, mixes, adds)
-
-        whole = types.intp
-        return types.void(out, whole, x, whole, y, whole, whole), generated
-
-    return typed
+def _inverse(builder: Any, value: Any) -> Any:
+    return builder.fdiv(ir.Constant(_VECTOR, [1.0] * LANES), value)
 
 
-def _scaling(_: Any, out: Any, row: Any, x: Any, first: Any) -> Any:
-    def generated(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        place = _Rows(context, builder, signature.args[0], values[0], values[1])
-        factor = _Rows(context, builder, signature.args[2], values[2], values[3])
-        zero = values[1].type(0)
-        place.store(builder.fmul(place.load(zero), factor.load(zero)))
-        return context.get_dummy_value()
-
-    return types.void(out, types.intp, x, types.intp), generated
+def _arithmetic(name: str) -> Callable[..., Any]:
+    return lambda builder, left, right: getattr(builder, name)(left, right, flags=("contract",))
 
 
-_INTERPRETED = bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
-minus_dot: Callable[..., None] = plain_minus_dot if _INTERPRETED else intrinsic(_seven(mixes=False, adds=True))
-plus_mix: Callable[..., None] = plain_plus_mix if _INTERPRETED else intrinsic(_seven(mixes=True, adds=True))
-mix: Callable[..., None] = plain_mix if _INTERPRETED else intrinsic(_seven(mixes=True, adds=False))
-times: Callable[..., None] = plain_times if _INTERPRETED else intrinsic(_scaling)
+def _comparison(sign: str) -> Callable[..., Any]:
+    return lambda builder, left, right: builder.fcmp_ordered(sign, left, right)
+
+
+def _some(builder: Any, mask: Any) -> Any:
+    bits = ir.IntType(LANES)
+    return builder.icmp_unsigned("!=", builder.bitcast(mask, bits), bits(0))
+
+
+_WHOLE = _types.intp
+_compiled(load, _NUMBERS, (_ROWS, _WHOLE), lambda b, data, row: b.load(_address(b, data, row), align=8))
+_compiled(
+    store,
+    _types.void,
+    (_ROWS, _WHOLE, _NUMBERS),
+    lambda b, data, row, value: b.store(value, _address(b, data, row), align=8),
+)
+_compiled(spread, _NUMBERS, (_types.float64,), _spread)
+_compiled(entry, _NUMBERS, (_LINE, _WHOLE), lambda b, data, k: _spread(b, b.load(b.gep(data, [k]))))
+_compiled(where, _NUMBERS, (_MASK, _NUMBERS, _NUMBERS), lambda b, mask, yes, no: b.select(mask, yes, no))
+_compiled(some, _types.boolean, (_MASK,), _some)
+_compiled(magnitude, _NUMBERS, (_NUMBERS,), _intrinsic("fabs"))
+_compiled(inverse, _NUMBERS, (_NUMBERS,), _inverse)
+for _signs, _name in (
+    ((operator.add, operator.iadd), "fadd"),
+    ((operator.sub, operator.isub), "fsub"),
+    ((operator.mul,), "fmul"),
+):
+    for _sign in _signs:
+        _compiled(_sign, _NUMBERS, (_NUMBERS, _NUMBERS), _arithmetic(_name))
+for _sign, _name in (
+    (operator.lt, "<"),
+    (operator.le, "<="),
+    (operator.gt, ">"),
+    (operator.eq, "=="),
+    (operator.ne, "!="),
+):
+    _compiled(_sign, _MASK, (_NUMBERS, _NUMBERS), _comparison(_name))
+_compiled(operator.and_, _MASK, (_MASK, _MASK), lambda b, left, right: b.and_(left, right))
+_compiled(operator.or_, _MASK, (_MASK, _MASK), lambda b, left, right: b.or_(left, right))

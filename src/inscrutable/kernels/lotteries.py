@@ -10,14 +10,15 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from inscrutable.kernels.faces import settle
+from inscrutable.kernels.options import kernel, part
 from inscrutable.kernels.search import LARGER, SEGMENT
 from inscrutable.kernels.set_distance import nearest_belief
 
 NONE = -1
 FIRST_SEED = -2
+_UNDERBID = 0.7
 
 
 class Arena(NamedTuple):
@@ -33,7 +34,7 @@ class Arena(NamedTuple):
     rows: Any  # flat
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def curves_of(arena: Any, face: int, n_states: int) -> Any:
     """The costs (X, k+1, k+1) of a face."""
     k = arena.size[face] + 1
@@ -41,7 +42,7 @@ def curves_of(arena: Any, face: int, n_states: int) -> Any:
     return arena.curves[first : first + n_states * k * k].reshape((n_states, k, k))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def rows_of(arena: Any, face: int, n_states: int) -> Any:
     """The rows (m, X, k+1) of a face."""
     k, m = arena.size[face] + 1, arena.n_rows[face]
@@ -49,7 +50,7 @@ def rows_of(arena: Any, face: int, n_states: int) -> Any:
     return arena.rows[first : first + m * n_states * k].reshape((m, n_states, k))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _prepare(
     belief: Any, point: Any, sign: float, centre: Any, costs: Any, excess: Any, slope: Any, radius: Any, work: Any
 ) -> None:
@@ -87,7 +88,7 @@ def _prepare(
         work[last, leaf] = work[1, leaf] - np.sqrt(work[last, leaf]) * radius[leaf]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _bounds(price: float, sign: float, n_states: int, radius: Any, reach: Any, work: Any, out: Any) -> None:
     """Upper bounds of Ψ − price·π·s, leaf by leaf."""
     for leaf in range(out.size):
@@ -103,7 +104,7 @@ def _bounds(price: float, sign: float, n_states: int, radius: Any, reach: Any, w
         out[leaf] = work[0, leaf] - price * work[1, leaf] + np.sqrt(out[leaf]) * radius[leaf] + rest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _privacy(point: Any, sign: float, d: int, decoys: Any, start: Any, along: Any, square: Any, kind: Any) -> float:
     total = 0.0
     if kind[d] == SEGMENT:
@@ -119,7 +120,7 @@ def _privacy(point: Any, sign: float, d: int, decoys: Any, start: Any, along: An
     return float(sign * np.sqrt(total))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _scan_points(
     belief: Any,
     point: Any,
@@ -132,32 +133,60 @@ def _scan_points(
     limit: float,
     costs: Any,
     decoys: Any,
-    buffer: Any,
 ) -> tuple[int, float]:
-    """`_scan` where single beliefs explain all decisions low..high; decisions run along the last axis."""
-    count = high - low
-    for d in range(count):
-        buffer[0, d] = -optimal_cost
-        buffer[1, d] = 0.0
-    for i in range(belief.size):
-        weight, place = belief[i], point[i]
-        for d in range(count):
-            away = decoys[i, low + d] - place
-            buffer[0, d] += weight * costs[i, low + d]
-            buffer[1, d] += away * away
-    for d in range(count):
-        regret = max(buffer[0, d], 0.0)
-        value = sign * np.sqrt(buffer[1, d]) - price * regret
-        buffer[1, d] = value if regret <= limit else -np.inf
+    """`_scan` where single beliefs explain all decisions low..high.
+
+    Ψ − price·ρ > floor without roots: the squared distance against the square of floor + price·ρ.
+    """
     best = NONE
-    for d in range(count):
-        if buffer[1, d] > floor:
-            floor = buffer[1, d]
-            best = low + d
+    for d in range(low, high):
+        cost, square = -optimal_cost, 0.0
+        for i in range(belief.size):
+            cost += belief[i] * costs[d, i]
+            square += (point[i] - decoys[d, i]) ** 2
+        regret = max(cost, 0.0)
+        least = floor + price * regret
+        wins = least < 0.0 or square > least * least
+        if sign < 0.0:
+            wins = least < 0.0 and square < least * least
+        if wins and regret <= limit:
+            floor = sign * np.sqrt(square) - price * regret
+            best = d
     return best, floor
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
+def _scan_three(
+    belief: Any,
+    point: Any,
+    sign: float,
+    price: float,
+    optimal_cost: float,
+    low: int,
+    high: int,
+    floor: float,
+    limit: float,
+    costs: Any,
+    decoys: Any,
+) -> tuple[int, float]:
+    """`_scan_points` for three states, the most common number, with its sums written out."""
+    best = NONE
+    b0, b1, b2 = belief[0], belief[1], belief[2]
+    p0, p1, p2 = point[0], point[1], point[2]
+    for d in range(low, high):
+        regret = max(b0 * costs[d, 0] + b1 * costs[d, 1] + b2 * costs[d, 2] - optimal_cost, 0.0)
+        square = (p0 - decoys[d, 0]) ** 2 + (p1 - decoys[d, 1]) ** 2 + (p2 - decoys[d, 2]) ** 2
+        least = floor + price * regret
+        wins = least < 0.0 or square > least * least
+        if sign < 0.0:
+            wins = least < 0.0 and square < least * least
+        if wins and regret <= limit:
+            floor = sign * np.sqrt(square) - price * regret
+            best = d
+    return best, floor
+
+
+@part
 def _scan(
     belief: Any,
     point: Any,
@@ -204,7 +233,7 @@ def _scan(
     return best, floor
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _best(
     belief: Any,
     point: Any,
@@ -218,10 +247,9 @@ def _best(
     work: Any,
     bounds: Any,
     known: Any,
-    buffer: Any,
 ) -> int:
     """The decision of largest Ψ − price·ρ above `floor`; larger sets by their bound."""
-    first, radius, reach, plain, costs_by_state, decoys_by_state, _ = leaves
+    first, radius, reach, plain = leaves
     costs, decoys, start, along, square, kind = table
     _bounds(price, sign, belief.size, radius, reach, work, bounds)
     shift = price * optimal_cost
@@ -242,46 +270,27 @@ def _best(
         if not bounds[leaf] + shift > floor or (leaf == top and turn >= 0):
             continue
         low, high = first[leaf], first[leaf + 1]
-        if plain[leaf]:
+        if plain[leaf] and belief.size == 3:
+            found, floor = _scan_three(
+                belief, point, sign, price, optimal_cost, low,
+                high, floor, limit, costs, decoys
+            )  # fmt: skip
+        elif plain[leaf]:
             found, floor = _scan_points(
-                belief,
-                point,
-                sign,
-                price,
-                optimal_cost,
-                low,
-                high,
-                floor,
-                limit,
-                costs_by_state,
-                decoys_by_state,
-                buffer,
-            )
+                belief, point, sign, price, optimal_cost, low,
+                high, floor, limit, costs, decoys
+            )  # fmt: skip
         else:
             found, floor = _scan(
-                belief,
-                point,
-                sign,
-                price,
-                optimal_cost,
-                low,
-                high,
-                floor,
-                costs,
-                decoys,
-                start,
-                along,
-                square,
-                kind,
-                known,
-                limit,
-            )
+                belief, point, sign, price, optimal_cost, low, high, floor, costs,
+                decoys, start, along, square, kind, known, limit
+            )  # fmt: skip
         if found != NONE:
             best = found
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _judge(d: int, face: Any, point: Any, sign: float, decoys: Any, arena: Any, rules: Any) -> float:
     """Exact privacy of a decision that a larger set of beliefs explains."""
     number, n_states = face[d], point.size
@@ -302,7 +311,7 @@ def _judge(d: int, face: Any, point: Any, sign: float, decoys: Any, arena: Any, 
     return sign * distance
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _regret(belief: Any, optimal_cost: float, costs: Any, d: int) -> float:
     total = -optimal_cost
     for i in range(belief.size):
@@ -310,7 +319,7 @@ def _regret(belief: Any, optimal_cost: float, costs: Any, d: int) -> float:
     return max(total, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _offer(atom: int, regret: float, privacy: float, limit: float, found: Any, regrets: Any, privacies: Any) -> None:
     """Take a point as A where it is affordable, else as B; a B that is no more private than A is dropped."""
     side = 0 if regret <= limit else 1
@@ -319,16 +328,16 @@ def _offer(atom: int, regret: float, privacy: float, limit: float, found: Any, r
         found[1] = NONE
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _next(
     scene: Any, price: float, most: float, floor: float, scan: Any, face: Any, arena: Any, rules: Any, judged: Any
 ) -> tuple[int, float, float]:
     """The best decision above `floor` with its regret and privacy, larger sets judged exactly until none could win."""
     belief, point, sign, optimal_cost = scene
-    table, leaves, work, bounds, known, buffer = scan
+    table, leaves, work, bounds, known = scan
     costs, decoys, start, along, square, kind = table
     while True:
-        d = _best(belief, point, sign, price, optimal_cost, most, floor, table, leaves, work, bounds, known, buffer)
+        d = _best(belief, point, sign, price, optimal_cost, most, floor, table, leaves, work, bounds, known)
         if d == NONE:
             return d, 0.0, 0.0
         if kind[d] != LARGER:
@@ -344,7 +353,7 @@ def _next(
         judged[judged[0]] = d
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _close_chord(
     scene: Any,
     limit: float,
@@ -367,7 +376,7 @@ def _close_chord(
         floor = privacies[0] - price * regrets[0] + gap
         better = False
         for s in range(seeds.shape[0]):
-            if seeds[s, 1] - price * seeds[s, 0] > floor and seeds[s, 0] <= limit:
+            if seeds[s, 1] - price * seeds[s, 0] > floor:
                 _offer(FIRST_SEED - s, seeds[s, 0], seeds[s, 1], limit, found, regrets, privacies)
                 better = True
                 break
@@ -379,7 +388,7 @@ def _close_chord(
         _offer(d, regret, privacy, limit, found, regrets, privacies)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def search_lotteries(
     low: int,
     high: int,
@@ -402,15 +411,15 @@ def search_lotteries(
 ) -> None:
     """Fill atoms (T,3), regrets and privacies for beliefs low..high: A affordable, B unaffordable, S the best single one.
 
-    seeds (T,s,2) are regrets and privacies of affordable points known beforehand, named FIRST_SEED, FIRST_SEED − 1, …;
-    NONE as B: A is the best of all. Gains below `gap` are not looked for.
+    seeds (T,s,2) are regrets and privacies of points known beforehand, the first affordable, named FIRST_SEED,
+    FIRST_SEED − 1, …; NONE as B: A is the best of all. Gains below `gap` are not looked for.
     """
     centre, leaf_costs, excess, slope = models
-    costs, decoys, start, along, square, kind = table
+    kind = table[5]
     n_states, n_leaves = centre.shape
-    work, bounds, buffer = np.empty((3 + 2 * n_states, n_leaves)), np.empty(n_leaves), np.empty((2, leaves[6]))
+    work, bounds = np.empty((3 + 2 * n_states, n_leaves)), np.empty(n_leaves)
     known, judged = np.full(kind.size, np.nan), np.zeros(kind.size + 1, dtype=np.int64)
-    scan = (table, leaves, work, bounds, known, buffer)
+    scan = (table, leaves, work, bounds, known)
     for t in range(low, high):
         belief, point, optimal_cost, limit = beliefs[t], points[t], optimal_costs[t], limits[t]
         scene = (belief, point, sign, optimal_cost)
@@ -418,23 +427,22 @@ def search_lotteries(
         found, regret, privacy = atoms[t], regrets[t], privacies[t]
         found[:] = NONE
         found[0], regret[0], privacy[0] = FIRST_SEED, seeds[t, 0, 0], seeds[t, 0, 1]
-        if t > low:
-            # The last belief's atoms are good first guesses.
-            for s in range(2):
-                d = atoms[t - 1, s]
-                if d >= 0 and kind[d] != LARGER:
-                    guess = _regret(belief, optimal_cost, costs, d)
-                    worth = _privacy(point, sign, d, decoys, start, along, square, kind)
-                    if worth > privacy[0]:
-                        _offer(d, guess, worth, limit, found, regret, privacy)
-        _close_chord(scene, limit, gap, scan, face, arena, rules, judged, seeds[t], found, regret, privacy)
-        found[2], regret[2], privacy[2] = found[0], regret[0], privacy[0]
         for s in range(seeds.shape[1]):
-            if seeds[t, s, 1] > privacy[2] and seeds[t, s, 0] <= limit:
-                found[2], regret[2], privacy[2] = FIRST_SEED - s, seeds[t, s, 0], seeds[t, s, 1]
-        d, guess, worth = _next(scene, 0.0, limit, privacy[2] + gap, scan, face, arena, rules, judged)
+            if seeds[t, s, 1] > privacy[0] and seeds[t, s, 0] <= limit:
+                _offer(FIRST_SEED - s, seeds[t, s, 0], seeds[t, s, 1], limit, found, regret, privacy)
+        d, guess, worth = _next(scene, 0.0, limit, privacy[0] + gap, scan, face, arena, rules, judged)
         if d != NONE:
-            found[2], regret[2], privacy[2] = d, guess, worth
+            _offer(d, guess, worth, limit, found, regret, privacy)
+        found[2], regret[2], privacy[2] = found[0], regret[0], privacy[0]
+        if sign > 0.0 and regret[2] > 0.0:
+            # Regret grows with the square of the distance, roughly: a little below that price B is near.
+            price = _UNDERBID * 0.5 * privacy[2] / regret[2]
+            d, guess, worth = _next(
+                scene, price, np.inf, privacy[2] - price * regret[2] + gap, scan, face, arena, rules, judged
+            )
+            if d != NONE:
+                _offer(d, guess, worth, limit, found, regret, privacy)
+        _close_chord(scene, limit, gap, scan, face, arena, rules, judged, seeds[t], found, regret, privacy)
         for j in range(1, judged[0] + 1):
             known[judged[j]] = np.nan
         judged[0] = 0

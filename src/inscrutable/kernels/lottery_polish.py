@@ -9,18 +9,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from inscrutable.kernels.climb import Aim, climb
-from inscrutable.kernels.face_sets import search_face
+from inscrutable.kernels.face_sets import walk_line
 from inscrutable.kernels.faces import settle
 from inscrutable.kernels.lotteries import NONE, curves_of, rows_of
+from inscrutable.kernels.options import kernel, part
 from inscrutable.kernels.set_distance import nearest_belief
 
 POLISHED = -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _polish(
     aim: Any, rules: Any, arena: Any, number: int, y: Any, rounds: int, line_rounds: int
 ) -> tuple[float, float]:
@@ -40,15 +40,15 @@ def _polish(
         privacy = aim.sign * distance
     else:
         factor, room = np.empty((k, k)), np.empty((2, n_states, k))
-        if k == 0 or not settle(curves, y, rules.pivot, w, factor, room[0], room[1]):
+        # Larger faces keep their candidate: their search is for single decisions.
+        if k != 1 or not settle(curves, y, rules.pivot, w, factor, room[0], room[1]):
             return 0.0, -np.inf
-        value = search_face(curves, rows, m, arena.scale[number], aim, rules, w, y, line_rounds)
-        if not value > -np.inf:
+        walk_line(curves, rows, m, arena.scale[number], aim, rules, w, -np.inf, line_rounds)
+        active = np.empty(k + m, dtype=np.bool_)
+        distance = nearest_belief(curves, rows[:m], arena.scale[number], w, aim.point, rules, y, active)
+        if not distance < np.inf:
             return 0.0, -np.inf
-        total = 0.0
-        for i in range(n_states):
-            total += (y[i] - aim.point[i]) ** 2
-        privacy = aim.sign * np.sqrt(total)
+        privacy = aim.sign * distance
     cost = 0.0
     for i in range(n_states):
         for a in range(k + 1):
@@ -59,7 +59,7 @@ def _polish(
     return max(cost - aim.optimal_cost, 0.0), privacy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def best_chord(regrets: Any, privacies: Any, count: int, limit: float, gap: float) -> tuple[int, int, float]:
     """The point or chord of largest privacy at a regret of `limit`: left and right point (−1: none), and the value.
 
@@ -83,7 +83,7 @@ def best_chord(regrets: Any, privacies: Any, count: int, limit: float, gap: floa
     return left, right, best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def polish_lotteries(
     low: int,
     high: int,
@@ -98,6 +98,7 @@ def polish_lotteries(
     rules: Any,
     near: float,
     gap: float,
+    rounds: Any,
     found: Any,
     out: Any,
 ) -> None:
@@ -134,7 +135,9 @@ def polish_lotteries(
             aim = Aim(beliefs[t], points[t], sign, optimal_costs[t], np.inf, price)
             if s == 2:
                 aim = Aim(beliefs[t], points[t], sign, optimal_costs[t], limit * rules.inside, 0.0)
-            spot_regret[count], spot_privacy[count] = _polish(aim, rules, arena, spot_face[s], spots[count], 12, 16)
+            spot_regret[count], spot_privacy[count] = _polish(
+                aim, rules, arena, spot_face[s], spots[count], rounds[0], rounds[1]
+            )
             spot_face[count], spot_index[count] = spot_face[s], POLISHED
             count += 1
         left, right, _ = best_chord(spot_regret, spot_privacy, count, limit, gap)
@@ -151,7 +154,7 @@ def polish_lotteries(
             regrets[t, c], privacies[t, c] = spot_regret[s], spot_privacy[s]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _square(a: Any, b: Any) -> float:
     total = 0.0
     for i in range(a.size):

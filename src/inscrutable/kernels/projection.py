@@ -10,10 +10,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from inscrutable.kernels.options import kernel, part
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) -> None:
     """basis (q,n) and upper triangle R with rows[active]' = basis' R, by modified Gram-Schmidt."""
     size = rows.shape[1]
@@ -36,7 +37,7 @@ def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) 
             basis[c, i] /= length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, along: Any) -> float:
     """across = (I − QQ')n, along = R⁻¹Q'n; returns ‖across‖²."""
     size = normal.size
@@ -59,7 +60,7 @@ def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, alon
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, near: float, entered: Any) -> int:
     worst, least = -1, near
     for r in range(n_rows):
@@ -75,7 +76,7 @@ def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, nea
     return worst
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def project(rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any) -> bool:
     """Move x (n,) to the nearest point of the rows, each of unit length; False where they leave nothing.
 

@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from inscrutable.kernels.options import kernel
+
 POINT, SEGMENT, LARGER = 0, 1, 2
 
 
@@ -61,7 +63,7 @@ def _quick_distance(decoys: Any, start: Any, along: Any, square: Any, kind: Any,
     return float(np.sqrt(total))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def best_by_face(
     table: Any, belief: Any, point: Any, sign: float, most: float, basis: Any, best: Any, which: Any
 ) -> int:

@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from inscrutable.kernels.options import kernel, part
 from inscrutable.kernels.projection import project
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _equalities(curves: Any, scale: float, w: Any, rules: Any, units: Any, sides: Any, used: Any) -> int:
     """Orthonormal rows of G'π = 0 in the reduced coordinates; −1 where they contradict each other."""
     n_states, n = rules.basis.shape
@@ -69,7 +69,7 @@ def _equalities(curves: Any, scale: float, w: Any, rules: Any, units: Any, sides
     return n_equal
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _inequalities(rows: Any, w: Any, rules: Any, first: int, units: Any, sides: Any, number: Any) -> int:
     """Unit rows of Σ π_i R_ri·w ≥ 0 from `first` on, and which r each is; returns where they end, −1 where one is broken."""
     n_states, n = rules.basis.shape
@@ -104,7 +104,7 @@ def _inequalities(rows: Any, w: Any, rules: Any, first: int, units: Any, sides: 
     return last
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def nearest_belief(
     curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any
 ) -> float:
@@ -147,7 +147,7 @@ def nearest_belief(
     return float(np.sqrt(square))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def cost_at(curves: Any, belief: Any, w: Any) -> float:
     """Σ π_i ½ w'C_i w."""
     total = 0.0

@@ -10,12 +10,14 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.faces import FaceProgramme, face_programme
+from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.search import LARGER, POINT, SEGMENT, Leaves, Table
 from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
 _LEAF = 24
+_AXES = 3
 _MOST_FACES = 4096
 
 
@@ -72,6 +74,7 @@ class Atlas:
             (along**2).sum(axis=1),
             np.select([dimension == 0, dimension == 1], [POINT, SEGMENT], LARGER).astype(np.int64),
             face.reshape(-1).astype(np.int64),
+            np.ascontiguousarray(decoys[self.index] @ sum_zero_basis(problem.n_states)[:, :_AXES]),
         )
 
     def __len__(self) -> int:

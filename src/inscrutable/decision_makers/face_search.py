@@ -29,6 +29,8 @@ _ROUNDS = 30
 _LINE_ROUNDS = 30
 _FEW_AFFORDABLE = 100
 """With fewer affordable candidates than this a state, the grid is too coarse for the budget: rays find the starts."""
+_WELL_COVERED = 3
+"""States up to which a grid that affords many decisions needs no further starts on the own face."""
 _PROMISE = 1.15
 """How much farther than its start a climb may come to rest; starts that promise less than is found are skipped."""
 
@@ -105,8 +107,10 @@ class _Search:
         found = [self._from_candidate(int(faces[i]), int(which[faces[i], orthants[i]])) for i in order]
         own = self.optimal
         tight = self.region.tight_rows(own)
-        found += self._own_axes(tight)
-        if affordable < _FEW_AFFORDABLE * self.n_states:
+        few = affordable < _FEW_AFFORDABLE * self.n_states
+        if few or self.n_states > _WELL_COVERED:
+            found += self._own_axes(tight)
+        if few:
             found += self._rays()
         return found + self._leaving(own, tight)
 

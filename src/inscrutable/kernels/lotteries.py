@@ -168,20 +168,39 @@ def _scan_three(
     limit: float,
     costs: Any,
     decoys: Any,
+    start: Any,
+    along: Any,
+    square: Any,
+    kind: Any,
+    known: Any,
 ) -> tuple[int, float]:
-    """`_scan_points` for three states, the most common number, with its sums written out."""
+    """`_scan` for three states, the most common number, with its sums written out.
+
+    Ψ − price·ρ > floor without roots: the squared distance against the square of floor + price·ρ.
+    """
     best = NONE
     b0, b1, b2 = belief[0], belief[1], belief[2]
     p0, p1, p2 = point[0], point[1], point[2]
     for d in range(low, high):
         regret = max(b0 * costs[d, 0] + b1 * costs[d, 1] + b2 * costs[d, 2] - optimal_cost, 0.0)
-        square = (p0 - decoys[d, 0]) ** 2 + (p1 - decoys[d, 1]) ** 2 + (p2 - decoys[d, 2]) ** 2
+        x0, x1, x2 = p0 - decoys[d, 0], p1 - decoys[d, 1], p2 - decoys[d, 2]
+        if kind[d] == SEGMENT:
+            x0, x1, x2 = p0 - start[d, 0], p1 - start[d, 1], p2 - start[d, 2]
+            share = (x0 * along[d, 0] + x1 * along[d, 1] + x2 * along[d, 2]) / square[d]
+            share = min(max(share, 0.0), 1.0)
+            x0, x1, x2 = x0 - share * along[d, 0], x1 - share * along[d, 1], x2 - share * along[d, 2]
+        total = x0 * x0 + x1 * x1 + x2 * x2
+        if kind[d] == LARGER:
+            if not np.isnan(known[d]):
+                total = known[d] * known[d]
+            elif sign < 0.0:
+                total = 0.0
         least = floor + price * regret
-        wins = least < 0.0 or square > least * least
+        wins = least < 0.0 or total > least * least
         if sign < 0.0:
-            wins = least < 0.0 and square < least * least
+            wins = least < 0.0 and total < least * least
         if wins and regret <= limit:
-            floor = sign * np.sqrt(square) - price * regret
+            floor = sign * np.sqrt(total) - price * regret
             best = d
     return best, floor
 
@@ -270,10 +289,10 @@ def _best(
         if not bounds[leaf] + shift > floor or (leaf == top and turn >= 0):
             continue
         low, high = first[leaf], first[leaf + 1]
-        if plain[leaf] and belief.size == 3:
+        if belief.size == 3:
             found, floor = _scan_three(
-                belief, point, sign, price, optimal_cost, low,
-                high, floor, limit, costs, decoys
+                belief, point, sign, price, optimal_cost, low, high, floor, limit,
+                costs, decoys, start, along, square, kind, known,
             )  # fmt: skip
         elif plain[leaf]:
             found, floor = _scan_points(

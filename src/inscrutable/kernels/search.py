@@ -15,9 +15,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from inscrutable.kernels.options import kernel
+from inscrutable.kernels.options import kernel, part
 
 POINT, SEGMENT, LARGER = 0, 1, 2
 
@@ -32,6 +31,7 @@ class Table(NamedTuple):
     square: Any  # (D,) squared length
     kind: Any  # (D,) POINT, SEGMENT, LARGER
     face: Any  # (D,) number of the face
+    places: Any  # (D,A) first reduced coordinates of the decoys
 
 
 class Leaves(NamedTuple):
@@ -46,21 +46,16 @@ class Leaves(NamedTuple):
     excess: Any  # (L,X)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _quick_distance(decoys: Any, start: Any, along: Any, square: Any, kind: Any, d: int, point: Any) -> float:
-    """Distance from a point to the set of a decision, or to its decoy where the set is larger than a segment."""
-    total = 0.0
-    if kind[d] == SEGMENT:
-        share = 0.0
-        for i in range(point.size):
-            share += (point[i] - start[d, i]) * along[d, i]
-        share = min(max(share / square[d], 0.0), 1.0)
-        for i in range(point.size):
-            total += (point[i] - start[d, i] - share * along[d, i]) ** 2
-    else:
-        for i in range(point.size):
-            total += (point[i] - decoys[d, i]) ** 2
-    return float(np.sqrt(total))
+@part
+def _segment_square(start: Any, along: Any, square: Any, d: int, point: Any) -> float:
+    """Squared distance from a point to the segment of a decision."""
+    share, total = 0.0, 0.0
+    for i in range(point.size):
+        share += (point[i] - start[d, i]) * along[d, i]
+    share = min(max(share / square[d], 0.0), 1.0)
+    for i in range(point.size):
+        total += (point[i] - start[d, i] - share * along[d, i]) ** 2
+    return total
 
 
 @kernel
@@ -68,31 +63,48 @@ def best_by_face(
     table: Any, belief: Any, point: Any, sign: float, most: float, basis: Any, best: Any, which: Any
 ) -> int:
     """Fill the best quick privacy (K,Q) and its decision (−1: none) by face and by orthant of the decoy around the
-    point, among decisions whose expected cost is at most `most`; returns how many are affordable."""
+    point, among decisions whose expected cost is at most `most`; returns how many are affordable.
+
+    The square of a distance decides; its root is taken at the end.
+    """
     costs, decoys, start, along = table.costs, table.decoys, table.start, table.along
-    square, kind, face = table.square, table.kind, table.face
-    n_states, n = basis.shape
-    axes = 0
-    while 2 ** (axes + 1) <= best.shape[1] and axes < n:
-        axes += 1
+    square, kind, face, places = table.square, table.kind, table.face, table.places
+    n_states, axes = basis.shape[0], min(places.shape[1], int(np.log2(best.shape[1])))
+    origin = np.zeros(axes)
+    for c in range(axes):
+        for i in range(n_states):
+            origin[c] += basis[i, c] * point[i]
     best[:] = -np.inf
     which[:] = -1
     affordable = 0
+    three = n_states == 3
     for d in range(costs.shape[0]):
-        cost = 0.0
-        for i in range(n_states):
-            cost += belief[i] * costs[d, i]
+        if three:
+            cost = belief[0] * costs[d, 0] + belief[1] * costs[d, 1] + belief[2] * costs[d, 2]
+        else:
+            cost = 0.0
+            for i in range(n_states):
+                cost += belief[i] * costs[d, i]
         if cost > most:
             continue
         affordable += 1
-        privacy = sign * _quick_distance(decoys, start, along, square, kind, d, point)
-        orthant = 0
-        for c in range(axes):
+        if kind[d] == SEGMENT:
+            total = _segment_square(start, along, square, d, point)
+        elif three:
+            total = (point[0] - decoys[d, 0]) ** 2 + (point[1] - decoys[d, 1]) ** 2 + (point[2] - decoys[d, 2]) ** 2
+        else:
             total = 0.0
             for i in range(n_states):
-                total += basis[i, c] * (decoys[d, i] - point[i])
-            orthant = 2 * orthant + (1 if total > 0.0 else 0)
-        if privacy > best[face[d], orthant]:
-            best[face[d], orthant] = privacy
-            which[face[d], orthant] = d
+                total += (point[i] - decoys[d, i]) ** 2
+        orthant = 0
+        for c in range(axes):
+            orthant = 2 * orthant + (1 if places[d, c] > origin[c] else 0)
+        number = face[d]
+        if sign * total > best[number, orthant]:
+            best[number, orthant] = sign * total
+            which[number, orthant] = d
+    for number in range(best.shape[0]):
+        for orthant in range(best.shape[1]):
+            if which[number, orthant] >= 0:
+                best[number, orthant] = sign * np.sqrt(abs(best[number, orthant]))
     return affordable

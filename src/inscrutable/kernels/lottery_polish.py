@@ -144,7 +144,8 @@ def polish_lotteries(
         share = 0.0
         if right >= 0:
             run = spot_regret[right] - spot_regret[left]
-            share = (limit - spot_regret[left]) / run
+            # Rounding must not carry the expected regret over the budget.
+            share = max(limit * rules.inside - spot_regret[left], 0.0) / run
             price = (spot_privacy[right] - spot_privacy[left]) / run
         prices[t] = price
         probabilities[t, 0], probabilities[t, 1] = 1.0 - share, share

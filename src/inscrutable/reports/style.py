@@ -85,7 +85,8 @@ def save_figure(figure: Any, folder: Path, name: str) -> list[Path]:
     import matplotlib
 
     # Layout and outline are found once, at the resolution of the PNG, and hold for both files.
-    figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
+    if matplotlib.rcParams["savefig.dpi"] != "figure":
+        figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
     figure.draw_without_rendering()
     outline = figure.get_tightbbox().padded(matplotlib.rcParams["savefig.pad_inches"])
     written = []

@@ -321,7 +321,6 @@ def test_climbs_end_inside_and_the_best_is_that_of_brute_force(
     assert checked >= 3
 
 
-@pytest.mark.xfail(strict=True, reason="the climb converges slowly into the kink of the distance at the target")
 def test_a_climb_ends_at_a_target_that_is_worth_its_price() -> None:
     """ρ = ‖π−y‖²/4 rises by at most ½‖π−p‖ a unit of distance: at a lower price nothing beats the target itself."""
     problem = QuadraticProblem([2.0 * np.eye(3)] * 3, -np.eye(3), constraints=simplex(3))

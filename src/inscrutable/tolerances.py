@@ -87,7 +87,7 @@ BUDGET_SAFETY = 1e-8
 RAY_END = 1e-2
 """Relative accuracy of the end of an affordable ray: a start for the polish, which does the rest."""
 
-CHORD = 1e-7
+CHORD = 2e-8
 """A gain in expected privacy below this is not worth a lottery, nor one more pass over the candidates."""
 
 NEAR_ATOMS = 0.1

@@ -89,12 +89,10 @@ class Atlas:
     def scans(self) -> Scans:
         """The table and the leaves as the lottery's search reads them: decisions and leaves along the last axis."""
         table, leaves = self.table, self.leaves
-        pairs = zip(leaves.first[:-1], leaves.first[1:], strict=True)
-        plain = np.array([not (table.kind[low:high] != POINT).any() for low, high in pairs], dtype=np.bool_)
         models = (leaves.centre.T, leaves.costs.T, leaves.excess.T, leaves.slope.transpose(1, 2, 0))
         return Scans(
             (table.costs, table.decoys, table.start, table.along, table.square, table.kind),
-            (leaves.first, leaves.radius, leaves.reach, plain),
+            (leaves.first, leaves.radius, leaves.reach),
             tuple(np.ascontiguousarray(model) for model in models),
         )
 

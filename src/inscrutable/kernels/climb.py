@@ -357,5 +357,13 @@ def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: 
             if turns == _FIRST_TURNS or share < _SHORTEST:
                 break
         _move(rules.basis, y, step, share, trial)
+    if not has_budget and aim.sign < 0.0:
+        # The distance has a kink at the point itself, where steps by slopes do not end.
+        trial[:] = aim.point
+        allowed, regret = _restore(curves, rows, aim, rules, 0, trial, w, place, lines)
+        loss = _loss(aim, trial, regret)
+        if allowed and loss < best:
+            best = loss
+            y[:] = trial
     settle(curves, y, rules.pivot, w, factor, gradients, slopes)
     return best

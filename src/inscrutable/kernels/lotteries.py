@@ -121,41 +121,6 @@ def _privacy(point: Any, sign: float, d: int, decoys: Any, start: Any, along: An
 
 
 @part
-def _scan_points(
-    belief: Any,
-    point: Any,
-    sign: float,
-    price: float,
-    optimal_cost: float,
-    low: int,
-    high: int,
-    floor: float,
-    limit: float,
-    costs: Any,
-    decoys: Any,
-) -> tuple[int, float]:
-    """`_scan` where single beliefs explain all decisions low..high.
-
-    Ψ − price·ρ > floor without roots: the squared distance against the square of floor + price·ρ.
-    """
-    best = NONE
-    for d in range(low, high):
-        cost, square = -optimal_cost, 0.0
-        for i in range(belief.size):
-            cost += belief[i] * costs[d, i]
-            square += (point[i] - decoys[d, i]) ** 2
-        regret = max(cost, 0.0)
-        least = floor + price * regret
-        wins = least < 0.0 or square > least * least
-        if sign < 0.0:
-            wins = least < 0.0 and square < least * least
-        if wins and regret <= limit:
-            floor = sign * np.sqrt(square) - price * regret
-            best = d
-    return best, floor
-
-
-@part
 def _scan_three(
     belief: Any,
     point: Any,
@@ -268,7 +233,7 @@ def _best(
     known: Any,
 ) -> int:
     """The decision of largest Ψ − price·ρ above `floor`; larger sets by their bound."""
-    first, radius, reach, plain = leaves
+    first, radius, reach = leaves
     costs, decoys, start, along, square, kind = table
     _bounds(price, sign, belief.size, radius, reach, work, bounds)
     shift = price * optimal_cost
@@ -293,11 +258,6 @@ def _best(
             found, floor = _scan_three(
                 belief, point, sign, price, optimal_cost, low, high, floor, limit,
                 costs, decoys, start, along, square, kind, known,
-            )  # fmt: skip
-        elif plain[leaf]:
-            found, floor = _scan_points(
-                belief, point, sign, price, optimal_cost, low,
-                high, floor, limit, costs, decoys
             )  # fmt: skip
         else:
             found, floor = _scan(

@@ -137,7 +137,8 @@ def test_wrong_usage_is_two(run, arguments: list[str], message: str) -> None:  #
     code, out, err = run(*arguments)
     assert (code, out) == (2, "")
     assert message in err
-    assert "Try: inscrutable --help" in err
+    verb = "" if arguments == ["nonsense"] else f"{arguments[0]} "
+    assert f"Try: inscrutable {verb}--help" in err
     assert is_one_clear_message(err)
 
 

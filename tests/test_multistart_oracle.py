@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oracles import consistent, enumeration, markets, multistart, optimum
+from oracles import consistent, enumeration, large_markets, markets, multistart, optimum
 
 CASES = {case.name: case for case in optimum.cases()}
 SECONDS = 0.3
@@ -81,8 +81,8 @@ def test_an_unexplained_action_has_no_privacy():
 
 
 def test_large_instances_can_be_repeated_and_are_not_trivial():
-    instances = list(multistart.large_instances())
-    again = list(multistart.large_instances())
+    instances = list(large_markets.large_instances())
+    again = list(large_markets.large_instances())
     assert [instance.name for instance in instances] == [instance.name for instance in again]
     assert {instance.market.means.shape for instance in instances} == {(5, 50), (8, 100)}
     for one, two in zip(instances, again, strict=True):
@@ -92,7 +92,7 @@ def test_large_instances_can_be_repeated_and_are_not_trivial():
 
 @pytest.mark.parametrize("number", [0, 7])
 def test_a_large_decision_is_admissible_affordable_and_private(number):
-    instance = list(multistart.large_instances())[number]
+    instance = list(large_markets.large_instances())[number]
     market, belief = instance.market, instance.belief
     best = best_of(market, belief, instance.limit)
     farthest = np.linalg.norm(np.eye(len(belief)) - belief, axis=1).max()

@@ -15,7 +15,7 @@ from inscrutable.decision_makers import CounterAdversarialDecisionMaker
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Reading, attack_weights
 from inscrutable.experiments.protect import implausible_rows, protect, protect_weights
-from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, NonExistence
+from inscrutable.privacy import DesiredObfuscation, Infeasibility, MaximalObfuscation, NonExistence
 from inscrutable.reports.protect import (
     option_lines,
     protect_summary,
@@ -170,3 +170,21 @@ def test_the_model_must_be_one() -> None:
     for budget in (None, 0.1):
         with pytest.raises(InputError, match="model must be an InvestorModel"):
             protect(MODEL.problem, BELIEFS, budget)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("budget", "word"), [(Budget.regret(0.01), "holds"), (Budget.regret(0.0), "does not hold")])
+def test_a_goal_is_reported_in_words(budget: Budget, word: str) -> None:
+    one = protect(MODEL, BELIEFS[0], budget, NonExistence(), rng=np.random.default_rng(0))
+    lines = option_lines(one, 0).loc["privacy"].tolist()
+    assert lines == ["does not hold", word, word, word]
+    assert f"NonExistence(margin=0.01) {word}, the lottery" in one.summary()
+    many = protect(MODEL, BELIEFS, budget, NonExistence(), rng=np.random.default_rng(0))
+    assert row_lines(many)["privacy"].tolist() == [word, word]
+    assert f"holds in {2 if word == 'holds' else 0} of 2" in many.summary()
+    assert "inf" not in one.summary() + many.summary()
+
+
+def test_where_nothing_explains_the_weights_the_observer_concludes_nothing() -> None:
+    found = protect(MODEL, BELIEFS, Budget.regret(0.01), Infeasibility(), rng=np.random.default_rng(0))
+    assert row_lines(found)["observer concludes"].tolist() == ["", ""]
+    assert row_lines(found)["names"].tolist() == ["nothing", "nothing"]

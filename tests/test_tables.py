@@ -459,3 +459,34 @@ def test_rounded_weights_report_their_rounding(tmp_path: Path, digits: int, shar
     table = read_weights(tmp_path / "w.csv", assets=labels)
     assert table.decimals == digits
     np.testing.assert_allclose(table.frame.iloc[0], weights, atol=0.5 * 10.0**-digits + 1e-15)
+
+
+# ---- months that are missing --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("dates", "named"),
+    [
+        (["2020-01", "2020-02", "2020-03", "2020-06", "2020-07"], "2020-04, 2020-05:"),
+        (["2019-11", "2019-12", "2020-02", "2020-03", "2020-05", "2020-06"], "2020-01, 2020-04:"),
+        (["2020-03-31", "2020-06-30", "2020-12-31", "2021-03-31"], "2020-09:"),
+        (["1990-01", "1990-02", "1990-03", "1991-03"], "1990-11 and 3 more:"),
+        (["2020-01", "2020-02", "2020-03", "2020-04"], None),
+        (["2020-01-02", "2020-01-03", "2020-01-06", "2020-03-02"], None),
+        (["2020-01", "2020-04", "2020-05", "2020-12"], None),
+        (["2020-01", "2022-02"], None),
+        (["2020-01"], None),
+    ],
+)
+def test_months_without_a_row_are_named(
+    file: Path, caplog: pytest.LogCaptureFixture, dates: list[str], named: str | None
+) -> None:
+    file.write_text("date,A,B\n" + "".join(f"{each},0.01,0.02\n" for each in dates))
+    assert len(read_returns(file)) == len(dates)
+    assert [message.partition(" has no row for ")[0] for message in caplog.messages] == ([str(file)] if named else [])
+    assert named is None or named in caplog.text
+
+
+def test_the_embedded_months_are_complete(caplog: pytest.LogCaptureFixture) -> None:
+    load_industry_returns()
+    assert not caplog.messages

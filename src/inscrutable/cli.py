@@ -346,9 +346,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except CycloptsError as error:
-        return _said(f"{error}", USAGE)
+        return _said(f"{error}", USAGE, tokens)
     except UsageError as error:
-        return _said(f"{error}", USAGE)
+        return _said(f"{error}", USAGE, tokens)
     except InscrutableError as error:
         return _said(str(error), error.exit_code)
     except KeyboardInterrupt:
@@ -367,11 +367,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _said(message: str, code: int) -> int:
-    """Print one clear message on stderr and return the exit code."""
+def _said(message: str, code: int, tokens: Sequence[str] = ()) -> int:
+    """Print one clear message on stderr and return the exit code; wrong usage of a verb points to that verb's help."""
     kind = {USAGE: "usage", INTERRUPTED: "stopped", InputError.exit_code: "bad data", 4: "no solution"}.get(
         code, "error"
     )
-    hint = "\nTry: inscrutable --help" if code == USAGE else ""
+    verb = next((token for token in tokens if not token.startswith("-")), "")
+    help_of = f"{verb} --help" if verb in app.resolved_commands() else "--help"
+    hint = f"\nTry: inscrutable {help_of}" if code == USAGE else ""
     print(f"inscrutable: {kind}: {message.strip()}{hint}", file=sys.stderr, flush=True)
     return code

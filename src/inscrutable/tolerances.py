@@ -87,6 +87,13 @@ BUDGET_SAFETY = 1e-8
 RAY_END = 1e-2
 """Relative accuracy of the end of an affordable ray: a start for the polish, which does the rest."""
 
+EDGE_PROBE = 1e-6
+"""Step of the differences by which climbs along the budget's edge read the regret's slope: forward solves are exact to
+1e-12, so six digits are right."""
+
+EDGE_GAIN = 1e-5
+"""Share of the distance below which such a climb's step gains nothing: climbs on faces do the rest."""
+
 CHORD = 2e-8
 """A gain in expected privacy below this is not worth a lottery, nor one more pass over the candidates."""
 
@@ -137,3 +144,21 @@ EM_CHANGE = 1e-8
 CLAIM_ROUNDING = 1e-6
 """Differences of privacies, and of cost increases as shares of |c*|, below this count as none when the paper's claims
 are judged: HiGHS's feasibility times the largest regret over the optimal cost, and above the polish's accuracy."""
+
+CLIMB = 1e-8
+"""A step that promises less privacy than this ends a climb in the plane: a hundredth of what a decision may lack."""
+
+SAME_PRICE = 1e-4
+"""Relative change of a lottery's price below which its atoms are not climbed again: what they lose is its square."""
+
+KINK = 1e-9
+"""A decoy this near to the point it should be far from, or near to, has no direction: the distance has a kink there."""
+
+LENGTH = 1e-14
+"""Length of a unit's image below which it counts as none, and slope below which two lines count as parallel."""
+
+PARALLEL = 1e-9
+"""Slope between two rows of the plane below which one does not end the other's line: the step would leave the simplex."""
+
+TINY = 1e-300
+"""Keeps a division by a length that may be zero finite."""

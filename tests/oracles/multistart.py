@@ -71,15 +71,6 @@ class Verdict(NamedTuple):
     admissible: bool
 
 
-class Instance(NamedTuple):
-    """A large market, one belief and the regret allowed, in the cost's unit."""
-
-    name: str
-    market: Market
-    belief: Array
-    limit: float
-
-
 # --- the problem ----------------------------------------------------------------------------------------------------
 
 
@@ -207,6 +198,12 @@ def _valued(game: _Game, point: _Point) -> tuple[float, _Point]:
             return -np.inf, point
         point = _stationary(game, _on_simplex(nearest), point.held)
     return float(np.linalg.norm(point.decoy - game.belief)), point
+
+
+def optimal_cost_of(market: Market, belief: Array) -> float:
+    """Return c* = min_u π·s(u)."""
+    game, optimal = _opened(market, belief, 0.0)
+    return game.cost(optimal.action)
 
 
 def judged(market: Market, belief: Array, optimal_cost: float, action: Array) -> Verdict:
@@ -551,47 +548,3 @@ def best_by_multistart(
         if verdict.admissible and verdict.regret <= limit:
             break
     return Best(point.action, verdict.privacy, verdict.nearest, memory.history)
-
-
-# --- large markets --------------------------------------------------------------------------------------------------
-
-
-def large_market(n_states: int, n_assets: int, seed: int, risk_aversion: float = 5.0) -> Market:
-    """Draw monthly regimes from good and calm to bad and wild, as five-factor models.
-
-    The market's premium falls from 2 % to −3 % and its volatility grows from 2.5 % to 9 %; betas, loadings, factor
-    premia and residual volatilities (3–9 %) differ between assets and shift between regimes; alphas of 0.4 %.
-    """
-    rng = np.random.default_rng(seed)
-    beta, loadings = rng.uniform(0.4, 1.6, n_assets), rng.normal(0.0, 1.0, (n_assets, 4))
-    residual = rng.uniform(0.03, 0.09, n_assets)
-    volatilities = np.geomspace(0.025, 0.09, n_states)
-    means, covariances = [], []
-    for premium, volatility in zip(np.linspace(0.02, -0.03, n_states), volatilities, strict=True):
-        stress = np.sqrt(volatility / volatilities[0])
-        own_beta = beta + rng.normal(0.0, 0.25, n_assets)
-        own = loadings + rng.normal(0.0, 0.5, loadings.shape)
-        premia, spreads = rng.normal(0.0, 0.006, 4), rng.uniform(0.01, 0.03, 4) * stress
-        means.append(0.004 + own_beta * premium + own @ premia + rng.normal(0.0, 0.004, n_assets))
-        noise = residual * rng.uniform(0.7, 1.4, n_assets) * stress
-        common = volatility**2 * np.outer(own_beta, own_beta)
-        covariances.append(common + (own * spreads**2) @ own.T + np.diag(noise**2))
-    return Market(np.array(means), np.array(covariances), risk_aversion)
-
-
-def large_instances() -> Iterator[Instance]:
-    """Yield 8 instances: 5 states with 50 assets and 8 with 100, an open belief and a nearly certain one, 10 % and 2 %.
-
-    The open belief leans to the good regimes, so the optimal cost is well away from zero.
-    """
-    for n_states, n_assets, seed in ((5, 50, 0), (8, 100, 1)):
-        market = large_market(n_states, n_assets, seed)
-        lean = np.linspace(1.6, 0.4, n_states)
-        certain = np.full(n_states, 0.05 / (n_states - 1))
-        certain[1] = 0.95
-        for label, belief in (("open", lean / lean.sum()), ("certain", certain)):
-            game, optimal = _opened(market, belief, 0.0)
-            optimal_cost = game.cost(optimal.action)
-            for share in (0.1, 0.02):
-                name = f"X{n_states}-U{n_assets}-{label}-{share:g}"
-                yield Instance(name, market, belief, share * abs(optimal_cost))

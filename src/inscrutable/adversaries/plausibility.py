@@ -36,7 +36,7 @@ def nearest_explanation(problem: DecisionProblem, action: Array, margin: float =
     best, upper = points[int(regrets.argmin())], float(max(regrets.min(), 0.0))
     scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
     for _ in range(MOST_PLANES):
-        lower, trial = _lowest_of_planes(planes / scale)
+        lower, trial = lowest_of_planes(planes / scale)
         if upper - lower * scale <= tolerances.GAP_STEP * scale:
             break
         if np.isfinite(margin) and (lower * scale >= margin or upper < margin):
@@ -53,7 +53,8 @@ def nearest_explanation(problem: DecisionProblem, action: Array, margin: float =
     return best, upper
 
 
-def _lowest_of_planes(planes: Array) -> tuple[float, Array]:
+def lowest_of_planes(planes: Array) -> tuple[float, Array]:
+    """Return min_π max_j π·a_j over the simplex for planes (n,X), and a belief where it is reached."""
     n_states = planes.shape[1]
     answer = minimum(
         np.concatenate([np.zeros(n_states), [1.0]]),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import calendar
+import logging
 import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from itertools import pairwise
@@ -18,6 +20,8 @@ _DASHED = re.compile(r"(\d{4})([-/])(\d{1,2})(?:\2(\d{1,2}))?", re.ASCII)
 _COMPACT = re.compile(r"(\d{4})(\d{2})(\d{2})?", re.ASCII)
 _WITH_TIME = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(?::\d{2}(?:\.\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?", re.ASCII)
 _YEAR_LAST = re.compile(r"(\d{1,2})([-./])(\d{1,2})\2(\d{4})", re.ASCII)
+_LISTED = 8
+_LOGGER = logging.getLogger(__name__.rpartition(".")[0])
 _YEARS = range(1700, 2200)  # inside the years that pandas holds to the nanosecond
 
 
@@ -33,7 +37,30 @@ def date_index(table: TextTable) -> pd.DatetimeIndex:
                 f"{table.place(row, 0)}: date {shown(table.rows[row][0])} {problem} "
                 f"(line {table.lines[row - 1]} has {shown(table.rows[row - 1][0])}), expected increasing dates"
             )
+    _warn_of_gaps(table, days)
     return pd.DatetimeIndex(days, name=table.header[0] or None)
+
+
+def _warn_of_gaps(table: TextTable, days: Sequence[datetime]) -> None:
+    """Name the months that are missing between rows a month apart, or a quarter, or whatever the usual step in months is."""
+    months = [12 * day.year + day.month - 1 for day in days]
+    steps = [after - before for before, after in pairwise(months)]
+    if not steps or min(steps) < 1:
+        return
+    usual, times = Counter(steps).most_common(1)[0]
+    if 2 * times <= len(steps):
+        return
+    gaps = [(before, after) for before, after in pairwise(months) if after - before > usual]
+    missing = [month for before, after in gaps for month in range(before + usual, after, usual)]
+    if missing:
+        named = ", ".join(f"{month // 12}-{month % 12 + 1:02d}" for month in missing[:_LISTED])
+        more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
+        _LOGGER.warning(
+            "%s has no row for %s%s: the row after a gap is taken for the next step, like any other",
+            table.path,
+            named,
+            more,
+        )
 
 
 def label_index(table: TextTable) -> pd.Index:

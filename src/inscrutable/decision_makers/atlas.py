@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.decision_makers.books import book_of
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.faces import FaceProgramme, face_programme
 from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.kernels.leaf_reading import Book
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.search import LARGER, POINT, SEGMENT, Leaves, Table
 from inscrutable.problems import QuadraticProblem
@@ -59,6 +61,7 @@ class Atlas:
         order, self._starts = _leaves(decoys[chosen])
         self.index = chosen[order]
         self.problem = problem
+        self.candidates = candidates
         self.faces = Faces(problem)
         self.actions = candidates.actions[self.index]
         tight = problem.constraints.tight_rows(self.actions)
@@ -95,6 +98,11 @@ class Atlas:
             (leaves.first, leaves.radius, leaves.reach),
             tuple(np.ascontiguousarray(model) for model in models),
         )
+
+    @cached_property
+    def book(self) -> Book:
+        """The table and the leaves by coordinate, and the faces' neighbours."""
+        return book_of(self.table, self.leaves, self.patterns)
 
     @cached_property
     def leaves(self) -> Leaves:

@@ -17,11 +17,14 @@ from inscrutable.decision_makers.atlas import atlas_of
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.face_search import most_private
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
+from inscrutable.decision_makers.indicated import Hiding
+from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.polish import Goal, Trial, polish
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
+from inscrutable.decision_makers.singles import decisions_of, price_of, seek, stream_singles
 from inscrutable.errors import InputError
 from inscrutable.kernels.climb import Aim
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
@@ -30,6 +33,10 @@ from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _DIRECTIONS = 300
+_FEWEST = 32
+"""Fewer beliefs than this are searched one by one: the faces need no preparation then."""
+_MOST_STATES = 3
+"""With more states, faces of larger sets matter often, which only the search by belief follows."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +103,33 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
         """Return the decisions for beliefs (T,X); a target per step is used in turn."""
         held = validation.many_beliefs(beliefs, self.problem.n_states)
+        if isinstance(self.method, GlobalSearch) and is_streamed(self.measure):
+            return Hiding(self.problem, self.candidates, self.measure, self.budget).met(held, progress).decisions()
+        if self._streams(len(held)):
+            return self._stream(held, progress)
         decided = [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
         return stack(decided, self.problem)
+
+    def _streams(self, count: int) -> bool:
+        """Whether the streaming kernels know the problem, the measure and the method, and there is enough for them."""
+        return (
+            count >= _FEWEST
+            and self.problem.n_states <= _MOST_STATES
+            and isinstance(self.problem, QuadraticProblem)
+            and type(self.measure) in (MaximalObfuscation, DesiredObfuscation)
+            and isinstance(self.method, GlobalSearch)
+            and self.on_empty == "exclude"
+        )
+
+    def _stream(self, beliefs: Array, progress: Progress | None) -> Decisions:
+        assert isinstance(self.problem, QuadraticProblem)
+        measure, points, sign = self.measure, beliefs, 1.0
+        if isinstance(measure, DesiredObfuscation):
+            points, sign = measure.targets_for(beliefs), -1.0
+        atlas = atlas_of(self.problem, self.candidates)
+        sought = seek(atlas, beliefs, points, sign)
+        limits = self.budget.limits(sought.optimal_costs)
+        return decisions_of(stream_singles(atlas, sought, limits[:, None], progress=progress))
 
     def _decide(self, belief: Array, measure: PrivacyMeasure) -> Decision:
         if isinstance(self.method, LocalSearch):
@@ -126,6 +158,8 @@ class Case(NamedTuple):
 
 def best_decision(case: Case) -> Decision:
     """Return the polished best of the candidates, never worse than the optimal decision; searched once."""
+    if is_streamed(case.measure):
+        return Hiding(case.problem, case.candidates, case.measure, case.budget).decide(case.belief)
     reference = case.measure.reference(case.belief)
     goal = case.measure if reference is None else (type(case.measure), reference.point.tobytes(), reference.sign)
     key = (case.belief.tobytes(), case.budget, goal, case.on_empty)
@@ -154,7 +188,8 @@ def _search_faces(case: Case, problem: QuadraticProblem, aim: Aim, optimal: Arra
     bound = measure.upper_bound(belief)
     if found is None or found.privacy <= own + least:
         status = DecisionStatus.NO_AFFORDABLE_PRIVACY if aim.sign > 0 else DecisionStatus.OPTIMAL
-        return Decision(optimal, aim.optimal_cost, aim.optimal_cost, 0.0, own, max(bound, own), belief, status, problem)
+        cost = aim.optimal_cost
+        return Decision(optimal, cost, cost, 0.0, own, max(bound, own), belief, status, problem, 0.0)
     action = found.action
     cost = float(problem.state_costs(action) @ belief)
     privacy = found.privacy
@@ -171,6 +206,7 @@ def _search_faces(case: Case, problem: QuadraticProblem, aim: Aim, optimal: Arra
         found.nearest,
         DecisionStatus.POLISHED,
         problem,
+        price_of(found, aim),
     )
 
 

@@ -36,17 +36,19 @@ def undominated(regrets: Array, privacies: Array) -> np.ndarray:
 
 def concave_envelope(regrets: Array, privacies: Array) -> np.ndarray:
     """Return the corners of the least concave, non-decreasing majorant, by rising regret."""
+    chosen = undominated(regrets, privacies)
+    points = list(zip(regrets[chosen].tolist(), privacies[chosen].tolist(), strict=True))
     hull: list[int] = []
-    for i in undominated(regrets, privacies):
-        while len(hull) >= 2 and _not_above(regrets, privacies, hull[-2], hull[-1], int(i)):
+    for i, point in enumerate(points):
+        while len(hull) >= 2 and _not_above(points[hull[-2]], points[hull[-1]], point):
             hull.pop()
-        hull.append(int(i))
-    return np.array(hull, dtype=np.int64)
+        hull.append(i)
+    return np.asarray(chosen[hull])
 
 
-def _not_above(regrets: Array, privacies: Array, first: int, middle: int, last: int) -> bool:
-    run, rise = regrets[last] - regrets[first], privacies[last] - privacies[first]
-    return bool((privacies[middle] - privacies[first]) * run <= rise * (regrets[middle] - regrets[first]))
+def _not_above(first: tuple[float, float], middle: tuple[float, float], last: tuple[float, float]) -> bool:
+    run, rise = last[0] - first[0], last[1] - first[1]
+    return (middle[1] - first[1]) * run <= rise * (middle[0] - first[0])
 
 
 def mixture_on_envelope(regrets: Array, privacies: Array, hull: np.ndarray, limit: float) -> Mixture | None:

@@ -31,6 +31,19 @@ class FaceProgramme(NamedTuple):
         """Coordinates (k,) of the origin."""
         return np.zeros(self.span.shape[1])
 
+    @property
+    def has_row_multipliers(self) -> bool:
+        """Whether every tight row has a multiplier of its own among the rows, in order."""
+        return bool(self.n_set_rows - len(self.curves) == np.count_nonzero(self.tight))
+
+    def w(self, action: Array) -> Array:
+        """Return (v, 1) for the coordinates v of the face's decision nearest to `action`."""
+        return np.append(self.span.T @ (action - self.origin), 1.0)
+
+    def multipliers(self, w: Array, belief: Array) -> Array:
+        """Return the multipliers of the decision at w (k+1,) under a belief, relative to the gradients' size."""
+        return np.asarray((self.rows[len(self.curves) : self.n_set_rows] @ w) @ belief)
+
     def action(self, place: Array) -> Array:
         """Return the decision (U,) at coordinates (k,); rounding beside a tight bound is removed."""
         found = self.origin + self.span @ place

@@ -14,6 +14,8 @@ from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.counter_adversarial import Case, best_decision, shows_nothing
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
+from inscrutable.decision_makers.indicated import Hiding
+from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.results import (
     Decision,
@@ -103,6 +105,8 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         held = validation.many_beliefs(beliefs, self.problem.n_states)
         if self._streams:
             return stream(self._case(held[0], self.measure), held, progress)
+        if self._seeks_goal:
+            return self._hiding.met(held, progress).lotteries()
         decided = [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
         return stack_mixed(decided, self.problem)
 
@@ -116,12 +120,23 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
             and self.on_empty == "exclude"
         )
 
+    @property
+    def _seeks_goal(self) -> bool:
+        """Whether the measure is a goal that is met or missed, which the best lottery meets with one decision."""
+        return isinstance(self.method, Envelope) and is_streamed(self.measure)
+
+    @property
+    def _hiding(self) -> Hiding:
+        return Hiding(self.problem, self.candidates, self.measure, self.budget)
+
     def _case(self, belief: Array, measure: PrivacyMeasure) -> Case:
         return Case(self.problem, self.candidates, belief, measure, self.budget, self.on_empty)
 
     def _decide(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
         if self._streams:
             return stream_one(self._case(belief, measure))
+        if self._seeks_goal:
+            return self._hiding.lottery(belief)
         problem = self.problem
         optimal_cost = float(problem.optimal_cost(belief))
         limit = self.budget.limit(optimal_cost)

@@ -43,7 +43,7 @@ def _fixed_targets(n_states: int) -> Array:
 
 def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tuple[Array, Array]:
     """Return decoys (D,X) at the end of what `limit` affords on rays from the belief, and their decisions (D,U)."""
-    ends = _ray_ends(belief)
+    ends = ray_ends(belief)
     optimal_cost = float(problem.optimal_cost(belief))
     shares, decisions = np.ones(len(ends)), problem.solve(ends)
     excess = problem.state_costs(decisions) @ belief - optimal_cost - limit
@@ -70,7 +70,7 @@ def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tu
     return belief + shares[:, None] * (ends - belief), decisions
 
 
-def _ray_ends(belief: Array) -> Array:
+def ray_ends(belief: Array) -> Array:
     """Points of the simplex's boundary in all directions: along fixed directions, and toward a grid of beliefs."""
     if belief.size == 1:
         return belief[None]

@@ -98,6 +98,7 @@ class Decision(Saved):
         decoy: A belief that the decision is optimal for, shape (X,); NaN where there is none.
         status: How the decision came about.
         problem: The decision problem, from which `belief_set`, Π(ū), what that observer reconstructs, is made on access.
+        price: ∂Ψ/∂budget, what one more unit of regret would add to the privacy; NaN where the search does not know it.
 
     Source: the paper, Approach 1.
 
@@ -123,6 +124,7 @@ class Decision(Saved):
     decoy: Array
     status: DecisionStatus
     problem: DecisionProblem | None = field(default=None, metadata={"saved": False})
+    price: float = float("nan")
     _derived: ClassVar[tuple[str, ...]] = ("belief_set",)
 
     @cached_property
@@ -263,6 +265,7 @@ class Decisions(Saved):
     decoy: Array
     status: tuple[DecisionStatus, ...]
     played: Played | None = field(default=None, metadata={"saved": False})
+    price: Array | None = None
     _derived: ClassVar[tuple[str, ...]] = ("action", "belief_set")
 
     @cached_property
@@ -305,6 +308,7 @@ class Decisions(Saved):
             self.decoy[step],
             self.status[step],
             None if self.played is None else self.played.problem,
+            float("nan") if self.price is None else float(self.price[step]),
         )
         if "belief_set" in vars(self):
             vars(found)["belief_set"] = self.belief_set[step]
@@ -446,6 +450,7 @@ def stack(decisions: list[Decision], problem: DecisionProblem) -> Decisions:
         np.array([d.decoy for d in decisions]),
         tuple(d.status for d in decisions),
         Kept(problem, np.array([d.action for d in decisions])),
+        np.array([d.price for d in decisions]),
     )
 
 

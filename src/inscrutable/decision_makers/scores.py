@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.envelope import concave_envelope, undominated
+from inscrutable.decision_makers.envelope import concave_envelope
 from inscrutable.errors import InputError
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.validation import Array
@@ -49,17 +48,10 @@ class Scores:
             self.refine(index)
         return None
 
-    def exact_undominated(self) -> np.ndarray:
-        """Return the deterministic frontier's candidates, by rising regret, each judged exactly."""
-        return self._settled(undominated)
-
     def exact_envelope(self) -> np.ndarray:
         """Return the corners of the concave envelope, by rising regret, each judged exactly."""
-        return self._settled(concave_envelope)
-
-    def _settled(self, shape: Callable[[Array, Array], np.ndarray]) -> np.ndarray:
         while True:
-            chosen = shape(self.regrets, self.privacies)
+            chosen = concave_envelope(self.regrets, self.privacies)
             open_ones = chosen[~self.exact[chosen]]
             if not open_ones.size:
                 return chosen

@@ -14,6 +14,10 @@ from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation
 from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
+_KINDS = np.array(
+    [DecisionStatus.NO_AFFORDABLE_PRIVACY, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDIDATE], dtype=object
+)
+
 
 def stream(case: Case, beliefs: Array, progress: Progress | None) -> MixedDecisions:
     """Return the lotteries of beliefs (T,X); `case` gives everything but the belief.
@@ -47,34 +51,33 @@ def _atlas(case: Case) -> Atlas:
 
 def _aims(case: Case, beliefs: Array) -> Aims:
     if isinstance(case.measure, MaximalObfuscation):
-        return Aims(beliefs, 1.0, case.budget)
+        return Aims(beliefs, 1.0, (case.budget,))
     assert isinstance(case.measure, DesiredObfuscation)
-    return Aims(case.measure.targets_for(beliefs), -1.0, case.budget)
+    return Aims(case.measure.targets_for(beliefs), -1.0, (case.budget,))
 
 
 def _results(found: Lotteries, aims: Aims) -> MixedDecisions:
     points, sign = aims.points, aims.sign
-    used = found.probabilities > 0
-    privacy = (found.probabilities * found.privacies).sum(axis=1)
-    best = np.where(used, found.privacies, -np.inf).max(axis=1)
-    polished = (used & (found.index == POLISHED)).any(axis=1)
+    privacy = np.einsum("ta,ta->t", found.probabilities, found.privacies)
+    alone = found.probabilities[:, 1] <= 0.0
+    best = np.where(alone, found.privacies[:, 0], np.maximum(found.privacies[:, 0], found.privacies[:, 1]))
+    polished = (found.index[:, 0] == POLISHED) | (found.index[:, 1] == POLISHED)
     bounds = np.zeros(len(privacy))
     if sign > 0:
         # The farthest corner of the simplex: ‖π − e_i‖² = ‖π‖² − 2 π_i + 1.
-        bounds = np.sqrt((points**2).sum(axis=1) - 2.0 * points.min(axis=1) + 1.0)
+        bounds = np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * points.min(axis=1) + 1.0)
     nothing = best <= tolerances.NO_PRIVACY if sign > 0 else np.isneginf(best)
-    codes = np.select([nothing, polished], [0, 1], 2)
-    kinds = (DecisionStatus.NO_AFFORDABLE_PRIVACY, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDIDATE)
+    codes = np.where(nothing, 0, np.where(polished, 1, 2))
     return MixedDecisions(
         found.probabilities,
         found.regrets,
         found.privacies,
-        found.optimal_costs + (found.probabilities * found.regrets).sum(axis=1),
+        found.optimal_costs + np.einsum("ta,ta->t", found.probabilities, found.regrets),
         privacy,
         found.optimal_costs,
         np.maximum(bounds, privacy),
         found.prices,
         found.decoys,
-        tuple(kinds[code] for code in codes),
+        tuple(_KINDS[codes]),
         found,
     )

@@ -13,17 +13,21 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.face_search import rules_for
 from inscrutable.decision_makers.faces import FaceProgramme
+from inscrutable.decision_makers.plane import plane_of
+from inscrutable.decision_makers.plane_lotteries import search_plane
 from inscrutable.decision_makers.results import Progress
 from inscrutable.kernels.faces import settle
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
 from inscrutable.kernels.threads import in_chunks
+from inscrutable.kernels.three_lotteries import Scene
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _CHUNK = 256
 _ROUNDS = np.array([12, 16])  # of a climb, and of the golden sections on a line
 _BLOCK = 1 << 16
+_FIELDS = ("index", "face", "decoys", "regrets", "privacies", "probabilities", "prices")
 OWN, TARGET, KNOWN = FIRST_SEED, FIRST_SEED - 1, FIRST_SEED - 2
 """Names of points that are no candidates: the optimal decision, the target's, and the polished single one."""
 
@@ -63,7 +67,7 @@ class Lotteries:
 
     def take(self, step: int, other: Lotteries) -> None:
         """Put another search's lottery for one belief in the place of a step's."""
-        for name in ("index", "face", "decoys", "regrets", "privacies", "probabilities", "prices"):
+        for name in _FIELDS:
             getattr(self, name)[step] = getattr(other, name)[0]
         beyond = self.face[step] >= len(self.atlas.patterns)
         self.face[step, beyond] += len(self.more_patterns)
@@ -98,11 +102,11 @@ class Spot(NamedTuple):
 
 
 class Aims(NamedTuple):
-    """What the lotteries of a path seek: distance from points (T,X) (sign +) or nearness to them (−), within a budget."""
+    """What the lotteries of a path seek: distance from points (T,X) (sign +) or nearness to them (−), within budgets."""
 
     points: Array
     sign: float
-    budget: Budget
+    budgets: tuple[Budget, ...]
 
 
 def stream_lotteries(
@@ -131,7 +135,7 @@ def stream_lotteries(
     for first in range(0, count, _BLOCK):
         part = slice(first, min(first + _BLOCK, count))
         seen = None if progress is None else partial(_report, progress, first, count)
-        _fill(result, part, aims, known, seen)
+        _fill(result, part, aims._replace(points=aims.points[part]), known, seen)
     for name, decoys in ((OWN, beliefs), (TARGET, aims.points)):
         chosen = result.index == name
         result.decoys[chosen] = np.broadcast_to(decoys[:, None], result.decoys.shape)[chosen]
@@ -146,33 +150,67 @@ def _report(progress: Progress, before: int, count: int, done: int, _: int) -> N
 
 
 def _fill(result: Lotteries, part: slice, aims: Aims, known: Spot | None, progress: Progress | None) -> None:
-    atlas, problem, sign = result.atlas, result.atlas.problem, aims.sign
-    beliefs, points = np.ascontiguousarray(result.beliefs[part]), np.ascontiguousarray(aims.points[part])
+    scene = scene_of(result.atlas.problem, result.beliefs[part], aims, known)
+    result.optimal_costs[part], result.limits[part] = scene.optimal_costs, scene.limits[:, 0]
+    search(result.atlas, scene, tuple(getattr(result, name)[part, None] for name in _FIELDS), progress)
+
+
+def search(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progress | None) -> None:
+    """Fill the lotteries of all beliefs and budgets: three states in their plane; the general search for what that leaves.
+
+    out: the fields of `Lotteries`, each for every budget, (T,B,…).
+    """
+    plane = plane_of(atlas)
+    left = np.ones(scene.limits.shape, dtype=np.bool_)
+    if plane is not None:
+        left = search_plane(plane, atlas.arena, scene, out, progress)
+    for budget in range(left.shape[1]):
+        steps = np.flatnonzero(left[:, budget])
+        if len(steps):
+            some = Scene._make(field[steps] if isinstance(field, np.ndarray) else field for field in scene)
+            found = tuple(np.empty_like(field[steps, budget]) for field in out)
+            _search_generally(atlas, some._replace(limits=some.limits[:, budget]), found, None if plane else progress)
+            for field, values in zip(out, found, strict=True):
+                field[steps, budget] = values
+
+
+def scene_of(problem: DecisionProblem, beliefs: Array, aims: Aims, known: Spot | None = None) -> Scene:
+    """Return what the searches of the lotteries of beliefs (T,X) start from."""
+    beliefs, points = np.ascontiguousarray(beliefs), np.ascontiguousarray(aims.points)
     count = len(beliefs)
-    costs = (problem.state_costs(problem.solve(beliefs)) * beliefs).sum(axis=1)
-    limits = aims.budget.limits(costs)
-    result.optimal_costs[part], result.limits[part] = costs, limits
-    seeds = np.zeros((count, 3, 2))
-    seeds[:, 1:, 1] = -np.inf
-    if sign < 0:
-        seeds[:, 0, 1] = -np.linalg.norm(points - beliefs, axis=1)
+    costs = np.einsum("tx,tx->t", problem.state_costs(problem.solve(beliefs)), beliefs)
+    limits = np.stack([budget.limits(costs) for budget in aims.budgets], axis=1)
+    name, regrets, privacies = OWN, np.zeros(count), np.zeros(count)
+    target_regrets = np.full(count, np.inf)
+    if aims.sign < 0:
+        privacies = -np.linalg.norm(points - beliefs, axis=1)
         # Nothing is nearer to a target than the decision that the target itself makes optimal.
         actions = problem.solve(points)
-        seeds[:, 1, 0] = np.maximum((problem.state_costs(actions) * beliefs).sum(axis=1) - costs, 0.0)
-        seeds[:, 1, 1] = np.where(problem.constraints.is_admissible(actions), 0.0, -np.inf)
-    if known is not None:
-        seeds[:, 2] = np.minimum(known.regret, limits[0]), known.privacy
-    scans, arena, rules = atlas.scans, atlas.arena, rules_for(beliefs.shape[1])
+        regrets_there = np.maximum((problem.state_costs(actions) * beliefs).sum(axis=1) - costs, 0.0)
+        target_regrets = np.where(problem.constraints.is_admissible(actions), regrets_there, np.inf)
+    if known is not None and known.privacy > privacies[0]:
+        name, regrets, privacies = KNOWN, np.minimum(known.regret, limits[:, 0]), np.full(count, known.privacy)
+    return Scene(beliefs, points, aims.sign, costs, limits, name, regrets, privacies, target_regrets)
+
+
+def _search_generally(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progress | None) -> None:
+    count = len(scene.beliefs)
+    seeds = np.zeros((count, 3, 2))
+    seeds[:, :, 1] = -np.inf
+    seeds[:, 0, 1] = -np.linalg.norm(scene.points - scene.beliefs, axis=1) if scene.sign < 0 else 0.0
+    reached = np.isfinite(scene.target_regrets)
+    seeds[reached, 1, 0], seeds[reached, 1, 1] = scene.target_regrets[reached], 0.0
+    if scene.first == KNOWN:
+        seeds[:, 2, 0], seeds[:, 2, 1] = scene.first_regrets, scene.first_privacies
+    scans, arena, rules = atlas.scans, atlas.arena, rules_for(scene.beliefs.shape[1])
     found = (np.empty((count, 3), dtype=np.int64), np.empty((count, 3)), np.empty((count, 3)))
     decoys, face = atlas.table.decoys, atlas.table.face
-    fields = ("index", "face", "decoys", "regrets", "privacies", "probabilities", "prices")
-    out = tuple(getattr(result, name)[part] for name in fields)
-    scene = (beliefs, points, sign, costs, limits)
+    given = (scene.beliefs, scene.points, scene.sign, scene.optimal_costs, scene.limits)
 
     def work(low: int, high: int) -> None:
-        search_lotteries(low, high, *scene, seeds, scans.table, face, scans.leaves, scans.models, arena, rules,
+        search_lotteries(low, high, *given, seeds, scans.table, face, scans.leaves, scans.models, arena, rules,
                          tolerances.CHORD, *found)  # fmt: skip
-        polish_lotteries(low, high, *scene, decoys, face, arena, rules, tolerances.NEAR_ATOMS, tolerances.CHORD, _ROUNDS, found,
+        polish_lotteries(low, high, *given, decoys, face, arena, rules, tolerances.NEAR_ATOMS, tolerances.CHORD, _ROUNDS, found,
                          out)  # fmt: skip
 
     in_chunks(work, count, _CHUNK, progress)

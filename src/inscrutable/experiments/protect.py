@@ -73,12 +73,26 @@ class Protection:
         lottery = float(np.mean(self.lotteries.expected_cost - self.lotteries.optimal_cost))
         share = f" ({float(np.mean(self.deterministic.regret / scale)):.1%} of |c*|)" if (scale > 0).all() else ""
         rows = "" if len(self) == 1 else f"on average over {len(self)} rows "
+        if self.measure.is_indicator:
+            bought = f" and {self.measure!r} {_how_often(self.deterministic.privacy)}"
+            by_lot = f" and it {_how_often(self.lotteries.expected_privacy)}"
+        else:
+            bought = f" for a privacy of {float(np.mean(self.deterministic.privacy)):.3f}"
+            by_lot = f" for {float(np.mean(self.lotteries.expected_privacy)):.3f} in expectation"
         return (
-            f"{rows}the weights to publish cost {spent:.3g} of regret{share} for a privacy of "
-            f"{float(np.mean(self.deterministic.privacy)):.3f}, the lottery {max(lottery, 0.0):.3g} for "
-            f"{float(np.mean(self.lotteries.expected_privacy)):.3f} in expectation, against an observer who takes "
-            "weights at face value"
+            f"{rows}the weights to publish cost {spent:.3g} of regret{share}{bought}, the lottery "
+            f"{max(lottery, 0.0):.3g}{by_lot}, against an observer who takes weights at face value"
         )
+
+
+def privacy_text(measure: PrivacyMeasure, privacy: float, digits: int) -> str:
+    """Return a privacy as text: a number, or for a goal that is met or missed whether it holds."""
+    return f"{privacy:.{digits}f}" if not measure.is_indicator else "holds" if privacy == 0.0 else "does not hold"
+
+
+def _how_often(privacies: Array) -> str:
+    met = int(np.count_nonzero(privacies == 0.0))
+    return ("holds" if met else "does not hold") if len(privacies) == 1 else f"holds in {met} of {len(privacies)}"
 
 
 def protect(

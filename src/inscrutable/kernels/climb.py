@@ -26,11 +26,12 @@ from inscrutable.kernels.faces import (
     row_value,
     settle,
 )
-from inscrutable.kernels.options import kernel, part
-from inscrutable.kernels.projection import project
+from inscrutable.kernels.options import bare, kernel, part
+from inscrutable.kernels.projection import carved, project_in, room_for
 
 _FIRST_TURNS, _LATER_TURNS = 8, 3  # Newton steps onto the rows, from a start and from a step's end
 _TRIALS_A_ROUND = 6
+_NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
 _SHORTER, _SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
 
 
@@ -58,7 +59,7 @@ class Rules(NamedTuple):
     basis: Any  # (X, n) orthonormal, columns sum to zero
 
 
-@part
+@bare
 def _loss(aim: Any, y: Any, regret: float) -> float:
     total = 0.0
     for i in range(y.size):
@@ -68,16 +69,19 @@ def _loss(aim: Any, y: Any, regret: float) -> float:
     return float(-aim.sign * np.sqrt(total) + aim.price * regret)
 
 
-@part
-def _shortfall(rows: Any, y: Any, w: Any, over: float) -> float:
-    """The largest violation of any row, and of the budget relative to itself."""
+@bare
+def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
+    """The largest violation of any row, and of the budget relative to itself; rows that come near are marked live."""
     worst = max(over, 0.0)
     for r in range(rows.shape[0]):
-        worst = max(worst, -row_value(rows[r], y, w))
+        value = row_value(rows[r], y, w)
+        worst = max(worst, -value)
+        if value <= _NEARBY:
+            live[r] = True
     return worst
 
 
-@part
+@bare
 def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, lengths: Any, r: int) -> None:
     """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length; a flat one is void."""
     n = basis.shape[1]
@@ -98,14 +102,28 @@ def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, len
     lengths[r] = length
 
 
-@part
+@bare
 def _linearise(
-    rows: Any, y: Any, w: Any, slopes: Any, basis: Any, budget: Any, left: float, units: Any, sides: Any, lengths: Any
+    rows: Any,
+    y: Any,
+    w: Any,
+    slopes: Any,
+    basis: Any,
+    budget: Any,
+    left: float,
+    units: Any,
+    sides: Any,
+    lengths: Any,
+    slope: Any,
+    live: Any,
 ) -> None:
-    """All rows at y, the budget's last; `budget` is its slope."""
-    slope = np.empty(y.size)
+    """The live rows at y, the budget's last; `budget` is its slope."""
     m = rows.shape[0]
     for r in range(m):
+        if not live[r]:
+            units[r, :] = 0.0
+            sides[r], lengths[r] = -1.0, 1.0
+            continue
         row_slope(rows[r], y, w, slopes, slope)
         _write_row(slope, row_value(rows[r], y, w), basis, units, sides, lengths, r)
     if units.shape[0] > m:
@@ -114,7 +132,7 @@ def _linearise(
         _write_row(slope, left, basis, units, sides, lengths, m)
 
 
-@part
+@bare
 def _convexified(matrix: Any, n: int, factor: Any) -> None:
     """Factor matrix + shift, with the least of a few shifts that makes it positive definite."""
     size = 0.0
@@ -148,6 +166,26 @@ def quadratic_step(
     step: Any,
     weights: Any,
 ) -> bool:
+    """`quadratic_step_in` with memory of its own."""
+    room, lengths = room_for(step.size, sides.size), np.empty(sides.size)
+    return quadratic_step_in(hessian, slope, units, sides, near, factor, turned, moved, step, weights, lengths, room)
+
+
+@bare
+def quadratic_step_in(
+    hessian: Any,
+    slope: Any,
+    units: Any,
+    sides: Any,
+    near: float,
+    factor: Any,
+    turned: Any,
+    moved: Any,
+    step: Any,
+    weights: Any,
+    lengths: Any,
+    room: Any,
+) -> bool:
     """Minimise ½d'Wd + slope·d under the rows: with W = LL' the projection of −L⁻¹ slope in x = L'd."""
     n = step.size
     _convexified(hessian, n, factor)
@@ -168,9 +206,8 @@ def quadratic_step(
         for i in range(n):
             turned[r, i] /= length
         moved[r] = sides[r] / length
-        weights[r] = length
-    lengths = weights.copy()
-    if not project(turned, moved, sides.size, 0, near, step, weights):
+        lengths[r] = length
+    if not project_in(turned, moved, sides.size, 0, near, step, weights, room):
         return False
     for r in range(sides.size):
         weights[r] /= lengths[r]
@@ -181,7 +218,7 @@ def quadratic_step(
     return True
 
 
-@part
+@bare
 def _curvature(
     curves: Any,
     rows: Any,
@@ -218,7 +255,7 @@ def _curvature(
             add_row_curvature(curves, rows[r], y, factor, slopes, -weights[r], scratch, out)
 
 
-@part
+@bare
 def _model(
     curves: Any,
     rows: Any,
@@ -266,33 +303,33 @@ def _model(
                     hessian[c, d] += 3.0 * size * units[r, c] * units[r, d]
 
 
-@part
+@bare
 def _restore(
     curves: Any, rows: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place: Any, lines: Any
 ) -> tuple[bool, float]:
     """Pull y the shortest way onto the linearised rows until all hold: whether they do, and the regret reached."""
     factor, gradients, slopes, budget = place
-    units, sides, lengths, moved, step = lines
+    units, sides, lengths, moved, step, room, normal, live = lines
     regret = 0.0
     for turn in range(turns + 1):
         if not settle(curves, y, rules.pivot, w, factor, gradients, slopes):
             return False, regret
         regret = cost_under(curves, aim.belief, w, gradients) - aim.optimal_cost
         over = (regret - aim.limit) / aim.limit if aim.limit < np.inf else 0.0
-        if _shortfall(rows, y, w, over) <= rules.near:
+        if _shortfall(rows, y, w, over, live) <= rules.near:
             return True, regret
         if turn == turns:
             return False, regret
         regret_slope(aim.belief, gradients, slopes, budget)
-        _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths)
+        _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths, normal, live)
         step[:] = 0.0
-        if not project(units, sides, sides.size, 0, 0.01 * rules.near, step, moved):
+        if not project_in(units, sides, sides.size, 0, 0.01 * rules.near, step, moved, room):
             return False, regret
         _move(rules.basis, y, step, 1.0, y)
     return False, regret
 
 
-@part
+@bare
 def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
     """out = origin + share·basis step."""
     for i in range(origin.size):
@@ -302,7 +339,7 @@ def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
         out[i] = total
 
 
-@part
+@bare
 def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     """The budget's multiplier if its slope were along y − p: a first guess."""
     length, lean = 0.0, 0.0
@@ -312,30 +349,61 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 
 
-@kernel
-def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
-    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
+@bare
+def _carved(memory: Any, n_states: int, k: int, m: int, count: int) -> Any:
+    """The arrays of a climb, out of its memory: by states and free coordinates, by rows, and by states alone."""
+    (flat, whole, bits), n = memory, n_states - 1
+    factor, at = flat[: k * k].reshape((k, k)), k * k
+    gradients, at = flat[at : at + n_states * k].reshape((n_states, k)), at + n_states * k
+    slopes, at = flat[at : at + n_states * k].reshape((n_states, k)), at + n_states * k
+    scratch, at = flat[at : at + (n_states + 2) * k].reshape((n_states + 2, k)), at + (n_states + 2) * k
+    full, at = flat[at : at + n_states * n_states].reshape((n_states, n_states)), at + n_states * n_states
+    budget, trial, normal = flat[at : at + n_states], flat[at + n_states : at + 2 * n_states], flat[at + 2 * n_states :]
+    normal, at = normal[:n_states], at + 3 * n_states
+    step, slope, at = flat[at : at + n], flat[at + n : at + 2 * n], at + 2 * n
+    hessian, at = flat[at : at + n * n].reshape((n, n)), at + n * n
+    half, at = flat[at : at + n * n].reshape((n, n)), at + n * n
+    units, at = flat[at : at + count * n].reshape((count, n)), at + count * n
+    turned, at = flat[at : at + count * n].reshape((count, n)), at + count * n
+    sides, moved, at = flat[at : at + count], flat[at + count : at + 2 * count], at + 2 * count
+    lengths, weights, at = flat[at : at + count], flat[at + count : at + 2 * count], at + 2 * count
+    stretch, at = flat[at : at + count], at + count
+    room, live = carved(flat[at:], whole, bits, n, count), bits[count : count + m]
+    return (
+        (factor, gradients, slopes, scratch, full, budget, trial, normal),
+        (step, slope, hessian, half),
+        (units, turned, sides, moved, lengths, weights, stretch, room, live),
+    )
+
+
+@bare
+def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int, memory: Any) -> float:
+    """`climb` with memory given: as many floats, integers and truth values as `climb_sizes` says."""
     n_states, n = rules.basis.shape
     k, m = w.size - 1, rows.shape[0]
     has_budget = aim.limit < np.inf
     count = m + 1 if has_budget else m
-    factor, gradients, slopes = np.empty((k, k)), np.empty((n_states, k)), np.empty((n_states, k))
-    budget, trial, step, slope = np.empty(n_states), y.copy(), np.empty(n), np.empty(n)
-    scratch, full = np.empty((n_states + 2, k)), np.empty((n_states, n_states))
-    units, turned, hessian, half = np.empty((count, n)), np.empty((count, n)), np.empty((n, n)), np.empty((n, n))
-    sides, moved, lengths, weights = np.empty(count), np.empty(count), np.empty(count), np.zeros(count)
-    place, lines = (factor, gradients, slopes, budget), (units, sides, lengths, moved, slope)
+    places, steps, sides_of = _carved(memory, n_states, k, m, count)
+    factor, gradients, slopes, scratch, full, budget, trial, normal = places
+    step, slope, hessian, half = steps
+    units, turned, sides, moved, lengths, weights, stretch, room, live = sides_of
+    live[:] = False
+    weights[:] = 0.0
+    for i in range(n_states):
+        trial[i] = y[i]
+    place, lines = (factor, gradients, slopes, budget), (units, sides, lengths, moved, slope, room, normal, live)
     best, share, turns = np.inf, 1.0, _FIRST_TURNS
     for _ in range(rounds * _TRIALS_A_ROUND):
         allowed, regret = _restore(curves, rows, aim, rules, turns, trial, w, place, lines)
         loss = _loss(aim, trial, regret)
         if allowed and loss < best:
             gain, best = best - loss, loss
-            y[:] = trial
+            for i in range(n_states):
+                y[i] = trial[i]
             if gain <= rules.accuracy and share == 1.0:
                 break
             regret_slope(aim.belief, gradients, slopes, budget)
-            _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths)
+            _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths, normal, live)
             if turns == _FIRST_TURNS and has_budget:
                 weights[m] = _price_of_budget(aim, y, budget)
             share, turns = 1.0, _LATER_TURNS
@@ -343,7 +411,9 @@ def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: 
                 curves, rows, aim, rules.basis, y, factor, gradients, slopes, budget, weights, units, scratch, full,
                 hessian, slope,
             )  # fmt: skip
-            if not quadratic_step(hessian, slope, units, sides, 0.01 * rules.near, half, turned, moved, step, weights):
+            if not quadratic_step_in(
+                hessian, slope, units, sides, 0.01 * rules.near, half, turned, moved, step, weights, stretch, room
+            ):
                 break
             promise = 0.0
             for c in range(n):
@@ -359,11 +429,30 @@ def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: 
         _move(rules.basis, y, step, share, trial)
     if not has_budget and aim.sign < 0.0:
         # The distance has a kink at the point itself, where steps by slopes do not end.
-        trial[:] = aim.point
+        for i in range(n_states):
+            trial[i] = aim.point[i]
         allowed, regret = _restore(curves, rows, aim, rules, 0, trial, w, place, lines)
         loss = _loss(aim, trial, regret)
         if allowed and loss < best:
             best = loss
-            y[:] = trial
+            for i in range(n_states):
+                y[i] = trial[i]
     settle(curves, y, rules.pivot, w, factor, gradients, slopes)
     return best
+
+
+@bare
+def climb_sizes(n_states: int, k: int, m: int) -> tuple[int, int, int]:
+    """How many floats, integers and truth values a climb needs with k free coordinates and m rows."""
+    n, count = n_states - 1, m + 1
+    floats = k * k + (3 * n_states + 2) * k + n_states * n_states + 3 * n_states + 2 * n + 2 * n * n
+    floats += 2 * count * n + 5 * count + (n + 1) * (2 * n + 4) + n
+    return floats, n + 1, 2 * count
+
+
+@kernel
+def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
+    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
+    floats, integers, bits = climb_sizes(y.size, w.size - 1, rows.shape[0])
+    memory = (np.empty(floats), np.empty(integers, dtype=np.int64), np.empty(bits, dtype=np.bool_))
+    return climb_in(curves, rows, aim, rules, y, w, rounds, memory)

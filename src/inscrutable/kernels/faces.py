@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import kernel
+from inscrutable.kernels.options import bare_kernel
 
 
-@kernel
+@bare_kernel
 def cholesky(matrix: Any, n: int, pivot: float) -> bool:
     """Factor the leading n×n block in place into its lower triangle; False where a pivot shrinks below `pivot`."""
     for j in range(n):
@@ -41,7 +41,7 @@ def cholesky(matrix: Any, n: int, pivot: float) -> bool:
     return True
 
 
-@kernel
+@bare_kernel
 def solve_factored(factor: Any, n: int, x: Any) -> None:
     """Overwrite x with (L L')⁻¹ x."""
     for i in range(n):
@@ -56,7 +56,7 @@ def solve_factored(factor: Any, n: int, x: Any) -> None:
         x[i] = total / factor[i, i]
 
 
-@kernel
+@bare_kernel
 def settle(curves: Any, y: Any, pivot: float, w: Any, factor: Any, gradients: Any, slopes: Any) -> bool:
     """Fill w (k+1,), the Cholesky factor of H(y), G and T; False where the face has no unique decision."""
     n_states = y.size
@@ -86,7 +86,7 @@ def settle(curves: Any, y: Any, pivot: float, w: Any, factor: Any, gradients: An
     return True
 
 
-@kernel
+@bare_kernel
 def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
     """Σ π_i ½ w'C_i w, from the gradients."""
     k = w.size - 1
@@ -99,7 +99,7 @@ def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
     return total
 
 
-@kernel
+@bare_kernel
 def regret_slope(belief: Any, gradients: Any, slopes: Any, out: Any) -> None:
     """∂ρ/∂y = −T (G'π)."""
     n_states, k = gradients.shape
@@ -113,7 +113,7 @@ def regret_slope(belief: Any, gradients: Any, slopes: Any, out: Any) -> None:
             out[i] -= total * slopes[i, a]
 
 
-@kernel
+@bare_kernel
 def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
     """out += weight (T D' + D T')."""
     n_states, k = slopes.shape
@@ -127,7 +127,7 @@ def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
                 out[j, i] += weight * total
 
 
-@kernel
+@bare_kernel
 def add_regret_curvature(
     curves: Any, belief: Any, y: Any, gradients: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:
@@ -155,7 +155,7 @@ def add_regret_curvature(
     add_symmetric(slopes, scratch[:n_states], weight, out)
 
 
-@kernel
+@bare_kernel
 def row_value(row: Any, y: Any, w: Any) -> float:
     """Σ y_i R_i·w for a row (X, k+1)."""
     total = 0.0
@@ -167,7 +167,7 @@ def row_value(row: Any, y: Any, w: Any) -> float:
     return total
 
 
-@kernel
+@bare_kernel
 def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
     """R_i·w − b·T_i for every state i."""
     n_states, k = slopes.shape
@@ -185,7 +185,7 @@ def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
                 out[i] -= b * slopes[i, a]
 
 
-@kernel
+@bare_kernel
 def add_row_curvature(
     curves: Any, row: Any, y: Any, factor: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:

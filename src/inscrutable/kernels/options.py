@@ -11,14 +11,30 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _njit: Any = numba.njit
 _options = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_counting = {**_options, "_nrt": True}  # said aloud, or else it is inherited from the first caller
 
 
 def kernel(function: Function) -> Function:
     """Compile a function that Python calls."""
-    return cast(Function, _njit(**_options)(function))
+    return cast(Function, _njit(**_counting)(function))
 
 
 def part(function: Function) -> Function:
     """Compile a function that only kernels call: without the code that takes Python objects apart, which is slow to
     compile."""
-    return cast(Function, _njit(**_options, no_cpython_wrapper=True)(function))
+    return cast(Function, _njit(**_counting, no_cpython_wrapper=True)(function))
+
+
+def bare(function: Function) -> Function:
+    """Compile a function that only kernels call and that allocates nothing, without counting references to its arrays."""
+    return cast(Function, _njit(**_options, no_cpython_wrapper=True, _nrt=False)(function))
+
+
+def bare_kernel(function: Function) -> Function:
+    """Compile a function that Python calls as well and that allocates nothing, without counting references."""
+    return cast(Function, _njit(**_options, _nrt=False)(function))
+
+
+def inlined(function: Function) -> Function:
+    """Compile a small function into each of its callers, where an argument that is constant there unrolls its loops."""
+    return cast(Function, _njit(**_options, no_cpython_wrapper=True, forceinline=True, _nrt=False)(function))

@@ -7,14 +7,48 @@ an orthonormal basis of the active normals the step is z = (I − QQ')n for a ne
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import bare, kernel, part
+
+
+class ProjectionRoom(NamedTuple):
+    """Memory of a projection, for searches that make many."""
+
+    active: Any  # (n+1,)
+    entered: Any  # (m,)
+    eta: Any  # (n+1,)
+    basis: Any  # (n+1,n)
+    upper: Any  # (n+1,n+1)
+    across: Any  # (n,)
+    along: Any  # (n+1,)
+    normal: Any  # (n,)
+
+
+@bare
+def carved(flat: Any, whole: Any, bits: Any, size: int, n_rows: int) -> ProjectionRoom:
+    """Return the memory of projections out of given arrays: (n+1)(2n+4) + n floats, n+1 integers and m truth values."""
+    one = size + 1
+    square, upper = one + one * size, one + one * size + one * one
+    return ProjectionRoom(
+        whole[:one], bits[:n_rows], flat[:one], flat[one:square].reshape((one, size)),
+        flat[square:upper].reshape((one, one)), flat[upper : upper + size], flat[upper + size : upper + size + one],
+        flat[upper + size + one : upper + 2 * size + one],
+    )  # fmt: skip
 
 
 @part
+def room_for(size: int, n_rows: int) -> ProjectionRoom:
+    """Return memory for projections in `size` coordinates on at most `n_rows` rows."""
+    return ProjectionRoom(
+        np.empty(size + 1, dtype=np.int64), np.empty(n_rows, dtype=np.bool_), np.empty(size + 1),
+        np.empty((size + 1, size)), np.empty((size + 1, size + 1)), np.empty(size), np.empty(size + 1), np.empty(size),
+    )  # fmt: skip
+
+
+@bare
 def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) -> None:
     """basis (q,n) and upper triangle R with rows[active]' = basis' R, by modified Gram-Schmidt."""
     size = rows.shape[1]
@@ -37,7 +71,7 @@ def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) 
             basis[c, i] /= length
 
 
-@part
+@bare
 def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, along: Any) -> float:
     """across = (I − QQ')n, along = R⁻¹Q'n; returns ‖across‖²."""
     size = normal.size
@@ -60,7 +94,7 @@ def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, alon
     return total
 
 
-@part
+@bare
 def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, near: float, entered: Any) -> int:
     worst, least = -1, near
     for r in range(n_rows):
@@ -76,22 +110,19 @@ def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, nea
     return worst
 
 
-@kernel
-def project(rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any) -> bool:
+@bare
+def project_in(
+    rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any, room: Any
+) -> bool:
     """Move x (n,) to the nearest point of the rows, each of unit length; False where they leave nothing.
 
     `near` is the violation that counts as none. multipliers (m,) are filled; those of equalities have either sign.
     """
     size = x.size
-    active = np.empty(size + 1, dtype=np.int64)
-    eta = np.zeros(size + 1)
-    basis = np.empty((size + 1, size))
-    upper = np.empty((size + 1, size + 1))
-    across = np.empty(size)
-    along = np.empty(size + 1)
-    entered = np.zeros(n_rows, dtype=np.bool_)
+    active, entered, eta, basis, upper, across, along, normal = room
     for r in range(n_rows):
         multipliers[r] = 0.0
+        entered[r] = False
     n_active = 0
     for _ in range(20 + 4 * n_rows):
         new = _most_violated(rows, sides, n_rows, n_equal, x, near, entered)
@@ -104,28 +135,30 @@ def project(rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: An
             total += rows[new, i] * x[i]
         sign = -1.0 if new < n_equal and total > 0.0 else 1.0
         violation = sign * total
+        for i in range(size):
+            normal[i] = sign * rows[new, i]
         entering = 0.0
         entered[new] = True
         while True:
             _orthonormal(rows, active, n_active, basis, upper)
             for i in range(size):
                 along[i] = 0.0
-            room = _split(sign * rows[new], n_active, basis, upper, across, along)
+            left = _split(normal, n_active, basis, upper, across, along)
             longest, leaving = np.inf, -1
             for c in range(n_active):
                 if active[c] >= n_equal and along[c] > 0.0 and eta[c] / along[c] < longest:
                     longest, leaving = eta[c] / along[c], c
-            if n_active >= size or room <= 1e-14:
+            if n_active >= size or left <= 1e-14:
                 if violation >= -near:  # nothing left to remove: the row repeats active ones
                     break
                 if leaving < 0:
                     return False
                 step = longest
             else:
-                step = min(longest, -violation / room)
+                step = min(longest, -violation / left)
                 for i in range(size):
                     x[i] += step * across[i]
-                violation += step * room
+                violation += step * left
             for c in range(n_active):
                 eta[c] -= step * along[c]
             entering += step
@@ -140,3 +173,9 @@ def project(rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: An
                 eta[c] = eta[c + 1]
             n_active -= 1
     return False
+
+
+@kernel
+def project(rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any) -> bool:
+    """`project_in` with memory of its own."""
+    return project_in(rows, sides, n_rows, n_equal, near, x, multipliers, room_for(x.size, n_rows))

@@ -10,18 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import kernel, part
-from inscrutable.kernels.projection import project
+from inscrutable.kernels.options import bare, bare_kernel, kernel
+from inscrutable.kernels.projection import carved, project_in
 
 
-@part
-def _equalities(curves: Any, scale: float, w: Any, rules: Any, units: Any, sides: Any, used: Any) -> int:
+@bare
+def _equalities(
+    curves: Any, scale: float, w: Any, rules: Any, units: Any, sides: Any, used: Any, work: Any, right: Any, row: Any
+) -> int:
     """Orthonormal rows of G'π = 0 in the reduced coordinates; −1 where they contradict each other."""
     n_states, n = rules.basis.shape
     k = w.size - 1
-    work = np.empty((k, n))
-    right = np.empty(k)
-    row = np.empty(n_states)
     for a in range(k):
         mean = 0.0
         for i in range(n_states):
@@ -36,7 +35,8 @@ def _equalities(curves: Any, scale: float, w: Any, rules: Any, units: Any, sides
             for i in range(n_states):
                 total += rules.basis[i, c] * row[i]
             work[a, c] = total
-    used[:k] = False
+    for a in range(k):
+        used[a] = False
     n_equal = 0
     while n_equal < n:
         largest, which = rules.rank * scale, -1
@@ -69,12 +69,13 @@ def _equalities(curves: Any, scale: float, w: Any, rules: Any, units: Any, sides
     return n_equal
 
 
-@part
-def _inequalities(rows: Any, w: Any, rules: Any, first: int, units: Any, sides: Any, number: Any) -> int:
+@bare
+def _inequalities(
+    rows: Any, w: Any, rules: Any, first: int, units: Any, sides: Any, number: Any, coefficients: Any
+) -> int:
     """Unit rows of Σ π_i R_ri·w ≥ 0 from `first` on, and which r each is; returns where they end, −1 where one is broken."""
     n_states, n = rules.basis.shape
     k = w.size - 1
-    coefficients = np.empty(n_states)
     last = first
     for r in range(rows.shape[0]):
         mean = 0.0
@@ -104,37 +105,41 @@ def _inequalities(rows: Any, w: Any, rules: Any, first: int, units: Any, sides: 
     return last
 
 
-@kernel
-def nearest_belief(
-    curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any
+@bare
+def nearest_in(
+    curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any, memory: Any
 ) -> float:
-    """Fill the consistent belief nearest to `point` (X,) and return its distance; infinite where there is none.
-
-    `rows` are the face's probabilities and multipliers, `scale` is the size of the gradients; `active` (k+m,) says which
-    equations and rows hold it there.
-    """
+    """`nearest_belief` with memory given: as many floats, integers and truth values as `nearest_sizes` says."""
     n_states, n = rules.basis.shape
     m = rows.shape[0]
-    units = np.empty((n + m, n))
-    sides = np.empty(n + m)
-    n_equal = _equalities(curves, scale, w, rules, units, sides, active)
+    k, most = w.size - 1, n + m
+    flat, whole, bits = memory
+    units, at = flat[: most * n].reshape((most, n)), most * n
+    sides, multipliers, at = flat[at : at + most], flat[at + most : at + 2 * most], at + 2 * most
+    work, at = flat[at : at + k * n].reshape((k, n)), at + k * n
+    right, row, z, at = (
+        flat[at : at + k],
+        flat[at + k :][:n_states],
+        flat[at + k + n_states :][:n],
+        at + k + n_states + n,
+    )
+    number = whole[:m]
+    room = carved(flat[at:], whole[m:], bits, n, most)
+    n_equal = _equalities(curves, scale, w, rules, units, sides, active, work, right, row)
     if n_equal < 0:
         return np.inf
-    k = w.size - 1
-    number = np.empty(m, dtype=np.int64)
-    last = _inequalities(rows, w, rules, n_equal, units, sides, number)
+    last = _inequalities(rows, w, rules, n_equal, units, sides, number, row)
     if last < 0:
         return np.inf
-    z = np.empty(n)
     for c in range(n):
         total = 0.0
         for i in range(n_states):
             total += rules.basis[i, c] * (point[i] - 1.0 / n_states)
         z[c] = total
-    multipliers = np.empty(last)
-    if not project(units[:last], sides, last, n_equal, rules.on_face, z, multipliers):
+    if not project_in(units, sides, last, n_equal, rules.on_face, z, multipliers, room):
         return np.inf
-    active[k:] = False
+    for r in range(k, k + m):
+        active[r] = False
     for r in range(n_equal, last):
         active[number[r - n_equal]] = multipliers[r] > 0.0
     square = 0.0
@@ -147,7 +152,29 @@ def nearest_belief(
     return float(np.sqrt(square))
 
 
+@bare
+def nearest_sizes(n_states: int, k: int, m: int) -> tuple[int, int, int]:
+    """How many floats, integers and truth values `nearest_in` needs with k free coordinates and m rows."""
+    n = n_states - 1
+    floats = (n + m) * (n + 2) + k * n + k + n_states + n + (n + 1) * (2 * n + 4) + n
+    return floats, m + n + 1, n + m
+
+
 @kernel
+def nearest_belief(
+    curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any
+) -> float:
+    """Fill the consistent belief nearest to `point` (X,) and return its distance; infinite where there is none.
+
+    `rows` are the face's probabilities and multipliers, `scale` is the size of the gradients; `active` (k+m,) says which
+    equations and rows hold it there.
+    """
+    floats, integers, bits = nearest_sizes(out.size, w.size - 1, rows.shape[0])
+    memory = (np.empty(floats), np.empty(integers, dtype=np.int64), np.empty(bits, dtype=np.bool_))
+    return nearest_in(curves, rows, scale, w, point, rules, out, active, memory)
+
+
+@bare_kernel
 def cost_at(curves: Any, belief: Any, w: Any) -> float:
     """Σ π_i ½ w'C_i w."""
     total = 0.0

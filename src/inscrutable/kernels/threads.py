@@ -6,7 +6,12 @@ import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
-from threading import Event
+from threading import Event, local
+
+_here = local()
+"""`_here.busy` on a thread that takes chunks beside others: chunks that start chunks of theirs do these alone, because
+helpers would only wait behind the chunks under way, and keep what they were to work on.
+"""
 
 
 def thread_count() -> int:
@@ -38,7 +43,12 @@ def in_chunks(
 
     def take() -> Iterator[int]:
         for first in starts:
-            work(first, min(first + chunk, count))
+            before = getattr(_here, "busy", False)
+            _here.busy = before or helpers > 0
+            try:
+                work(first, min(first + chunk, count))
+            finally:
+                _here.busy = before
             ended.append(first)
             yield min(len(ended) * chunk, count)
             if stop.is_set():
@@ -48,7 +58,8 @@ def in_chunks(
         for _ in take():
             pass
 
-    helpers = min(thread_count(), -(-count // chunk)) - 1
+    alone = getattr(_here, "busy", False)
+    helpers = 0 if alone else min(thread_count(), -(-count // chunk)) - 1
     futures: list[Future[None]] = [_pool(os.getpid(), helpers).submit(help_out) for _ in range(helpers)]
     try:
         for done in take():
@@ -58,7 +69,7 @@ def in_chunks(
                 break
     finally:
         stop.set()
-        # A helper that has not begun has nothing left to do, and may never begin where chunks start chunks of theirs.
+        # A helper that has not begun has nothing left to do.
         wait([future for future in futures if not future.cancel()])
     for future in futures:
         if not future.cancelled():

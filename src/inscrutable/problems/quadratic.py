@@ -86,12 +86,12 @@ class QuadraticProblem(DecisionProblem):
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U), exact to a few roundings."""
         held = validation.beliefs(beliefs, self.n_states)
         rows = np.ascontiguousarray(np.atleast_2d(held))
-        solved = self._along_path(rows) if self._has_path else self._one_by_one(rows)
+        solved = self._along_path(rows) if self.solves_in_bulk else self._one_by_one(rows)
         return np.asarray(solved[0]) if held.ndim == 1 else solved
 
     @cached_property
-    def _has_path(self) -> bool:
-        """Whether the feasible set is bounds and a few equalities, which the bulk kernel is made for."""
+    def solves_in_bulk(self) -> bool:
+        """Whether the feasible set is bounds and a few equalities, for which many beliefs are solved in one run."""
         return not len(self._layout.sides) and len(self._layout.equality_sides) <= _MOST_EQUALITIES
 
     @cached_property

@@ -11,7 +11,7 @@ import pandas as pd
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.decision_makers import Decision, MixedDecision
 from inscrutable.experiments.episodes import relative_increase
-from inscrutable.experiments.protect import Protection, implausible_rows
+from inscrutable.experiments.protect import Protection, implausible_rows, privacy_text
 from inscrutable.geometry import BeliefSet
 from inscrutable.labels import label_text
 from inscrutable.reports.simplex_plots import plot_beliefs
@@ -84,6 +84,9 @@ def option_lines(protection: Protection, step: int) -> pd.DataFrame:
     """Return one row's options side by side as text, for a terminal; weights below half a basis point left out."""
     table = pd.DataFrame(protect_table(protection).loc[protection.index[step]]).T
     lines = table.map(lambda value: value if isinstance(value, str) else "" if np.isnan(value) else f"{value:.4f}")
+    lines.loc["privacy"] = [
+        privacy_text(protection.measure, float(value), 4) for value in table.loc["privacy"].to_numpy()
+    ]
     for name, style in (("regret", "{:.3g}"), ("regret / |c*|", "{:.1%}")):
         lines.loc[name] = [style.format(value) for value in table.loc[name]]
     weights = [f"weight: {asset}" for asset in protection.model.assets]
@@ -99,14 +102,14 @@ def row_lines(protection: Protection) -> pd.DataFrame:
     lines = []
     for step, belief in enumerate(protection.beliefs):
         publish = protection.deterministic[step]
-        seen = publish.belief_set.center()
+        nothing, seen = publish.belief_set.is_empty, publish.belief_set.center()
         share = float(relative_increase(publish.regret, publish.optimal_cost))
         lines.append(
             {
                 "your belief": " ".join(f"{value:.2f}" for value in belief),
-                "observer concludes": " ".join(f"{value:.2f}" for value in seen),
-                "names": "nothing" if publish.belief_set.is_empty else regimes[int(seen.argmax())],
-                "privacy": f"{publish.privacy:.3f}",
+                "observer concludes": "" if nothing else " ".join(f"{value:.2f}" for value in seen),
+                "names": "nothing" if nothing else regimes[int(seen.argmax())],
+                "privacy": privacy_text(protection.measure, publish.privacy, 3),
                 "regret": f"{publish.regret:.3g}",
                 "of |c*|": f"{share:.1%}",
                 "changed by": f"{0.5 * np.abs(publish.action - protection.optimal[step]).sum():.3f}",

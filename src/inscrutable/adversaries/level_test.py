@@ -1,0 +1,85 @@
+"""Whether decisions near one another can be explained up to a margin: cutting planes at one level, kept from one to the next.
+
+ρ(π,u) ≥ π·(s(u) − s(v)) for every decision v. Where no belief satisfies π·(s(u) − s(v_j)) ≤ level for all v_j found so far,
+the plausibility gap is at least the level; a belief that does is projected onto, solved, and gives the next plane.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.adversaries.plausibility import gap_compared, lowest_of_planes
+from inscrutable.geometry.hulls import onto_simplex, sum_zero_basis
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+_MOST_KEPT = 48
+_MOST_ROUNDS = 60
+_ABOVE, _WITHIN = 0.2, 0.1
+"""Shares of the accuracy of a gap: by how much the level lies above the margin, and how near to it a gap may stay open."""
+
+
+class LevelTest:
+    """Answers for one decision after another whether its plausibility gap reaches a margin above zero.
+
+    The answer is proved up to `tolerances.GAP_STEP` of the costs; in doubt it is no.
+    """
+
+    def __init__(self, problem: DecisionProblem, margin: float) -> None:
+        self._problem, self._margin = problem, margin
+        n_states = problem.n_states
+        self._centre = np.full(n_states, 1.0 / n_states)
+        self._basis = np.ascontiguousarray(sum_zero_basis(n_states))
+        self._solved = problem.state_costs(problem.solve(np.vstack([self._centre, np.eye(n_states)])))
+        self._belief = self._centre
+
+    def reaches(self, action: Array, *, proved: bool = True) -> bool:
+        """Return whether r(u) = min_π ρ(π,u) is at least the margin for a decision (U,).
+
+        Without `proved`, where the projection finds no belief below the level is taken for the absence of one.
+        """
+        own = np.asarray(self._problem.state_costs(action))
+        for _ in range(_MOST_ROUNDS):
+            planes = own - self._solved
+            step = tolerances.GAP_STEP * float(np.abs(planes).max())
+            level = self._margin + _ABOVE * step
+            found = self._below(planes, level)
+            if found is None:
+                return not proved or self._proves(planes)
+            self._belief = found
+            solved = np.asarray(self._problem.state_costs(self._problem.solve(found)))
+            if float(found @ (own - solved)) <= level + _WITHIN * step:
+                return False
+            self._learn(solved)
+        return gap_compared(self._problem, action, self._margin) >= self._margin
+
+    def _proves(self, planes: Array) -> bool:
+        scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
+        return lowest_of_planes(planes / scale)[0] * scale >= self._margin
+
+    def _learn(self, solved: Array) -> None:
+        base = 1 + len(self._centre)
+        kept = self._solved if len(self._solved) < _MOST_KEPT else np.delete(self._solved, base, axis=0)
+        self._solved = np.vstack([kept, solved])
+
+    def _below(self, planes: Array, level: float) -> Array | None:
+        """The belief nearest to the last one where every plane is at most `level`."""
+        from inscrutable.kernels.projection import project
+
+        slopes = planes @ self._basis
+        middle = planes @ self._centre
+        lengths = np.sqrt((slopes**2).sum(axis=1))
+        flat = lengths <= np.finfo(float).eps * np.abs(planes).max()
+        if (middle[flat] > level).any():
+            return None
+        steep = ~flat
+        sizes = np.sqrt((self._basis**2).sum(axis=1))
+        if not self._basis.shape[1]:
+            return self._centre
+        rows = np.vstack([self._basis / sizes[:, None], -slopes[steep] / lengths[steep, None]])
+        sides = np.concatenate([-self._centre / sizes, (middle[steep] - level) / lengths[steep]])
+        place = self._basis.T @ (self._belief - self._centre)
+        if not project(rows, sides, len(rows), 0, tolerances.STATIONARITY, place, np.empty(len(rows))):
+            return None
+        return np.asarray(onto_simplex((self._centre + self._basis @ place)[None])[0])

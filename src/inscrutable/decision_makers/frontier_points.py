@@ -1,0 +1,135 @@
+"""The points of a frontier: all distinct candidates rated in one pass, and only those judged exactly that can be on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.distinct import distinct_of
+from inscrutable.decision_makers.envelope import concave_envelope, undominated
+from inscrutable.decision_makers.face_search import rules_for
+from inscrutable.decision_makers.faces import face_programme
+from inscrutable.decision_makers.indicators import table_of
+from inscrutable.decision_makers.results import Decision
+from inscrutable.decision_makers.scores import score
+from inscrutable.privacy import PrivacyMeasure
+from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.validation import Array
+
+_CHUNK = 1 << 15
+_BINS = 1 << 13
+
+
+class Points(NamedTuple):
+    """Regret and privacy of decisions, and which candidate each is; as many as there are stand for the optimal decision."""
+
+    regrets: Array
+    privacies: Array
+    number: np.ndarray
+
+    def pick(self, which: np.ndarray) -> Points:
+        """Return some of the points."""
+        return Points(*(part[which] for part in self))
+
+
+class RatedPoints:
+    """Points under one belief whose privacies are upper bounds until the set of a decision is judged itself."""
+
+    def __init__(self, points: Points, exact: np.ndarray, judge: Callable[[int], float]) -> None:
+        self._points, self._exact, self._judge = points, exact, judge
+
+    def undominated(self) -> Points:
+        """Return the points that no cheaper one matches, by rising regret."""
+        return self._settled(undominated)
+
+    def envelope(self) -> Points:
+        """Return the corners of the concave envelope, by rising regret."""
+        return self._settled(concave_envelope)
+
+    def _settled(self, shape: Callable[[Array, Array], np.ndarray]) -> Points:
+        while True:
+            chosen = shape(self._points.regrets, self._points.privacies)
+            unsure = chosen[~self._exact[chosen]]
+            if not unsure.size:
+                return self._points.pick(chosen)
+            for place in unsure:
+                self._points.privacies[place] = self._judge(int(self._points.number[place]))
+            self._exact[unsure] = True
+
+
+def goal_points(
+    problem: DecisionProblem, own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates
+) -> RatedPoints:
+    """Return the one point of a goal that is met or missed: the cheapest decision that meets it, the optimal one last."""
+    table = table_of(problem, measure, candidates)
+    found, regrets = table.cheapest(belief[None], np.array([own.optimal_cost]), np.array([np.inf]))
+    index = np.append(table.number[found[found >= 0]], len(candidates))
+    points = Points(np.append(regrets[found >= 0], own.regret), np.append(np.zeros(len(index) - 1), own.privacy), index)
+    return RatedPoints(points, np.ones(len(index), dtype=bool), lambda _: 0.0)
+
+
+def distance_points(own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates) -> RatedPoints:
+    """Return the candidates that can be on the frontier of a measure that is ± a distance, and the optimal decision."""
+    from inscrutable.kernels.frontier import LARGER, contenders, rate
+    from inscrutable.kernels.threads import in_chunks
+
+    table, reference = distinct_of(candidates), measure.reference(belief)
+    assert reference is not None
+    count = len(table.number)
+    regrets, privacies = np.empty(count), np.empty(count)
+    arrays = (table.costs, table.start, table.along, table.kind)
+
+    def work(first: int, last: int) -> None:
+        rate(first, last, arrays, belief, own.optimal_cost, reference.point, reference.sign, regrets, privacies)
+
+    in_chunks(work, count, _CHUNK)
+    chosen = np.empty(count, dtype=np.int64)
+    chosen = chosen[: contenders(regrets, privacies, table.kind, own.privacy, np.empty(_BINS), chosen)]
+    problem = candidates.sets.problem
+    if reference.sign < 0 and isinstance(problem, QuadraticProblem):
+        larger = chosen[table.kind[chosen] == LARGER]
+        nearness = _distances(problem, candidates.actions[table.number[larger]], reference.point)
+        privacies[larger] = -np.maximum(nearness - tolerances.NO_PRIVACY, 0.0)
+    points = Points(
+        np.append(regrets[chosen], own.regret),
+        np.append(privacies[chosen], own.privacy),
+        np.append(table.number[chosen], len(candidates)),
+    )
+    exact = np.append(table.kind[chosen] < LARGER, True)
+    return RatedPoints(points, exact, lambda index: float(measure(belief, candidates.sets[index])))
+
+
+def scored_points(own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates) -> RatedPoints:
+    """Return all candidates under any other measure, and the optimal decision."""
+    scores = score(belief, own.optimal_cost, candidates, measure, "exclude")
+    points = Points(
+        np.append(scores.regrets, own.regret),
+        np.append(scores.privacies, own.privacy),
+        np.arange(len(candidates) + 1),
+    )
+    exact = np.append(scores.exact, True)
+    return RatedPoints(points, exact, lambda index: float(measure(belief, candidates.sets[index])))
+
+
+def _distances(problem: QuadraticProblem, actions: Array, point: Array) -> Array:
+    """Return the distances of a belief from the sets of decisions (n,U) as the search's kernel finds them; 0 where unsure."""
+    from inscrutable.kernels.set_distance import nearest_belief
+
+    found = np.zeros(len(actions))
+    if not len(actions):
+        return found
+    patterns, pattern_of = np.unique(problem.constraints.tight_rows(actions), axis=0, return_inverse=True)
+    rules, nearest, point = rules_for(problem.n_states), np.empty(problem.n_states), np.ascontiguousarray(point)
+    for number, tight in enumerate(patterns):
+        face = face_programme(problem, tight)
+        which = np.flatnonzero(pattern_of.reshape(-1) == number)
+        places = np.column_stack([(actions[which] - face.origin) @ face.span, np.ones(len(which))])
+        rows = face.rows[: face.n_set_rows]
+        active = np.empty(places.shape[1] - 1 + len(rows), dtype=np.bool_)
+        for i, w in zip(which, np.ascontiguousarray(places), strict=True):
+            found[i] = nearest_belief(face.curves, rows, face.scale, w, point, rules, nearest, active)
+    return np.where(np.isfinite(found), found, 0.0)

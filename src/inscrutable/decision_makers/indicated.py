@@ -1,0 +1,164 @@
+"""From goals that are met or missed to results: single decisions and lotteries, for one belief or many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable.adversaries import consistent_sets
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.indicator_polish import Block, cheaper
+from inscrutable.decision_makers.indicators import IndicatorTable, goal_key, table_of
+from inscrutable.decision_makers.results import (
+    Decision,
+    Decisions,
+    DecisionStatus,
+    Kept,
+    MixedDecision,
+    MixedDecisions,
+    Progress,
+)
+from inscrutable.kernels.threads import in_chunks
+from inscrutable.privacy import PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+_CHUNK = 64
+_OWN, _POLISHED, _CANDIDATE, _NOTHING = range(4)
+
+
+@dataclass(frozen=True, eq=False)
+class Met:
+    """How T beliefs are best hidden: `source` says whether by the optimal decision, a polished one, a candidate, or not."""
+
+    problem: DecisionProblem
+    beliefs: Array  # (T,X)
+    actions: Array  # (T,U)
+    optimal_costs: Array  # (T,)
+    regrets: Array  # (T,)
+    decoys: Array  # (T,X)
+    source: np.ndarray  # (T,)
+
+    def decisions(self) -> Decisions:
+        """Return single decisions."""
+        kinds = {_OWN: DecisionStatus.OPTIMAL, _NOTHING: DecisionStatus.NO_AFFORDABLE_PRIVACY}
+        return Decisions(
+            self.optimal_costs + self.regrets,
+            self.optimal_costs,
+            self.regrets,
+            self._privacies,
+            np.zeros(len(self.source)),
+            self.decoys,
+            tuple(kinds.get(int(code), DecisionStatus.BEST_CANDIDATE) for code in self.source),
+            Kept(self.problem, self.actions),
+        )
+
+    def lotteries(self) -> MixedDecisions:
+        """Return lotteries of one atom: among equal privacies nothing is cheaper than the cheapest decision."""
+        kinds = {_POLISHED: DecisionStatus.POLISHED, _NOTHING: DecisionStatus.NO_AFFORDABLE_PRIVACY}
+        count, privacies = len(self.source), self._privacies
+        return MixedDecisions(
+            np.ones((count, 1)),
+            self.regrets[:, None],
+            privacies[:, None],
+            self.optimal_costs + self.regrets,
+            privacies,
+            self.optimal_costs,
+            np.zeros(count),
+            np.zeros(count),
+            self.decoys[:, None],
+            tuple(kinds.get(int(code), DecisionStatus.BEST_CANDIDATE) for code in self.source),
+            Kept(self.problem, self.actions[:, None]),
+        )
+
+    @property
+    def _privacies(self) -> Array:
+        return np.where(self.source == _NOTHING, -np.inf, 0.0)
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """What is to be met, from which candidates and at what price."""
+
+    problem: DecisionProblem
+    candidates: Candidates
+    measure: PrivacyMeasure
+    budget: Budget
+
+    def decide(self, belief: Array) -> Decision:
+        """Return the cheapest decision that meets the goal under a belief (X,), or else the optimal one."""
+        return self._once(belief).decisions()[0]
+
+    def lottery(self, belief: Array) -> MixedDecision:
+        """Return the same as a lottery."""
+        return self._once(belief).lotteries()[0]
+
+    def _once(self, belief: Array) -> Met:
+        """The search for one belief, which decision makers share."""
+        key = (*goal_key(self.measure), self.budget, belief.tobytes())
+        return self.candidates.once(key, lambda: self.met(belief[None]))
+
+    def met(self, beliefs: Array, progress: Progress | None = None) -> Met:
+        """Return how beliefs (T,X) are best hidden; chunks of them in turn, on all cores."""
+        count, n_states = beliefs.shape
+        table = table_of(self.problem, self.measure, self.candidates)
+        result = Met(
+            self.problem,
+            beliefs,
+            np.empty((count, self.problem.n_actions)),
+            np.empty(count),
+            np.empty(count),
+            np.empty((count, n_states)),
+            np.empty(count, dtype=np.int64),
+        )
+
+        def work(first: int, last: int) -> None:
+            self._fill(table, result, slice(first, last))
+
+        if not table.goal.compares_gaps:
+            in_chunks(work, count, _CHUNK, progress)
+            return result
+        # Comparing gaps holds the interpreter's lock: threads would only wait for one another.
+        for first in range(0, count, _CHUNK):
+            last = min(first + _CHUNK, count)
+            work(first, last)
+            if progress is not None:
+                progress(last, count)
+        return result
+
+    def _fill(self, table: IndicatorTable, result: Met, part: slice) -> None:
+        problem, goal, beliefs = self.problem, table.goal, np.ascontiguousarray(result.beliefs[part])
+        optimal = problem.solve(beliefs)
+        optimal_costs = (problem.state_costs(optimal) * beliefs).sum(axis=1)
+        limits = self.budget.limits(optimal_costs)
+        met = goal.met_by(beliefs, optimal, np.zeros(len(beliefs)))
+        if goal.compares_gaps:
+            met[:] = False
+        source = np.where(met, _OWN, _NOTHING)
+        actions, regrets = optimal.copy(), np.zeros(len(beliefs))
+        others = np.flatnonzero(~met)
+        cheapest = table.cheapest(beliefs[others], optimal_costs[others], limits[others])
+        found = np.flatnonzero(cheapest.found >= 0)
+        if found.size:
+            chosen, which = table.number[cheapest.found[found]], others[found]
+            sets, candidates = self.candidates.sets, self.candidates.actions[chosen]
+            block = Block(beliefs[which], optimal[which], optimal_costs[which], sets.start[chosen],
+                          sets.dimension[chosen] >= 0, candidates)  # fmt: skip
+            polished = cheaper(goal, block, table.starts)
+            costs = (problem.state_costs(polished) * beliefs[which]).sum(axis=1)
+            reached = np.maximum(costs - optimal_costs[which], 0.0)
+            better = reached < cheapest.regrets[found]
+            source[which] = np.where(better, _POLISHED, _CANDIDATE)
+            actions[which] = np.where(better[:, None], polished, candidates)
+            regrets[which] = np.where(better, reached, cheapest.regrets[found])
+        result.actions[part], result.regrets[part], result.source[part] = actions, regrets, source
+        result.optimal_costs[part], result.decoys[part] = optimal_costs, _centres(problem, actions)
+
+
+def _centres(problem: DecisionProblem, actions: Array) -> Array:
+    """A belief in the middle of what explains each decision; NaN where nothing does."""
+    sets = consistent_sets(problem, actions)
+    middle = np.where((sets.dimension >= 2)[:, None], sets.start, 0.5 * (sets.start + sets.end))
+    return np.where((sets.dimension < 0)[:, None], np.nan, middle)

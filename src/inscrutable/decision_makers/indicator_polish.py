@@ -1,0 +1,159 @@
+"""From the cheapest candidate that meets a goal to a cheaper decision: toward the optimal one as far as the goal allows,
+and around the belief in the cheapest direction. All beliefs of a block take each step together.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.adversaries.level_test import LevelTest
+from inscrutable.decision_makers.indicators import Indicator
+from inscrutable.privacy import NonUniqueness
+from inscrutable.validation import Array
+
+_PARTS = 2 ** int(np.ceil(-np.log2(tolerances.POLISH)))
+"""The way to the optimal decision is cut into so many parts."""
+_NEAR = 8
+_DIRECTIONS = 300
+
+
+class Block(NamedTuple):
+    """Beliefs with their optimal decisions, and a decision of each that meets the goal, found among candidates."""
+
+    beliefs: Array  # (n,X)
+    optimal: Array  # (n,U)
+    optimal_costs: Array  # (n,)
+    members: Array  # (n,X): a belief that explains the decision
+    explained: np.ndarray  # (n,): whether there is one
+    actions: Array  # (n,U)
+
+    def pick(self, which: np.ndarray) -> Block:
+        """Return the part of some beliefs."""
+        return Block(*(part[which] for part in self))
+
+
+def cheaper(goal: Indicator, block: Block, members: Array | None) -> Array:
+    """Return decisions (n,U) that meet the goal at no more regret than those of the block.
+
+    `members` (M,X) are beliefs that explain candidates: directions in which to look.
+    """
+    actions = _Shortening(goal, block).best()
+    if members is None:
+        return actions
+    around = np.flatnonzero(block.explained)
+    if around.size:
+        part = block.pick(around)._replace(actions=actions[around])
+        actions[around] = _cheapest_direction(goal, part, members, goal.least * (1.0 + tolerances.SLACK_SAFETY))
+    return actions
+
+
+class _Shortening:
+    """The way from the optimal decision (0) to the one that meets the goal (1): by the decoys on the ray to a member, or
+    straight on where no belief explains the decision."""
+
+    def __init__(self, goal: Indicator, block: Block) -> None:
+        self._goal, self._block = goal, block
+        self._tests = [LevelTest(goal.problem, goal.margin) for _ in block.beliefs] if goal.compares_gaps else []
+
+    def best(self) -> Array:
+        """Return the decisions where the ways stop to meet the goal, or those of the block where these cost less."""
+        block = self._block
+        everyone = np.arange(len(block.beliefs))
+        low, high = self._bracket()
+        left = everyone
+        while left.size:
+            middle = (low[left] + high[left]) // 2
+            meets = self._meets(left, self._trials(left, middle))
+            high[left[meets]], low[left[~meets]] = middle[meets], middle[~meets]
+            left = left[high[left] - low[left] > 1]
+        found = self._trials(everyone, high)
+        keep = (high == _PARTS) | (self._regrets(everyone, found) > self._regrets(everyone, block.actions))
+        for i in np.flatnonzero(~keep) if self._tests else ():
+            keep[i] = not self._tests[i].reaches(found[i])
+        found[keep] = block.actions[keep]
+        return found
+
+    def _bracket(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where each way is first known to miss and to meet the goal; a decoy is no farther from its set than itself, so
+        nothing nearer than the goal's distance can meet it, and a little beyond it most do."""
+        block, by_corners = self._block, isinstance(self._goal.measure, NonUniqueness)
+        count = len(block.beliefs)
+        low, high = np.zeros(count, dtype=np.int64), np.full(count, _PARTS)
+        away = block.members - block.beliefs
+        length = np.abs(away).max(axis=1) if by_corners else np.sqrt((away**2).sum(axis=1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            guess = _PARTS * (self._goal.least / length)
+        hopeful = np.flatnonzero(block.explained & (guess < _PARTS - _NEAR))
+        if not hopeful.size:
+            return low, high
+        beyond = np.ceil(guess[hopeful]).astype(np.int64) + _NEAR
+        before = np.maximum(beyond - 2 * _NEAR, 0)
+        fits = self._meets(hopeful, self._trials(hopeful, beyond))
+        fits &= (before == 0) | ~self._meets(hopeful, self._trials(hopeful, before))
+        low[hopeful[fits]], high[hopeful[fits]] = before[fits], beyond[fits]
+        return low, high
+
+    def _trials(self, which: np.ndarray, parts: np.ndarray) -> Array:
+        part, shares = self._block.pick(which), (parts / _PARTS)[:, None]
+        trials: Array = part.optimal + shares * (part.actions - part.optimal)
+        if part.explained.any():
+            decoys = (part.beliefs + shares * (part.members - part.beliefs))[part.explained]
+            trials[part.explained] = self._goal.problem.solve(decoys)
+        return trials
+
+    def _regrets(self, which: np.ndarray, actions: Array) -> Array:
+        return _regrets(self._goal, self._block.pick(which), actions)
+
+    def _meets(self, which: np.ndarray, trials: Array) -> np.ndarray:
+        meets = _admitted(self._goal, self._block.beliefs[which], trials, self._regrets(which, trials))
+        for place in np.flatnonzero(meets) if self._tests else ():
+            meets[place] = self._tests[which[place]].reaches(trials[place], proved=False)
+        return meets
+
+
+def _regrets(goal: Indicator, block: Block, actions: Array) -> Array:
+    costs = (goal.problem.state_costs(actions) * block.beliefs).sum(axis=1)
+    return np.asarray(np.maximum(costs - block.optimal_costs, 0.0))
+
+
+def _admitted(goal: Indicator, beliefs: Array, actions: Array, regrets: Array) -> np.ndarray:
+    admissible: np.ndarray = goal.problem.constraints.is_admissible(actions)
+    return np.asarray(admissible & goal.met_by(beliefs, actions, regrets))
+
+
+def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: float) -> Array:
+    """Return the cheapest of the decisions for decoys at the goal's distance, in directions of `members`, and the block's."""
+    from inscrutable.kernels.indicators import spread_directions
+
+    count, n_states = block.beliefs.shape
+    buffer, directions, owner = np.empty((_DIRECTIONS, n_states)), [], []
+    for t, belief in enumerate(block.beliefs):
+        n = spread_directions(members, belief, radius, buffer)
+        directions.append(buffer[:n].copy())
+        owner.append(np.full(n, t))
+    of = np.concatenate(owner)
+    if not of.size:
+        return block.actions
+    tried = goal.problem.solve(block.beliefs[of] + radius * np.concatenate(directions))
+    regrets = _regrets(goal, block.pick(of), tried)
+    # The optimal decision is known to miss the goal, and what costs more than the best is not wanted.
+    own = np.abs(tried - block.optimal[of]).max(axis=1) <= tolerances.SAME_ACTION
+    regrets[own | (regrets > _regrets(goal, block, block.actions)[of])] = np.inf
+    queues = []
+    for t in range(count):
+        place = np.flatnonzero((of == t) & np.isfinite(regrets))
+        queues.append(place[np.argsort(regrets[place], kind="stable")])
+    best = block.actions.copy()
+    taken, width = 0, 1
+    while any(len(queue) > taken for queue in queues):
+        looked = [queue[taken : taken + width] for queue in queues]
+        chosen = np.concatenate(looked)
+        meets = _admitted(goal, block.beliefs[of[chosen]], tried[chosen], regrets[chosen])
+        for t in np.unique(of[chosen[meets]]):
+            best[t] = tried[chosen[meets & (of[chosen] == t)][0]]
+            queues[t] = queues[t][:0]
+        taken, width = taken + width, 4 * width
+    return best

@@ -1,0 +1,131 @@
+"""Goals that are met or missed (measures a, b, c): the cheapest decision that meets one, for many beliefs in one pass.
+
+Whether a candidate meets (a) does not depend on the belief, for (b) and (c) it is read off the ends of its consistent set.
+So one scan per belief finds the cheapest candidate that does, and `indicator_polish` makes it cheaper still.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.adversaries import ConsistentSets, consistent_sets
+from inscrutable.adversaries.level_test import LevelTest
+from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.distinct import distinct_of
+from inscrutable.privacy import Infeasibility, NonExistence, NonUniqueness, PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+def is_streamed(measure: PrivacyMeasure) -> bool:
+    """Whether the measure is one of the three that the scan knows; a user's own goal is judged set by set."""
+    return type(measure) in (Infeasibility, NonUniqueness, NonExistence)
+
+
+class Cheapest(NamedTuple):
+    """For beliefs (T,X), the number of the cheapest decision in the table (−1: none) and its regret."""
+
+    found: np.ndarray  # (T,)
+    regrets: Array  # (T,)
+
+
+class Indicator:
+    """One of the three measures for a problem: which decisions meet it under which belief."""
+
+    def __init__(self, problem: DecisionProblem, measure: PrivacyMeasure) -> None:
+        self.problem, self.measure = problem, measure
+        self.margin = measure.margin if isinstance(measure, Infeasibility) else 0.0
+        distance = measure.least_distance()
+        self.least = tolerances.SAME_BELIEF if distance is None else distance
+
+    def met_by(self, beliefs: Array, actions: Array, regrets: Array) -> np.ndarray:
+        """Return whether decisions (n,U) of known regret meet the goal under beliefs (n,X), one by one; gaps of
+        unexplained ones are not compared."""
+        sets = consistent_sets(self.problem, actions)
+        if isinstance(self.measure, Infeasibility):
+            return np.asarray(sets.dimension < 0)
+        if isinstance(self.measure, NonUniqueness):
+            return self._by_corners(beliefs, sets)
+        met = np.asarray(sets.bounds(beliefs) >= self.least)
+        # A member of an ill-conditioned set may lie beside the ends that are known of it; it leaves no regret.
+        slack = tolerances.FEASIBILITY * np.abs(self.problem.state_costs(actions)).max(axis=1)
+        close = regrets <= slack
+        for t in np.flatnonzero(met & ((sets.dimension >= 2) | (close & (sets.dimension >= 0)))):
+            met[t] = self.measure(beliefs[t], sets[int(t)]) == 0.0
+        return met
+
+    def _by_corners(self, beliefs: Array, sets: ConsistentSets) -> np.ndarray:
+        apart = np.maximum(np.abs(sets.start - beliefs).max(axis=1), np.abs(sets.end - beliefs).max(axis=1))
+        met = (sets.dimension >= 0) & (apart > self.least)
+        for t in np.flatnonzero(sets.dimension >= 2):
+            met[t] = self.measure(beliefs[t], sets[int(t)]) == 0.0
+        return np.asarray(met)
+
+    @property
+    def compares_gaps(self) -> bool:
+        """Whether an unexplained decision must also miss every explanation by a margin."""
+        return isinstance(self.measure, Infeasibility) and self.margin > 0.0
+
+
+class IndicatorTable:
+    """The distinct admissible candidates that can meet a goal, as the scan reads them; `number` says which each one is."""
+
+    def __init__(self, goal: Indicator, candidates: Candidates) -> None:
+        from inscrutable.kernels import indicators as kernel
+
+        sets, table = candidates.sets, distinct_of(candidates)
+        if isinstance(goal.measure, Infeasibility):
+            table = table.pick(np.flatnonzero(table.kind < 0))
+        self.goal, self._sets, self.number = goal, sets, table.number
+        self._arrays = table.costs, table.start, table.along
+        self._kind = table.kind.copy()
+        self._never, self._larger = kernel.NEVER, kernel.LARGER
+        self._proved = np.zeros(len(self.number), dtype=bool)
+        self._scan = kernel.cheapest_that_meet
+        rules = {Infeasibility: kernel.BY_EMPTINESS, NonUniqueness: kernel.BY_CORNERS, NonExistence: kernel.BY_DISTANCE}
+        self.starts = sets.start[sets.dimension >= 0] if isinstance(goal.measure, NonExistence) else None
+        self._rule = rules[type(goal.measure)], goal.least
+
+    def cheapest(self, beliefs: Array, optimal_costs: Array, limits: Array) -> Cheapest:
+        """Return the cheapest candidates that meet the goal under beliefs (T,X) at regrets of at most `limits` (T,)."""
+        count = len(beliefs)
+        answer = Cheapest(np.full(count, -1), np.full(count, np.inf))
+        floors = np.full(count, -1.0)
+        left = np.arange(count)
+        while left.size:
+            found, regrets = answer.found[left], np.empty(left.size)
+            self._scan(
+                *self._arrays, self._kind, *self._rule, beliefs[left], optimal_costs[left], limits[left],
+                floors[left], found, regrets,
+            )  # fmt: skip
+            answer.found[left], answer.regrets[left], floors[left] = found, regrets, regrets
+            left = left[[d >= 0 and not self._holds(beliefs[t], int(d)) for t, d in zip(left, found, strict=True)]]
+        return answer
+
+    def _holds(self, belief: Array, d: int) -> bool:
+        """Whether a decision that the scan takes for one that meets the goal does; what is true for all beliefs is kept."""
+        if self._proved[d]:
+            return True
+        if self.goal.compares_gaps:
+            # A test of its own for each, so that the answer does not depend on who asks first.
+            test = LevelTest(self.goal.problem, self.goal.margin)
+            self._proved[d] = test.reaches(self._sets.actions[self.number[d]])
+            if not self._proved[d]:
+                self._kind[d] = self._never
+            return bool(self._proved[d])
+        if self._kind[d] < self._larger:
+            return True
+        return self.goal.measure(belief, self._sets[int(self.number[d])]) == 0.0
+
+
+def goal_key(measure: PrivacyMeasure) -> tuple[type, float | None]:
+    """Return what tells one goal from another."""
+    return type(measure), getattr(measure, "margin", None)
+
+
+def table_of(problem: DecisionProblem, measure: PrivacyMeasure, candidates: Candidates) -> IndicatorTable:
+    """Return the table of a goal, made at first use and kept with the candidates."""
+    return candidates.once(goal_key(measure), lambda: IndicatorTable(Indicator(problem, measure), candidates))

@@ -1,0 +1,93 @@
+"""The cheapest decision that meets a goal, for many beliefs: one scan each, and nothing of the size of beliefs × decisions.
+
+A decision's consistent set is empty, a point, a segment from `start` to `start + along`, or larger. By rule it meets the goal
+
+    BY_EMPTINESS   where it is empty (a),
+    BY_CORNERS     where max(‖start − π‖∞, ‖end − π‖∞) > least (b),
+    BY_DISTANCE    where min_s ‖π − start − s·along‖ ≥ least, or it is empty (c);
+
+larger sets are passed to the caller as soon as one is the cheapest: by `start` alone, a member, where distance decides.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from inscrutable.kernels.options import kernel, part
+
+EMPTY, LARGER, NEVER = -1, 2, 3
+BY_EMPTINESS, BY_CORNERS, BY_DISTANCE = 0, 1, 2
+
+
+@part
+def _meets(start: Any, along: Any, kind: int, belief: Any, rule: int, least: float) -> bool:
+    if kind == EMPTY or rule == BY_EMPTINESS:
+        return kind == EMPTY and rule != BY_CORNERS
+    if rule == BY_CORNERS:
+        apart = 0.0
+        for i in range(belief.size):
+            first = start[i] - belief[i]
+            apart = max(apart, abs(first), abs(first + along[i]))
+        return bool(kind == LARGER or apart > least)
+    inner, square = 0.0, 0.0
+    for i in range(belief.size):
+        inner += (belief[i] - start[i]) * along[i]
+        square += along[i] * along[i]
+    share = min(max(inner / square, 0.0), 1.0) if square > 0.0 else 0.0
+    total = 0.0
+    for i in range(belief.size):
+        total += (belief[i] - start[i] - share * along[i]) ** 2
+    return bool(np.sqrt(total) >= least)
+
+
+@kernel
+def cheapest_that_meet(
+    costs: Any, start: Any, along: Any, kind: Any, rule: int, least: float, beliefs: Any, optimal_costs: Any, limits: Any,
+    floors: Any, found: Any, regrets: Any,
+) -> None:  # fmt: skip
+    """Fill, for beliefs (T,X), the decision (−1: none) of least regret up to the limit, the first of equals.
+
+    Only those count that come after `found` at the regret `floors` in the order of (regret, number).
+    """
+    for t in range(beliefs.shape[0]):
+        best, which = np.inf, -1
+        for d in range(costs.shape[0]):
+            cost = 0.0
+            for i in range(costs.shape[1]):
+                cost += beliefs[t, i] * costs[d, i]
+            regret = max(cost - optimal_costs[t], 0.0)
+            if regret > limits[t] or regret >= best or kind[d] == NEVER:
+                continue
+            if regret < floors[t] or (regret == floors[t] and d <= found[t]):
+                continue
+            if _meets(start[d], along[d], kind[d], beliefs[t], rule, least):
+                best, which = regret, d
+        found[t], regrets[t] = which, best
+
+
+@kernel
+def spread_directions(members: Any, belief: Any, radius: float, out: Any) -> int:
+    """Fill unit vectors (n,X) from a belief toward members (M,X) farther than `radius`, evenly spread over their order."""
+    n_states = belief.size
+    count = 0
+    for chosen in range(2):
+        seen, filled = 0, 0
+        step = (count - 1) / (out.shape[0] - 1) if count > out.shape[0] else 1.0
+        for m in range(members.shape[0]):
+            square = 0.0
+            for i in range(n_states):
+                square += (members[m, i] - belief[i]) ** 2
+            length = np.sqrt(square)
+            if length <= radius:
+                continue
+            if chosen == 1 and filled < out.shape[0] and (seen == int(filled * step) or seen == count - 1):
+                for i in range(n_states):
+                    out[filled, i] = (members[m, i] - belief[i]) / length
+                filled += 1
+            seen += 1
+        if chosen == 1:
+            return filled
+        count = seen
+    return 0

@@ -1,0 +1,417 @@
+"""Lotteries for three states: propose, polish, verify.
+
+Neighbouring beliefs have neighbouring lotteries: the atoms of the belief before are climbed under the new one, and one pass
+over the leaves of `search`, most of which their bounds exclude, shows that no candidate lies above the chord at its slope.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable.kernels.options import bare, inlined, kernel
+from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
+from inscrutable.kernels.three_states import bench, climb_three, in_space, settle_three
+from inscrutable.tolerances import CHORD, LENGTH, NEAR_ATOMS, SAME_PRICE
+
+NONE = -1
+TARGET = -3
+POLISHED, ABSENT = -1, -9
+FIRST_POLYGON = -16  # polygons are named from here downwards while searched
+SLOTS = 32
+_TURNS = 40
+
+
+class Plane(NamedTuple):
+    """Decisions in slots, SLOTS to a leaf, and leaves, in the plane of beliefs; both run along the last axis."""
+
+    costs: Any  # (3,S)
+    decoys: Any  # (2,S)
+    start: Any  # (2,S) of a segment, or the one belief
+    along: Any  # (2,S) of a segment, or 0
+    inverse: Any  # (S,) 1/length², or 0
+    face: Any  # (S,)
+    name: Any  # (S,) number of the decision
+    radius: Any  # (L,) of the leaves, filled up to a multiple of the processor's lanes
+    reach: Any  # (L,)
+    centre: Any  # (2,L)
+    least: Any  # (3,L) s_c − e
+    slope: Any  # (2,3,L)
+    polygons: Any  # (N,) numbers of the decisions with a polygon of beliefs; they are in no leaf
+    polygon_costs: Any  # (3,N)
+    polygon_faces: Any  # (N,)
+    polygon_decoys: Any  # (2,N)
+
+
+@bare
+def _look_out(plane: Plane, scene: Scene, t: int, work: Any) -> None:
+    """work: distance, direction (2), expected cost, its slope (2), and what the distance may exceed its linear model by."""
+    p0, p1 = scene.points[t, 0], scene.points[t, 1]
+    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    centre, least, slope, radius, reach = plane.centre, plane.least, plane.slope, plane.radius, plane.reach
+    sign = scene.sign
+    for leaf in range(work.shape[1]):
+        x0, x1 = centre[0, leaf] - p0, centre[1, leaf] - p1
+        distance = np.sqrt(x0 * x0 + x1 * x1)
+        inverse = 1.0 / max(distance, LENGTH)
+        work[0, leaf] = distance
+        work[1, leaf] = x0 * inverse
+        work[2, leaf] = x1 * inverse
+        work[3, leaf] = b0 * least[0, leaf] + b1 * least[1, leaf] + b2 * least[2, leaf]
+        work[4, leaf] = b0 * slope[0, 0, leaf] + b1 * slope[0, 1, leaf] + b2 * slope[0, 2, leaf]
+        work[5, leaf] = b0 * slope[1, 0, leaf] + b1 * slope[1, 1, leaf] + b2 * slope[1, 2, leaf]
+        work[6, leaf] = 0.5 * radius[leaf] * radius[leaf] * inverse if sign > 0.0 else reach[leaf]
+
+
+@bare
+def _best_above(
+    plane: Plane,
+    scene: Scene,
+    t: int,
+    sign: float,
+    price: float,
+    floor: float,
+    known: Any,
+    work: Any,
+    values: Any,
+) -> int:
+    """The candidate of largest Ψ − price·π·s above `floor`, or NONE."""
+    radius = plane.radius
+    for leaf in range(work.shape[1]):
+        e0, e1 = sign * work[1, leaf] - price * work[4, leaf], sign * work[2, leaf] - price * work[5, leaf]
+        bound = sign * work[0, leaf] - price * work[3, leaf] + work[6, leaf]
+        work[7, leaf] = bound + np.sqrt(e0 * e0 + e1 * e1) * radius[leaf]
+    p0, p1 = scene.points[t, 0], scene.points[t, 1]
+    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    start, along, inverse, costs = plane.start, plane.along, plane.inverse, plane.costs
+    best = NONE
+    for n in range(known.size):
+        cost = b0 * plane.polygon_costs[0, n] + b1 * plane.polygon_costs[1, n] + b2 * plane.polygon_costs[2, n]
+        if sign * known[n] - price * cost > floor:
+            floor, best = sign * known[n] - price * cost, FIRST_POLYGON - n
+    for leaf in range(plane.face.size // SLOTS):
+        if not work[7, leaf] > floor:
+            continue
+        low = leaf * SLOTS
+        for q in range(SLOTS):
+            d = low + q
+            x0, x1 = p0 - start[0, d], p1 - start[1, d]
+            share = min(max((x0 * along[0, d] + x1 * along[1, d]) * inverse[d], 0.0), 1.0)
+            x0 -= share * along[0, d]
+            x1 -= share * along[1, d]
+            cost = b0 * costs[0, d] + b1 * costs[1, d] + b2 * costs[2, d]
+            values[q] = sign * np.sqrt(x0 * x0 + x1 * x1) - price * cost
+        for q in range(SLOTS):
+            if values[q] > floor:
+                floor, best = values[q], low + q
+    return best
+
+
+class Scene(NamedTuple):
+    """What the lotteries of T beliefs start from; one affordable decision, `first`, is known beforehand."""
+
+    beliefs: Any  # (T,3)
+    points: Any  # (T,2) far from which (sign +) or near which (−) beliefs shall be inferred
+    sign: float
+    optimal_costs: Any  # (T,)
+    limits: Any  # (T,B)
+    first: int  # its name
+    first_regrets: Any  # (T,)
+    first_privacies: Any  # (T,)
+    target_regrets: Any  # (T,) of the decision with the target among its beliefs; infinite where there is none
+
+
+class Pair(NamedTuple):
+    """A, affordable, and B, unaffordable or ABSENT."""
+
+    name: Any  # (2,) of a candidate, POLISHED, OWN, TARGET, ABSENT
+    face: Any  # (2,)
+    place: Any  # (2,2)
+    regret: Any  # (2,)
+    privacy: Any  # (2,)
+
+
+@bare
+def _put(pair: Pair, side: int, name: int, face: int, z0: float, z1: float, regret: float, privacy: float) -> None:
+    pair.name[side], pair.face[side] = name, face
+    pair.place[side, 0], pair.place[side, 1] = z0, z1
+    pair.regret[side], pair.privacy[side] = regret, privacy
+    if pair.name[1] != ABSENT and not pair.privacy[1] > pair.privacy[0]:
+        pair.name[1] = ABSENT
+
+
+@bare
+def _judge(plane: Plane, scene: Scene, t: int, sign: float, optimal: float, d: int, known: Any) -> tuple[float, float]:
+    """Regret and privacy of the decision in a slot, or of a polygon."""
+    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    if d <= FIRST_POLYGON:
+        n = FIRST_POLYGON - d
+        cost = b0 * plane.polygon_costs[0, n] + b1 * plane.polygon_costs[1, n] + b2 * plane.polygon_costs[2, n]
+        return max(cost - optimal, 0.0), sign * known[n]
+    x0, x1 = scene.points[t, 0] - plane.start[0, d], scene.points[t, 1] - plane.start[1, d]
+    share = (x0 * plane.along[0, d] + x1 * plane.along[1, d]) * plane.inverse[d]
+    share = min(max(share, 0.0), 1.0)
+    x0 -= share * plane.along[0, d]
+    x1 -= share * plane.along[1, d]
+    cost = b0 * plane.costs[0, d] + b1 * plane.costs[1, d] + b2 * plane.costs[2, d]
+    return max(cost - optimal, 0.0), sign * np.sqrt(x0 * x0 + x1 * x1)
+
+
+@bare
+def _chord(pair: Pair) -> float:
+    if pair.name[1] == ABSENT:
+        return 0.0
+    return float((pair.privacy[1] - pair.privacy[0]) / (pair.regret[1] - pair.regret[0]))
+
+
+@inlined
+def _climb(
+    arena: Any, face: int, rules: Any, scene: Scene, t: int, aim: Any, z0: float, z1: float, on: Any
+) -> tuple[bool, float, float, float, float, float]:
+    """Climb from z on a face of any size: whether all went well, z, regret, privacy and price."""
+    k = arena.size[face]
+    if k >= 2:
+        return climb_three(arena, face, rules, scene, t, aim, z0, z1, on)
+    if k == 0:
+        return False, z0, z1, 0.0, 0.0, 0.0
+    y0, y1, y2 = in_space(rules.basis, z0, z1)
+    if not settle_three(arena.curves, arena.curve_at[face], 1, rules.pivot, y0, y1, y2, on):
+        return False, z0, z1, 0.0, 0.0, 0.0
+    ok, v, regret, privacy, price = climb_line(arena, face, rules, scene, t, aim, on.w[0])
+    if ok:
+        q0, q1, q2 = in_space(rules.basis, scene.points[t, 0], scene.points[t, 1])
+        _, _, _, y0, y1, y2 = segment_of_line(arena, face, v, q0, q1, q2)
+        z0 = rules.basis[0, 0] * y0 + rules.basis[1, 0] * y1 + rules.basis[2, 0] * y2
+        z1 = rules.basis[0, 1] * y0 + rules.basis[1, 1] * y1 + rules.basis[2, 1] * y2
+    return ok, z0, z1, regret, privacy, price
+
+
+@bare
+def _copy(pair: Pair) -> None:
+    """A becomes B as well."""
+    pair.name[1], pair.face[1] = pair.name[0], pair.face[0]
+    pair.place[1, 0], pair.place[1, 1] = pair.place[0, 0], pair.place[0, 1]
+    pair.regret[1], pair.privacy[1] = pair.regret[0], pair.privacy[0]
+
+
+@inlined
+def _polish(
+    pair: Pair, arena: Any, rules: Any, scene: Scene, t: int, aim: Any, near: float, on: Any
+) -> tuple[bool, float]:
+    """Climb both atoms, or one where they are near each other: whether it is a single one now, and its price."""
+    sign, optimal, limit, price = aim
+    faces = pair.face
+    if pair.name[1] != ABSENT and faces[0] >= 0 and faces[0] == faces[1] and arena.size[faces[0]] >= 1:
+        x0, x1 = pair.place[1, 0] - pair.place[0, 0], pair.place[1, 1] - pair.place[0, 1]
+        if x0 * x0 + x1 * x1 < near * near:
+            share = (limit - pair.regret[0]) / (pair.regret[1] - pair.regret[0])
+            z0, z1 = pair.place[0, 0] + share * x0, pair.place[0, 1] + share * x1
+            ok, z0, z1, regret, privacy, reached = _climb(arena, faces[0], rules, scene, t, aim, z0, z1, on)
+            if ok and privacy - price * regret >= pair.privacy[0] - price * pair.regret[0]:
+                pair.name[1] = ABSENT
+                _put(pair, 0, POLISHED, faces[0], z0, z1, regret, privacy)
+                return True, reached
+    for side in range(2):
+        face = faces[side]
+        if pair.name[side] == ABSENT or face < 0 or arena.size[face] == 0:
+            continue
+        ok, z0, z1, regret, privacy, _ = _climb(
+            arena, face, rules, scene, t, (sign, optimal, np.inf, price), pair.place[side, 0],
+            pair.place[side, 1], on,
+        )  # fmt: skip
+        # One that leaves its side takes the other's place where it is better there.
+        to = 0 if regret <= limit else 1
+        if ok and (pair.name[to] == ABSENT or privacy - price * regret >= pair.privacy[to] - price * pair.regret[to]):
+            _put(pair, to, POLISHED, face, z0, z1, regret, privacy)
+    return False, price
+
+
+@inlined
+def _follow(
+    pair: Pair,
+    single: bool,
+    plane: Plane,
+    arena: Any,
+    rules: Any,
+    scene: Scene,
+    t: int,
+    aim: Any,
+    known: Any,
+    on: Any,
+) -> tuple[bool, float]:
+    """Carry the atoms of another belief over to this one: whether they are still a lottery, and the price."""
+    sign, optimal, limit, price = aim
+    for side in range(1 if single else 2):
+        d, face = pair.name[side], pair.face[side]
+        if d < POLISHED and d > FIRST_POLYGON and d != TARGET:
+            return False, price
+        if d == TARGET:
+            pair.regret[side], pair.privacy[side] = scene.target_regrets[t], 0.0
+        elif arena.size[face] == 0:
+            pair.regret[side], pair.privacy[side] = _judge(plane, scene, t, sign, optimal, d, known)
+        else:
+            seek = aim if single else (sign, optimal, np.inf, price)
+            ok, z0, z1, regret, privacy, reached = _climb(
+                arena, face, rules, scene, t, seek, pair.place[side, 0], pair.place[side, 1], on
+            )
+            if not ok:
+                return False, price
+            if single:
+                price = reached
+            pair.name[side], pair.place[side, 0], pair.place[side, 1] = POLISHED, z0, z1
+            pair.regret[side], pair.privacy[side] = regret, privacy
+    if single:
+        return True, price
+    return pair.regret[0] <= limit < pair.regret[1] and pair.privacy[0] < pair.privacy[1], price
+
+
+@inlined
+def _start(pair: Pair, scene: Scene, t: int, limit: float) -> None:
+    """Begin with what is known beforehand."""
+    pair.name[1] = ABSENT
+    _put(pair, 0, scene.first, -1, 0.0, 0.0, scene.first_regrets[t], scene.first_privacies[t])
+    regret = scene.target_regrets[t]
+    if regret < np.inf:
+        _put(pair, 0 if regret <= limit else 1, TARGET, -1, 0.0, 0.0, regret, 0.0)
+
+
+@inlined
+def _take(pair: Pair, plane: Plane, d: int, limit: float, regret: float, privacy: float) -> None:
+    """A decision found above the chord takes the place of A or of B."""
+    side = 0 if regret <= limit else 1
+    if d <= FIRST_POLYGON:
+        n = FIRST_POLYGON - d
+        z0, z1 = plane.polygon_decoys[0, n], plane.polygon_decoys[1, n]
+        _put(pair, side, d, plane.polygon_faces[n], z0, z1, regret, privacy)
+    else:
+        _put(pair, side, d, plane.face[d], plane.decoys[0, d], plane.decoys[1, d], regret, privacy)
+
+
+@inlined
+def _settle_lottery(
+    plane: Plane,
+    arena: Any,
+    rules: Any,
+    scene: Scene,
+    t: int,
+    limit: float,
+    pair: Pair,
+    last: tuple[bool, bool, float],
+    tools: Any,
+) -> tuple[bool, bool, float]:
+    """The lottery of one belief, left in the pair: whether it is proved against all candidates, is single, and its price.
+
+    last: the same of the belief before.
+    """
+    work, values, known, on = tools
+    warm, single, price = last
+    sign, optimal = scene.sign, scene.optimal_costs[t]
+    climbed_at, merge = price, NEAR_ATOMS
+    if warm:
+        aim = (sign, optimal, limit, price)
+        warm, price = _follow(pair, single, plane, arena, rules, scene, t, aim, known, on)
+    if not warm:
+        single, climbed_at = False, np.nan
+        _start(pair, scene, t, limit)
+    proposing = not warm
+    for _ in range(_TURNS):
+        if pair.name[0] == TARGET or not limit > 0.0:
+            # Nothing is nearer than the target itself, and nothing is for free.
+            pair.name[1] = ABSENT
+            return True, False, 0.0
+        if not single:
+            price = _chord(pair)
+            if not proposing and not abs(price - climbed_at) <= SAME_PRICE * price:
+                climbed_at = price
+                aim = (sign, optimal, limit, price)
+                single, price = _polish(pair, arena, rules, scene, t, aim, merge, on)
+                continue
+        floor = pair.privacy[0] - price * pair.regret[0] + CHORD
+        d = _best_above(plane, scene, t, sign, price, floor - price * optimal, known, work, values)
+        if d == NONE:
+            if not proposing:
+                return True, single, price
+            proposing = False
+            continue
+        regret, privacy = _judge(plane, scene, t, sign, optimal, d, known)
+        if single:
+            # Two decisions are better than the one: they must come nearer than this to be merged again.
+            merge *= 0.1
+            if regret <= limit:
+                _copy(pair)
+        single, climbed_at = False, np.nan
+        _take(pair, plane, d, limit, regret, privacy)
+    return False, False, 0.0
+
+
+@inlined
+def _write(plane: Plane, rules: Any, limit: float, single: bool, pair: Pair, t: int, c: int, out: Any) -> None:
+    """Write the lottery of one belief and budget; a single decision is both atoms."""
+    index, faces, places, regrets, privacies, probabilities, _ = out
+    share = 0.0
+    two = not single and pair.name[1] != ABSENT
+    if two:
+        share = max(limit - pair.regret[0], 0.0) / (pair.regret[1] - pair.regret[0])
+    probabilities[t, c, 0], probabilities[t, c, 1] = 1.0 - share, share
+    for side in range(2):
+        s = side if two else 0
+        name = pair.name[s]
+        if name <= FIRST_POLYGON:
+            name = plane.polygons[FIRST_POLYGON - name]
+        elif name >= 0:
+            name = plane.name[name]
+        index[t, c, side], faces[t, c, side] = name, pair.face[s]
+        regrets[t, c, side], privacies[t, c, side] = pair.regret[s], pair.privacy[s]
+        y0, y1, y2 = in_space(rules.basis, pair.place[s, 0], pair.place[s, 1])
+        places[t, c, side, 0], places[t, c, side, 1], places[t, c, side, 2] = y0, y1, y2
+
+
+@bare
+def _fill(
+    low: int,
+    high: int,
+    scene: Scene,
+    plane: Plane,
+    arena: Any,
+    rules: Any,
+    out: Any,
+    failures: Any,
+    tools: Any,
+    pairs: Pair,
+    state: Any,
+) -> None:
+    prices = out[6]
+    work, _, known, _ = tools
+    for t in range(low, high):
+        _look_out(plane, scene, t, work)
+        for n in range(known.size):
+            known[n] = polygon_distance(arena, plane.polygon_faces[n], rules, scene.points[t, 0], scene.points[t, 1])
+        for c in range(prices.shape[1]):
+            pair = Pair(pairs.name[c], pairs.face[c], pairs.place[c], pairs.regret[c], pairs.privacy[c])
+            last = (state[c, 0] > 0.0, state[c, 1] > 0.0, state[c, 2])
+            limit = scene.limits[t, c] * rules.inside
+            found, single, price = _settle_lottery(plane, arena, rules, scene, t, limit, pair, last, tools)
+            failures[t, c], prices[t, c] = not found, price
+            if found:
+                _write(plane, rules, limit, single, pair, t, c, out)
+            warm = found and (single or pair.name[1] != ABSENT)
+            state[c, 0], state[c, 1], state[c, 2] = 1.0 if warm else 0.0, 1.0 if single else 0.0, price
+
+
+@kernel
+def lotteries_three(
+    low: int, high: int, scene: Scene, plane: Plane, arena: Any, rules: Any, out: Any, failures: Any
+) -> None:
+    """Fill the lotteries of the beliefs low..high, neighbours one after the other, for B budgets each; failures (T,B) True
+    where the general search is needed.
+
+    out: index (T,B,2), face (T,B,2), decoys (T,B,2,3), regrets, privacies, probabilities (T,B,2), prices (T,B).
+    """
+    work, values, known = np.empty((8, plane.radius.size)), np.empty(SLOTS), np.empty(plane.polygons.size)
+    on = bench(arena.size.max(), arena.n_rows.max())
+    n = failures.shape[1]
+    pairs = Pair(
+        np.empty((n, 2), np.int64), np.empty((n, 2), np.int64), np.empty((n, 2, 2)), np.empty((n, 2)), np.empty((n, 2))
+    )
+    _fill(low, high, scene, plane, arena, rules, out, failures, (work, values, known, on), pairs, np.zeros((n, 3)))

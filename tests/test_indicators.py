@@ -1,0 +1,241 @@
+"""Goals that are met or missed (a, b, c): the streamed search against enumeration and against the search set by set."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    DecisionStatus,
+    Infeasibility,
+    MarkowitzProblem,
+    NonExistence,
+    NonUniqueness,
+    ProbabilisticDecisionMaker,
+    QuadraticProblem,
+    box,
+    consistent_beliefs,
+    decoy_grid,
+    plausibility_gap,
+    random_candidates,
+)
+from inscrutable.adversaries.level_test import LevelTest
+from inscrutable.adversaries.plausibility import nearest_explanation
+from inscrutable.decision_makers.candidates import near_decoys
+from inscrutable.decision_makers.indicators import Indicator, IndicatorTable
+from oracles import markets
+from strategies import long_only
+
+
+class SetBySetUniqueness(NonUniqueness):
+    """The same goal, but a user's own class, which is judged by its definition."""
+
+
+class SetBySetExistence(NonExistence):
+    """The same for the distance."""
+
+
+class SetBySetFeasibility(Infeasibility):
+    """The same for the gap."""
+
+
+def problem_of(kind: str) -> QuadraticProblem:
+    rng = np.random.default_rng(7)
+    n_states = {"one asset": 3, "one state": 1, "two states": 2, "four states": 4}.get(kind, 3)
+    n_assets = {"one asset": 1, "four states": 5, "few assets": 2}.get(kind, 4)
+    market = markets.random_market(rng, n_states, n_assets, duplicate=kind == "duplicated asset")
+    means, covariances = market.means, market.covariances
+    if kind == "states alike":
+        means, covariances = means[[0, 1, 1]], covariances[[0, 1, 1]]
+    if kind == "box":
+        return QuadraticProblem(covariances, -means, constraints=box(-np.ones(n_assets), np.ones(n_assets)))
+    slack = 0.0 if kind == "no least slack" else 1e-4
+    return MarkowitzProblem(means, covariances, market.risk_aversion, constraints=long_only(n_assets, slack))
+
+
+KINDS = [
+    "plain", "one asset", "one state", "two states", "four states", "few assets", "duplicated asset", "states alike",
+    "no least slack", "box",
+]  # fmt: skip
+
+
+def beliefs_of(n_states: int, count: int = 5) -> np.ndarray:
+    """Interior ones, one with regimes of probability zero, and the centre."""
+    inside = np.random.default_rng(8).dirichlet(np.ones(n_states), count)
+    edge = np.zeros((1, n_states))
+    edge[0, : min(2, n_states)] = 1.0 / min(2, n_states)
+    return np.vstack([inside, edge, np.eye(n_states)[:1], np.full((1, n_states), 1.0 / n_states)])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("budget", [0.1, Budget.regret(1e-5), Budget.regret(0.0)], ids=str)
+@pytest.mark.parametrize(
+    ("streamed", "defined"),
+    [
+        (NonUniqueness(), SetBySetUniqueness()),
+        (NonExistence(), SetBySetExistence()),
+        (NonExistence(0.0), SetBySetExistence(0.0)),
+        (NonExistence(0.2), SetBySetExistence(0.2)),
+        (Infeasibility(0.0), SetBySetFeasibility(0.0)),
+    ],
+    ids=repr,
+)
+def test_the_stream_decides_as_the_search_set_by_set(kind, budget, streamed, defined):
+    problem = problem_of(kind)
+    beliefs = beliefs_of(problem.n_states)
+    if isinstance(streamed, Infeasibility):
+        candidates = random_candidates(problem, 60, rng=np.random.default_rng(3))
+    else:
+        candidates = decoy_grid(problem, 12)
+    for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
+        new = maker(problem, streamed, budget, candidates=candidates).decide_many(beliefs)
+        old = maker(problem, defined, budget, candidates=candidates).decide_many(beliefs)
+        assert new.status == old.status
+        names = (
+            ("privacy",) if maker is CounterAdversarialDecisionMaker else ("expected_privacy", "probabilities", "price")
+        )
+        for name in (*names, "privacy_bound"):
+            np.testing.assert_array_equal(getattr(new, name), getattr(old, name), err_msg=name)
+        np.testing.assert_allclose(new.optimal_cost, old.optimal_cost, atol=1e-12)
+        paid, before = new.cost if names == ("privacy",) else new.expected_cost, None
+        before = old.cost if names == ("privacy",) else old.expected_cost
+        # The way is cut at the nearest point that meets the goal: never dearer than where halving from the far end stops.
+        assert (paid <= before + 1e-10 * max(1.0, np.abs(before).max())).all()
+        same = np.abs(paid - before) <= 1e-12
+        assert same.mean() >= 0.6
+
+
+@pytest.mark.parametrize("kind", ["plain", "two states", "four states", "duplicated asset"])
+def test_a_gap_is_compared_as_the_cutting_planes_do(kind):
+    problem = problem_of(kind)
+    beliefs = beliefs_of(problem.n_states, 2)[:3]
+    candidates = near_decoys(problem, 300)
+    new = CounterAdversarialDecisionMaker(problem, Infeasibility(1e-4), candidates=candidates).decide_many(beliefs)
+    old = CounterAdversarialDecisionMaker(problem, SetBySetFeasibility(1e-4), candidates=candidates).decide_many(
+        beliefs
+    )
+    assert new.status == old.status
+    # Both stop where the gap is the margin up to 1e-9 of the costs.
+    np.testing.assert_allclose(new.regret, old.regret, rtol=1e-3, atol=1e-9)
+    for step in range(len(beliefs)):
+        if new.privacy[step] == 0.0:
+            assert consistent_beliefs(problem, new.action[step]).is_empty
+            assert 1e-4 <= plausibility_gap(problem, new.action[step]) <= 1.1e-4
+
+
+@pytest.mark.parametrize("margin", [1e-6, 1e-3, 5e-3])
+def test_one_level_test_serves_many_decisions(margin):
+    problem = problem_of("four states")
+    rng = np.random.default_rng(5)
+    test = LevelTest(problem, margin)
+    answers = []
+    for _ in range(8):
+        optimal, other = problem.solve(rng.dirichlet(np.ones(4))), rng.dirichlet(np.ones(problem.n_actions))
+        for share in (0.0, 1e-3, 0.03, 0.5):
+            action = optimal + share * (other - optimal)
+            gap = nearest_explanation(problem, action)[1]
+            if abs(gap - margin) > 1e-7:
+                answers.append(gap >= margin)
+                assert test.reaches(action) == answers[-1]
+    assert {True, False} == set(answers)
+
+
+@pytest.mark.parametrize("measure", [NonUniqueness(), NonExistence(), NonExistence(0.3), Infeasibility(1e-3)], ids=repr)
+def test_the_scan_finds_the_cheapest_candidate_by_enumeration(measure):
+    problem = problem_of("plain")
+    rng = np.random.default_rng(11)
+    candidates = decoy_grid(problem, 6).joined(random_candidates(problem, 30, rng=rng))
+    table = IndicatorTable(Indicator(problem, measure), candidates)
+    beliefs = beliefs_of(3)
+    optimal = problem.optimal_cost(beliefs)
+    for limit in (np.inf, 0.3, 0.003):
+        found = table.cheapest(beliefs, optimal, np.full(len(beliefs), limit))
+        for step, belief in enumerate(beliefs):
+            regrets = candidates.state_costs @ belief - optimal[step]
+            meets = [
+                bool(candidates.usable[i]) and measure(belief, consistent_beliefs(problem, action)) == 0.0
+                for i, action in enumerate(candidates.actions)
+            ]
+            allowed = regrets[np.array(meets) & (regrets <= limit)]
+            if not allowed.size:
+                assert found.found[step] == -1
+                continue
+            assert found.regrets[step] == pytest.approx(max(allowed.min(), 0.0), abs=1e-14)
+            assert meets[table.number[found.found[step]]]
+
+
+@pytest.mark.parametrize("measure", [NonUniqueness(), NonExistence(), Infeasibility()], ids=repr)
+def test_what_is_chosen_meets_the_goal_within_the_budget(measure):
+    problem = problem_of("plain")
+    beliefs = beliefs_of(3)
+    chooser = CounterAdversarialDecisionMaker(problem, measure, Budget.regret(1e-3))
+    found = chooser.decide_many(beliefs)
+    mixed = ProbabilisticDecisionMaker(problem, measure, Budget.regret(1e-3)).decide_many(beliefs)
+    assert (found.privacy == 0.0).any()
+    for step, belief in enumerate(beliefs):
+        assert measure(belief, consistent_beliefs(problem, found.action[step])) == found.privacy[step]
+        assert found.regret[step] <= 1e-3
+        assert found.regret[step] == pytest.approx(float(problem.regret(belief, found.action[step])), abs=1e-14)
+        assert problem.constraints.is_admissible(found.action[step])
+        alone = chooser.decide(belief)
+        assert alone.status is found.status[step]
+        assert alone.regret == pytest.approx(found.regret[step], rel=1e-3, abs=1e-12)
+        # Equal privacies: the best lottery is the cheapest decision.
+        assert mixed[step].probabilities.tolist() == [1.0]
+        assert mixed[step].regrets[0] <= found.regret[step] + 1e-15
+        assert mixed.expected_privacy[step] == found.privacy[step]
+
+
+def test_margins_are_not_mixed_up():
+    problem = problem_of("plain")
+    candidates = decoy_grid(problem, 12)
+    belief = beliefs_of(3)[0]
+    paid = [
+        CounterAdversarialDecisionMaker(problem, NonExistence(margin), 1.0, candidates=candidates).decide(belief).regret
+        for margin in (0.01, 0.010000001, 0.1)
+    ]
+    assert paid[0] < paid[1] < paid[2]
+
+
+@pytest.mark.parametrize("measure", [NonUniqueness(), NonExistence(), Infeasibility()], ids=repr)
+def test_the_same_bytes_for_any_number_of_threads(monkeypatch, measure):
+    problem = problem_of("plain")
+    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 150 if isinstance(measure, Infeasibility) else 300)
+    answers = set()
+    for threads in ("1", "2", "4"):
+        monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
+        candidates = near_decoys(problem, 300) if isinstance(measure, Infeasibility) else decoy_grid(problem, 20)
+        found = CounterAdversarialDecisionMaker(problem, measure, candidates=candidates).decide_many(beliefs)
+        answers.add(found.action.tobytes() + found.regret.tobytes() + found.decoy.tobytes())
+    assert len(answers) == 1
+
+
+@pytest.mark.parametrize("measure", [NonExistence(), Infeasibility()], ids=repr)
+def test_progress_ends_at_the_end_and_an_interrupt_is_passed_on(measure):
+    problem = problem_of("plain")
+    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 200)
+    chooser = CounterAdversarialDecisionMaker(problem, measure, candidates=random_candidates(
+        problem, 50, rng=np.random.default_rng(2)))  # fmt: skip
+    seen = []
+    chooser.decide_many(beliefs, progress=lambda done, of: seen.append((done, of)))
+    assert seen[-1] == (200, 200)
+    assert seen == sorted(seen)
+
+    def interrupt(done, of):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        chooser.decide_many(beliefs, progress=interrupt)
+    assert len(chooser.decide_many(beliefs[:3])) == 3
+
+
+def test_nothing_affordable_is_said():
+    problem = problem_of("plain")
+    belief = beliefs_of(3)[0]
+    for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
+        found = maker(problem, NonExistence(), Budget.regret(0.0), candidates=decoy_grid(problem, 7)).decide(belief)
+        assert found.status is DecisionStatus.NO_AFFORDABLE_PRIVACY
+        actions = np.atleast_2d(found.action if hasattr(found, "action") else found.actions)
+        np.testing.assert_allclose(actions[0], problem.solve(belief), atol=1e-12)

@@ -1,0 +1,158 @@
+"""Single decisions for many states and assets: against the best that minutes of multistart found, and their parts."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    DesiredObfuscation,
+    MarkowitzProblem,
+    Polyhedron,
+    simplex,
+)
+from inscrutable.decision_makers.edge_climbs import edge_decoys
+from inscrutable.decision_makers.face_search import rules_for
+from inscrutable.decision_makers.face_starts import flipped, set_distance
+from inscrutable.decision_makers.faces import face_programme
+from inscrutable.decision_makers.rays import farthest_decoys
+from inscrutable.kernels.climb import Aim
+from inscrutable.privacy import MaximalObfuscation
+from oracles import consistent, large_markets, markets, multistart
+
+INSTANCES = {instance.name: instance for instance in large_markets.instances()}
+CLOSE = 1e-7
+REACHED = 0.997  # of the best privacy that the oracle found
+ROUNDING = 1e-9  # of the limit
+NEAR_EDGE = 0.02
+
+
+@lru_cache(1)
+def candidates_of(market_name: str):
+    market = next(each.market for each in INSTANCES.values() if each.name.startswith(market_name))
+    problem = MarkowitzProblem(*market)
+    return problem, CounterAdversarialDecisionMaker(problem).candidates
+
+
+def decided(instance):
+    market_name = "-".join(instance.name.split("-")[:-2])
+    problem, candidates = candidates_of(market_name)
+    budget = Budget.regret(instance.limit)
+    return CounterAdversarialDecisionMaker(problem, budget=budget, candidates=candidates).decide(instance.belief)
+
+
+@pytest.mark.parametrize("name", INSTANCES)
+def test_the_kept_decisions_of_the_oracle_are_worth_what_it_says(name):
+    instance = INSTANCES[name]
+    known = large_markets.best_known(instance)
+    cost = multistart.optimal_cost_of(instance.market, instance.belief)
+    verdict = multistart.judged(instance.market, instance.belief, cost, known.action)
+    assert verdict.admissible
+    assert verdict.regret <= instance.limit
+    assert verdict.privacy == pytest.approx(known.privacy, abs=CLOSE)
+
+
+@pytest.mark.parametrize("name", INSTANCES)
+def test_a_decision_is_as_private_as_the_best_known(name):
+    instance = INSTANCES[name]
+    decision = decided(instance)
+    verdict = multistart.judged(instance.market, instance.belief, decision.optimal_cost, decision.action)
+    assert verdict.admissible
+    assert verdict.regret <= instance.limit * (1 + ROUNDING)
+    assert verdict.privacy == pytest.approx(decision.privacy, abs=CLOSE)
+    assert decision.privacy >= REACHED * large_markets.best_known(instance).privacy
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_toward_a_target_no_affordable_candidate_is_nearer(seed):
+    rng = np.random.default_rng(seed)
+    problem = MarkowitzProblem(*large_markets.large_market(5, 12, seed, 1.0))
+    belief, target = rng.dirichlet(np.ones(5), 2)
+    agent = CounterAdversarialDecisionMaker(problem, DesiredObfuscation(target), 0.1)
+    decision, held = agent.decide(belief), agent.candidates
+    regrets = held.state_costs @ belief - decision.optimal_cost
+    affordable = held.usable & (regrets <= 0.1 * abs(decision.optimal_cost))
+    values = agent.measure.values(belief, held.sets).privacies[affordable]
+    assert decision.privacy >= values.max(initial=-np.inf) - CLOSE
+
+
+# --- the edge of the budget -----------------------------------------------------------------------------------------
+
+
+def edge_of(problem, belief, limit, point=None, sign=1.0):
+    aim = Aim(belief, belief if point is None else point, sign, float(problem.optimal_cost(belief)), limit, 0.0)
+    decoys = CounterAdversarialDecisionMaker(problem).candidates.decoys
+    return aim, edge_decoys(problem, aim, decoys, problem.state_costs(problem.solve(decoys)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_climbs_end_on_the_edge_beyond_all_rays(seed):
+    rng = np.random.default_rng(seed)
+    problem = MarkowitzProblem(*large_markets.large_market(5, 15, seed))
+    belief = rng.dirichlet(np.ones(5))
+    limit = 0.05 * abs(float(problem.optimal_cost(belief)))
+    _, ends = edge_of(problem, belief, limit)
+    np.testing.assert_allclose(ends.sum(axis=1), 1.0, atol=1e-12)
+    assert ends.min() >= 0.0
+    length = np.linalg.norm(ends - belief, axis=1)
+    regrets = problem.state_costs(problem.solve(ends)) @ belief - float(problem.optimal_cost(belief))
+    assert regrets.max() <= limit * (1 + NEAR_EDGE)
+    on_edge = np.isclose(regrets, limit, rtol=NEAR_EDGE) | (ends.min(axis=1) <= CLOSE)
+    assert on_edge.all()
+    rays, _ = farthest_decoys(problem, belief, limit)
+    assert length[0] >= np.linalg.norm(rays - belief, axis=1).max() * (1 - NEAR_EDGE)
+    assert (np.diff(length) <= NEAR_EDGE).all()
+
+
+def test_toward_a_target_climbs_come_nearer_than_the_ray_to_it():
+    problem = MarkowitzProblem(*large_markets.large_market(4, 10, 3))
+    belief, target = np.array([0.4, 0.3, 0.2, 0.1]), np.array([0.05, 0.05, 0.1, 0.8])
+    limit = 0.02 * abs(float(problem.optimal_cost(belief)))
+    aim, ends = edge_of(problem, belief, limit, target, -1.0)
+    shares = np.linspace(0, 1, 2001)[:, None]
+    along = belief + shares * (target - belief)
+    affordable = problem.state_costs(problem.solve(along)) @ belief - aim.optimal_cost <= limit
+    assert np.linalg.norm(ends[0] - target) <= np.linalg.norm(along[affordable][-1] - target) * (1 + NEAR_EDGE)
+
+
+def test_general_rows_are_searched_too():
+    market = markets.random_market(np.random.default_rng(5), 4, 6, positive_value=True)
+    cap = simplex(6) & Polyhedron(A_ub=[[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]], b_ub=[0.5])
+    problem = MarkowitzProblem(*market, constraints=cap)
+    belief = np.array([0.4, 0.3, 0.2, 0.1])
+    agent = CounterAdversarialDecisionMaker(problem, budget=0.1)
+    decision, held = agent.decide(belief), agent.candidates
+    costs = held.state_costs @ belief
+    affordable = held.usable & (costs - decision.optimal_cost <= 0.1 * abs(decision.optimal_cost))
+    order = np.flatnonzero(affordable)[np.argsort(-np.linalg.norm(held.decoys[affordable] - belief, axis=1))]
+    judged = [MaximalObfuscation()(belief, held.sets[int(i)]) for i in order[:20]]
+    assert decision.privacy >= max(judged) - CLOSE
+    assert decision.regret <= 0.1 * abs(decision.optimal_cost)
+    assert cap.is_admissible(decision.action)
+
+
+# --- the set of a decision ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_distance_to_a_set_by_its_face(seed):
+    rng = np.random.default_rng(seed)
+    market = large_markets.large_market(6, 9, seed, 0.5)
+    problem = MarkowitzProblem(*market)
+    beliefs = rng.dirichlet(np.ones(6), 2)
+    action = problem.solve(beliefs[0])
+    face = face_programme(problem, problem.constraints.tight_rows(action))
+    aim = Aim(beliefs[1], beliefs[1], 1.0, 0.0, np.inf, 0.0)
+    found = set_distance(face, face.rows[: face.n_set_rows], face.w(action), aim, rules_for(6))
+    system = consistent.simplex_system(markets.gradients(market, action), action > 0)
+    assert found == pytest.approx(consistent.distance(system, beliefs[1]), abs=CLOSE)
+
+
+def test_flipping_changes_the_rows_named_and_nothing_else():
+    tight = np.array([True, False, True])
+    np.testing.assert_array_equal(flipped(tight, 0, 1), [False, True, True])
+    np.testing.assert_array_equal(tight, [True, False, True])

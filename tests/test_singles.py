@@ -1,0 +1,145 @@
+"""Single decisions for many beliefs at once: the streaming search against the search by belief, and prices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    DesiredObfuscation,
+    MarkowitzProblem,
+    MaximalObfuscation,
+    consistent_beliefs,
+    decoy_grid,
+)
+from inscrutable.decision_makers.atlas import atlas_of
+from inscrutable.decision_makers.results import DecisionStatus
+from inscrutable.decision_makers.singles import seek, stream_singles
+from inscrutable.kernels import threads
+from oracles.markets import random_market
+
+BUDGETS = (0.003, 0.03, 0.3)
+TARGET = {2: [0.7, 0.3], 3: [0.6, 0.3, 0.1]}
+
+
+def spread(n_states: int, n_assets: int, resolution: int, twin: bool = False):
+    means, covariances, aversion = random_market(np.random.default_rng([5, n_states, n_assets]), n_states, n_assets)
+    if twin:
+        means[:, 1] = means[:, 0]
+        covariances[:, 1], covariances[:, :, 1] = covariances[:, 0], covariances[:, :, 0]
+        covariances[:, 1, 1] = covariances[:, 0, 0]
+    problem = MarkowitzProblem(means, covariances, aversion)
+    return problem, decoy_grid(problem, resolution)
+
+
+def beliefs_of(n_states: int, count: int):
+    rng = np.random.default_rng([6, n_states])
+    drawn = np.concatenate([rng.dirichlet(np.ones(n_states), count), rng.dirichlet(np.full(n_states, 20.0), count)])
+    drawn[0] = np.eye(n_states)[0]
+    drawn[1] = np.eye(n_states)[-1] * 0.4 + np.eye(n_states)[0] * 0.6  # a regime of probability zero, for X > 2
+    return drawn
+
+
+@pytest.mark.parametrize("toward", [False, True], ids=["away", "toward"])
+@pytest.mark.parametrize(
+    ("n_states", "n_assets", "resolution", "twin"),
+    [(3, 3, 60, False), (3, 6, 60, False), (3, 12, 60, False), (2, 4, 200, False), (3, 4, 40, True), (3, 1, 12, False)],
+)
+def test_many_are_as_private_as_each_alone(n_states, n_assets, resolution, twin, toward):
+    problem, candidates = spread(n_states, n_assets, resolution, twin)
+    beliefs = beliefs_of(n_states, 16)
+    measure = DesiredObfuscation(TARGET[n_states]) if toward else MaximalObfuscation()
+    exact, compared = 0, 0
+    for budget in BUDGETS:
+        chooser = CounterAdversarialDecisionMaker(problem, measure, budget, candidates=candidates)
+        many = chooser.decide_many(beliefs)
+        for step in range(0, len(beliefs), 3):
+            alone = chooser.decide(beliefs[step])
+            assert many.privacy[step] >= alone.privacy - 1e-6
+            exact += abs(many.privacy[step] - alone.privacy) <= 1e-9
+            compared += 1
+            one = many[step]
+            assert one.regret <= budget * abs(one.optimal_cost) * (1 + 1e-9) + 1e-15
+            assert problem.constraints.is_admissible(one.action)
+            assert float(problem.regret(beliefs[step], one.action)) == pytest.approx(one.regret, abs=1e-10)
+            recomputed = measure(beliefs[step], consistent_beliefs(problem, one.action))
+            assert recomputed == pytest.approx(one.privacy, abs=1e-6)
+            np.testing.assert_allclose(many.action[step], one.action, atol=1e-15)
+    assert exact >= 0.9 * compared
+
+
+@pytest.mark.parametrize("toward", [False, True], ids=["away", "toward"])
+@pytest.mark.parametrize("n_assets", [3, 6])
+def test_the_price_is_the_slope_of_the_best_privacy(n_assets, toward):
+    problem, candidates = spread(3, n_assets, 60)
+    beliefs = beliefs_of(3, 20)
+    measure = DesiredObfuscation(TARGET[3]) if toward else MaximalObfuscation()
+    regret = 0.02 * float(np.abs(problem.optimal_cost(beliefs)).mean())
+    step = 1e-4 * regret
+
+    def decided(amount):
+        return CounterAdversarialDecisionMaker(
+            problem, measure, Budget.regret(amount), candidates=candidates
+        ).decide_many(beliefs)
+
+    low, middle, high = decided(regret - step), decided(regret), decided(regret + step)
+    slope = (high.privacy - low.privacy) / (2 * step)
+    assert middle.price.min() >= 0
+    assert middle.price.max() > 0
+    near = np.abs(middle.price - slope) <= 1e-3 * np.abs(slope) + 1e-6
+    assert near.mean() >= 0.9  # elsewhere the best privacy has a kink within the step
+    alone = CounterAdversarialDecisionMaker(problem, measure, Budget.regret(regret), candidates=candidates)
+    for t in range(0, len(beliefs), 9):
+        assert alone.decide(beliefs[t]).price == pytest.approx(middle.price[t], rel=1e-4, abs=1e-9)
+
+
+def test_budgets_are_served_together_as_alone():
+    problem, candidates = spread(3, 6, 40)
+    atlas, beliefs = atlas_of(problem, candidates), beliefs_of(3, 20)
+    sought = seek(atlas, beliefs, beliefs, 1.0)
+    limits = np.abs(sought.optimal_costs)[:, None] * np.array([0.0, 0.01, 0.1])
+    together = stream_singles(atlas, sought, limits)
+    assert together.is_optimal[:, 0].all()
+    assert (np.diff(together.privacy, axis=1) >= -1e-9).all()
+    for b in range(3):
+        alone = stream_singles(atlas, sought, limits[:, b : b + 1])
+        np.testing.assert_array_equal(together.privacy[:, b], alone.privacy[:, 0])
+        np.testing.assert_array_equal(together.actions(slice(None), b), alone.actions(slice(None), 0))
+
+
+def test_the_number_of_threads_changes_no_byte(monkeypatch):
+    problem, candidates = spread(3, 6, 40)
+    chooser = CounterAdversarialDecisionMaker(problem, budget=0.05, candidates=candidates)
+    beliefs, seen = beliefs_of(3, 150), []
+    for count in (1, 2, 4):
+        monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
+        many = chooser.decide_many(beliefs)
+        seen.append((many.privacy.tobytes(), many.regret.tobytes(), many.action.tobytes(), many.price.tobytes()))
+    assert seen[0] == seen[1] == seen[2]
+
+
+def test_progress_ends_at_the_last_belief_and_an_interrupt_is_raised():
+    problem, candidates = spread(3, 3, 40)
+    chooser = CounterAdversarialDecisionMaker(problem, budget=0.05, candidates=candidates)
+    beliefs, seen = beliefs_of(3, 150), []
+    chooser.decide_many(beliefs, progress=lambda done, count: seen.append((done, count)))
+    assert seen[-1] == (300, 300)
+    assert seen == sorted(seen)
+
+    def interrupt(done, count):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        chooser.decide_many(beliefs, progress=interrupt)
+
+
+def test_without_budget_the_optimal_decisions_are_played():
+    problem, candidates = spread(3, 3, 40)
+    beliefs = beliefs_of(3, 20)
+    many = CounterAdversarialDecisionMaker(problem, budget=0.0, candidates=candidates).decide_many(beliefs)
+    assert set(many.status) == {DecisionStatus.NO_AFFORDABLE_PRIVACY}
+    np.testing.assert_allclose(many.action, problem.solve(beliefs), atol=1e-12)
+    assert not many.privacy.any()
+    assert not many.price.any()

@@ -1,4 +1,4 @@
-"""Single decisions for many beliefs at once: the streaming search against the search by belief, and prices."""
+"""Single decisions for many beliefs at once: the walk in the plane against the search face by face, and prices."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ from inscrutable import (
     decoy_grid,
 )
 from inscrutable.decision_makers.atlas import atlas_of
+from inscrutable.decision_makers.face_search import most_private
 from inscrutable.decision_makers.results import DecisionStatus
-from inscrutable.decision_makers.singles import seek, stream_singles
+from inscrutable.decision_makers.singles import stream_singles
+from inscrutable.decision_makers.streaming import OWN, Aims
 from inscrutable.kernels import threads
+from inscrutable.kernels.climb import Aim
 from oracles.markets import random_market
 
 BUDGETS = (0.003, 0.03, 0.3)
@@ -45,7 +48,14 @@ def beliefs_of(n_states: int, count: int):
 @pytest.mark.parametrize("toward", [False, True], ids=["away", "toward"])
 @pytest.mark.parametrize(
     ("n_states", "n_assets", "resolution", "twin"),
-    [(3, 3, 60, False), (3, 6, 60, False), (3, 12, 60, False), (2, 4, 200, False), (3, 4, 40, True), (3, 1, 12, False)],
+    [
+        (3, 3, 100, False),
+        (3, 6, 100, False),
+        (3, 12, 100, False),
+        (2, 4, 200, False),
+        (3, 4, 40, True),
+        (3, 1, 12, False),
+    ],
 )
 def test_many_are_as_private_as_each_alone(n_states, n_assets, resolution, twin, toward):
     problem, candidates = spread(n_states, n_assets, resolution, twin)
@@ -73,7 +83,7 @@ def test_many_are_as_private_as_each_alone(n_states, n_assets, resolution, twin,
 @pytest.mark.parametrize("toward", [False, True], ids=["away", "toward"])
 @pytest.mark.parametrize("n_assets", [3, 6])
 def test_the_price_is_the_slope_of_the_best_privacy(n_assets, toward):
-    problem, candidates = spread(3, n_assets, 60)
+    problem, candidates = spread(3, n_assets, 100)
     beliefs = beliefs_of(3, 20)
     measure = DesiredObfuscation(TARGET[3]) if toward else MaximalObfuscation()
     regret = 0.02 * float(np.abs(problem.optimal_cost(beliefs)).mean())
@@ -95,22 +105,50 @@ def test_the_price_is_the_slope_of_the_best_privacy(n_assets, toward):
         assert alone.decide(beliefs[t]).price == pytest.approx(middle.price[t], rel=1e-4, abs=1e-9)
 
 
+@pytest.mark.parametrize("toward", [False, True], ids=["away", "toward"])
+@pytest.mark.parametrize(("n_assets", "budget"), [(3, 0.02), (3, 0.2), (6, 0.1)])
+def test_the_walk_reaches_what_the_search_by_faces_does(n_assets, budget, toward):
+    problem, candidates = spread(3, n_assets, 100)
+    beliefs = beliefs_of(3, 60)
+    points = np.tile(TARGET[3], (len(beliefs), 1)) if toward else beliefs
+    aims = Aims(points, -1.0 if toward else 1.0, (Budget(budget),))
+    atlas = atlas_of(problem, candidates)
+    walked = stream_singles(atlas, beliefs, aims)
+    short = []
+    for t, belief in enumerate(beliefs):
+        cost = float(problem.optimal_cost(belief))
+        aim = Aim(belief, points[t], aims.sign, cost, budget * abs(cost), 0.0)
+        found = most_private(atlas, aim, problem.solve(belief))
+        short.append(0.0 if found is None else found.privacy - walked.privacy[t, 0])
+    # Either search may end at the lower of two peaks, now and then.
+    assert np.mean(np.array(short) <= 1e-6) >= 0.97
+    assert max(short) <= 0.01
+
+
 def test_budgets_are_served_together_as_alone():
-    problem, candidates = spread(3, 6, 40)
+    problem, candidates = spread(3, 6, 100)
     atlas, beliefs = atlas_of(problem, candidates), beliefs_of(3, 20)
-    sought = seek(atlas, beliefs, beliefs, 1.0)
-    limits = np.abs(sought.optimal_costs)[:, None] * np.array([0.0, 0.01, 0.1])
-    together = stream_singles(atlas, sought, limits)
-    assert together.is_optimal[:, 0].all()
+    budgets = (Budget(0.0), Budget(0.01), Budget(0.1))
+    together = stream_singles(atlas, beliefs, Aims(beliefs, 1.0, budgets))
+    assert (together.index[:, 0] == OWN).all()
     assert (np.diff(together.privacy, axis=1) >= -1e-9).all()
     for b in range(3):
-        alone = stream_singles(atlas, sought, limits[:, b : b + 1])
+        alone = stream_singles(atlas, beliefs, Aims(beliefs, 1.0, budgets[b : b + 1]))
         np.testing.assert_array_equal(together.privacy[:, b], alone.privacy[:, 0])
         np.testing.assert_array_equal(together.actions(slice(None), b), alone.actions(slice(None), 0))
 
 
+def test_candidates_far_apart_are_left_to_the_search_by_faces():
+    problem, candidates = spread(3, 3, 10)
+    beliefs = beliefs_of(3, 3)
+    aims = Aims(beliefs, 1.0, (Budget(0.1),))
+    assert stream_singles(atlas_of(problem, candidates), beliefs, aims) is None
+    chooser = CounterAdversarialDecisionMaker(problem, budget=0.1, candidates=candidates)
+    np.testing.assert_array_equal(chooser.decide_many(beliefs).privacy, [chooser.decide(b).privacy for b in beliefs])
+
+
 def test_the_number_of_threads_changes_no_byte(monkeypatch):
-    problem, candidates = spread(3, 6, 40)
+    problem, candidates = spread(3, 6, 100)
     chooser = CounterAdversarialDecisionMaker(problem, budget=0.05, candidates=candidates)
     beliefs, seen = beliefs_of(3, 150), []
     for count in (1, 2, 4):
@@ -121,7 +159,7 @@ def test_the_number_of_threads_changes_no_byte(monkeypatch):
 
 
 def test_progress_ends_at_the_last_belief_and_an_interrupt_is_raised():
-    problem, candidates = spread(3, 3, 40)
+    problem, candidates = spread(3, 3, 100)
     chooser = CounterAdversarialDecisionMaker(problem, budget=0.05, candidates=candidates)
     beliefs, seen = beliefs_of(3, 150), []
     chooser.decide_many(beliefs, progress=lambda done, count: seen.append((done, count)))

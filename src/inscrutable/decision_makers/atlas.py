@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.books import book_of
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.faces import FaceProgramme, face_programme
 from inscrutable.geometry.hulls import sum_zero_basis
-from inscrutable.kernels.leaf_reading import Book
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.search import LARGER, POINT, SEGMENT, Leaves, Table
 from inscrutable.problems import QuadraticProblem
@@ -98,11 +96,6 @@ class Atlas:
             (leaves.first, leaves.radius, leaves.reach),
             tuple(np.ascontiguousarray(model) for model in models),
         )
-
-    @cached_property
-    def book(self) -> Book:
-        """The table and the leaves by coordinate, and the faces' neighbours."""
-        return book_of(self.table, self.leaves, self.patterns)
 
     @cached_property
     def leaves(self) -> Leaves:

@@ -24,7 +24,8 @@ from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.polish import Goal, Trial, polish
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.singles import decisions_of, price_of, seek, stream_singles
+from inscrutable.decision_makers.singles import decisions_of, price_of, stream_singles
+from inscrutable.decision_makers.streaming import Aims
 from inscrutable.errors import InputError
 from inscrutable.kernels.climb import Aim
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
@@ -33,10 +34,7 @@ from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _DIRECTIONS = 300
-_FEWEST = 32
-"""Fewer beliefs than this are searched one by one: the faces need no preparation then."""
-_MOST_STATES = 3
-"""With more states, faces of larger sets matter often, which only the search by belief follows."""
+_PLANE_STATES = 3
 
 
 @dataclass(frozen=True)
@@ -105,31 +103,14 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         held = validation.many_beliefs(beliefs, self.problem.n_states)
         if isinstance(self.method, GlobalSearch) and is_streamed(self.measure):
             return Hiding(self.problem, self.candidates, self.measure, self.budget).met(held, progress).decisions()
-        if self._streams(len(held)):
-            return self._stream(held, progress)
+        streamed = None
+        if isinstance(self.method, GlobalSearch):
+            case = Case(self.problem, self.candidates, held[0], self.measure, self.budget, self.on_empty)
+            streamed = _walked(case, held, progress)
+        if streamed is not None:
+            return streamed
         decided = [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
         return stack(decided, self.problem)
-
-    def _streams(self, count: int) -> bool:
-        """Whether the streaming kernels know the problem, the measure and the method, and there is enough for them."""
-        return (
-            count >= _FEWEST
-            and self.problem.n_states <= _MOST_STATES
-            and isinstance(self.problem, QuadraticProblem)
-            and type(self.measure) in (MaximalObfuscation, DesiredObfuscation)
-            and isinstance(self.method, GlobalSearch)
-            and self.on_empty == "exclude"
-        )
-
-    def _stream(self, beliefs: Array, progress: Progress | None) -> Decisions:
-        assert isinstance(self.problem, QuadraticProblem)
-        measure, points, sign = self.measure, beliefs, 1.0
-        if isinstance(measure, DesiredObfuscation):
-            points, sign = measure.targets_for(beliefs), -1.0
-        atlas = atlas_of(self.problem, self.candidates)
-        sought = seek(atlas, beliefs, points, sign)
-        limits = self.budget.limits(sought.optimal_costs)
-        return decisions_of(stream_singles(atlas, sought, limits[:, None], progress=progress))
 
     def _decide(self, belief: Array, measure: PrivacyMeasure) -> Decision:
         if isinstance(self.method, LocalSearch):
@@ -168,12 +149,30 @@ def best_decision(case: Case) -> Decision:
 
 def _search(case: Case, reference: Reference | None) -> Decision:
     problem, belief = case.problem, case.belief
+    walked = _walked(case, belief[None])
+    if walked is not None:
+        return walked[0]
     optimal = problem.solve(belief)
     optimal_cost = float(problem.state_costs(optimal) @ belief)
     limit = case.budget.limit(optimal_cost)
     if reference is not None and case.on_empty == "exclude" and isinstance(problem, QuadraticProblem):
         return _search_faces(case, problem, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
     return _search_candidates(case, optimal, optimal_cost, limit)
+
+
+def _walked(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions | None:
+    """The walk in the plane, where it knows the problem and the measure; `case` gives everything but the beliefs."""
+    problem, measure = case.problem, case.measure
+    if problem.n_states != _PLANE_STATES or not isinstance(problem, QuadraticProblem) or case.on_empty != "exclude":
+        return None
+    if type(measure) is MaximalObfuscation:
+        aims = Aims(beliefs, 1.0, (case.budget,))
+    elif isinstance(measure, DesiredObfuscation) and type(measure) is DesiredObfuscation:
+        aims = Aims(measure.targets_for(beliefs), -1.0, (case.budget,))
+    else:
+        return None
+    found = stream_singles(atlas_of(problem, case.candidates), beliefs, aims, progress=progress)
+    return None if found is None else decisions_of(found)
 
 
 def _search_faces(case: Case, problem: QuadraticProblem, aim: Aim, optimal: Array) -> Decision:

@@ -26,7 +26,7 @@ def plane_of(atlas: Atlas) -> Plane | None:
 def make_plane(atlas: Atlas) -> Plane | None:
     """Return the plane of an atlas for three states, with the decoys on its seams (named POLISHED: they are no candidates).
 
-    None for other numbers of states, and where too many decisions have a polygon of beliefs.
+    None for other numbers of states, where many decisions have a polygon of beliefs, or large faces a segment.
     """
     if atlas.problem.n_states != 3:
         return None
@@ -34,7 +34,11 @@ def make_plane(atlas: Atlas) -> Plane | None:
     table, basis = atlas.table, sum_zero_basis(3)
     larger = np.flatnonzero(table.kind == LARGER)
     ours = np.flatnonzero(table.kind != LARGER)
-    if len(larger) > _MOST_POLYGONS or not len(ours) or np.any(atlas.arena.size[table.face[larger]] > 0):
+    size = atlas.arena.size[table.face]
+    if len(larger) > _MOST_POLYGONS or not len(ours) or np.any(size[larger] > 0):
+        return None
+    if np.any(size[table.kind == SEGMENT] > 1):
+        # Two states that cost the same: beliefs are not told apart where the walk takes them to be.
         return None
     parts = [(table, ours, table.face[ours], ours)]
     seam = None if decoys_given is None else _seams(atlas, decoys_given)
@@ -60,6 +64,7 @@ def make_plane(atlas: Atlas) -> Plane | None:
             face[slots],
             name[slots],
             *_leaf_models(decoys @ basis, costs, spread),
+            np.array([_spacing(decoys @ basis)]),
             larger,
             np.ascontiguousarray(table.costs[larger].T),
             table.face[larger],
@@ -96,6 +101,13 @@ def _leaf_models(z: Array, costs: Array, spread: Array) -> tuple[Array, ...]:
     return tuple(
         np.ascontiguousarray(np.moveaxis(np.concatenate([m, np.repeat(m[:1], pad, axis=0)]), 0, -1)) for m in models
     )
+
+
+def _spacing(z: Array) -> float:
+    """The typical distance between neighbouring decisions: of SLOTS that fill a leaf's circle."""
+    leaves = z.reshape(-1, SLOTS, 2)
+    radius = np.linalg.norm(leaves - leaves.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    return float(np.median(radius) * np.sqrt(np.pi / SLOTS))
 
 
 def _order(z: Array) -> np.ndarray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
+from inscrutable import tolerances
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -52,5 +53,9 @@ def seam_decoys(problem: DecisionProblem, decoys: Array) -> Array:
 
 def _sides(problem: DecisionProblem, decoys: Array) -> tuple[np.ndarray, np.ndarray]:
     """Which rows are tight at the decision of each decoy, and whether it is admissible."""
-    actions = problem.solve(decoys)
-    return problem.constraints.tight_rows(actions), problem.constraints.is_admissible(actions)
+    actions, region = problem.solve(decoys), problem.constraints
+    slacks = region.slacks(actions)
+    # What is tight by rounding only would be played as tight, and no belief of its side explains that.
+    loose = max(region.min_slack * (1.0 - tolerances.FEASIBILITY), tolerances.FEASIBILITY)
+    clear = ((slacks <= tolerances.STATIONARITY) | (slacks >= loose)).all(axis=1)
+    return region.tight_rows(actions), region.is_admissible(actions) & clear

@@ -1,91 +1,59 @@
-"""Single decisions for many beliefs and budgets: the streaming search, and the search by belief where it meets a face
-that has no candidate."""
+"""Single decisions for many beliefs over three states, under one budget or several: a walk in the plane of beliefs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.decision_makers.atlas import Atlas
-from inscrutable.decision_makers.books import numbers_of
 from inscrutable.decision_makers.face_search import Found, most_private, rules_for, within
+from inscrutable.decision_makers.plane import plane_of
+from inscrutable.decision_makers.plane_walks import walk_singles
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
+from inscrutable.decision_makers.streaming import OWN, Aims, decisions_at, scene_of
 from inscrutable.kernels.climb import Aim
-from inscrutable.kernels.faces import settle
 from inscrutable.kernels.prices import budget_price
-from inscrutable.kernels.singles import UNKNOWN, Numbers, Outcome, Path, search_singles
-from inscrutable.kernels.threads import in_chunks
+from inscrutable.kernels.three_lotteries import Plane, Scene
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
-_CHUNK = 64
-_BLOCK = 1 << 15
-_PROMISE = 1.15
-_FEW = 100.0
-"""As in the search by belief: a climb's usual gain, and how many affordable candidates a state are few."""
-
-
-class SoughtSingles(NamedTuple):
-    """What is to be hidden, from or toward which point, and the optimal decisions."""
-
-    beliefs: Array  # (T,X)
-    points: Array  # (T,X)
-    sign: float
-    optimal_costs: Array  # (T,)
-    own: np.ndarray  # (T,) face of the optimal decision, −1: not in the atlas
+_BLOCK = 1 << 16
+_KEPT = -5
+_NEAR = 4.0  # spacings of candidates that a decision is from the belief: then it is searched by faces as well
+_WELL_COVERED = 0.03
+"""Distance between neighbouring candidates up to which the faces without one do not matter."""
 
 
 @dataclass(frozen=True, eq=False)
 class Singles:
-    """The best decisions of T beliefs under B budgets; where nothing is better than the optimal one, `face` is −1."""
+    """The best decisions of T beliefs under B budgets; `index` says which decision of the atlas, or that it was polished."""
 
     atlas: Atlas
-    sought: SoughtSingles
-    privacy: Array  # (T,B)
-    regret: Array  # (T,B)
+    aims: Aims
+    optimal_costs: Array  # (T,)
+    index: np.ndarray  # (T,B)
     face: np.ndarray  # (T,B)
     decoy: Array  # (T,B,X)
+    regret: Array  # (T,B)
+    privacy: Array  # (T,B)
     price: Array  # (T,B) derivative of the privacy in the budget
-    kept: dict[tuple[int, int], Array]  # decisions on faces that the atlas does not have
-
-    @property
-    def is_optimal(self) -> np.ndarray:
-        """Where the optimal decision is played, (T,B)."""
-        return np.asarray(self.face == _OWN)
+    kept: dict[tuple[int, int], Array]  # decisions on faces that the atlas may not have
 
     def actions(self, step: int | slice, budget: int) -> Array:
         """Return the decision of one step, (U,), or of many, (T,U), under one of the budgets."""
-        steps = np.arange(len(self.face))[step]
-        found = self._made(np.atleast_1d(steps), budget)
-        return found if steps.ndim else found[0]
-
-    def _made(self, steps: np.ndarray, budget: int) -> Array:
-        problem, face = self.atlas.problem, self.face[steps, budget]
-        made = np.empty((len(steps), problem.n_actions))
-        own = face == _OWN
-        if own.any():
-            made[own] = problem.solve(self.sought.beliefs[steps[own]])
-        for i in np.flatnonzero(face == _KEPT):
-            made[i] = self.kept[int(steps[i]), budget]
-        for number in np.unique(face[face >= 0]):
-            self._settle(int(number), face, self.decoy[steps, budget], made)
-        return made
-
-    def _settle(self, number: int, face: np.ndarray, decoys: Array, made: Array) -> None:
-        programme = self.atlas.faces(self.atlas.patterns[number])
-        k = programme.span.shape[1]
-        w, factor, room = np.empty(k + 1), np.empty((k, k)), np.empty((2, decoys.shape[1], k))
-        for i in np.flatnonzero(face == number):
-            settle(programme.curves, decoys[i], tolerances.PIVOT, w, factor, room[0], room[1])
-            made[i] = programme.action(w[:-1])
-
-
-_OWN, _KEPT = -1, -2
+        steps = np.atleast_1d(np.arange(len(self.index))[step])
+        index = self.index[steps, budget]
+        known = np.where(index == _KEPT, OWN, index)
+        found = decisions_at(
+            self.atlas, known, self.face[steps, budget], self.decoy[steps, budget], self.atlas.patterns
+        )
+        for i in np.flatnonzero(index == _KEPT):
+            found[i] = self.kept[int(steps[i]), budget]
+        return found if isinstance(step, slice) else np.asarray(found[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,33 +73,28 @@ class UnderBudget:
         return self.singles.actions(step, self.budget)
 
 
-def seek(atlas: Atlas, beliefs: Array, points: Array, sign: float) -> SoughtSingles:
-    """Return what `stream_singles` starts from, with the optimal decisions of beliefs (T,X), block by block."""
-    problem, count = atlas.problem, len(beliefs)
-    costs, own = np.empty(count), np.empty(count, dtype=np.int64)
-    for first in range(0, count, _BLOCK):
-        part = slice(first, first + _BLOCK)
-        actions = problem.solve(beliefs[part])
-        costs[part] = (problem.state_costs(actions) * beliefs[part]).sum(axis=1)
-        own[part] = numbers_of(problem.constraints.tight_rows(actions), atlas.patterns)
-    return SoughtSingles(beliefs, points, sign, costs, own)
+def stream_singles(atlas: Atlas, beliefs: Array, aims: Aims, *, progress: Progress | None = None) -> Singles | None:
+    """Return the most private decisions of beliefs (T,X) under each of the budgets.
 
-
-def stream_singles(atlas: Atlas, sought: SoughtSingles, limits: Array, *, progress: Progress | None = None) -> Singles:
-    """Return the most private decisions of beliefs (T,X) under budgets `limits` (T,B), largest regrets.
+    None where there is no plane, or where candidates are so far apart that a face may have none: then each belief is
+    searched by itself, from face to face.
 
     Cost: one look at the leaves of candidates a belief, and a few climbs a budget; memory besides the result is that of
-    a block. Numbers do not hang on how many threads there are.
+    a block.
     """
-    count, n_budgets = limits.shape
-    shape, n_states = (count, n_budgets), sought.beliefs.shape[1]
+    plane = plane_of(atlas)
+    if plane is None or not plane.spacing[0] <= _WELL_COVERED:
+        return None
+    count, n_states = beliefs.shape
+    shape = (count, len(aims.budgets))
     result = Singles(
-        atlas, sought, np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int64), np.empty((*shape, n_states)),
-        np.empty(shape), {},
+        atlas, aims, np.empty(count), np.empty(shape, dtype=np.int64), np.empty(shape, dtype=np.int64),
+        np.empty((*shape, n_states)), np.empty(shape), np.empty(shape), np.empty(shape), {},
     )  # fmt: skip
     for first in range(0, count, _BLOCK):
         part = slice(first, min(first + _BLOCK, count))
-        _fill(result, part, limits[part], None if progress is None else partial(_report, progress, first, count))
+        seen = None if progress is None else partial(_report, progress, first, count)
+        _fill(result, plane, beliefs, part, seen)
     return result
 
 
@@ -139,57 +102,57 @@ def _report(progress: Progress, before: int, count: int, done: int, _: int) -> N
     progress(before + done, count)
 
 
-def _fill(result: Singles, part: slice, limits: Array, progress: Progress | None) -> None:
-    atlas, sought = result.atlas, result.sought
-    count, n_states = len(limits), sought.beliefs.shape[1]
-    book, arena, rules = atlas.book, atlas.arena, rules_for(n_states)
-    path = Path(
-        np.ascontiguousarray(sought.beliefs[part]), np.ascontiguousarray(sought.points[part]), sought.sign,
-        sought.optimal_costs[part], sought.own[part], np.ascontiguousarray(limits),
-    )  # fmt: skip
-    out = Outcome(
-        result.privacy[part], result.regret[part], result.face[part], result.decoy[part], result.price[part],
-        np.empty(limits.shape, dtype=np.int64), np.full(count, 0.0 if sought.sign > 0 else np.nan),
-    )  # fmt: skip
-    margin = float(np.median(book.radius)) if len(book.radius) else 0.0
-    numbers = Numbers(_PROMISE, margin, tolerances.ROW_IN_REACH, _FEW, tolerances.POLISH)
-
-    def work(low: int, high: int) -> None:
-        search_singles(low, high, path, book, arena, rules, numbers, out)
-
-    in_chunks(work, count, _CHUNK, progress)
-    for t, b in np.argwhere(out.state == UNKNOWN):
-        _search_alone(result, part.start + int(t), int(b), float(limits[t, b]))
-    _compare_with_optimal(result, part, out)
-
-
-def _search_alone(result: Singles, t: int, b: int, limit: float) -> None:
-    """The search by belief, on any face; what it finds replaces what the streaming search has."""
-    atlas, sought = result.atlas, result.sought
-    belief = sought.beliefs[t]
-    aim = Aim(belief, sought.points[t], sought.sign, float(sought.optimal_costs[t]), limit, 0.0)
-    found: Found | None = most_private(atlas, aim, atlas.problem.solve(belief))
-    if found is None or found.privacy <= result.privacy[t, b]:
-        return
-    cost = float(atlas.problem.state_costs(found.action) @ belief)
-    result.privacy[t, b], result.regret[t, b] = found.privacy, max(cost - aim.optimal_cost, 0.0)
-    result.face[t, b], result.decoy[t, b] = _KEPT, found.nearest
-    result.price[t, b] = price_of(found, aim)
-    result.kept[t, b] = found.action
+def _fill(result: Singles, plane: Plane, beliefs: Array, part: slice, progress: Progress | None) -> None:
+    atlas, problem = result.atlas, result.atlas.problem
+    held = np.ascontiguousarray(beliefs[part])
+    aims = result.aims._replace(points=result.aims.points[part])
+    scene = scene_of(problem, held, aims)
+    if aims.sign < 0:
+        scene = scene._replace(first_privacies=-_distances_at_rest(problem, held, scene.points))
+    out = tuple(getattr(result, name)[part] for name in ("index", "face", "decoy", "regret", "privacy", "price"))
+    walk_singles(plane, atlas.arena, scene, out, progress)
+    result.optimal_costs[part] = scene.optimal_costs
+    index, face, decoy, regret, privacy, price = out
+    target = np.broadcast_to(scene.points[:, None], decoy.shape)
+    unnamed = (index != OWN) & (index < 0) & (face < 0)
+    decoy[unnamed] = target[unnamed]
+    _search_the_near(result, plane, part, scene)
+    at_rest = index == OWN
+    if aims.sign > 0:
+        at_rest |= privacy <= tolerances.NO_PRIVACY
+    decoy[at_rest] = np.broadcast_to(held[:, None], decoy.shape)[at_rest]
+    index[at_rest], face[at_rest], regret[at_rest], price[at_rest] = OWN, -1, 0.0, 0.0
+    privacy[at_rest] = np.broadcast_to(scene.first_privacies[:, None], privacy.shape)[at_rest]
 
 
-def _compare_with_optimal(result: Singles, part: slice, out: Outcome) -> None:
-    """Play the optimal decision where nothing found is better."""
-    at_rest = out.at_rest.copy()
-    sought, atlas = result.sought, result.atlas
-    for t in np.flatnonzero(np.isnan(at_rest)):
-        optimal = atlas.problem.solve(sought.beliefs[part.start + t])
-        at_rest[t] = -belief_set_of(atlas.problem, optimal).distance(sought.points[part.start + t])
-    least = at_rest + (tolerances.NO_PRIVACY if sought.sign > 0 else 0.0)
-    own = ~(out.privacy > least[:, None])
-    out.privacy[own] = np.broadcast_to(at_rest[:, None], own.shape)[own]
-    out.regret[own], out.price[own], out.face[own] = 0.0, 0.0, _OWN
-    out.decoy[own] = np.broadcast_to(sought.beliefs[part][:, None], out.decoy.shape)[own]
+def _search_the_near(result: Singles, plane: Plane, part: slice, scene: Scene) -> None:
+    """Search by faces where a budget buys so little that hardly a candidate is affordable."""
+    atlas, problem = result.atlas, result.atlas.problem
+    near = _NEAR * float(plane.spacing[0])
+    away = np.linalg.norm(result.decoy[part] - scene.beliefs[:, None], axis=2)
+    away[result.index[part] == OWN] = 0.0
+    for t, b in np.argwhere((away < near) & (scene.limits > 0.0)):
+        step, belief = part.start + int(t), scene.beliefs[t]
+        aim = Aim(belief, scene.points[t], scene.sign, float(scene.optimal_costs[t]), float(scene.limits[t, b]), 0.0)
+        found = most_private(atlas, aim, problem.solve(belief))
+        if found is None or found.privacy <= result.privacy[step, b]:
+            continue
+        regret = float(problem.state_costs(found.action) @ belief) - aim.optimal_cost
+        result.privacy[step, b], result.regret[step, b] = found.privacy, max(regret, 0.0)
+        result.index[step, b], result.face[step, b], result.decoy[step, b] = _KEPT, -1, found.nearest
+        result.price[step, b], result.kept[step, int(b)] = price_of(found, aim), found.action
+
+
+def _distances_at_rest(problem: DecisionProblem, beliefs: Array, points: Array) -> Array:
+    """Distances of points (T,X) from the beliefs that explain the optimal decisions of beliefs (T,X)."""
+    sets = consistent_sets(problem, problem.solve(beliefs), beliefs)
+    start, along = sets.start, sets.end - sets.start
+    square = (along**2).sum(axis=1)
+    share = np.clip(((points - start) * along).sum(axis=1) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    found = np.linalg.norm(points - start - share[:, None] * along, axis=1)
+    for step in np.flatnonzero(sets.dimension > 1):
+        found[step] = sets[int(step)].distance(points[step])
+    return np.asarray(found)
 
 
 def price_of(found: Found, aim: Aim) -> float:
@@ -208,15 +171,16 @@ _KINDS = np.array([DecisionStatus.POLISHED, DecisionStatus.NO_AFFORDABLE_PRIVACY
 
 def decisions_of(found: Singles, budget: int = 0) -> Decisions:
     """Return what was found under one of the budgets as a result."""
-    sought, privacy, regret = found.sought, found.privacy[:, budget], found.regret[:, budget]
-    bounds, points = np.zeros(len(privacy)), sought.points
-    if sought.sign > 0:
+    points, sign = found.aims.points, found.aims.sign
+    privacy, regret = found.privacy[:, budget], found.regret[:, budget]
+    bounds = np.zeros(len(privacy))
+    if sign > 0:
         # The farthest corner of the simplex: ‖π − e_i‖² = ‖π‖² − 2 π_i + 1.
         bounds = np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * points.min(axis=1) + 1.0)
-    codes = np.where(found.is_optimal[:, budget], 1 if sought.sign > 0 else 2, 0)
+    codes = np.where(found.index[:, budget] == OWN, 1 if sign > 0 else 2, 0)
     return Decisions(
-        sought.optimal_costs + regret,
-        sought.optimal_costs,
+        found.optimal_costs + regret,
+        found.optimal_costs,
         regret,
         privacy,
         np.maximum(bounds, privacy),

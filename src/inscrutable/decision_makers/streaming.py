@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.face_search import rules_for
 from inscrutable.decision_makers.faces import FaceProgramme
 from inscrutable.decision_makers.plane import plane_of
-from inscrutable.decision_makers.plane_lotteries import search_plane
+from inscrutable.decision_makers.plane_walks import walk_lotteries
 from inscrutable.decision_makers.results import Progress
 from inscrutable.kernels.faces import settle
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
@@ -58,12 +59,10 @@ class Lotteries:
         """Return the atoms of one step, shape (2,U), or of many, shape (T,2,U)."""
         index, face, decoys = self.index[step], self.face[step], self.decoys[step]
         shape = (*index.shape, self.problem.n_actions)
-        flat = self._made(index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
-        return flat.reshape(shape)
-
-    def _pattern(self, face: int) -> np.ndarray:
-        count = len(self.atlas.patterns)
-        return np.asarray(self.atlas.patterns[face] if face < count else self.more_patterns[face - count])
+        patterns = [*self.atlas.patterns, *self.more_patterns] if self.more_patterns else self.atlas.patterns
+        return decisions_at(
+            self.atlas, index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]), patterns
+        ).reshape(shape)
 
     def take(self, step: int, other: Lotteries) -> None:
         """Put another search's lottery for one belief in the place of a step's."""
@@ -73,16 +72,20 @@ class Lotteries:
         self.face[step, beyond] += len(self.more_patterns)
         self.more_patterns.extend(other.more_patterns)
 
-    def _made(self, index: np.ndarray, face: np.ndarray, decoys: Array) -> Array:
-        actions = np.empty((len(index), self.problem.n_actions))
-        known = index >= 0
-        actions[known] = self.atlas.actions[index[known]]
-        own = (index == OWN) | (index == TARGET)
-        if own.any():
-            actions[own] = self.problem.solve(decoys[own])
-        for i in np.flatnonzero(~known & ~own):
-            actions[i] = _decision_of(self.atlas.faces(self._pattern(int(face[i]))), decoys[i])
-        return actions
+
+def decisions_at(
+    atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, patterns: Sequence[np.ndarray] | np.ndarray
+) -> Array:
+    """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys."""
+    actions = np.empty((len(index), atlas.problem.n_actions))
+    known = index >= 0
+    actions[known] = atlas.actions[index[known]]
+    own = (index == OWN) | (index == TARGET)
+    if own.any():
+        actions[own] = atlas.problem.solve(decoys[own])
+    for i in np.flatnonzero(~known & ~own):
+        actions[i] = _decision_of(atlas.faces(patterns[int(face[i])]), decoys[i])
+    return actions
 
 
 def _decision_of(face: FaceProgramme, decoy: Array) -> Array:
@@ -163,7 +166,7 @@ def search(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progres
     plane = plane_of(atlas)
     left = np.ones(scene.limits.shape, dtype=np.bool_)
     if plane is not None:
-        left = search_plane(plane, atlas.arena, scene, out, progress)
+        left = walk_lotteries(plane, atlas.arena, scene, out, progress)
     for budget in range(left.shape[1]):
         steps = np.flatnonzero(left[:, budget])
         if len(steps):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined, kernel
+from inscrutable.kernels.options import bare, bare_kernel, inlined
 from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
 from inscrutable.kernels.three_states import bench, climb_three, in_space, settle_three
 from inscrutable.tolerances import CHORD, LENGTH, NEAR_ATOMS, SAME_PRICE
@@ -38,6 +38,7 @@ class Plane(NamedTuple):
     centre: Any  # (2,L)
     least: Any  # (3,L) s_c − e
     slope: Any  # (2,3,L)
+    spacing: Any  # (1,) typical distance between neighbouring decisions
     polygons: Any  # (N,) numbers of the decisions with a polygon of beliefs; they are in no leaf
     polygon_costs: Any  # (3,N)
     polygon_faces: Any  # (N,)
@@ -45,7 +46,7 @@ class Plane(NamedTuple):
 
 
 @bare
-def _look_out(plane: Plane, scene: Scene, t: int, work: Any) -> None:
+def look_out(plane: Plane, scene: Scene, t: int, work: Any) -> None:
     """work: distance, direction (2), expected cost, its slope (2), and what the distance may exceed its linear model by."""
     p0, p1 = scene.points[t, 0], scene.points[t, 1]
     b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
@@ -149,13 +150,20 @@ def _judge(plane: Plane, scene: Scene, t: int, sign: float, optimal: float, d: i
         n = FIRST_POLYGON - d
         cost = b0 * plane.polygon_costs[0, n] + b1 * plane.polygon_costs[1, n] + b2 * plane.polygon_costs[2, n]
         return max(cost - optimal, 0.0), sign * known[n]
+    return judge_slot(plane, scene, t, d)
+
+
+@inlined
+def judge_slot(plane: Plane, scene: Scene, t: int, d: int) -> tuple[float, float]:
+    """Regret and privacy of the decision in a slot."""
+    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
     x0, x1 = scene.points[t, 0] - plane.start[0, d], scene.points[t, 1] - plane.start[1, d]
     share = (x0 * plane.along[0, d] + x1 * plane.along[1, d]) * plane.inverse[d]
     share = min(max(share, 0.0), 1.0)
     x0 -= share * plane.along[0, d]
     x1 -= share * plane.along[1, d]
     cost = b0 * plane.costs[0, d] + b1 * plane.costs[1, d] + b2 * plane.costs[2, d]
-    return max(cost - optimal, 0.0), sign * np.sqrt(x0 * x0 + x1 * x1)
+    return max(cost - scene.optimal_costs[t], 0.0), scene.sign * np.sqrt(x0 * x0 + x1 * x1)
 
 
 @bare
@@ -166,7 +174,7 @@ def _chord(pair: Pair) -> float:
 
 
 @inlined
-def _climb(
+def climb_any(
     arena: Any, face: int, rules: Any, scene: Scene, t: int, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:
     """Climb from z on a face of any size: whether all went well, z, regret, privacy and price."""
@@ -207,7 +215,7 @@ def _polish(
         if x0 * x0 + x1 * x1 < near * near:
             share = (limit - pair.regret[0]) / (pair.regret[1] - pair.regret[0])
             z0, z1 = pair.place[0, 0] + share * x0, pair.place[0, 1] + share * x1
-            ok, z0, z1, regret, privacy, reached = _climb(arena, faces[0], rules, scene, t, aim, z0, z1, on)
+            ok, z0, z1, regret, privacy, reached = climb_any(arena, faces[0], rules, scene, t, aim, z0, z1, on)
             if ok and privacy - price * regret >= pair.privacy[0] - price * pair.regret[0]:
                 pair.name[1] = ABSENT
                 _put(pair, 0, POLISHED, faces[0], z0, z1, regret, privacy)
@@ -216,7 +224,7 @@ def _polish(
         face = faces[side]
         if pair.name[side] == ABSENT or face < 0 or arena.size[face] == 0:
             continue
-        ok, z0, z1, regret, privacy, _ = _climb(
+        ok, z0, z1, regret, privacy, _ = climb_any(
             arena, face, rules, scene, t, (sign, optimal, np.inf, price), pair.place[side, 0],
             pair.place[side, 1], on,
         )  # fmt: skip
@@ -252,7 +260,7 @@ def _follow(
             pair.regret[side], pair.privacy[side] = _judge(plane, scene, t, sign, optimal, d, known)
         else:
             seek = aim if single else (sign, optimal, np.inf, price)
-            ok, z0, z1, regret, privacy, reached = _climb(
+            ok, z0, z1, regret, privacy, reached = climb_any(
                 arena, face, rules, scene, t, seek, pair.place[side, 0], pair.place[side, 1], on
             )
             if not ok:
@@ -274,6 +282,16 @@ def _start(pair: Pair, scene: Scene, t: int, limit: float) -> None:
     regret = scene.target_regrets[t]
     if regret < np.inf:
         _put(pair, 0 if regret <= limit else 1, TARGET, -1, 0.0, 0.0, regret, 0.0)
+
+
+@inlined
+def _is_beaten(pair: Pair, scene: Scene, t: int, limit: float, price: float) -> bool:
+    """Whether the target or the decision known beforehand is worth more than the lottery's chord."""
+    floor = pair.privacy[0] - price * pair.regret[0] + CHORD
+    regret = scene.target_regrets[t]
+    if regret < np.inf and (regret <= limit or -price * regret > floor):
+        return True
+    return bool(scene.first_privacies[t] - price * scene.first_regrets[t] > floor)
 
 
 @inlined
@@ -311,6 +329,7 @@ def _settle_lottery(
     if warm:
         aim = (sign, optimal, limit, price)
         warm, price = _follow(pair, single, plane, arena, rules, scene, t, aim, known, on)
+        warm = warm and not _is_beaten(pair, scene, t, limit, price if single else _chord(pair))
     if not warm:
         single, climbed_at = False, np.nan
         _start(pair, scene, t, limit)
@@ -348,7 +367,7 @@ def _settle_lottery(
 @inlined
 def _write(plane: Plane, rules: Any, limit: float, single: bool, pair: Pair, t: int, c: int, out: Any) -> None:
     """Write the lottery of one belief and budget; a single decision is both atoms."""
-    index, faces, places, regrets, privacies, probabilities, _ = out
+    index, faces, places, regrets, privacies, probabilities, _, _ = out
     share = 0.0
     two = not single and pair.name[1] != ABSENT
     if two:
@@ -367,31 +386,28 @@ def _write(plane: Plane, rules: Any, limit: float, single: bool, pair: Pair, t: 
         places[t, c, side, 0], places[t, c, side, 1], places[t, c, side, 2] = y0, y1, y2
 
 
-@bare
-def _fill(
-    low: int,
-    high: int,
-    scene: Scene,
-    plane: Plane,
-    arena: Any,
-    rules: Any,
-    out: Any,
-    failures: Any,
-    tools: Any,
-    pairs: Pair,
-    state: Any,
+@bare_kernel
+def lotteries_three(
+    low: int, high: int, scene: Scene, plane: Plane, arena: Any, rules: Any, out: Any, tools: Any
 ) -> None:
-    prices = out[6]
-    work, _, known, _ = tools
+    """Fill the lotteries of the beliefs low..high, neighbours one after the other, for B budgets each.
+
+    out: index (T,B,2), face (T,B,2), decoys (T,B,2,3), regrets, privacies, probabilities (T,B,2), prices (T,B),
+    and failures (T,B), True where the general search is needed. tools: memory of `lottery_tools`, every call its own.
+    """
+    work, values, known, on, pairs, state = tools
+    prices, failures = out[6], out[7]
     for t in range(low, high):
-        _look_out(plane, scene, t, work)
+        look_out(plane, scene, t, work)
         for n in range(known.size):
             known[n] = polygon_distance(arena, plane.polygon_faces[n], rules, scene.points[t, 0], scene.points[t, 1])
         for c in range(prices.shape[1]):
             pair = Pair(pairs.name[c], pairs.face[c], pairs.place[c], pairs.regret[c], pairs.privacy[c])
             last = (state[c, 0] > 0.0, state[c, 1] > 0.0, state[c, 2])
             limit = scene.limits[t, c] * rules.inside
-            found, single, price = _settle_lottery(plane, arena, rules, scene, t, limit, pair, last, tools)
+            found, single, price = _settle_lottery(
+                plane, arena, rules, scene, t, limit, pair, last, (work, values, known, on)
+            )
             failures[t, c], prices[t, c] = not found, price
             if found:
                 _write(plane, rules, limit, single, pair, t, c, out)
@@ -399,19 +415,16 @@ def _fill(
             state[c, 0], state[c, 1], state[c, 2] = 1.0 if warm else 0.0, 1.0 if single else 0.0, price
 
 
-@kernel
-def lotteries_three(
-    low: int, high: int, scene: Scene, plane: Plane, arena: Any, rules: Any, out: Any, failures: Any
-) -> None:
-    """Fill the lotteries of the beliefs low..high, neighbours one after the other, for B budgets each; failures (T,B) True
-    where the general search is needed.
-
-    out: index (T,B,2), face (T,B,2), decoys (T,B,2,3), regrets, privacies, probabilities (T,B,2), prices (T,B).
-    """
-    work, values, known = np.empty((8, plane.radius.size)), np.empty(SLOTS), np.empty(plane.polygons.size)
-    on = bench(arena.size.max(), arena.n_rows.max())
-    n = failures.shape[1]
+def lottery_tools(plane: Plane, arena: Any, n_budgets: int) -> tuple[Any, ...]:
+    """Return the memory that `lotteries_three` works in."""
+    n = n_budgets
     pairs = Pair(
         np.empty((n, 2), np.int64), np.empty((n, 2), np.int64), np.empty((n, 2, 2)), np.empty((n, 2)), np.empty((n, 2))
     )
-    _fill(low, high, scene, plane, arena, rules, out, failures, (work, values, known, on), pairs, np.zeros((n, 3)))
+    return (*search_tools(plane, arena), pairs, np.zeros((n, 3)))
+
+
+def search_tools(plane: Plane, arena: Any) -> tuple[Any, ...]:
+    """Return memory for the leaves, one leaf's values, the polygons, and climbs."""
+    on = bench(int(arena.size.max()), int(arena.n_rows.max()))
+    return np.empty((8, plane.radius.size)), np.empty(SLOTS), np.empty(plane.polygons.size), on

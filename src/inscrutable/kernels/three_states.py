@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined, part
-from inscrutable.tolerances import CLIMB, EXPLAINED, KINK, LENGTH, PARALLEL, TINY
+from inscrutable.kernels.options import bare, inlined
+from inscrutable.tolerances import BUDGET, CLIMB, EXPLAINED, KINK, LENGTH, PARALLEL, TINY
 
 _ROUNDS = 16
 _TRUST = 0.15  # longest step in the plane
@@ -36,7 +36,6 @@ class Bench(NamedTuple):
     local: Any  # (16,) 0 regret, 1–3 its slope, 4–9 its curvature (00 11 22 01 02 12)
 
 
-@part
 def bench(largest_k: int, most_rows: int) -> Bench:
     """Return the memory of one thread."""
     k = max(largest_k, 1)
@@ -239,7 +238,7 @@ def move_in_plane(
         if r < 0:
             # The way uphill.
             length = np.sqrt(g0 * g0 + g1 * g1)
-            if worst < 0.0 or not length > 0.0:
+            if worst < -EXPLAINED or not length > 0.0:
                 continue
             b0, b1, t0, t1 = 0.0, 0.0, g0 / length, g1 / length
         else:
@@ -335,6 +334,15 @@ def _step(
     return s0, s1, gain, price
 
 
+@inlined
+def _first_price(basis: Any, local: Any, sign: float, x0: float, x1: float) -> float:
+    """The budget's multiplier if the regret grew along y − p only."""
+    r0 = basis[0, 0] * local[1] + basis[1, 0] * local[2] + basis[2, 0] * local[3]
+    r1 = basis[0, 1] * local[1] + basis[1, 1] * local[2] + basis[2, 1] * local[3]
+    lean = sign * (x0 * r0 + x1 * r1)
+    return float(np.sqrt(x0 * x0 + x1 * x1) / lean) if lean > TINY else 0.0
+
+
 @bare
 def climb_three(
     arena: Any, face: int, rules: Any, scene: Any, t: int, aim: Any, z0: float, z1: float, on: Any
@@ -347,7 +355,7 @@ def climb_three(
     k, m = arena.size[face], arena.n_rows[face]
     at, row_at, basis, local = arena.curve_at[face], arena.row_at[face], rules.basis, on.local
     has_budget = limit < np.inf
-    trust, best, from0, from1 = _TRUST, -np.inf, z0, z1
+    trust, best, spent_there, from0, from1 = _TRUST, -np.inf, 0.0, z0, z1
     for _ in range(_ROUNDS):
         y0, y1, y2 = in_space(basis, z0, z1)
         # Two free coordinates are the most common: with the constant the loops over them are unrolled.
@@ -359,20 +367,22 @@ def climb_three(
         distance = np.sqrt(x0 * x0 + x1 * x1)
         if least == -np.inf or distance < KINK:
             break
-        over = max(local[0] - limit, 0.0)
-        worth = sign * distance - _ROW_WEIGHT * max(-least, 0.0)
-        worth -= price * (_BUDGET_WEIGHT * over if has_budget else local[0])
-        if worth < best - CLIMB:
+        if has_budget and not price > 0.0:
+            price = _first_price(basis, local, sign, x0, x1)
+        value, spent = sign * distance - _ROW_WEIGHT * max(-least, 0.0), local[0]
+        if has_budget:
+            spent = _BUDGET_WEIGHT * max(local[0] - limit, 0.0)
+        if value - price * spent < best - price * spent_there - CLIMB:
             trust = _SHORTER * np.sqrt((z0 - from0) ** 2 + (z1 - from1) ** 2)
             if trust < _SHORTEST:
                 break
             z0, z1, best = from0, from1, -np.inf
             continue
-        best, from0, from1 = worth, z0, z1
+        best, spent_there, from0, from1 = value, spent, z0, z1
         s0, s1, gain, price = _step((sign, optimal, limit, price), basis, x0, x1, distance, m, trust, on)
         if gain == -np.inf:
             break
-        if least >= -rules.near and over <= 0.0 and gain <= CLIMB:
+        if least >= -rules.near and local[0] <= limit * (1.0 + BUDGET) and gain <= CLIMB:
             return True, z0, z1, max(local[0], 0.0), sign * distance, price
         z0 += s0
         z1 += s1

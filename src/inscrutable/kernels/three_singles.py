@@ -1,0 +1,190 @@
+"""Single decisions for three states: the best candidates of every face and quadrant, climbed within the budget.
+
+A candidate lies inside the budget by up to its spacing, so the one that climbs highest need not be the highest itself: the
+best of each face and quadrant around the point is climbed where it is at most some spacings below the best known.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable.kernels.options import bare, bare_kernel, inlined
+from inscrutable.kernels.three_lotteries import (
+    FIRST_POLYGON,
+    POLISHED,
+    SLOTS,
+    TARGET,
+    Plane,
+    Scene,
+    climb_any,
+    judge_slot,
+    look_out,
+    search_tools,
+)
+from inscrutable.kernels.three_sets import polygon_distance
+from inscrutable.kernels.three_states import in_space
+
+_MOST_CLIMBS = 16
+_SLACK = 1.5  # spacings that a candidate may lack to the best decision
+
+
+class Heap(NamedTuple):
+    """The best candidate of every face and quadrant, and those that are filled."""
+
+    privacy: Any  # (4K,)
+    slot: Any  # (4K,)
+    filled: Any  # (4K+1,) how many, then which
+
+
+class Best(NamedTuple):
+    """The best decision known: its name, face, place, regret, privacy and price."""
+
+    name: int
+    face: int
+    z0: float
+    z1: float
+    regret: float
+    privacy: float
+    price: float
+
+
+@bare
+def _read(plane: Plane, scene: Scene, t: int, limit: float, low: int, values: Any) -> None:
+    """Privacy of a leaf's candidates, −∞ where they cost more than the budget."""
+    sign, most = scene.sign, scene.optimal_costs[t] + limit
+    p0, p1 = scene.points[t, 0], scene.points[t, 1]
+    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    start, along, inverse, costs = plane.start, plane.along, plane.inverse, plane.costs
+    for q in range(SLOTS):
+        d = low + q
+        x0, x1 = p0 - start[0, d], p1 - start[1, d]
+        share = min(max((x0 * along[0, d] + x1 * along[1, d]) * inverse[d], 0.0), 1.0)
+        x0 -= share * along[0, d]
+        x1 -= share * along[1, d]
+        cost = b0 * costs[0, d] + b1 * costs[1, d] + b2 * costs[2, d]
+        values[q] = sign * np.sqrt(x0 * x0 + x1 * x1) if cost <= most else -np.inf
+
+
+@bare
+def _collect(
+    plane: Plane, scene: Scene, t: int, limit: float, floor: float, work: Any, values: Any, heap: Heap
+) -> None:
+    """Keep the best affordable candidate of every face and quadrant, among those little below `floor` and the best."""
+    sign, most, radius = scene.sign, scene.optimal_costs[t] + limit, plane.radius
+    p0, p1 = scene.points[t, 0], scene.points[t, 1]
+    slack = _SLACK * plane.spacing[0]
+    for leaf in range(work.shape[1]):
+        least = work[3, leaf] - np.sqrt(work[4, leaf] ** 2 + work[5, leaf] ** 2) * radius[leaf]
+        bound = sign * work[0, leaf] + radius[leaf] + work[6, leaf]
+        work[7, leaf] = bound if least <= most else -np.inf
+    for leaf in range(plane.face.size // SLOTS):
+        if not work[7, leaf] > floor - slack:
+            continue
+        low = leaf * SLOTS
+        _read(plane, scene, t, limit, low, values)
+        for q in range(SLOTS):
+            if values[q] > floor - slack:
+                d = low + q
+                floor = max(floor, values[q])
+                group = 4 * plane.face[d]
+                group += 2 if plane.decoys[0, d] > p0 else 0
+                group += 1 if plane.decoys[1, d] > p1 else 0
+                if heap.slot[group] < 0:
+                    heap.filled[0] += 1
+                    heap.filled[heap.filled[0]] = group
+                if heap.slot[group] < 0 or values[q] > heap.privacy[group]:
+                    heap.privacy[group], heap.slot[group] = values[q], d
+
+
+@inlined
+def _climb_best(
+    plane: Plane, arena: Any, rules: Any, scene: Scene, t: int, limit: float, best: Best, heap: Heap, on: Any
+) -> Best:
+    """Climb from the kept candidates, the best first, and empty the heap."""
+    for _ in range(_MOST_CLIMBS):
+        chosen = -1
+        for n in range(1, heap.filled[0] + 1):
+            group = heap.filled[n]
+            if heap.slot[group] >= 0 and (chosen < 0 or heap.privacy[group] > heap.privacy[chosen]):
+                chosen = group
+        if chosen < 0 or heap.privacy[chosen] <= best.privacy - _SLACK * plane.spacing[0]:
+            break
+        d = heap.slot[chosen]
+        heap.slot[chosen] = -1
+        face, z0, z1 = plane.face[d], plane.decoys[0, d], plane.decoys[1, d]
+        if heap.privacy[chosen] > best.privacy:
+            regret, privacy = judge_slot(plane, scene, t, d)
+            best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
+        aim = (scene.sign, scene.optimal_costs[t], limit, 0.0)
+        ok, z0, z1, regret, privacy, price = climb_any(arena, face, rules, scene, t, aim, z0, z1, on)
+        if ok and privacy > best.privacy:
+            best = Best(POLISHED, face, z0, z1, regret, privacy, price)
+    for n in range(1, heap.filled[0] + 1):
+        heap.slot[heap.filled[n]] = -1
+    heap.filled[0] = 0
+    return best
+
+
+@inlined
+def _known(plane: Plane, scene: Scene, t: int, limit: float, known: Any) -> Best:
+    """The best of what needs no search: the decision known beforehand, the target's, and polygons."""
+    best = Best(scene.first, -1, 0.0, 0.0, scene.first_regrets[t], scene.first_privacies[t], 0.0)
+    if scene.target_regrets[t] <= limit:
+        best = Best(TARGET, -1, 0.0, 0.0, scene.target_regrets[t], 0.0, 0.0)
+    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    for n in range(known.size):
+        cost = b0 * plane.polygon_costs[0, n] + b1 * plane.polygon_costs[1, n] + b2 * plane.polygon_costs[2, n]
+        regret, privacy = max(cost - scene.optimal_costs[t], 0.0), scene.sign * known[n]
+        if regret <= limit and privacy > best.privacy:
+            z0, z1 = plane.polygon_decoys[0, n], plane.polygon_decoys[1, n]
+            best = Best(FIRST_POLYGON - n, plane.polygon_faces[n], z0, z1, regret, privacy, 0.0)
+    return best
+
+
+@bare_kernel
+def singles_three(
+    low: int, high: int, scene: Scene, plane: Plane, arena: Any, rules: Any, out: Any, tools: Any
+) -> None:
+    """Fill the best single decisions of the beliefs low..high, neighbours one after the other, for B budgets each.
+
+    out: index (T,B) of a candidate, POLISHED, or the name of one known beforehand; face (T,B), decoys (T,B,3), regrets,
+    privacies, prices (T,B). tools: memory of `single_tools`, every call its own.
+    """
+    name, faces, places, regrets, privacies, prices = out
+    work, values, known, on, heap, last = tools
+    for t in range(low, high):
+        look_out(plane, scene, t, work)
+        for n in range(known.size):
+            known[n] = polygon_distance(arena, plane.polygon_faces[n], rules, scene.points[t, 0], scene.points[t, 1])
+        for c in range(prices.shape[1]):
+            limit = scene.limits[t, c] * rules.inside
+            best = _known(plane, scene, t, limit, known)
+            if limit > 0.0 and best.name != TARGET:
+                face = int(last[c, 0])
+                if face >= 0:
+                    aim = (scene.sign, scene.optimal_costs[t], limit, last[c, 3])
+                    ok, z0, z1, regret, privacy, price = climb_any(
+                        arena, face, rules, scene, t, aim, last[c, 1], last[c, 2], on
+                    )
+                    if ok and privacy > best.privacy:
+                        best = Best(POLISHED, face, z0, z1, regret, privacy, price)
+                _collect(plane, scene, t, limit, best.privacy, work, values, heap)
+                best = _climb_best(plane, arena, rules, scene, t, limit, best, heap, on)
+            last[c, 0] = best.face if best.name >= POLISHED else -1
+            last[c, 1], last[c, 2], last[c, 3] = best.z0, best.z1, best.price
+            number = best.name
+            if number <= FIRST_POLYGON:
+                number = plane.polygons[FIRST_POLYGON - number]
+            name[t, c], faces[t, c] = number, best.face
+            regrets[t, c], privacies[t, c], prices[t, c] = best.regret, best.privacy, best.price
+            y0, y1, y2 = in_space(rules.basis, best.z0, best.z1)
+            places[t, c, 0], places[t, c, 1], places[t, c, 2] = y0, y1, y2
+
+
+def single_tools(plane: Plane, arena: Any, n_budgets: int) -> tuple[Any, ...]:
+    """Return the memory that `singles_three` works in."""
+    n_groups = 4 * arena.size.size
+    heap = Heap(np.empty(n_groups), np.full(n_groups, -1), np.zeros(n_groups + 1, np.int64))
+    return (*search_tools(plane, arena), heap, np.full((n_budgets, 4), -1.0))

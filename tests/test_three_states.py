@@ -20,7 +20,7 @@ from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.candidates import make_candidates
 from inscrutable.decision_makers.face_search import rules_for
 from inscrutable.geometry.hulls import sum_zero_basis
-from inscrutable.kernels.three_lotteries import Scene
+from inscrutable.kernels.three_leaves import Scene
 from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
 from inscrutable.kernels.three_states import bench, climb_three, look_three
 from oracles import enumeration, markets

@@ -10,10 +10,10 @@ from inscrutable.decision_makers.decoys import decided_by
 from inscrutable.decision_makers.seams import seam_decoys
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.search import LARGER, SEGMENT, Table
-from inscrutable.kernels.three_lotteries import POLISHED, SLOTS, Plane
+from inscrutable.kernels.three_leaves import POLISHED, SLOTS, Plane
 from inscrutable.validation import Array
 
-_LEAVES_PAD = 32
+_LANES = 32
 _MOST_POLYGONS = 8
 
 
@@ -57,19 +57,18 @@ def make_plane(atlas: Atlas) -> Plane | None:
     costs, decoys = costs[slots], decoys[slots]
     square = (along**2).sum(axis=1)
     spread = np.maximum(*(np.linalg.norm(end - decoys, axis=1) for end in (start, start + along)))
-    return Plane._make(
-        [
-            *(np.ascontiguousarray(part.T) for part in (costs, decoys @ basis, start @ basis, along @ basis)),
-            np.divide(1.0, square, out=np.zeros_like(square), where=square > 0.0),
-            face[slots],
-            name[slots],
-            *_leaf_models(decoys @ basis, costs, spread),
-            np.array([_spacing(decoys @ basis)]),
-            larger,
-            np.ascontiguousarray(table.costs[larger].T),
-            table.face[larger],
-            np.ascontiguousarray((table.decoys[larger] @ basis).T),
-        ]
+    inverse = np.divide(1.0, square, out=np.zeros_like(square), where=square > 0.0)
+    return Plane(
+        np.ascontiguousarray(np.column_stack([costs, start @ basis, along @ basis, inverse]).T),
+        np.ascontiguousarray((decoys @ basis).T),
+        face[slots],
+        name[slots],
+        _leaves(decoys @ basis, costs, spread),
+        np.array([_spacing(decoys @ basis)]),
+        larger,
+        np.ascontiguousarray(table.costs[larger].T),
+        table.face[larger],
+        np.ascontiguousarray((table.decoys[larger] @ basis).T),
     )
 
 
@@ -86,21 +85,18 @@ def _seams(atlas: Atlas, decoys: Array) -> tuple[Table, np.ndarray, np.ndarray, 
     return beside.table, rows, face[rows], np.full(len(rows), POLISHED, dtype=np.int64)
 
 
-def _leaf_models(z: Array, costs: Array, spread: Array) -> tuple[Array, ...]:
-    """Radius, reach, centre (2,L), least costs (3,L) and slope (2,3,L) of the leaves, filled up for the loops over them."""
+def _leaves(z: Array, costs: Array, spread: Array) -> Array:
+    """The models of the leaves as `Plane` has them; their number is filled up to a multiple of the processor's lanes."""
     z, costs = z.reshape(-1, SLOTS, 2), costs.reshape(-1, SLOTS, 3)
     centre, middle = z.mean(axis=1), costs.mean(axis=1)
     away = z - centre[:, None]
-    inverse = np.linalg.pinv(away, rcond=tolerances.LEAF_SLOPE)
-    slope = inverse @ (costs - middle[:, None])
+    slope = np.linalg.pinv(away, rcond=tolerances.LEAF_SLOPE) @ (costs - middle[:, None])
     excess = np.maximum(middle[:, None] + away @ slope - costs, 0.0).max(axis=1)
     radius = np.linalg.norm(away, axis=2).max(axis=1)
     reach = spread.reshape(-1, SLOTS).max(axis=1)
-    pad = -len(z) % _LEAVES_PAD
-    models = (radius, reach, centre, middle - excess, slope)
-    return tuple(
-        np.ascontiguousarray(np.moveaxis(np.concatenate([m, np.repeat(m[:1], pad, axis=0)]), 0, -1)) for m in models
-    )
+    models = np.column_stack([centre, radius, reach, middle - excess, slope[:, 0], slope[:, 1]])
+    filled = np.concatenate([models, np.repeat(models[:1], -len(models) % _LANES, axis=0)])
+    return np.ascontiguousarray(filled.T)
 
 
 def _spacing(z: Array) -> float:

@@ -11,11 +11,12 @@ from inscrutable.decision_makers.face_search import rules_for
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.threads import in_chunks
-from inscrutable.kernels.three_lotteries import Plane, Scene, lotteries_three, lottery_tools
+from inscrutable.kernels.three_leaves import Plane, Scene
+from inscrutable.kernels.three_lotteries import lotteries_three, lottery_tools
 from inscrutable.kernels.three_singles import single_tools, singles_three
 from inscrutable.validation import Array
 
-_CHUNK = 512
+_CHUNK = 1024
 
 
 def walk_lotteries(
@@ -64,6 +65,8 @@ def _walk(
 
 def _order(z: Array) -> np.ndarray:
     """An order of points (T,2) in which neighbours are near each other: strips, up and down in turn."""
-    low, width = z.min(axis=0), max(float(np.ptp(z, axis=0).max()), np.finfo(float).tiny)
-    strip = ((z[:, 0] - low[0]) / width * max(1.0, np.sqrt(0.5 * len(z)))).astype(np.int64)
-    return np.lexsort((np.where(strip % 2 == 0, z[:, 1], -z[:, 1]), strip))
+    first, second = z[:, 0] - z[:, 0].min(), z[:, 1] - z[:, 1].min()
+    width = max(float(first.max()), float(second.max()), np.finfo(float).tiny)
+    strip = np.floor(first / width * max(1.0, np.sqrt(0.5 * len(z))))
+    along = second / (2.0 * width)  # below 1, so that one number tells strip and place
+    return np.argsort(strip + np.where(strip % 2.0 == 0.0, along, 0.5 - along))

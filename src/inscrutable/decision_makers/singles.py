@@ -14,10 +14,10 @@ from inscrutable.decision_makers.face_search import Found, most_private, rules_f
 from inscrutable.decision_makers.plane import plane_of
 from inscrutable.decision_makers.plane_walks import walk_singles
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
-from inscrutable.decision_makers.streaming import OWN, Aims, decisions_at, scene_of
+from inscrutable.decision_makers.streaming import OWN, Aims, decisions_at, farthest_corners, scene_of
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.prices import budget_price
-from inscrutable.kernels.three_lotteries import Plane, Scene
+from inscrutable.kernels.three_leaves import Plane, Scene
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -173,10 +173,7 @@ def decisions_of(found: Singles, budget: int = 0) -> Decisions:
     """Return what was found under one of the budgets as a result."""
     points, sign = found.aims.points, found.aims.sign
     privacy, regret = found.privacy[:, budget], found.regret[:, budget]
-    bounds = np.zeros(len(privacy))
-    if sign > 0:
-        # The farthest corner of the simplex: ‖π − e_i‖² = ‖π‖² − 2 π_i + 1.
-        bounds = np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * points.min(axis=1) + 1.0)
+    bounds = farthest_corners(points) if sign > 0 else np.zeros(len(privacy))
     codes = np.where(found.index[:, budget] == OWN, 1 if sign > 0 else 2, 0)
     return Decisions(
         found.optimal_costs + regret,

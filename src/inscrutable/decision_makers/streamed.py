@@ -8,7 +8,7 @@ from inscrutable import tolerances
 from inscrutable.decision_makers.atlas import Atlas, atlas_of
 from inscrutable.decision_makers.counter_adversarial import Case, best_decision
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions, Progress
-from inscrutable.decision_makers.streaming import OWN, Aims, Lotteries, Spot, stream_lotteries
+from inscrutable.decision_makers.streaming import OWN, Aims, Lotteries, Spot, farthest_corners, stream_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation
 from inscrutable.problems import QuadraticProblem
@@ -62,10 +62,7 @@ def _results(found: Lotteries, aims: Aims) -> MixedDecisions:
     alone = found.probabilities[:, 1] <= 0.0
     best = np.where(alone, found.privacies[:, 0], np.maximum(found.privacies[:, 0], found.privacies[:, 1]))
     polished = (found.index[:, 0] == POLISHED) | (found.index[:, 1] == POLISHED)
-    bounds = np.zeros(len(privacy))
-    if sign > 0:
-        # The farthest corner of the simplex: ‖π − e_i‖² = ‖π‖² − 2 π_i + 1.
-        bounds = np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * points.min(axis=1) + 1.0)
+    bounds = farthest_corners(points) if sign > 0 else np.zeros(len(privacy))
     nothing = best <= tolerances.NO_PRIVACY if sign > 0 else np.isneginf(best)
     codes = np.where(nothing, 0, np.where(polished, 1, 2))
     return MixedDecisions(

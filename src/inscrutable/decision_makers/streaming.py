@@ -21,7 +21,7 @@ from inscrutable.kernels.faces import settle
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
 from inscrutable.kernels.threads import in_chunks
-from inscrutable.kernels.three_lotteries import Scene
+from inscrutable.kernels.three_leaves import Scene
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -175,6 +175,14 @@ def search(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progres
             _search_generally(atlas, some._replace(limits=some.limits[:, budget]), found, None if plane else progress)
             for field, values in zip(out, found, strict=True):
                 field[steps, budget] = values
+
+
+def farthest_corners(points: Array) -> Array:
+    """Return the distances of points (T,X) from the corners of the simplex that are farthest: ‖p‖² − 2 min p_i + 1."""
+    least = points[:, 0]
+    for column in points.T[1:]:
+        least = np.minimum(least, column)
+    return np.asarray(np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * least + 1.0))
 
 
 def scene_of(problem: DecisionProblem, beliefs: Array, aims: Aims, known: Spot | None = None) -> Scene:

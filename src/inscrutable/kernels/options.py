@@ -38,3 +38,8 @@ def bare_kernel(function: Function) -> Function:
 def inlined(function: Function) -> Function:
     """Compile a small function into each of its callers, where an argument that is constant there unrolls its loops."""
     return cast(Function, _njit(**_options, no_cpython_wrapper=True, forceinline=True, _nrt=False)(function))
+
+
+def woven(function: Function) -> Function:
+    """Copy a loop into its callers before they are compiled: it is taken by the lane there as if it were written there."""
+    return cast(Function, _njit(**_options, no_cpython_wrapper=True, inline="always", _nrt=False)(function))

@@ -11,116 +11,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable.kernels.options import bare, bare_kernel, inlined
+from inscrutable.kernels.three_leaves import (
+    ABSENT,
+    FIRST_POLYGON,
+    NONE,
+    POLISHED,
+    SLOTS,
+    TARGET,
+    Plane,
+    Scene,
+    best_above,
+    judge_slot,
+)
 from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
 from inscrutable.kernels.three_states import bench, climb_three, in_space, settle_three
-from inscrutable.tolerances import CHORD, LENGTH, NEAR_ATOMS, SAME_PRICE
+from inscrutable.tolerances import CHORD, NEAR_ATOMS, SAME_PRICE
 
-NONE = -1
-TARGET = -3
-POLISHED, ABSENT = -1, -9
-FIRST_POLYGON = -16  # polygons are named from here downwards while searched
-SLOTS = 32
 _TURNS = 40
-
-
-class Plane(NamedTuple):
-    """Decisions in slots, SLOTS to a leaf, and leaves, in the plane of beliefs; both run along the last axis."""
-
-    costs: Any  # (3,S)
-    decoys: Any  # (2,S)
-    start: Any  # (2,S) of a segment, or the one belief
-    along: Any  # (2,S) of a segment, or 0
-    inverse: Any  # (S,) 1/length², or 0
-    face: Any  # (S,)
-    name: Any  # (S,) number of the decision
-    radius: Any  # (L,) of the leaves, filled up to a multiple of the processor's lanes
-    reach: Any  # (L,)
-    centre: Any  # (2,L)
-    least: Any  # (3,L) s_c − e
-    slope: Any  # (2,3,L)
-    spacing: Any  # (1,) typical distance between neighbouring decisions
-    polygons: Any  # (N,) numbers of the decisions with a polygon of beliefs; they are in no leaf
-    polygon_costs: Any  # (3,N)
-    polygon_faces: Any  # (N,)
-    polygon_decoys: Any  # (2,N)
-
-
-@bare
-def look_out(plane: Plane, scene: Scene, t: int, work: Any) -> None:
-    """work: distance, direction (2), expected cost, its slope (2), and what the distance may exceed its linear model by."""
-    p0, p1 = scene.points[t, 0], scene.points[t, 1]
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
-    centre, least, slope, radius, reach = plane.centre, plane.least, plane.slope, plane.radius, plane.reach
-    sign = scene.sign
-    for leaf in range(work.shape[1]):
-        x0, x1 = centre[0, leaf] - p0, centre[1, leaf] - p1
-        distance = np.sqrt(x0 * x0 + x1 * x1)
-        inverse = 1.0 / max(distance, LENGTH)
-        work[0, leaf] = distance
-        work[1, leaf] = x0 * inverse
-        work[2, leaf] = x1 * inverse
-        work[3, leaf] = b0 * least[0, leaf] + b1 * least[1, leaf] + b2 * least[2, leaf]
-        work[4, leaf] = b0 * slope[0, 0, leaf] + b1 * slope[0, 1, leaf] + b2 * slope[0, 2, leaf]
-        work[5, leaf] = b0 * slope[1, 0, leaf] + b1 * slope[1, 1, leaf] + b2 * slope[1, 2, leaf]
-        work[6, leaf] = 0.5 * radius[leaf] * radius[leaf] * inverse if sign > 0.0 else reach[leaf]
-
-
-@bare
-def _best_above(
-    plane: Plane,
-    scene: Scene,
-    t: int,
-    sign: float,
-    price: float,
-    floor: float,
-    known: Any,
-    work: Any,
-    values: Any,
-) -> int:
-    """The candidate of largest Ψ − price·π·s above `floor`, or NONE."""
-    radius = plane.radius
-    for leaf in range(work.shape[1]):
-        e0, e1 = sign * work[1, leaf] - price * work[4, leaf], sign * work[2, leaf] - price * work[5, leaf]
-        bound = sign * work[0, leaf] - price * work[3, leaf] + work[6, leaf]
-        work[7, leaf] = bound + np.sqrt(e0 * e0 + e1 * e1) * radius[leaf]
-    p0, p1 = scene.points[t, 0], scene.points[t, 1]
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
-    start, along, inverse, costs = plane.start, plane.along, plane.inverse, plane.costs
-    best = NONE
-    for n in range(known.size):
-        cost = b0 * plane.polygon_costs[0, n] + b1 * plane.polygon_costs[1, n] + b2 * plane.polygon_costs[2, n]
-        if sign * known[n] - price * cost > floor:
-            floor, best = sign * known[n] - price * cost, FIRST_POLYGON - n
-    for leaf in range(plane.face.size // SLOTS):
-        if not work[7, leaf] > floor:
-            continue
-        low = leaf * SLOTS
-        for q in range(SLOTS):
-            d = low + q
-            x0, x1 = p0 - start[0, d], p1 - start[1, d]
-            share = min(max((x0 * along[0, d] + x1 * along[1, d]) * inverse[d], 0.0), 1.0)
-            x0 -= share * along[0, d]
-            x1 -= share * along[1, d]
-            cost = b0 * costs[0, d] + b1 * costs[1, d] + b2 * costs[2, d]
-            values[q] = sign * np.sqrt(x0 * x0 + x1 * x1) - price * cost
-        for q in range(SLOTS):
-            if values[q] > floor:
-                floor, best = values[q], low + q
-    return best
-
-
-class Scene(NamedTuple):
-    """What the lotteries of T beliefs start from; one affordable decision, `first`, is known beforehand."""
-
-    beliefs: Any  # (T,3)
-    points: Any  # (T,2) far from which (sign +) or near which (−) beliefs shall be inferred
-    sign: float
-    optimal_costs: Any  # (T,)
-    limits: Any  # (T,B)
-    first: int  # its name
-    first_regrets: Any  # (T,)
-    first_privacies: Any  # (T,)
-    target_regrets: Any  # (T,) of the decision with the target among its beliefs; infinite where there is none
 
 
 class Pair(NamedTuple):
@@ -150,20 +57,7 @@ def _judge(plane: Plane, scene: Scene, t: int, sign: float, optimal: float, d: i
         n = FIRST_POLYGON - d
         cost = b0 * plane.polygon_costs[0, n] + b1 * plane.polygon_costs[1, n] + b2 * plane.polygon_costs[2, n]
         return max(cost - optimal, 0.0), sign * known[n]
-    return judge_slot(plane, scene, t, d)
-
-
-@inlined
-def judge_slot(plane: Plane, scene: Scene, t: int, d: int) -> tuple[float, float]:
-    """Regret and privacy of the decision in a slot."""
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
-    x0, x1 = scene.points[t, 0] - plane.start[0, d], scene.points[t, 1] - plane.start[1, d]
-    share = (x0 * plane.along[0, d] + x1 * plane.along[1, d]) * plane.inverse[d]
-    share = min(max(share, 0.0), 1.0)
-    x0 -= share * plane.along[0, d]
-    x1 -= share * plane.along[1, d]
-    cost = b0 * plane.costs[0, d] + b1 * plane.costs[1, d] + b2 * plane.costs[2, d]
-    return max(cost - scene.optimal_costs[t], 0.0), scene.sign * np.sqrt(x0 * x0 + x1 * x1)
+    return judge_slot(plane.slots, scene, t, d)
 
 
 @bare
@@ -322,7 +216,7 @@ def _settle_lottery(
 
     last: the same of the belief before.
     """
-    work, values, known, on = tools
+    bounds, values, known, on = tools
     warm, single, price = last
     sign, optimal = scene.sign, scene.optimal_costs[t]
     climbed_at, merge = price, NEAR_ATOMS
@@ -347,7 +241,7 @@ def _settle_lottery(
                 single, price = _polish(pair, arena, rules, scene, t, aim, merge, on)
                 continue
         floor = pair.privacy[0] - price * pair.regret[0] + CHORD
-        d = _best_above(plane, scene, t, sign, price, floor - price * optimal, known, work, values)
+        d = best_above(plane, scene, t, price, floor - price * optimal, known, bounds, values)
         if d == NONE:
             if not proposing:
                 return True, single, price
@@ -395,10 +289,9 @@ def lotteries_three(
     out: index (T,B,2), face (T,B,2), decoys (T,B,2,3), regrets, privacies, probabilities (T,B,2), prices (T,B),
     and failures (T,B), True where the general search is needed. tools: memory of `lottery_tools`, every call its own.
     """
-    work, values, known, on, pairs, state = tools
+    bounds, values, known, on, pairs, state = tools
     prices, failures = out[6], out[7]
     for t in range(low, high):
-        look_out(plane, scene, t, work)
         for n in range(known.size):
             known[n] = polygon_distance(arena, plane.polygon_faces[n], rules, scene.points[t, 0], scene.points[t, 1])
         for c in range(prices.shape[1]):
@@ -406,7 +299,7 @@ def lotteries_three(
             last = (state[c, 0] > 0.0, state[c, 1] > 0.0, state[c, 2])
             limit = scene.limits[t, c] * rules.inside
             found, single, price = _settle_lottery(
-                plane, arena, rules, scene, t, limit, pair, last, (work, values, known, on)
+                plane, arena, rules, scene, t, limit, pair, last, (bounds, values, known, on)
             )
             failures[t, c], prices[t, c] = not found, price
             if found:
@@ -425,6 +318,6 @@ def lottery_tools(plane: Plane, arena: Any, n_budgets: int) -> tuple[Any, ...]:
 
 
 def search_tools(plane: Plane, arena: Any) -> tuple[Any, ...]:
-    """Return memory for the leaves, one leaf's values, the polygons, and climbs."""
+    """Return memory for bounds, one leaf's values, the polygons, and climbs."""
     on = bench(int(arena.size.max()), int(arena.n_rows.max()))
-    return np.empty((8, plane.radius.size)), np.empty(SLOTS), np.empty(plane.polygons.size), on
+    return np.empty(plane.leaves.shape[1]), np.empty(SLOTS), np.empty(plane.polygons.size), on

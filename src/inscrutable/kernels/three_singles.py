@@ -11,18 +11,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable.kernels.options import bare, bare_kernel, inlined
-from inscrutable.kernels.three_lotteries import (
+from inscrutable.kernels.three_leaves import (
     FIRST_POLYGON,
     POLISHED,
     SLOTS,
     TARGET,
     Plane,
     Scene,
-    climb_any,
+    bar_dear_leaves,
+    bound_leaves,
+    cost_of_slot,
     judge_slot,
-    look_out,
-    search_tools,
+    read_leaf,
 )
+from inscrutable.kernels.three_lotteries import climb_any, search_tools
 from inscrutable.kernels.three_sets import polygon_distance
 from inscrutable.kernels.three_states import in_space
 
@@ -50,52 +52,37 @@ class Best(NamedTuple):
     price: float
 
 
-@bare
-def _read(plane: Plane, scene: Scene, t: int, limit: float, low: int, values: Any) -> None:
-    """Privacy of a leaf's candidates, −∞ where they cost more than the budget."""
-    sign, most = scene.sign, scene.optimal_costs[t] + limit
-    p0, p1 = scene.points[t, 0], scene.points[t, 1]
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
-    start, along, inverse, costs = plane.start, plane.along, plane.inverse, plane.costs
-    for q in range(SLOTS):
-        d = low + q
-        x0, x1 = p0 - start[0, d], p1 - start[1, d]
-        share = min(max((x0 * along[0, d] + x1 * along[1, d]) * inverse[d], 0.0), 1.0)
-        x0 -= share * along[0, d]
-        x1 -= share * along[1, d]
-        cost = b0 * costs[0, d] + b1 * costs[1, d] + b2 * costs[2, d]
-        values[q] = sign * np.sqrt(x0 * x0 + x1 * x1) if cost <= most else -np.inf
+@inlined
+def _keep(plane: Plane, scene: Scene, t: int, d: int, privacy: float, heap: Heap) -> None:
+    """A decision becomes the best of its face and quadrant, unless there is a better one."""
+    group = 4 * plane.face[d]
+    group += 2 if plane.decoys[0, d] > scene.points[t, 0] else 0
+    group += 1 if plane.decoys[1, d] > scene.points[t, 1] else 0
+    if heap.slot[group] < 0:
+        heap.filled[0] += 1
+        heap.filled[heap.filled[0]] = group
+    if heap.slot[group] < 0 or privacy > heap.privacy[group]:
+        heap.privacy[group], heap.slot[group] = privacy, d
 
 
 @bare
 def _collect(
-    plane: Plane, scene: Scene, t: int, limit: float, floor: float, work: Any, values: Any, heap: Heap
+    plane: Plane, scene: Scene, t: int, limit: float, floor: float, bounds: Any, values: Any, heap: Heap
 ) -> None:
     """Keep the best affordable candidate of every face and quadrant, among those little below `floor` and the best."""
-    sign, most, radius = scene.sign, scene.optimal_costs[t] + limit, plane.radius
+    most, slack = scene.optimal_costs[t] + limit, _SLACK * plane.spacing[0]
+    belief = (scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2])
     p0, p1 = scene.points[t, 0], scene.points[t, 1]
-    slack = _SLACK * plane.spacing[0]
-    for leaf in range(work.shape[1]):
-        least = work[3, leaf] - np.sqrt(work[4, leaf] ** 2 + work[5, leaf] ** 2) * radius[leaf]
-        bound = sign * work[0, leaf] + radius[leaf] + work[6, leaf]
-        work[7, leaf] = bound if least <= most else -np.inf
+    bound_leaves(plane.leaves, scene, t, 0.0, bounds)
+    bar_dear_leaves(plane.leaves, scene, t, most, bounds)
     for leaf in range(plane.face.size // SLOTS):
-        if not work[7, leaf] > floor - slack:
-            continue
-        low = leaf * SLOTS
-        _read(plane, scene, t, limit, low, values)
-        for q in range(SLOTS):
-            if values[q] > floor - slack:
-                d = low + q
-                floor = max(floor, values[q])
-                group = 4 * plane.face[d]
-                group += 2 if plane.decoys[0, d] > p0 else 0
-                group += 1 if plane.decoys[1, d] > p1 else 0
-                if heap.slot[group] < 0:
-                    heap.filled[0] += 1
-                    heap.filled[heap.filled[0]] = group
-                if heap.slot[group] < 0 or values[q] > heap.privacy[group]:
-                    heap.privacy[group], heap.slot[group] = values[q], d
+        if bounds[leaf] > floor - slack:
+            read_leaf(plane.slots, leaf, belief, p0, p1, scene.sign, 0.0, values)
+            for q in range(SLOTS):
+                d = leaf * SLOTS + q
+                if values[q] > floor - slack and cost_of_slot(plane.slots, scene, t, d) <= most:
+                    floor = max(floor, values[q])
+                    _keep(plane, scene, t, d, values[q], heap)
 
 
 @inlined
@@ -115,7 +102,7 @@ def _climb_best(
         heap.slot[chosen] = -1
         face, z0, z1 = plane.face[d], plane.decoys[0, d], plane.decoys[1, d]
         if heap.privacy[chosen] > best.privacy:
-            regret, privacy = judge_slot(plane, scene, t, d)
+            regret, privacy = judge_slot(plane.slots, scene, t, d)
             best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
         aim = (scene.sign, scene.optimal_costs[t], limit, 0.0)
         ok, z0, z1, regret, privacy, price = climb_any(arena, face, rules, scene, t, aim, z0, z1, on)
@@ -153,9 +140,8 @@ def singles_three(
     privacies, prices (T,B). tools: memory of `single_tools`, every call its own.
     """
     name, faces, places, regrets, privacies, prices = out
-    work, values, known, on, heap, last = tools
+    bounds, values, known, on, heap, last = tools
     for t in range(low, high):
-        look_out(plane, scene, t, work)
         for n in range(known.size):
             known[n] = polygon_distance(arena, plane.polygon_faces[n], rules, scene.points[t, 0], scene.points[t, 1])
         for c in range(prices.shape[1]):
@@ -170,7 +156,7 @@ def singles_three(
                     )
                     if ok and privacy > best.privacy:
                         best = Best(POLISHED, face, z0, z1, regret, privacy, price)
-                _collect(plane, scene, t, limit, best.privacy, work, values, heap)
+                _collect(plane, scene, t, limit, best.privacy, bounds, values, heap)
                 best = _climb_best(plane, arena, rules, scene, t, limit, best, heap, on)
             last[c, 0] = best.face if best.name >= POLISHED else -1
             last[c, 1], last[c, 2], last[c, 3] = best.z0, best.z1, best.price

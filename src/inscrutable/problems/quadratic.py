@@ -15,7 +15,7 @@ from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.validation import Array
 
-_CHUNK = 64
+_CHUNK = 256
 """Beliefs solved in one warm-started run; fixed, so that results do not depend on the number of threads."""
 _MOST_EQUALITIES = 8
 _BLOCK_ENTRIES = 4_000_000

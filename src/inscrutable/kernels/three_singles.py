@@ -1,7 +1,7 @@
-"""Single decisions for three states: the best candidates of every face and quadrant, climbed within the budget.
+"""Single decisions for three states: the best candidates of every face and octant, climbed within the budget.
 
 A candidate lies inside the budget by up to its spacing, so the one that climbs highest need not be the highest itself: the
-best of each face and quadrant around the point is climbed where it is at most some spacings below the best known.
+best of each face and octant around the point is climbed where it is at most some spacings below the best known.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ _SLACK = 1.5  # spacings that a candidate may lack to the best decision
 
 
 class Heap(NamedTuple):
-    """The best candidate of every face and quadrant, and those that are filled."""
+    """The best candidate of every face and octant, and those that are filled."""
 
-    privacy: Any  # (4K,)
-    slot: Any  # (4K,)
-    filled: Any  # (4K+1,) how many, then which
+    privacy: Any  # (8K,)
+    slot: Any  # (8K,)
+    filled: Any  # (8K+1,) how many, then which
 
 
 class Best(NamedTuple):
@@ -54,10 +54,12 @@ class Best(NamedTuple):
 
 @inlined
 def _keep(plane: Plane, scene: Scene, t: int, d: int, privacy: float, heap: Heap) -> None:
-    """A decision becomes the best of its face and quadrant, unless there is a better one."""
-    group = 4 * plane.face[d]
-    group += 2 if plane.decoys[0, d] > scene.points[t, 0] else 0
-    group += 1 if plane.decoys[1, d] > scene.points[t, 1] else 0
+    """A decision becomes the best of its face and octant, unless there is a better one."""
+    x0, x1 = plane.decoys[0, d] - scene.points[t, 0], plane.decoys[1, d] - scene.points[t, 1]
+    group = 8 * plane.face[d]
+    group += 4 if x0 > 0.0 else 0
+    group += 2 if x1 > 0.0 else 0
+    group += 1 if abs(x0) > abs(x1) else 0
     if heap.slot[group] < 0:
         heap.filled[0] += 1
         heap.filled[heap.filled[0]] = group
@@ -69,7 +71,7 @@ def _keep(plane: Plane, scene: Scene, t: int, d: int, privacy: float, heap: Heap
 def _collect(
     plane: Plane, scene: Scene, t: int, limit: float, floor: float, bounds: Any, values: Any, heap: Heap
 ) -> None:
-    """Keep the best affordable candidate of every face and quadrant, among those little below `floor` and the best."""
+    """Keep the best affordable candidate of every face and octant, among those little below `floor` and the best."""
     most, slack = scene.optimal_costs[t] + limit, _SLACK * plane.spacing[0]
     belief = (scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2])
     p0, p1 = scene.points[t, 0], scene.points[t, 1]
@@ -171,6 +173,6 @@ def singles_three(
 
 def single_tools(plane: Plane, arena: Any, n_budgets: int) -> tuple[Any, ...]:
     """Return the memory that `singles_three` works in."""
-    n_groups = 4 * arena.size.size
+    n_groups = 8 * arena.size.size
     heap = Heap(np.empty(n_groups), np.full(n_groups, -1), np.zeros(n_groups + 1, np.int64))
     return (*search_tools(plane, arena), heap, np.full((n_budgets, 4), -1.0))

@@ -6,6 +6,7 @@ where they are larger, along lines of decisions, the set's distance being judged
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,7 @@ class Found(NamedTuple):
         return self.face.action(self.place)
 
 
+@cache
 def rules_for(n_states: int) -> Rules:
     """Return the numbers that the kernels decide by."""
     return Rules(

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from inscrutable.decision_makers.face_search import rules_for
-from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.kernels.three_leaves import Plane, Scene
@@ -47,13 +46,17 @@ def _walk(
     out: tuple[Array, ...],
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    basis = sum_zero_basis(3)
+    kernel, tools = search
+    rules, n_budgets = rules_for(3), scene.limits.shape[1]
+    basis = rules.basis
+    if len(scene.beliefs) == 1:
+        alone = scene._replace(points=scene.points @ basis)
+        kernel(0, 1, alone, plane, arena, rules, out, tools(plane, arena, n_budgets))
+        return
     order = _order(scene.beliefs @ basis)
     sorted_out = tuple(np.empty_like(part) for part in out)
     walked = Scene._make(part[order] if isinstance(part, np.ndarray) else part for part in scene)
     walked = walked._replace(points=walked.points @ basis)
-    rules, n_budgets = rules_for(3), scene.limits.shape[1]
-    kernel, tools = search
 
     def work(low: int, high: int) -> None:
         kernel(low, high, walked, plane, arena, rules, sorted_out, tools(plane, arena, n_budgets))

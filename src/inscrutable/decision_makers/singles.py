@@ -14,7 +14,7 @@ from inscrutable.decision_makers.face_search import Found, most_private, rules_f
 from inscrutable.decision_makers.plane import plane_of
 from inscrutable.decision_makers.plane_walks import walk_singles
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
-from inscrutable.decision_makers.streaming import OWN, Aims, decisions_at, farthest_corners, scene_of
+from inscrutable.decision_makers.streaming import OWN, TARGET, Aims, decisions_at, farthest_corners, scene_of
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.prices import budget_price
 from inscrutable.kernels.three_leaves import Plane, Scene
@@ -113,25 +113,26 @@ def _fill(result: Singles, plane: Plane, beliefs: Array, part: slice, progress: 
     walk_singles(plane, atlas.arena, scene, out, progress)
     result.optimal_costs[part] = scene.optimal_costs
     index, face, decoy, regret, privacy, price = out
-    target = np.broadcast_to(scene.points[:, None], decoy.shape)
-    unnamed = (index != OWN) & (index < 0) & (face < 0)
-    decoy[unnamed] = target[unnamed]
+    met = index == TARGET
+    if met.any():
+        decoy[met] = np.broadcast_to(scene.points[:, None], decoy.shape)[met]
     _search_the_near(result, plane, part, scene)
     at_rest = index == OWN
     if aims.sign > 0:
         at_rest |= privacy <= tolerances.NO_PRIVACY
-    decoy[at_rest] = np.broadcast_to(held[:, None], decoy.shape)[at_rest]
-    index[at_rest], face[at_rest], regret[at_rest], price[at_rest] = OWN, -1, 0.0, 0.0
-    privacy[at_rest] = np.broadcast_to(scene.first_privacies[:, None], privacy.shape)[at_rest]
+    if at_rest.any():
+        decoy[at_rest] = np.broadcast_to(held[:, None], decoy.shape)[at_rest]
+        index[at_rest], face[at_rest], regret[at_rest], price[at_rest] = OWN, -1, 0.0, 0.0
+        privacy[at_rest] = np.broadcast_to(scene.first_privacies[:, None], privacy.shape)[at_rest]
 
 
 def _search_the_near(result: Singles, plane: Plane, part: slice, scene: Scene) -> None:
     """Search by faces where a budget buys so little that hardly a candidate is affordable."""
     atlas, problem = result.atlas, result.atlas.problem
-    near = _NEAR * float(plane.spacing[0])
-    away = np.linalg.norm(result.decoy[part] - scene.beliefs[:, None], axis=2)
-    away[result.index[part] == OWN] = 0.0
-    for t, b in np.argwhere((away < near) & (scene.limits > 0.0)):
+    apart = result.decoy[part] - scene.beliefs[:, None]
+    close = np.einsum("tbx,tbx->tb", apart, apart) < (_NEAR * plane.spacing[0]) ** 2
+    close = (close | (result.index[part] == OWN)) & (scene.limits > 0.0)
+    for t, b in np.argwhere(close) if close.any() else ():
         step, belief = part.start + int(t), scene.beliefs[t]
         aim = Aim(belief, scene.points[t], scene.sign, float(scene.optimal_costs[t]), float(scene.limits[t, b]), 0.0)
         found = most_private(atlas, aim, problem.solve(belief))

@@ -79,11 +79,12 @@ def decisions_at(
     """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys."""
     actions = np.empty((len(index), atlas.problem.n_actions))
     known = index >= 0
-    actions[known] = atlas.actions[index[known]]
+    if known.any():
+        actions[known] = atlas.actions[index[known]]
     own = (index == OWN) | (index == TARGET)
     if own.any():
         actions[own] = atlas.problem.solve(decoys[own])
-    for i in np.flatnonzero(~known & ~own):
+    for i in np.flatnonzero(index == POLISHED):
         actions[i] = _decision_of(atlas.faces(patterns[int(face[i])]), decoys[i])
     return actions
 
@@ -141,7 +142,8 @@ def stream_lotteries(
         _fill(result, part, aims._replace(points=aims.points[part]), known, seen)
     for name, decoys in ((OWN, beliefs), (TARGET, aims.points)):
         chosen = result.index == name
-        result.decoys[chosen] = np.broadcast_to(decoys[:, None], result.decoys.shape)[chosen]
+        if chosen.any():
+            result.decoys[chosen] = np.broadcast_to(decoys[:, None], result.decoys.shape)[chosen]
     if known is not None:
         chosen = result.index == KNOWN
         result.decoys[chosen], result.face[chosen], result.index[chosen] = known.decoy, len(atlas.patterns), POLISHED
@@ -190,7 +192,7 @@ def scene_of(problem: DecisionProblem, beliefs: Array, aims: Aims, known: Spot |
     beliefs, points = np.ascontiguousarray(beliefs), np.ascontiguousarray(aims.points)
     count = len(beliefs)
     costs = np.einsum("tx,tx->t", problem.state_costs(problem.solve(beliefs)), beliefs)
-    limits = np.stack([budget.limits(costs) for budget in aims.budgets], axis=1)
+    limits = np.ascontiguousarray(np.array([budget.limits(costs) for budget in aims.budgets]).T)
     name, regrets, privacies = OWN, np.zeros(count), np.zeros(count)
     target_regrets = np.full(count, np.inf)
     if aims.sign < 0:

@@ -17,6 +17,7 @@ from inscrutable.validation import Array
 
 _CHUNK = 256
 """Beliefs solved in one warm-started run; fixed, so that results do not depend on the number of threads."""
+_FEW = 16  # decisions whose costs are found in one product
 _MOST_EQUALITIES = 8
 _BLOCK_ENTRIES = 4_000_000
 
@@ -144,6 +145,9 @@ class QuadraticProblem(DecisionProblem):
         points = self._as_actions(actions)
         if points.ndim == 1:
             return np.asarray((0.5 * (self.hessians @ points) + self.linear) @ points + self.constants)
+        if points.ndim == 2 and len(points) <= _FEW:
+            curved = np.einsum("xmu,mu->mx", points @ self.hessians, points)
+            return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
         curved = np.stack([((points @ hessian) * points).sum(axis=-1) for hessian in self.hessians], axis=-1)
         return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
 

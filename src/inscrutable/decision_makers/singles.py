@@ -131,7 +131,9 @@ def _search_the_near(result: Singles, plane: Plane, part: slice, scene: Scene) -
     atlas, problem = result.atlas, result.atlas.problem
     apart = result.decoy[part] - scene.beliefs[:, None]
     close = np.einsum("tbx,tbx->tb", apart, apart) < (_NEAR * plane.spacing[0]) ** 2
-    close = (close | (result.index[part] == OWN)) & (scene.limits > 0.0)
+    # So is one whose climb did not end: a candidate that stayed as it was.
+    stuck = (result.index[part] >= 0) & (atlas.arena.size[result.face[part]] > 0)
+    close = (close | stuck | (result.index[part] == OWN)) & (scene.limits > 0.0)
     for t, b in np.argwhere(close) if close.any() else ():
         step, belief = part.start + int(t), scene.beliefs[t]
         aim = Aim(belief, scene.points[t], scene.sign, float(scene.optimal_costs[t]), float(scene.limits[t, b]), 0.0)

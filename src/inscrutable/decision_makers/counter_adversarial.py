@@ -41,7 +41,7 @@ _PLANE_STATES = 3
 class GlobalSearch:
     """Search all candidates, then polish the best ones to a local optimum among admissible decisions.
 
-    Cost: one pass over the candidates and some ten climbs. Source: every
+    Cost: a look at the candidates and a few climbs, some hundred above three states. Source: every
     plausible decision is optimal for some decoy, and a decoy's regret never falls along a ray from the true belief.
 
     Example:
@@ -94,7 +94,7 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
     def decide(self, belief: ArrayLike) -> Decision:
         """Return the decision for one belief (X,).
 
-        Cost: some hundred microseconds; a local search some hundred milliseconds.
+        Cost: about 0.15 ms for three states, up to 0.2 s for eight states and ninety actions; a local search some 0.1 s.
         """
         return self._decide(validation.one_belief(belief, self.problem.n_states), self.measure)
 

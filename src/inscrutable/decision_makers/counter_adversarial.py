@@ -41,7 +41,7 @@ _PLANE_STATES = 3
 class GlobalSearch:
     """Search all candidates, then polish the best ones to a local optimum among admissible decisions.
 
-    Cost: a look at the candidates and a few climbs, some hundred above three states. Source: every
+    Cost: a look at the candidates and a few climbs, more above three states. Source: every
     plausible decision is optimal for some decoy, and a decoy's regret never falls along a ray from the true belief.
 
     Example:

@@ -215,6 +215,17 @@ def test_memory_counts_every_array_once(problem):
     assert "of a decoy" not in own.summary()
 
 
+def test_what_every_search_needs_outlives_the_searches_that_are_forgotten(problem):
+    candidates = decoy_grid(problem, 5)
+    needed = candidates.once("needed", object)
+    first = candidates.once(0, object)
+    for key in range(1, 10_000):
+        assert candidates.once("needed", object) is needed
+        candidates.once(key, object)
+    assert candidates.once(0, object) is not first
+    assert len(candidates.decided) < 5000
+
+
 def test_candidates_are_made_in_blocks(monkeypatch):
     """Besides what is kept, nothing of the size of all decisions is made: not even one copy of their slacks."""
     problem = MarkowitzProblem(np.eye(6, 12), [np.eye(12)] * 6, 1.0)

@@ -92,13 +92,13 @@ class Candidates:
         return sum({id(array): array.nbytes for array in held if isinstance(array, np.ndarray)}.values())
 
     def once(self, key: Hashable, search: Callable[[], T]) -> T:
-        """Return what `search` returned for this key before, or search and keep it; the oldest are forgotten."""
-        found: T | None = self.decided.get(key)
+        """Return what `search` returned for this key before, or search and keep it; what is unused longest is forgotten."""
+        found: T | None = self.decided.pop(key, None)
         if found is None:
             found = search()
             if len(self.decided) >= _MOST_KEPT:
                 self.decided.pop(next(iter(self.decided)), None)
-            self.decided[key] = found
+        self.decided[key] = found  # behind all others: in front is what was used least recently
         return found
 
     def joined(self, other: Candidates) -> Candidates:

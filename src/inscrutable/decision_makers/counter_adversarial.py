@@ -24,7 +24,7 @@ from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.polish import Goal, Trial, polish
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.singles import decisions_of, price_of, stream_singles
+from inscrutable.decision_makers.singles import Singles, decisions_of, price_of, stream_singles
 from inscrutable.decision_makers.streaming import Aims
 from inscrutable.errors import InputError
 from inscrutable.kernels.climb import Aim
@@ -103,12 +103,12 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         held = validation.many_beliefs(beliefs, self.problem.n_states)
         if isinstance(self.method, GlobalSearch) and is_streamed(self.measure):
             return Hiding(self.problem, self.candidates, self.measure, self.budget).met(held, progress).decisions()
-        streamed = None
+        walked = None
         if isinstance(self.method, GlobalSearch):
             case = Case(self.problem, self.candidates, held[0], self.measure, self.budget, self.on_empty)
-            streamed = _walked(case, held, progress)
-        if streamed is not None:
-            return streamed
+            walked = _walked(case, held, progress)
+        if walked is not None:
+            return decisions_of(walked)
         decided = [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
         return stack(decided, self.problem)
 
@@ -141,17 +141,23 @@ def best_decision(case: Case) -> Decision:
     """Return the polished best of the candidates, never worse than the optimal decision; searched once."""
     if is_streamed(case.measure):
         return Hiding(case.problem, case.candidates, case.measure, case.budget).decide(case.belief)
+    found = best_found(case)
+    return found if isinstance(found, Decision) else decisions_of(found)[0]
+
+
+def best_found(case: Case) -> Decision | Singles:
+    """Return the best decision as the search leaves it, of which the walk in the plane makes none yet; searched once."""
     reference = case.measure.reference(case.belief)
     goal = case.measure if reference is None else (type(case.measure), reference.point.tobytes(), reference.sign)
     key = (case.belief.tobytes(), case.budget, goal, case.on_empty)
     return case.candidates.once(key, lambda: _search(case, reference))
 
 
-def _search(case: Case, reference: Reference | None) -> Decision:
+def _search(case: Case, reference: Reference | None) -> Decision | Singles:
     problem, belief = case.problem, case.belief
     walked = _walked(case, belief[None])
     if walked is not None:
-        return walked[0]
+        return walked
     optimal = problem.solve(belief)
     optimal_cost = float(problem.state_costs(optimal) @ belief)
     limit = case.budget.limit(optimal_cost)
@@ -160,7 +166,7 @@ def _search(case: Case, reference: Reference | None) -> Decision:
     return _search_candidates(case, optimal, optimal_cost, limit)
 
 
-def _walked(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions | None:
+def _walked(case: Case, beliefs: Array, progress: Progress | None = None) -> Singles | None:
     """The walk in the plane, where it knows the problem and the measure; `case` gives everything but the beliefs."""
     problem, measure = case.problem, case.measure
     if problem.n_states != _PLANE_STATES or not isinstance(problem, QuadraticProblem) or case.on_empty != "exclude":
@@ -171,8 +177,7 @@ def _walked(case: Case, beliefs: Array, progress: Progress | None = None) -> Dec
         aims = Aims(measure.targets_for(beliefs), -1.0, (case.budget,))
     else:
         return None
-    found = stream_singles(atlas_of(problem, case.candidates), beliefs, aims, progress=progress)
-    return None if found is None else decisions_of(found)
+    return stream_singles(atlas_of(problem, case.candidates), beliefs, aims, progress=progress)
 
 
 def _search_faces(case: Case, problem: QuadraticProblem, aim: Aim, optimal: Array) -> Decision:

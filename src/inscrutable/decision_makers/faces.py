@@ -10,6 +10,7 @@ from scipy.linalg import null_space
 
 from inscrutable import tolerances
 from inscrutable.geometry.held_coordinates import held_coordinates
+from inscrutable.kernels.faces import decide_on_face, place_on_face
 from inscrutable.problems import Polyhedron, QuadraticProblem
 from inscrutable.validation import Array
 
@@ -46,10 +47,15 @@ class FaceProgramme(NamedTuple):
 
     def action(self, place: Array) -> Array:
         """Return the decision (U,) at coordinates (k,); rounding beside a tight bound is removed."""
-        found = self.origin + self.span @ place
-        low, high = self.bounds
-        found = np.where(np.abs(found - low) <= tolerances.STATIONARITY, low, found)
-        return np.where(np.abs(found - high) <= tolerances.STATIONARITY, high, found)
+        found = np.empty(len(self.origin))
+        place_on_face(self.origin, self.span, self.bounds, tolerances.STATIONARITY, place, found)
+        return found
+
+    def fill_decision(self, decoy: Array, out: Array) -> None:
+        """Fill the face's decision (U,) that a decoy (X,) makes optimal, placed as in `action`."""
+        decide_on_face(
+            self.curves, decoy, tolerances.PIVOT, self.origin, self.span, self.bounds, tolerances.STATIONARITY, out
+        )
 
 
 def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramme:
@@ -109,7 +115,7 @@ def _chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
 def _decomposed_chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
     """The chart for any rows, by singular value decompositions."""
     normals = np.vstack([region.A_ub[tight], region.A_eq])
-    span = null_space(normals, rcond=tolerances.ON_FACE)
+    span = np.ascontiguousarray(null_space(normals, rcond=tolerances.ON_FACE))
     origin = np.linalg.lstsq(normals, np.concatenate([region.b_ub[tight], region.b_eq]), rcond=None)[0]
     inequalities = region.stationarity(tight).inequalities
     return _Chart(

@@ -14,11 +14,11 @@ from inscrutable.decision_makers.face_search import Found, most_private, rules_f
 from inscrutable.decision_makers.plane import plane_of
 from inscrutable.decision_makers.plane_walks import walk_singles
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
-from inscrutable.decision_makers.streaming import OWN, TARGET, Aims, decisions_at, farthest_corners, scene_of
+from inscrutable.decision_makers.streaming import OWN, TARGET, Aims, Spot, decisions_at, farthest_corners, scene_of
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.prices import budget_price
 from inscrutable.kernels.three_leaves import Plane, Scene
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _BLOCK = 1 << 16
@@ -43,17 +43,28 @@ class Singles:
     price: Array  # (T,B) derivative of the privacy in the budget
     kept: dict[tuple[int, int], Array]  # decisions on faces that the atlas may not have
 
+    @property
+    def problem(self) -> QuadraticProblem:
+        """The decision problem."""
+        return self.atlas.problem
+
     def actions(self, step: int | slice, budget: int) -> Array:
         """Return the decision of one step, (U,), or of many, (T,U), under one of the budgets."""
-        steps = np.atleast_1d(np.arange(len(self.index))[step])
-        index = self.index[steps, budget]
-        known = np.where(index == _KEPT, OWN, index)
-        found = decisions_at(
-            self.atlas, known, self.face[steps, budget], self.decoy[steps, budget], self.atlas.patterns
-        )
-        for i in np.flatnonzero(index == _KEPT):
-            found[i] = self.kept[int(steps[i]), budget]
+        index, face = self.index[step, budget].reshape(-1), self.face[step, budget].reshape(-1)
+        decoys = self.decoy[step, budget].reshape(-1, self.decoy.shape[-1])
+        found = decisions_at(self.atlas, index, face, decoys)
+        if self.kept:
+            steps = np.arange(len(self.index))[step].reshape(-1)
+            for i in np.flatnonzero(index == _KEPT):
+                found[i] = self.kept[int(steps[i]), budget]
         return found if isinstance(step, slice) else np.asarray(found[0])
+
+    def spot(self) -> Spot:
+        """Return the decision of the first belief under the first budget as a lottery's search takes it."""
+        face = self.face[0, 0]
+        tight = self.atlas.patterns[face] if face >= 0 else self.problem.constraints.tight_rows(self.actions(0, 0))
+        regret, privacy = float(self.regret[0, 0]), float(self.privacy[0, 0])
+        return Spot(tight, self.decoy[0, 0], regret, privacy, float(self.optimal_costs[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +77,7 @@ class UnderBudget:
     @property
     def problem(self) -> DecisionProblem:
         """The decision problem."""
-        return self.singles.atlas.problem
+        return self.singles.problem
 
     def actions(self, step: int | slice) -> Array:
         """Return the decisions of a step or of many."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.atlas import Atlas, atlas_of
-from inscrutable.decision_makers.counter_adversarial import Case, best_decision
-from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions, Progress
+from inscrutable.decision_makers.counter_adversarial import Case, best_found
+from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision, MixedDecisions, Progress
 from inscrutable.decision_makers.streaming import OWN, Aims, Lotteries, Spot, farthest_corners, stream_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation
@@ -29,19 +29,24 @@ def stream(case: Case, beliefs: Array, progress: Progress | None) -> MixedDecisi
     coarse = ((found.index == OWN) & (found.probabilities > 0)).any(axis=1)
     for step in np.flatnonzero(coarse):
         at_step = case._replace(belief=beliefs[step], measure=case.measure.at_step(int(step)))
-        found.take(int(step), _one(atlas, at_step))
+        found.take(int(step), _one(atlas, at_step, _aims(at_step, at_step.belief[None])))
     return _results(found, aims)
 
 
 def stream_one(case: Case) -> MixedDecision:
     """Return the lottery of one belief, the polished single decision among its atoms."""
-    return _results(_one(_atlas(case), case), _aims(case, case.belief[None]))[0]
+    aims = _aims(case, case.belief[None])
+    return _result(_one(_atlas(case), case, aims), aims)
 
 
-def _one(atlas: Atlas, case: Case) -> Lotteries:
-    best = best_decision(case)
-    known = Spot(case.problem.constraints.tight_rows(best.action), best.decoy, best.regret, best.privacy)
-    return stream_lotteries(atlas, case.belief[None], _aims(case, case.belief[None]), known=known)
+def _one(atlas: Atlas, case: Case, aims: Aims) -> Lotteries:
+    best = best_found(case)
+    if isinstance(best, Decision):
+        tight = case.problem.constraints.tight_rows(best.action)
+        known = Spot(tight, best.decoy, best.regret, best.privacy, best.optimal_cost)
+    else:
+        known = best.spot()
+    return stream_lotteries(atlas, case.belief[None], aims, known=known)
 
 
 def _atlas(case: Case) -> Atlas:
@@ -54,6 +59,34 @@ def _aims(case: Case, beliefs: Array) -> Aims:
         return Aims(beliefs, 1.0, (case.budget,))
     assert isinstance(case.measure, DesiredObfuscation)
     return Aims(case.measure.targets_for(beliefs), -1.0, (case.budget,))
+
+
+def _result(found: Lotteries, aims: Aims) -> MixedDecision:
+    """The only belief's lottery as `_results` has it, without arrays for many."""
+    kept = found.probabilities[0] > 0.0
+    probabilities, regrets, privacies = found.probabilities[0, kept], found.regrets[0, kept], found.privacies[0, kept]
+    optimal_cost, privacy = float(found.optimal_costs[0]), float(probabilities @ privacies)
+    away = aims.sign > 0
+    best = max(privacies.tolist())
+    if best <= (tolerances.NO_PRIVACY if away else -np.inf):
+        status = DecisionStatus.NO_AFFORDABLE_PRIVACY
+    else:
+        polished = POLISHED in found.index[0].tolist()
+        status = DecisionStatus.POLISHED if polished else DecisionStatus.BEST_CANDIDATE
+    return MixedDecision(
+        found.actions((0, kept)),
+        probabilities,
+        regrets,
+        privacies,
+        optimal_cost + float(probabilities @ regrets),
+        privacy,
+        optimal_cost,
+        max(float(farthest_corners(aims.points)[0]) if away else 0.0, privacy),
+        float(found.prices[0]),
+        found.decoys[0, kept],
+        status,
+        found.problem,
+    )
 
 
 def _results(found: Lotteries, aims: Aims) -> MixedDecisions:

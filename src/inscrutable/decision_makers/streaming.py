@@ -13,16 +13,14 @@ from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.face_search import rules_for
-from inscrutable.decision_makers.faces import FaceProgramme
 from inscrutable.decision_makers.plane import plane_of
 from inscrutable.decision_makers.plane_walks import walk_lotteries
 from inscrutable.decision_makers.results import Progress
-from inscrutable.kernels.faces import settle
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.kernels.three_leaves import Scene
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
 _CHUNK = 256
@@ -51,18 +49,15 @@ class Lotteries:
     more_patterns: list[np.ndarray]  # faces beyond the atlas's, numbered on
 
     @property
-    def problem(self) -> DecisionProblem:
+    def problem(self) -> QuadraticProblem:
         """The decision problem."""
         return self.atlas.problem
 
-    def actions(self, step: int | slice) -> Array:
-        """Return the atoms of one step, shape (2,U), or of many, shape (T,2,U)."""
+    def actions(self, step: int | slice | tuple[int, np.ndarray]) -> Array:
+        """Return the atoms of one step, shape (2,U), of many, shape (T,2,U), or chosen ones of a step."""
         index, face, decoys = self.index[step], self.face[step], self.decoys[step]
-        shape = (*index.shape, self.problem.n_actions)
-        patterns = [*self.atlas.patterns, *self.more_patterns] if self.more_patterns else self.atlas.patterns
-        return decisions_at(
-            self.atlas, index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]), patterns
-        ).reshape(shape)
+        flat = (index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
+        return decisions_at(self.atlas, *flat, self.more_patterns).reshape(*index.shape, self.problem.n_actions)
 
     def take(self, step: int, other: Lotteries) -> None:
         """Put another search's lottery for one belief in the place of a step's."""
@@ -74,26 +69,26 @@ class Lotteries:
 
 
 def decisions_at(
-    atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, patterns: Sequence[np.ndarray] | np.ndarray
+    atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, more_patterns: Sequence[np.ndarray] = ()
 ) -> Array:
-    """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys."""
+    """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys.
+
+    Faces beyond the atlas's are numbered on.
+    """
     actions = np.empty((len(index), atlas.problem.n_actions))
-    known = index >= 0
-    if known.any():
+    polished = index == POLISHED
+    if not polished.all():
+        known = index >= 0
         actions[known] = atlas.actions[index[known]]
-    own = (index == OWN) | (index == TARGET)
-    if own.any():
-        actions[own] = atlas.problem.solve(decoys[own])
-    for i in np.flatnonzero(index == POLISHED):
-        actions[i] = _decision_of(atlas.faces(patterns[int(face[i])]), decoys[i])
+        own = (index == OWN) | (index == TARGET)
+        if own.any():
+            actions[own] = atlas.problem.solve(decoys[own])
+    n_known = len(atlas.patterns)
+    for i in polished.nonzero()[0]:
+        number = face[i]
+        tight = atlas.patterns[number] if number < n_known else more_patterns[number - n_known]
+        atlas.faces(tight).fill_decision(decoys[i], actions[i])
     return actions
-
-
-def _decision_of(face: FaceProgramme, decoy: Array) -> Array:
-    k = face.span.shape[1]
-    w, factor, room = np.empty(k + 1), np.empty((k, k)), np.empty((2, decoy.size, k))
-    settle(face.curves, decoy, tolerances.PIVOT, w, factor, room[0], room[1])
-    return face.action(w[:-1])
 
 
 class Spot(NamedTuple):
@@ -103,6 +98,7 @@ class Spot(NamedTuple):
     decoy: Array
     regret: float
     privacy: float
+    optimal_cost: float
 
 
 class Aims(NamedTuple):
@@ -166,11 +162,12 @@ def search(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progres
     out: the fields of `Lotteries`, each for every budget, (T,B,…).
     """
     plane = plane_of(atlas)
-    left = np.ones(scene.limits.shape, dtype=np.bool_)
-    if plane is not None:
+    if plane is None:
+        left = np.ones(scene.limits.shape, dtype=np.bool_)
+    else:
         left = walk_lotteries(plane, atlas.arena, scene, out, progress)
     for budget in range(left.shape[1]):
-        steps = np.flatnonzero(left[:, budget])
+        steps = left[:, budget].nonzero()[0]
         if len(steps):
             some = Scene._make(field[steps] if isinstance(field, np.ndarray) else field for field in scene)
             found = tuple(np.empty_like(field[steps, budget]) for field in out)
@@ -187,12 +184,17 @@ def farthest_corners(points: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * least + 1.0))
 
 
-def scene_of(problem: DecisionProblem, beliefs: Array, aims: Aims, known: Spot | None = None) -> Scene:
+def scene_of(problem: QuadraticProblem, beliefs: Array, aims: Aims, known: Spot | None = None) -> Scene:
     """Return what the searches of the lotteries of beliefs (T,X) start from."""
     beliefs, points = np.ascontiguousarray(beliefs), np.ascontiguousarray(aims.points)
     count = len(beliefs)
-    costs = np.einsum("tx,tx->t", problem.state_costs(problem.solve(beliefs)), beliefs)
-    limits = np.ascontiguousarray(np.array([budget.limits(costs) for budget in aims.budgets]).T)
+    if known is None:
+        costs = np.einsum("tx,tx->t", problem.state_costs(problem.solve_rows(beliefs)), beliefs)
+    else:
+        costs = np.full(count, known.optimal_cost)
+    limits = np.empty((count, len(aims.budgets)))
+    for column, budget in enumerate(aims.budgets):
+        limits[:, column] = budget.limits(costs)
     name, regrets, privacies = OWN, np.zeros(count), np.zeros(count)
     target_regrets = np.full(count, np.inf)
     if aims.sign < 0:

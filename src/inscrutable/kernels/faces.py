@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare_kernel
+from inscrutable.kernels.options import bare_kernel, kernel
 
 
 @bare_kernel
@@ -84,6 +84,32 @@ def settle(curves: Any, y: Any, pivot: float, w: Any, factor: Any, gradients: An
             slopes[i, a] = total
         solve_factored(factor, k, slopes[i])
     return True
+
+
+@bare_kernel
+def place_on_face(origin: Any, span: Any, bounds: Any, near: float, w: Any, out: Any) -> None:
+    """Fill the decision u_0 + Z v (U,); a coordinate that is no farther than `near` from a bound of its own is put on it."""
+    low, high = bounds
+    for j in range(out.size):
+        total = origin[j]
+        for a in range(span.shape[1]):
+            total += span[j, a] * w[a]
+        if abs(total - low[j]) <= near:
+            total = low[j]
+        if abs(total - high[j]) <= near:
+            total = high[j]
+        out[j] = total
+
+
+@kernel
+def decide_on_face(
+    curves: Any, y: Any, pivot: float, origin: Any, span: Any, bounds: Any, near: float, out: Any
+) -> None:
+    """Fill the decision (U,) of a decoy on a face, as `place_on_face` does."""
+    n_states, k = y.size, span.shape[1]
+    w, factor, room = np.empty(k + 1), np.empty((k, k)), np.empty((2, n_states, k))
+    settle(curves, y, pivot, w, factor, room[0], room[1])
+    place_on_face(origin, span, bounds, near, w, out)
 
 
 @bare_kernel

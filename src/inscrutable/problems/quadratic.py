@@ -86,9 +86,12 @@ class QuadraticProblem(DecisionProblem):
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U), exact to a few roundings."""
         held = validation.beliefs(beliefs, self.n_states)
-        rows = np.ascontiguousarray(np.atleast_2d(held))
-        solved = self._along_path(rows) if self.solves_in_bulk else self._one_by_one(rows)
+        solved = self.solve_rows(np.ascontiguousarray(np.atleast_2d(held)))
         return np.asarray(solved[0]) if held.ndim == 1 else solved
+
+    def solve_rows(self, held: Array) -> Array:
+        """Return u*(π), shape (T,U), for the rows of a contiguous array (T,X) that are known to be beliefs."""
+        return self._along_path(held) if self.solves_in_bulk else self._one_by_one(held)
 
     @cached_property
     def solves_in_bulk(self) -> bool:
@@ -107,7 +110,6 @@ class QuadraticProblem(DecisionProblem):
 
     def _along_path(self, held: Array) -> Array:
         from inscrutable.kernels.active_set import solve_path
-        from inscrutable.kernels.threads import in_chunks
 
         actions = np.empty((len(held), self.n_actions))
         solved = np.zeros(len(held), dtype=np.bool_)
@@ -120,6 +122,8 @@ class QuadraticProblem(DecisionProblem):
         if len(held) <= _CHUNK:
             work(0, len(held))
         else:
+            from inscrutable.kernels.threads import in_chunks
+
             in_chunks(work, len(held), _CHUNK)
         if not solved.all():
             actions[~solved] = self._one_by_one(held[~solved])

@@ -169,15 +169,38 @@ class Starts:
 
     def _leaving(self, tight: np.ndarray) -> list[FaceStart]:
         """Where many beliefs share the optimal decision, the edges on which another one begins: each tight row freed."""
-        if len(self.atlas.faces(tight).place) >= self.n_states - 1:
+        face = self.atlas.faces(tight)
+        if len(face.place) >= self.n_states - 1:
             return []
-        return [FaceStart(flipped(tight, row), self.aim.belief, self.optimal, np.inf) for row in np.flatnonzero(tight)]
+        w = face.w(self.optimal)
+        return [
+            FaceStart(
+                flipped(tight, row), entry(face, r, w, self.aim, self.rules, self.aim.belief), self.optimal, np.inf
+            )
+            for r, row in enumerate(np.flatnonzero(tight))
+        ]
 
 
 def set_distance(face: FaceProgramme, rows: Array, w: Array, aim: Aim, rules: Rules) -> float:
     """Return the distance from the aim's point to the beliefs that explain w (k+1,) under the rows; infinite if none."""
     nearest, active = np.empty(aim.point.size), np.empty(len(w) - 1 + len(rows), dtype=np.bool_)
     return float(nearest_belief(face.curves, rows, face.scale, w, aim.point, rules, nearest, active))
+
+
+def entry(face: FaceProgramme, r: int, w: Array, aim: Aim, rules: Rules, otherwise: Array) -> Array:
+    """Return the decoy from which the face with tight row number `r` freed is entered: the nearest belief to the aim's
+    point that explains w (k+1,) with no multiplier on that row, and `otherwise` where there is none.
+
+    Beyond that border of the set the decisions leave w; from a belief inside it a climb on the freed face would first have
+    to find the border.
+    """
+    if not face.has_row_multipliers:
+        return otherwise
+    m, n_states = face.n_set_rows, aim.point.size
+    rows = np.concatenate([face.rows[:m], -face.rows[None, n_states + r]])
+    nearest, active = np.empty(n_states), np.empty(len(w) - 1 + len(rows), dtype=np.bool_)
+    distance = nearest_belief(face.curves, rows, face.scale, w, aim.point, rules, nearest, active)
+    return nearest if distance < np.inf else otherwise
 
 
 def flipped(tight: np.ndarray, *rows: Any) -> np.ndarray:

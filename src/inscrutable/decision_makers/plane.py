@@ -9,8 +9,10 @@ from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.decoys import decided_by
 from inscrutable.decision_makers.seams import seam_decoys
 from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.search import LARGER, SEGMENT, Table
 from inscrutable.kernels.three_leaves import POLISHED, SLOTS, Plane
+from inscrutable.kernels.three_states import Ground
 from inscrutable.validation import Array
 
 _LANES = 32
@@ -58,8 +60,9 @@ def make_plane(atlas: Atlas) -> Plane | None:
     square = (along**2).sum(axis=1)
     spread = np.maximum(*(np.linalg.norm(end - decoys, axis=1) for end in (start, start + along)))
     inverse = np.divide(1.0, square, out=np.zeros_like(square), where=square > 0.0)
+    slots_of = np.column_stack([costs, start @ basis, along @ basis, inverse])
     return Plane(
-        np.ascontiguousarray(np.column_stack([costs, start @ basis, along @ basis, inverse]).T),
+        np.ascontiguousarray(slots_of.reshape(-1, SLOTS, 8).swapaxes(1, 2)),
         np.ascontiguousarray((decoys @ basis).T),
         face[slots],
         name[slots],
@@ -69,7 +72,14 @@ def make_plane(atlas: Atlas) -> Plane | None:
         np.ascontiguousarray(table.costs[larger].T),
         table.face[larger],
         np.ascontiguousarray((table.decoys[larger] @ basis).T),
+        ground_of(atlas.arena),
     )
+
+
+def ground_of(arena: Arena) -> Ground:
+    """Return the face programmes as the kernels for three states read them."""
+    columns = (arena.size, arena.n_rows, arena.n_set_rows, arena.curve_at, arena.row_at)
+    return Ground(np.column_stack(columns), arena.curves, arena.rows)
 
 
 def _seams(atlas: Atlas, decoys: Array) -> tuple[Table, np.ndarray, np.ndarray, np.ndarray] | None:

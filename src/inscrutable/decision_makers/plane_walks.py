@@ -8,18 +8,23 @@ from typing import Any
 import numpy as np
 
 from inscrutable.decision_makers.face_search import rules_for
-from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.kernels.three_leaves import Plane, Scene
 from inscrutable.kernels.three_lotteries import lotteries_three, lottery_tools
 from inscrutable.kernels.three_singles import single_tools, singles_three
+from inscrutable.kernels.three_states import bench
+from inscrutable.kernels.three_values import state_costs_three
 from inscrutable.validation import Array
 
-_CHUNK = 1024
+_CHUNK = 2048
 
 
 def walk_lotteries(
-    plane: Plane, arena: Arena, scene: Scene, out: tuple[Array, ...], progress: Callable[[int, int], None] | None
+    plane: Plane,
+    scene: Scene,
+    order: np.ndarray,
+    out: tuple[Array, ...],
+    progress: Callable[[int, int], None] | None,
 ) -> np.ndarray:
     """Fill the lotteries `out` and return which beliefs and budgets need the general search, shape (T,B).
 
@@ -27,47 +32,61 @@ def walk_lotteries(
     as `polish_lotteries` fills them, for every budget: (T,B,…).
     """
     failures = np.empty(scene.limits.shape, dtype=np.bool_)
-    _walk((lotteries_three, lottery_tools), plane, arena, scene, (*out, failures), progress)
+    _walk((lotteries_three, lottery_tools), plane, scene, order, (*out, failures), progress)
     return failures
 
 
 def walk_singles(
-    plane: Plane, arena: Arena, scene: Scene, out: tuple[Array, ...], progress: Callable[[int, int], None] | None
+    plane: Plane,
+    scene: Scene,
+    order: np.ndarray,
+    out: tuple[Array, ...],
+    progress: Callable[[int, int], None] | None,
 ) -> None:
     """Fill the single decisions `out`: index, face, decoys, regrets, privacies, prices, for every budget: (T,B,…)."""
-    _walk((singles_three, single_tools), plane, arena, scene, out, progress)
+    _walk((singles_three, single_tools), plane, scene, order, out, progress)
 
 
 def _walk(
     search: tuple[Callable[..., None], Callable[..., tuple[Any, ...]]],
     plane: Plane,
-    arena: Arena,
     scene: Scene,
+    order: np.ndarray,
     out: tuple[Array, ...],
     progress: Callable[[int, int], None] | None,
 ) -> None:
     kernel, tools = search
     rules, n_budgets = rules_for(3), scene.limits.shape[1]
-    basis = rules.basis
-    if len(scene.beliefs) == 1:
-        alone = scene._replace(points=scene.points @ basis)
-        kernel(0, 1, alone, plane, arena, rules, out, tools(plane, arena, n_budgets))
-        return
-    order = _order(scene.beliefs @ basis)
-    sorted_out = tuple(np.empty_like(part) for part in out)
-    walked = Scene._make(part[order] if isinstance(part, np.ndarray) else part for part in scene)
-    walked = walked._replace(points=walked.points @ basis)
+    walked = scene._replace(points=scene.points @ rules.basis)
+    if len(order) > 1:
+        # Read one after the other: a walk through memory at random would wait for it.
+        walked = Scene._make(part[order] if isinstance(part, np.ndarray) else part for part in walked)
 
     def work(low: int, high: int) -> None:
-        kernel(low, high, walked, plane, arena, rules, sorted_out, tools(plane, arena, n_budgets))
+        kernel(low, high, order, walked, plane, rules, out, tools(plane, n_budgets))
 
     in_chunks(work, len(order), _CHUNK, progress)
-    for part, found in zip(out, sorted_out, strict=True):
-        part[order] = found
 
 
-def _order(z: Array) -> np.ndarray:
-    """An order of points (T,2) in which neighbours are near each other: strips, up and down in turn."""
+def walk_state_costs(plane: Plane, beliefs: Array, order: np.ndarray) -> Array:
+    """Return the state costs (T,3) of the optimal decisions of beliefs (T,3), NaN where the plane's faces have none."""
+    out = np.empty(beliefs.shape)
+
+    def work(low: int, high: int) -> None:
+        state_costs_three(low, high, order, beliefs, plane.ground, rules_for(3).pivot, out, bench(plane.ground))
+
+    in_chunks(work, len(order), _CHUNK)
+    return out
+
+
+def walking_order(beliefs: Array) -> np.ndarray:
+    """An order of beliefs (T,3) in which neighbours are near each other: strips of the plane, up and down in turn.
+
+    Beliefs over other numbers of states stay as they are.
+    """
+    if len(beliefs) == 1 or beliefs.shape[1] != 3:
+        return np.arange(len(beliefs))
+    z = beliefs @ rules_for(3).basis
     first, second = z[:, 0] - z[:, 0].min(), z[:, 1] - z[:, 1].min()
     width = max(float(first.max()), float(second.max()), np.finfo(float).tiny)
     strip = np.floor(first / width * max(1.0, np.sqrt(0.5 * len(z))))

@@ -12,7 +12,7 @@ from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.face_search import Found, most_private, rules_for, within
 from inscrutable.decision_makers.plane import plane_of
-from inscrutable.decision_makers.plane_walks import walk_singles
+from inscrutable.decision_makers.plane_walks import walk_singles, walking_order
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
 from inscrutable.decision_makers.streaming import OWN, TARGET, Aims, Spot, decisions_at, farthest_corners, scene_of
 from inscrutable.kernels.climb import Aim
@@ -114,14 +114,15 @@ def _report(progress: Progress, before: int, count: int, done: int, _: int) -> N
 
 
 def _fill(result: Singles, plane: Plane, beliefs: Array, part: slice, progress: Progress | None) -> None:
-    atlas, problem = result.atlas, result.atlas.problem
+    problem = result.atlas.problem
     held = np.ascontiguousarray(beliefs[part])
     aims = result.aims._replace(points=result.aims.points[part])
-    scene = scene_of(problem, held, aims)
+    order = walking_order(held)
+    scene = scene_of(problem, held, aims, walk=(plane, order))
     if aims.sign < 0:
         scene = scene._replace(first_privacies=-_distances_at_rest(problem, held, scene.points))
     out = tuple(getattr(result, name)[part] for name in ("index", "face", "decoy", "regret", "privacy", "price"))
-    walk_singles(plane, atlas.arena, scene, out, progress)
+    walk_singles(plane, scene, order, out, progress)
     result.optimal_costs[part] = scene.optimal_costs
     index, face, decoy, regret, privacy, price = out
     met = index == TARGET

@@ -14,12 +14,12 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.face_search import rules_for
 from inscrutable.decision_makers.plane import plane_of
-from inscrutable.decision_makers.plane_walks import walk_lotteries
+from inscrutable.decision_makers.plane_walks import walk_lotteries, walk_state_costs, walking_order
 from inscrutable.decision_makers.results import Progress
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
 from inscrutable.kernels.threads import in_chunks
-from inscrutable.kernels.three_leaves import Scene
+from inscrutable.kernels.three_leaves import Plane, Scene
 from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
@@ -151,21 +151,22 @@ def _report(progress: Progress, before: int, count: int, done: int, _: int) -> N
 
 
 def _fill(result: Lotteries, part: slice, aims: Aims, known: Spot | None, progress: Progress | None) -> None:
-    scene = scene_of(result.atlas.problem, result.beliefs[part], aims, known)
+    atlas, beliefs = result.atlas, np.ascontiguousarray(result.beliefs[part])
+    order = walking_order(beliefs)
+    scene = scene_of(atlas.problem, beliefs, aims, known, walk=(plane_of(atlas), order))
     result.optimal_costs[part], result.limits[part] = scene.optimal_costs, scene.limits[:, 0]
-    search(result.atlas, scene, tuple(getattr(result, name)[part, None] for name in _FIELDS), progress)
+    search(atlas, scene, order, tuple(getattr(result, name)[part, None] for name in _FIELDS), progress)
 
 
-def search(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progress | None) -> None:
+def search(atlas: Atlas, scene: Scene, order: np.ndarray, out: tuple[Array, ...], progress: Progress | None) -> None:
     """Fill the lotteries of all beliefs and budgets: three states in their plane; the general search for what that leaves.
 
-    out: the fields of `Lotteries`, each for every budget, (T,B,…).
+    order: of `walking_order`. out: the fields of `Lotteries`, each for every budget, (T,B,…).
     """
     plane = plane_of(atlas)
-    if plane is None:
-        left = np.ones(scene.limits.shape, dtype=np.bool_)
-    else:
-        left = walk_lotteries(plane, atlas.arena, scene, out, progress)
+    left = np.ones(scene.limits.shape, np.bool_)
+    if plane is not None:
+        left = walk_lotteries(plane, scene, order, out, progress)
     for budget in range(left.shape[1]):
         steps = left[:, budget].nonzero()[0]
         if len(steps):
@@ -184,12 +185,19 @@ def farthest_corners(points: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * least + 1.0))
 
 
-def scene_of(problem: QuadraticProblem, beliefs: Array, aims: Aims, known: Spot | None = None) -> Scene:
-    """Return what the searches of the lotteries of beliefs (T,X) start from."""
+def scene_of(
+    problem: QuadraticProblem,
+    beliefs: Array,
+    aims: Aims,
+    known: Spot | None = None,
+    *,
+    walk: tuple[Plane | None, np.ndarray] = (None, np.empty(0)),
+) -> Scene:
+    """Return what the searches of the lotteries of beliefs (T,X) start from; `walk` is the plane and the order of a walk."""
     beliefs, points = np.ascontiguousarray(beliefs), np.ascontiguousarray(aims.points)
-    count = len(beliefs)
+    count, (plane, order) = len(beliefs), walk
     if known is None:
-        costs = np.einsum("tx,tx->t", problem.state_costs(problem.solve_rows(beliefs)), beliefs)
+        costs = np.einsum("tx,tx->t", best_state_costs(problem, beliefs, plane, order)[0], beliefs)
     else:
         costs = np.full(count, known.optimal_cost)
     limits = np.empty((count, len(aims.budgets)))
@@ -200,12 +208,25 @@ def scene_of(problem: QuadraticProblem, beliefs: Array, aims: Aims, known: Spot 
     if aims.sign < 0:
         privacies = -np.linalg.norm(points - beliefs, axis=1)
         # Nothing is nearer to a target than the decision that the target itself makes optimal.
-        actions = problem.solve(points)
-        regrets_there = np.maximum((problem.state_costs(actions) * beliefs).sum(axis=1) - costs, 0.0)
-        target_regrets = np.where(problem.constraints.is_admissible(actions), regrets_there, np.inf)
+        costs_there, barred = best_state_costs(problem, points, plane, order)
+        target_regrets = np.maximum(np.einsum("tx,tx->t", costs_there, beliefs) - costs, 0.0)
+        target_regrets[barred] = np.inf
     if known is not None and known.privacy > privacies[0]:
         name, regrets, privacies = KNOWN, np.minimum(known.regret, limits[:, 0]), np.full(count, known.privacy)
     return Scene(beliefs, points, aims.sign, costs, limits, name, regrets, privacies, target_regrets)
+
+
+def best_state_costs(
+    problem: QuadraticProblem, beliefs: Array, plane: Plane | None, order: np.ndarray
+) -> tuple[Array, np.ndarray]:
+    """Return the state costs (T,X) of the optimal decisions of beliefs (T,X), and where these are not admissible."""
+    costs = np.full(beliefs.shape, np.nan) if plane is None else walk_state_costs(plane, beliefs, order)
+    left = np.isnan(costs[:, 0]).nonzero()[0]
+    if not len(left):
+        return costs, left
+    actions = problem.solve_rows(np.ascontiguousarray(beliefs[left]))
+    costs[left] = problem.state_costs(actions)
+    return costs, left[~problem.constraints.is_admissible(actions)]
 
 
 def _search_generally(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progress | None) -> None:

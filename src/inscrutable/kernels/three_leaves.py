@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable.kernels.options import bare, inlined, woven
+from inscrutable.kernels.three_states import Ground, Here
 from inscrutable.tolerances import LENGTH, TINY
 
 NONE = -1
@@ -26,7 +27,7 @@ class Plane(NamedTuple):
     What one loop reads is one array: the compiled loops check that arrays do not overlap, and many would take long.
     """
 
-    slots: Any  # (8,S) 0–2 costs, 3–4 start of a segment or the one belief, 5–6 along a segment or 0, 7 1/length² or 0
+    slots: Any  # (L,8,SLOTS) 0–2 costs, 3–4 start of a segment or the one belief, 5–6 along a segment or 0, 7 1/length² or 0
     decoys: Any  # (2,S)
     face: Any  # (S,)
     name: Any  # (S,) number of the decision
@@ -36,6 +37,7 @@ class Plane(NamedTuple):
     polygon_costs: Any  # (3,N)
     polygon_faces: Any  # (N,)
     polygon_decoys: Any  # (2,N)
+    ground: Ground
 
 
 class Scene(NamedTuple):
@@ -52,12 +54,19 @@ class Scene(NamedTuple):
     target_regrets: Any  # (T,) of the decision with the target among its beliefs; infinite where there is none
 
 
-@woven
-def bound_leaves(leaves: Any, scene: Scene, t: int, price: float, out: Any) -> None:
-    """Upper bounds of Ψ − price·π·s, leaf by leaf."""
-    p0, p1 = scene.points[t, 0], scene.points[t, 1]
+@inlined
+def here_of(scene: Scene, t: int) -> Here:
+    """One belief of a scene."""
     b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
-    sign = scene.sign
+    return Here(b0, b1, b2, scene.points[t, 0], scene.points[t, 1], scene.sign, scene.optimal_costs[t])
+
+
+@woven
+def bound_leaves(leaves: Any, here: Here, price: float, out: Any) -> None:
+    """Upper bounds of Ψ − price·π·s, leaf by leaf."""
+    p0, p1 = here.p0, here.p1
+    b0, b1, b2 = here.b0, here.b1, here.b2
+    sign = here.sign
     away = 0.5 if sign > 0.0 else 0.0
     near = 0.0 if sign > 0.0 else 1.0
     for n in range(out.size):
@@ -73,9 +82,9 @@ def bound_leaves(leaves: Any, scene: Scene, t: int, price: float, out: Any) -> N
 
 
 @woven
-def bar_dear_leaves(leaves: Any, scene: Scene, t: int, most: float, out: Any) -> None:
+def bar_dear_leaves(leaves: Any, here: Here, most: float, out: Any) -> None:
     """A bound that nothing reaches where all decisions of a leaf cost more than `most` (π·s)."""
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    b0, b1, b2 = here.b0, here.b1, here.b2
     for n in range(out.size):
         cost = b0 * leaves[4, n] + b1 * leaves[5, n] + b2 * leaves[6, n]
         j0 = b0 * leaves[7, n] + b1 * leaves[8, n] + b2 * leaves[9, n]
@@ -87,7 +96,6 @@ def bar_dear_leaves(leaves: Any, scene: Scene, t: int, most: float, out: Any) ->
 @woven
 def read_leaf(
     slots: Any,
-    leaf: int,
     belief: tuple[float, float, float],
     p0: float,
     p1: float,
@@ -95,53 +103,79 @@ def read_leaf(
     price: float,
     values: Any,
 ) -> None:
-    """Ψ − price·π·s of a leaf's decisions."""
+    """Ψ − price·π·s of the decisions in SLOTS slots."""
     b0, b1, b2 = belief
-    low = leaf * SLOTS
     for q in range(SLOTS):
-        d = low + q
-        x0, x1 = p0 - slots[3, d], p1 - slots[4, d]
-        share = min(max((x0 * slots[5, d] + x1 * slots[6, d]) * slots[7, d], 0.0), 1.0)
-        x0 -= share * slots[5, d]
-        x1 -= share * slots[6, d]
-        cost = b0 * slots[0, d] + b1 * slots[1, d] + b2 * slots[2, d]
+        x0, x1 = p0 - slots[3, q], p1 - slots[4, q]
+        share = min(max((x0 * slots[5, q] + x1 * slots[6, q]) * slots[7, q], 0.0), 1.0)
+        x0 -= share * slots[5, q]
+        x1 -= share * slots[6, q]
+        cost = b0 * slots[0, q] + b1 * slots[1, q] + b2 * slots[2, q]
         values[q] = sign * np.sqrt(x0 * x0 + x1 * x1) - price * cost
 
 
+@woven
+def largest(values: Any) -> float:
+    """The largest of SLOTS values, by halves so that they are taken by the lane; the memory behind them is used."""
+    for q in range(SLOTS // 2):
+        values[SLOTS + q] = max(values[q], values[SLOTS // 2 + q])
+    for q in range(SLOTS // 4):
+        values[SLOTS + q] = max(values[SLOTS + q], values[SLOTS + SLOTS // 4 + q])
+    top = values[SLOTS]
+    for q in range(1, SLOTS // 4):
+        top = max(top, values[SLOTS + q])
+    return float(top)
+
+
 @inlined
-def cost_of_slot(slots: Any, scene: Scene, t: int, d: int) -> float:
+def cost_of_slot(slots: Any, here: Here, d: int) -> float:
     """π·s of the decision in a slot."""
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
-    return float(b0 * slots[0, d] + b1 * slots[1, d] + b2 * slots[2, d])
+    leaf, q = d // SLOTS, d % SLOTS
+    b0, b1, b2 = here.b0, here.b1, here.b2
+    return float(b0 * slots[leaf, 0, q] + b1 * slots[leaf, 1, q] + b2 * slots[leaf, 2, q])
 
 
 @inlined
-def judge_slot(slots: Any, scene: Scene, t: int, d: int) -> tuple[float, float]:
+def judge_slot(slots: Any, here: Here, d: int) -> tuple[float, float]:
     """Regret and privacy of the decision in a slot."""
-    x0, x1 = scene.points[t, 0] - slots[3, d], scene.points[t, 1] - slots[4, d]
-    share = min(max((x0 * slots[5, d] + x1 * slots[6, d]) * slots[7, d], 0.0), 1.0)
-    x0 -= share * slots[5, d]
-    x1 -= share * slots[6, d]
-    regret = cost_of_slot(slots, scene, t, d) - scene.optimal_costs[t]
-    return max(regret, 0.0), scene.sign * np.sqrt(x0 * x0 + x1 * x1)
+    leaf, q = d // SLOTS, d % SLOTS
+    x0, x1 = here.p0 - slots[leaf, 3, q], here.p1 - slots[leaf, 4, q]
+    share = min(max((x0 * slots[leaf, 5, q] + x1 * slots[leaf, 6, q]) * slots[leaf, 7, q], 0.0), 1.0)
+    x0 -= share * slots[leaf, 5, q]
+    x1 -= share * slots[leaf, 6, q]
+    regret = cost_of_slot(slots, here, d) - here.optimal
+    return max(regret, 0.0), here.sign * np.sqrt(x0 * x0 + x1 * x1)
+
+
+@inlined
+def live_leaves(bounds: Any, count: int, floor: float, live: Any) -> int:
+    """List the leaves whose bound exceeds `floor`, without a branch: how many there are."""
+    n = 0
+    for leaf in range(count):
+        live[n] = leaf
+        n += bounds[leaf] > floor
+    return n
 
 
 @bare
 def best_above(
-    plane: Plane, scene: Scene, t: int, price: float, floor: float, known: Any, bounds: Any, values: Any
+    slots: Any, leaves: Any, polygon_costs: Any, here: Here, price: float, floor: float, known: Any, scan: Any
 ) -> int:
-    """The slot or polygon of largest Ψ − price·π·s above `floor`, or NONE; bounds are (L,), values (SLOTS,)."""
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
-    p0, p1 = scene.points[t, 0], scene.points[t, 1]
+    """The slot or polygon of largest Ψ − price·π·s above `floor`, or NONE. known: distances of the polygons."""
+    bounds, values, live = scan
+    b0, b1, b2, p0, p1, sign = here.b0, here.b1, here.b2, here.p0, here.p1, here.sign
     best = NONE
     for n in range(known.size):
-        cost = b0 * plane.polygon_costs[0, n] + b1 * plane.polygon_costs[1, n] + b2 * plane.polygon_costs[2, n]
-        if scene.sign * known[n] - price * cost > floor:
-            floor, best = scene.sign * known[n] - price * cost, FIRST_POLYGON - n
-    bound_leaves(plane.leaves, scene, t, price, bounds)
-    for leaf in range(plane.face.size // SLOTS):
-        if bounds[leaf] > floor:
-            read_leaf(plane.slots, leaf, (b0, b1, b2), p0, p1, scene.sign, price, values)
+        cost = b0 * polygon_costs[0, n] + b1 * polygon_costs[1, n] + b2 * polygon_costs[2, n]
+        if sign * known[n] - price * cost > floor:
+            floor, best = sign * known[n] - price * cost, FIRST_POLYGON - n
+    bound_leaves(leaves, here, price, bounds)
+    for n in range(live_leaves(bounds, len(slots), floor, live)):
+        leaf = live[n]
+        if bounds[leaf] <= floor:
+            continue
+        read_leaf(slots[leaf], (b0, b1, b2), p0, p1, sign, price, values)
+        if largest(values) > floor:
             for q in range(SLOTS):
                 if values[q] > floor:
                     floor, best = values[q], leaf * SLOTS + q

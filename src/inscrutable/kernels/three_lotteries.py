@@ -21,10 +21,23 @@ from inscrutable.kernels.three_leaves import (
     Plane,
     Scene,
     best_above,
+    here_of,
     judge_slot,
 )
 from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
-from inscrutable.kernels.three_states import bench, climb_three, in_space, settle_three
+from inscrutable.kernels.three_states import (
+    CURVE_AT,
+    LOCAL,
+    SEEN,
+    SIZE,
+    STATE_COSTS,
+    Ground,
+    Here,
+    bench,
+    climb_three,
+    decide_three,
+    in_space,
+)
 from inscrutable.tolerances import CHORD, NEAR_ATOMS, SAME_PRICE
 
 _TURNS = 40
@@ -38,6 +51,7 @@ class Pair(NamedTuple):
     place: Any  # (2,2)
     regret: Any  # (2,)
     privacy: Any  # (2,)
+    costs: Any  # (2,3) state costs, but of the target
 
 
 @bare
@@ -49,15 +63,30 @@ def _put(pair: Pair, side: int, name: int, face: int, z0: float, z1: float, regr
         pair.name[1] = ABSENT
 
 
+@inlined
+def _take_costs(pair: Pair, side: int, on: Any) -> None:
+    """The state costs where the last climb ended."""
+    for i in range(3):
+        pair.costs[side, i] = on[LOCAL, STATE_COSTS + i]
+
+
+@inlined
+def _put_climbed(
+    pair: Pair, side: int, face: int, z0: float, z1: float, regret: float, privacy: float, on: Any
+) -> None:
+    _take_costs(pair, side, on)
+    _put(pair, side, POLISHED, face, z0, z1, regret, privacy)
+
+
 @bare
-def _judge(plane: Plane, scene: Scene, t: int, sign: float, optimal: float, d: int, known: Any) -> tuple[float, float]:
+def _judge(plane: Plane, here: Here, d: int, known: Any) -> tuple[float, float]:
     """Regret and privacy of the decision in a slot, or of a polygon."""
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    b0, b1, b2 = here.b0, here.b1, here.b2
     if d <= FIRST_POLYGON:
         n = FIRST_POLYGON - d
         cost = b0 * plane.polygon_costs[0, n] + b1 * plane.polygon_costs[1, n] + b2 * plane.polygon_costs[2, n]
-        return max(cost - optimal, 0.0), sign * known[n]
-    return judge_slot(plane.slots, scene, t, d)
+        return max(cost - here.optimal, 0.0), here.sign * known[n]
+    return judge_slot(plane.slots, here, d)
 
 
 @bare
@@ -69,23 +98,32 @@ def _chord(pair: Pair) -> float:
 
 @inlined
 def climb_any(
-    arena: Any, face: int, rules: Any, scene: Scene, t: int, aim: Any, z0: float, z1: float, on: Any
+    ground: Ground, face: int, rules: Any, here: Here, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:
-    """Climb from z on a face of any size: whether all went well, z, regret, privacy and price."""
-    k = arena.size[face]
+    """Climb from z on a face of any size: whether all went well, z, regret, privacy and price; state costs are noted.
+
+    aim: limit (infinite at a price), price.
+    """
+    k, at = ground.faces[face, SIZE], ground.faces[face, CURVE_AT]
     if k >= 2:
-        return climb_three(arena, face, rules, scene, t, aim, z0, z1, on)
+        return climb_three(ground, face, rules, here, aim, z0, z1, on)
     if k == 0:
         return False, z0, z1, 0.0, 0.0, 0.0
     y0, y1, y2 = in_space(rules.basis, z0, z1)
-    if not settle_three(arena.curves, arena.curve_at[face], 1, rules.pivot, y0, y1, y2, on):
+    on[LOCAL, SEEN] = -1.0
+    if not decide_three(ground.curves, at, 1, rules.pivot, y0, y1, y2, on):
         return False, z0, z1, 0.0, 0.0, 0.0
-    ok, v, regret, privacy, price = climb_line(arena, face, rules, scene, t, aim, on.w[0])
+    ok, v, regret, privacy, price = climb_line(ground, face, rules, here, aim, on[0, 0])
     if ok:
-        q0, q1, q2 = in_space(rules.basis, scene.points[t, 0], scene.points[t, 1])
-        _, _, _, y0, y1, y2 = segment_of_line(arena, face, v, q0, q1, q2)
+        q0, q1, q2 = in_space(rules.basis, here.p0, here.p1)
+        _, _, _, y0, y1, y2 = segment_of_line(ground, face, v, q0, q1, q2)
         z0 = rules.basis[0, 0] * y0 + rules.basis[1, 0] * y1 + rules.basis[2, 0] * y2
         z1 = rules.basis[0, 1] * y0 + rules.basis[1, 1] * y1 + rules.basis[2, 1] * y2
+        for i in range(3):
+            j = at + 4 * i
+            on[LOCAL, STATE_COSTS + i] = 0.5 * (
+                v * (ground.curves[j] * v + 2.0 * ground.curves[j + 1]) + ground.curves[j + 3]
+            )
     return ok, z0, z1, regret, privacy, price
 
 
@@ -95,38 +133,57 @@ def _copy(pair: Pair) -> None:
     pair.name[1], pair.face[1] = pair.name[0], pair.face[0]
     pair.place[1, 0], pair.place[1, 1] = pair.place[0, 0], pair.place[0, 1]
     pair.regret[1], pair.privacy[1] = pair.regret[0], pair.privacy[0]
+    pair.costs[1, 0], pair.costs[1, 1], pair.costs[1, 2] = pair.costs[0, 0], pair.costs[0, 1], pair.costs[0, 2]
 
 
 @inlined
 def _polish(
-    pair: Pair, arena: Any, rules: Any, scene: Scene, t: int, aim: Any, near: float, on: Any
+    pair: Pair, ground: Ground, rules: Any, here: Here, aim: Any, near: float, seats: Any
 ) -> tuple[bool, float]:
     """Climb both atoms, or one where they are near each other: whether it is a single one now, and its price."""
-    sign, optimal, limit, price = aim
+    limit, price = aim
     faces = pair.face
-    if pair.name[1] != ABSENT and faces[0] >= 0 and faces[0] == faces[1] and arena.size[faces[0]] >= 1:
+    if pair.name[1] != ABSENT and faces[0] >= 0 and faces[0] == faces[1] and ground.faces[faces[0], SIZE] >= 1:
         x0, x1 = pair.place[1, 0] - pair.place[0, 0], pair.place[1, 1] - pair.place[0, 1]
         if x0 * x0 + x1 * x1 < near * near:
             share = (limit - pair.regret[0]) / (pair.regret[1] - pair.regret[0])
             z0, z1 = pair.place[0, 0] + share * x0, pair.place[0, 1] + share * x1
-            ok, z0, z1, regret, privacy, reached = climb_any(arena, faces[0], rules, scene, t, aim, z0, z1, on)
+            ok, z0, z1, regret, privacy, reached = climb_any(ground, faces[0], rules, here, aim, z0, z1, seats[0])
             if ok and privacy - price * regret >= pair.privacy[0] - price * pair.regret[0]:
                 pair.name[1] = ABSENT
-                _put(pair, 0, POLISHED, faces[0], z0, z1, regret, privacy)
+                _put_climbed(pair, 0, faces[0], z0, z1, regret, privacy, seats[0])
                 return True, reached
     for side in range(2):
         face = faces[side]
-        if pair.name[side] == ABSENT or face < 0 or arena.size[face] == 0:
+        if pair.name[side] == ABSENT or face < 0 or ground.faces[face, SIZE] == 0:
             continue
         ok, z0, z1, regret, privacy, _ = climb_any(
-            arena, face, rules, scene, t, (sign, optimal, np.inf, price), pair.place[side, 0],
-            pair.place[side, 1], on,
-        )  # fmt: skip
+            ground, face, rules, here, (np.inf, price), pair.place[side, 0], pair.place[side, 1], seats[side]
+        )
         # One that leaves its side takes the other's place where it is better there.
         to = 0 if regret <= limit else 1
         if ok and (pair.name[to] == ABSENT or privacy - price * regret >= pair.privacy[to] - price * pair.regret[to]):
-            _put(pair, to, POLISHED, face, z0, z1, regret, privacy)
+            _put_climbed(pair, to, face, z0, z1, regret, privacy, seats[side])
     return False, price
+
+
+@inlined
+def _expected_price(pair: Pair, here: Here, away: float, price: float, known: Any) -> float:
+    """The slope of the chord between the atoms of another belief, or `price` where that is none: off by the change's square."""
+    run, rise = 0.0, 0.0
+    for side in range(2):
+        way = 2.0 * side - 1.0
+        d = pair.name[side]
+        if d == TARGET:
+            run += way * (away + here.optimal)
+            continue
+        run += way * (here.b0 * pair.costs[side, 0] + here.b1 * pair.costs[side, 1] + here.b2 * pair.costs[side, 2])
+        if d <= FIRST_POLYGON:
+            rise += way * here.sign * known[FIRST_POLYGON - d]
+        else:
+            x0, x1 = pair.place[side, 0] - here.p0, pair.place[side, 1] - here.p1
+            rise += way * here.sign * np.sqrt(x0 * x0 + x1 * x1)
+    return rise / run if run > 0.0 and rise > 0.0 else price
 
 
 @inlined
@@ -134,28 +191,33 @@ def _follow(
     pair: Pair,
     single: bool,
     plane: Plane,
-    arena: Any,
     rules: Any,
-    scene: Scene,
-    t: int,
+    here: Here,
+    away: float,
     aim: Any,
     known: Any,
-    on: Any,
+    seats: Any,
 ) -> tuple[bool, float]:
-    """Carry the atoms of another belief over to this one: whether they are still a lottery, and the price."""
-    sign, optimal, limit, price = aim
+    """Carry the atoms of another belief over to this one: whether they are still a lottery, and the price.
+
+    away: regret of the target's decision.
+    """
+    limit, price = aim
+    ground = plane.ground
+    if not single:
+        price = _expected_price(pair, here, away, price, known)
     for side in range(1 if single else 2):
         d, face = pair.name[side], pair.face[side]
         if d < POLISHED and d > FIRST_POLYGON and d != TARGET:
             return False, price
         if d == TARGET:
-            pair.regret[side], pair.privacy[side] = scene.target_regrets[t], 0.0
-        elif arena.size[face] == 0:
-            pair.regret[side], pair.privacy[side] = _judge(plane, scene, t, sign, optimal, d, known)
+            pair.regret[side], pair.privacy[side] = away, 0.0
+        elif ground.faces[face, SIZE] == 0:
+            pair.regret[side], pair.privacy[side] = _judge(plane, here, d, known)
         else:
-            seek = aim if single else (sign, optimal, np.inf, price)
+            seek = aim if single else (np.inf, price)
             ok, z0, z1, regret, privacy, reached = climb_any(
-                arena, face, rules, scene, t, seek, pair.place[side, 0], pair.place[side, 1], on
+                ground, face, rules, here, seek, pair.place[side, 0], pair.place[side, 1], seats[side]
             )
             if not ok:
                 return False, price
@@ -163,6 +225,7 @@ def _follow(
                 price = reached
             pair.name[side], pair.place[side, 0], pair.place[side, 1] = POLISHED, z0, z1
             pair.regret[side], pair.privacy[side] = regret, privacy
+            _take_costs(pair, side, seats[side])
     if single:
         return True, price
     return pair.regret[0] <= limit < pair.regret[1] and pair.privacy[0] < pair.privacy[1], price
@@ -195,18 +258,22 @@ def _take(pair: Pair, plane: Plane, d: int, limit: float, regret: float, privacy
     if d <= FIRST_POLYGON:
         n = FIRST_POLYGON - d
         z0, z1 = plane.polygon_decoys[0, n], plane.polygon_decoys[1, n]
+        for i in range(3):
+            pair.costs[side, i] = plane.polygon_costs[i, n]
         _put(pair, side, d, plane.polygon_faces[n], z0, z1, regret, privacy)
     else:
+        for i in range(3):
+            pair.costs[side, i] = plane.slots[d // SLOTS, i, d % SLOTS]
         _put(pair, side, d, plane.face[d], plane.decoys[0, d], plane.decoys[1, d], regret, privacy)
 
 
 @inlined
 def _settle_lottery(
     plane: Plane,
-    arena: Any,
     rules: Any,
     scene: Scene,
     t: int,
+    here: Here,
     limit: float,
     pair: Pair,
     last: tuple[bool, bool, float],
@@ -216,13 +283,13 @@ def _settle_lottery(
 
     last: the same of the belief before.
     """
-    bounds, values, known, on = tools
+    scan, known, seats = tools
     warm, single, price = last
-    sign, optimal = scene.sign, scene.optimal_costs[t]
     climbed_at, merge = price, NEAR_ATOMS
     if warm:
-        aim = (sign, optimal, limit, price)
-        warm, price = _follow(pair, single, plane, arena, rules, scene, t, aim, known, on)
+        away = scene.target_regrets[t]
+        warm, price = _follow(pair, single, plane, rules, here, away, (limit, price), known, seats)
+        climbed_at = price
         warm = warm and not _is_beaten(pair, scene, t, limit, price if single else _chord(pair))
     if not warm:
         single, climbed_at = False, np.nan
@@ -237,17 +304,18 @@ def _settle_lottery(
             price = _chord(pair)
             if not proposing and not abs(price - climbed_at) <= SAME_PRICE * price:
                 climbed_at = price
-                aim = (sign, optimal, limit, price)
-                single, price = _polish(pair, arena, rules, scene, t, aim, merge, on)
+                single, price = _polish(pair, plane.ground, rules, here, (limit, price), merge, seats)
                 continue
         floor = pair.privacy[0] - price * pair.regret[0] + CHORD
-        d = best_above(plane, scene, t, price, floor - price * optimal, known, bounds, values)
+        d = best_above(
+            plane.slots, plane.leaves, plane.polygon_costs, here, price, floor - price * here.optimal, known, scan
+        )
         if d == NONE:
             if not proposing:
                 return True, single, price
             proposing = False
             continue
-        regret, privacy = _judge(plane, scene, t, sign, optimal, d, known)
+        regret, privacy = _judge(plane, here, d, known)
         if single:
             # Two decisions are better than the one: they must come nearer than this to be merged again.
             merge *= 0.1
@@ -282,42 +350,50 @@ def _write(plane: Plane, rules: Any, limit: float, single: bool, pair: Pair, t: 
 
 @bare_kernel
 def lotteries_three(
-    low: int, high: int, scene: Scene, plane: Plane, arena: Any, rules: Any, out: Any, tools: Any
+    low: int, high: int, order: Any, scene: Scene, plane: Plane, rules: Any, out: Any, tools: Any
 ) -> None:
     """Fill the lotteries of the beliefs low..high, neighbours one after the other, for B budgets each.
 
-    out: index (T,B,2), face (T,B,2), decoys (T,B,2,3), regrets, privacies, probabilities (T,B,2), prices (T,B),
-    and failures (T,B), True where the general search is needed. tools: memory of `lottery_tools`, every call its own.
+    What is found for t is written to the row order[t]. out: index (T,B,2), face (T,B,2), decoys (T,B,2,3),
+    regrets, privacies, probabilities (T,B,2), prices (T,B), and failures (T,B), True where the
+    general search is needed. tools: memory of `lottery_tools`, every call its own.
     """
-    bounds, values, known, on, pairs, state = tools
+    scan, known, pairs, seats, state = tools
     prices, failures = out[6], out[7]
     for t in range(low, high):
+        here, row = here_of(scene, t), order[t]
         for n in range(known.size):
-            known[n] = polygon_distance(arena, plane.polygon_faces[n], rules, scene.points[t, 0], scene.points[t, 1])
+            known[n] = polygon_distance(plane.ground, plane.polygon_faces[n], rules, here.p0, here.p1)
         for c in range(prices.shape[1]):
-            pair = Pair(pairs.name[c], pairs.face[c], pairs.place[c], pairs.regret[c], pairs.privacy[c])
+            pair = Pair(pairs.name[c], pairs.face[c], pairs.place[c], pairs.regret[c], pairs.privacy[c], pairs.costs[c])
             last = (state[c, 0] > 0.0, state[c, 1] > 0.0, state[c, 2])
             limit = scene.limits[t, c] * rules.inside
             found, single, price = _settle_lottery(
-                plane, arena, rules, scene, t, limit, pair, last, (bounds, values, known, on)
+                plane, rules, scene, t, here, limit, pair, last, (scan, known, seats[c])
             )
-            failures[t, c], prices[t, c] = not found, price
+            failures[row, c], prices[row, c] = not found, price
             if found:
-                _write(plane, rules, limit, single, pair, t, c, out)
+                _write(plane, rules, limit, single, pair, row, c, out)
             warm = found and (single or pair.name[1] != ABSENT)
             state[c, 0], state[c, 1], state[c, 2] = 1.0 if warm else 0.0, 1.0 if single else 0.0, price
 
 
-def lottery_tools(plane: Plane, arena: Any, n_budgets: int) -> tuple[Any, ...]:
+def lottery_tools(plane: Plane, n_budgets: int) -> tuple[Any, ...]:
     """Return the memory that `lotteries_three` works in."""
     n = n_budgets
     pairs = Pair(
-        np.empty((n, 2), np.int64), np.empty((n, 2), np.int64), np.empty((n, 2, 2)), np.empty((n, 2)), np.empty((n, 2))
-    )
-    return (*search_tools(plane, arena), pairs, np.zeros((n, 3)))
+        np.empty((n, 2), np.int64), np.empty((n, 2), np.int64), np.empty((n, 2, 2)), np.empty((n, 2)), np.empty((n, 2)),
+        np.empty((n, 2, 3)),
+    )  # fmt: skip
+    scan, known, on = search_tools(plane)
+    # Each atom has a memory of its own, from which its next climb begins.
+    seats = np.empty((n, 2, *on.shape))
+    seats[:] = on
+    return scan, known, pairs, seats, np.zeros((n, 3))
 
 
-def search_tools(plane: Plane, arena: Any) -> tuple[Any, ...]:
-    """Return memory for bounds, one leaf's values, the polygons, and climbs."""
-    on = bench(int(arena.size.max()), int(arena.n_rows.max()))
-    return np.empty(plane.leaves.shape[1]), np.empty(SLOTS), np.empty(plane.polygons.size), on
+def search_tools(plane: Plane) -> tuple[Any, ...]:
+    """Return memory for bounds, one leaf's values and the leaves alive; the polygons; and climbs."""
+    n = plane.leaves.shape[1]
+    scan = (np.empty(n), np.empty(2 * SLOTS), np.empty(n, np.int64))
+    return scan, np.empty(plane.polygons.size), bench(plane.ground)

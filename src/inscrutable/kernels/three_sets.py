@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.kernels.options import bare, inlined
-from inscrutable.kernels.three_states import in_space
+from inscrutable.kernels.three_states import CURVE_AT, N_ROWS, N_SET_ROWS, ROW_AT, Ground, Here, in_space
 from inscrutable.tolerances import EXPLAINED, LENGTH, POLISH, TINY
 
 _SECTIONS = 40
@@ -69,10 +69,10 @@ def _ends(
 
 @bare
 def segment_of_line(
-    arena: Any, face: int, v: float, p0: float, p1: float, p2: float
+    ground: Ground, face: int, v: float, p0: float, p1: float, p2: float
 ) -> tuple[bool, float, float, float, float, float]:
     """Whether a belief explains the decision v; the distance of p from those that do, its derivative, and the nearest."""
-    curves, at = arena.curves, arena.curve_at[face]
+    curves, at = ground.curves, ground.faces[face, CURVE_AT]
     e0, e1, e2 = curves[at], curves[at + 4], curves[at + 8]
     a0, a1, a2 = e0 * v + curves[at + 1], e1 * v + curves[at + 5], e2 * v + curves[at + 9]
     mean = (a0 + a1 + a2) / 3.0
@@ -85,7 +85,7 @@ def segment_of_line(
     length = np.sqrt(3.0 * square)
     d0, d1, d2 = (a1 - a2) / length, (a2 - a0) / length, (a0 - a1) / length
     low, high, end_low, end_high = _ends(
-        arena.rows, arena.row_at[face], arena.n_set_rows[face], v, (f0, f1, f2), (d0, d1, d2)
+        ground.rows, ground.faces[face, ROW_AT], ground.faces[face, N_SET_ROWS], v, (f0, f1, f2), (d0, d1, d2)
     )
     if low > high + EXPLAINED:
         return _NOTHING
@@ -98,17 +98,17 @@ def segment_of_line(
     s, end = (low, end_low) if low > 0.0 else (high, end_high)
     x0, x1, x2 = f0 + s * d0 - p0, f1 + s * d1 - p1, f2 + s * d2 - p2
     distance = np.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
-    slope = _turning_end(arena.rows, end, v, (a0, a1, a2), (e0, e1, e2), (x0, x1, x2)) / max(distance, TINY)
+    slope = _turning_end(ground.rows, end, v, (a0, a1, a2), (e0, e1, e2), (x0, x1, x2)) / max(distance, TINY)
     return True, distance, slope, x0 + p0, x1 + p1, x2 + p2
 
 
 @inlined
-def _reach(arena: Any, face: int, bend: float, lean: float, over: float) -> tuple[float, float, float, float]:
+def _reach(ground: Ground, face: int, bend: float, lean: float, over: float) -> tuple[float, float, float, float]:
     """What the slacks of an edge allow, and what a budget leaves of it: ½ bend v² + lean v + over ≤ 0."""
-    rows = arena.rows
+    rows = ground.rows
     least, most = -_OUTSIDE, _OUTSIDE
-    for r in range(arena.n_set_rows[face], arena.n_rows[face]):
-        j = arena.row_at[face] + 6 * r
+    for r in range(ground.faces[face, N_SET_ROWS], ground.faces[face, N_ROWS]):
+        j = ground.faces[face, ROW_AT] + 6 * r
         if rows[j] > LENGTH:
             least = max(least, -rows[j + 1] / rows[j])
         elif rows[j] < -LENGTH:
@@ -125,7 +125,7 @@ def _reach(arena: Any, face: int, bend: float, lean: float, over: float) -> tupl
 
 @inlined
 def _uphill(
-    arena: Any,
+    ground: Ground,
     face: int,
     y: tuple[float, float, float],
     terms: tuple[float, float, float, float],
@@ -138,7 +138,7 @@ def _uphill(
     terms: sign, price, bend and lean of the regret. Steps grow until the way falls or ends; then false position.
     """
     sign, price, bend, lean = terms
-    found, held, slope, _, _, _ = segment_of_line(arena, face, v, y[0], y[1], y[2])
+    found, held, slope, _, _, _ = segment_of_line(ground, face, v, y[0], y[1], y[2])
     best = v
     uphill = sign * slope - price * (bend * v + lean)
     way = 1.0 if uphill > 0.0 else -1.0
@@ -156,7 +156,7 @@ def _uphill(
             if trial == best:
                 break
             step = wide * _SHARE if step < wide * _SHARE else 2.0 * step
-        explained, distance, slope, _, _, _ = segment_of_line(arena, face, trial, y[0], y[1], y[2])
+        explained, distance, slope, _, _, _ = segment_of_line(ground, face, trial, y[0], y[1], y[2])
         climbs = way * (sign * slope - price * (bend * trial + lean))
         if explained and climbs > 0.0:
             # Where the far end stays, its weight is halved.
@@ -173,41 +173,42 @@ def _uphill(
 
 @bare
 def climb_line(
-    arena: Any, face: int, rules: Any, scene: Any, t: int, aim: Any, v: float
+    ground: Ground, face: int, rules: Any, here: Here, aim: Any, v: float
 ) -> tuple[bool, float, float, float, float]:
     """The best decision of an edge uphill from v: whether one is allowed, where, its regret, privacy and price.
 
-    aim: sign, optimal cost, limit, price; one of the last two is in force.
+    aim: limit, price; one of them is in force.
     """
-    sign, optimal, limit, price = aim
-    curves, at = arena.curves, arena.curve_at[face]
-    y0, y1, y2 = in_space(rules.basis, scene.points[t, 0], scene.points[t, 1])
-    b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    limit, price = aim
+    sign = here.sign
+    curves, at = ground.curves, ground.faces[face, CURVE_AT]
+    y0, y1, y2 = in_space(rules.basis, here.p0, here.p1)
+    b0, b1, b2 = here.b0, here.b1, here.b2
     bend = b0 * curves[at] + b1 * curves[at + 4] + b2 * curves[at + 8]
     lean = b0 * curves[at + 1] + b1 * curves[at + 5] + b2 * curves[at + 9]
-    base = 0.5 * (b0 * curves[at + 3] + b1 * curves[at + 7] + b2 * curves[at + 11]) - optimal
-    least, most, left, right = _reach(arena, face, bend, lean, base - limit)
+    base = 0.5 * (b0 * curves[at + 3] + b1 * curves[at + 7] + b2 * curves[at + 11]) - here.optimal
+    least, most, left, right = _reach(ground, face, bend, lean, base - limit)
     if left > right:
         return False, v, 0.0, 0.0, 0.0
     v = min(max(v, left), right)
     terms = (sign, price if limit == np.inf else 0.0, bend, lean)
-    found, best, held, way = _uphill(arena, face, (y0, y1, y2), terms, (left, right), v, most - least)
+    found, best, held, way = _uphill(ground, face, (y0, y1, y2), terms, (left, right), v, most - least)
     if not found:
         return False, v, 0.0, 0.0, 0.0
     if limit < np.inf:
         price = 0.0
         steep = way * (bend * best + lean)
         if best in (left, right) and best not in (least, most) and steep > 0.0:
-            _, _, slope, _, _, _ = segment_of_line(arena, face, best, y0, y1, y2)
+            _, _, slope, _, _, _ = segment_of_line(ground, face, best, y0, y1, y2)
             price = max(sign * way * slope / steep, 0.0)
     return True, best, max(base + best * (lean + 0.5 * bend * best), 0.0), sign * held, price
 
 
 @bare
-def polygon_distance(arena: Any, face: int, rules: Any, p0: float, p1: float) -> float:
+def polygon_distance(ground: Ground, face: int, rules: Any, p0: float, p1: float) -> float:
     """Distance of a point of the plane from the beliefs that explain a face's one decision; infinite where there are none."""
-    rows, basis = arena.rows, rules.basis
-    first, m = arena.row_at[face], arena.n_set_rows[face]
+    rows, basis = ground.rows, rules.basis
+    first, m = ground.faces[face, ROW_AT], ground.faces[face, N_SET_ROWS]
     inside, best = True, np.inf
     for r in range(m):
         j = first + 3 * r

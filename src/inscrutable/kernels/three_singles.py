@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, inlined
+from inscrutable.kernels.options import bare_kernel, inlined
 from inscrutable.kernels.three_leaves import (
     FIRST_POLYGON,
     POLISHED,
@@ -21,12 +21,15 @@ from inscrutable.kernels.three_leaves import (
     bar_dear_leaves,
     bound_leaves,
     cost_of_slot,
+    here_of,
     judge_slot,
+    largest,
+    live_leaves,
     read_leaf,
 )
 from inscrutable.kernels.three_lotteries import climb_any, search_tools
 from inscrutable.kernels.three_sets import polygon_distance
-from inscrutable.kernels.three_states import in_space
+from inscrutable.kernels.three_states import Here, in_space
 
 _MOST_CLIMBS = 16
 _SLACK = 1.5  # spacings that a candidate may lack to the best decision
@@ -53,9 +56,9 @@ class Best(NamedTuple):
 
 
 @inlined
-def _keep(plane: Plane, scene: Scene, t: int, d: int, privacy: float, heap: Heap) -> None:
+def _keep(plane: Plane, here: Here, d: int, privacy: float, heap: Heap) -> None:
     """A decision becomes the best of its face and octant, unless there is a better one."""
-    x0, x1 = plane.decoys[0, d] - scene.points[t, 0], plane.decoys[1, d] - scene.points[t, 1]
+    x0, x1 = plane.decoys[0, d] - here.p0, plane.decoys[1, d] - here.p1
     group = 8 * plane.face[d]
     group += 4 if x0 > 0.0 else 0
     group += 2 if x1 > 0.0 else 0
@@ -67,30 +70,29 @@ def _keep(plane: Plane, scene: Scene, t: int, d: int, privacy: float, heap: Heap
         heap.privacy[group], heap.slot[group] = privacy, d
 
 
-@bare
-def _collect(
-    plane: Plane, scene: Scene, t: int, limit: float, floor: float, bounds: Any, values: Any, heap: Heap
-) -> None:
+@inlined
+def _collect(plane: Plane, here: Here, limit: float, floor: float, scan: Any, heap: Heap) -> None:
     """Keep the best affordable candidate of every face and octant, among those little below `floor` and the best."""
-    most, slack = scene.optimal_costs[t] + limit, _SLACK * plane.spacing[0]
-    belief = (scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2])
-    p0, p1 = scene.points[t, 0], scene.points[t, 1]
-    bound_leaves(plane.leaves, scene, t, 0.0, bounds)
-    bar_dear_leaves(plane.leaves, scene, t, most, bounds)
-    for leaf in range(plane.face.size // SLOTS):
+    bounds, values, live = scan
+    most, slack = here.optimal + limit, _SLACK * plane.spacing[0]
+    belief = (here.b0, here.b1, here.b2)
+    bound_leaves(plane.leaves, here, 0.0, bounds)
+    bar_dear_leaves(plane.leaves, here, most, bounds)
+    for n in range(live_leaves(bounds, len(plane.slots), floor - slack, live)):
+        leaf = live[n]
         if bounds[leaf] > floor - slack:
-            read_leaf(plane.slots, leaf, belief, p0, p1, scene.sign, 0.0, values)
+            read_leaf(plane.slots[leaf], belief, here.p0, here.p1, here.sign, 0.0, values)
+            if largest(values) <= floor - slack:
+                continue
             for q in range(SLOTS):
                 d = leaf * SLOTS + q
-                if values[q] > floor - slack and cost_of_slot(plane.slots, scene, t, d) <= most:
+                if values[q] > floor - slack and cost_of_slot(plane.slots, here, d) <= most:
                     floor = max(floor, values[q])
-                    _keep(plane, scene, t, d, values[q], heap)
+                    _keep(plane, here, d, values[q], heap)
 
 
 @inlined
-def _climb_best(
-    plane: Plane, arena: Any, rules: Any, scene: Scene, t: int, limit: float, best: Best, heap: Heap, on: Any
-) -> Best:
+def _climb_best(plane: Plane, rules: Any, here: Here, limit: float, best: Best, heap: Heap, on: Any) -> Best:
     """Climb from the kept candidates, the best first, and empty the heap."""
     for _ in range(_MOST_CLIMBS):
         chosen = -1
@@ -104,10 +106,9 @@ def _climb_best(
         heap.slot[chosen] = -1
         face, z0, z1 = plane.face[d], plane.decoys[0, d], plane.decoys[1, d]
         if heap.privacy[chosen] > best.privacy:
-            regret, privacy = judge_slot(plane.slots, scene, t, d)
+            regret, privacy = judge_slot(plane.slots, here, d)
             best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
-        aim = (scene.sign, scene.optimal_costs[t], limit, 0.0)
-        ok, z0, z1, regret, privacy, price = climb_any(arena, face, rules, scene, t, aim, z0, z1, on)
+        ok, z0, z1, regret, privacy, price = climb_any(plane.ground, face, rules, here, (limit, 0.0), z0, z1, on)
         if ok and privacy > best.privacy:
             best = Best(POLISHED, face, z0, z1, regret, privacy, price)
     for n in range(1, heap.filled[0] + 1):
@@ -134,45 +135,47 @@ def _known(plane: Plane, scene: Scene, t: int, limit: float, known: Any) -> Best
 
 @bare_kernel
 def singles_three(
-    low: int, high: int, scene: Scene, plane: Plane, arena: Any, rules: Any, out: Any, tools: Any
+    low: int, high: int, order: Any, scene: Scene, plane: Plane, rules: Any, out: Any, tools: Any
 ) -> None:
     """Fill the best single decisions of the beliefs low..high, neighbours one after the other, for B budgets each.
 
-    out: index (T,B) of a candidate, POLISHED, or the name of one known beforehand; face (T,B), decoys (T,B,3), regrets,
+    What is found for t is written to the row order[t]. out: index (T,B) of a candidate,
+    POLISHED, or the name of one known beforehand; face (T,B), decoys (T,B,3), regrets,
     privacies, prices (T,B). tools: memory of `single_tools`, every call its own.
     """
     name, faces, places, regrets, privacies, prices = out
-    bounds, values, known, on, heap, last = tools
+    scan, known, seats, heap, last = tools
     for t in range(low, high):
+        here, row = here_of(scene, t), order[t]
         for n in range(known.size):
-            known[n] = polygon_distance(arena, plane.polygon_faces[n], rules, scene.points[t, 0], scene.points[t, 1])
+            known[n] = polygon_distance(plane.ground, plane.polygon_faces[n], rules, here.p0, here.p1)
         for c in range(prices.shape[1]):
             limit = scene.limits[t, c] * rules.inside
             best = _known(plane, scene, t, limit, known)
             if limit > 0.0 and best.name != TARGET:
                 face = int(last[c, 0])
                 if face >= 0:
-                    aim = (scene.sign, scene.optimal_costs[t], limit, last[c, 3])
                     ok, z0, z1, regret, privacy, price = climb_any(
-                        arena, face, rules, scene, t, aim, last[c, 1], last[c, 2], on
+                        plane.ground, face, rules, here, (limit, last[c, 3]), last[c, 1], last[c, 2], seats[c]
                     )
                     if ok and privacy > best.privacy:
                         best = Best(POLISHED, face, z0, z1, regret, privacy, price)
-                _collect(plane, scene, t, limit, best.privacy, bounds, values, heap)
-                best = _climb_best(plane, arena, rules, scene, t, limit, best, heap, on)
+                _collect(plane, here, limit, best.privacy, scan, heap)
+                best = _climb_best(plane, rules, here, limit, best, heap, seats[c])
             last[c, 0] = best.face if best.name >= POLISHED else -1
             last[c, 1], last[c, 2], last[c, 3] = best.z0, best.z1, best.price
             number = best.name
             if number <= FIRST_POLYGON:
                 number = plane.polygons[FIRST_POLYGON - number]
-            name[t, c], faces[t, c] = number, best.face
-            regrets[t, c], privacies[t, c], prices[t, c] = best.regret, best.privacy, best.price
+            name[row, c], faces[row, c] = number, best.face
+            regrets[row, c], privacies[row, c], prices[row, c] = best.regret, best.privacy, best.price
             y0, y1, y2 = in_space(rules.basis, best.z0, best.z1)
-            places[t, c, 0], places[t, c, 1], places[t, c, 2] = y0, y1, y2
+            places[row, c, 0], places[row, c, 1], places[row, c, 2] = y0, y1, y2
 
 
-def single_tools(plane: Plane, arena: Any, n_budgets: int) -> tuple[Any, ...]:
+def single_tools(plane: Plane, n_budgets: int) -> tuple[Any, ...]:
     """Return the memory that `singles_three` works in."""
-    n_groups = 8 * arena.size.size
+    n_groups = 8 * len(plane.ground.faces)
     heap = Heap(np.empty(n_groups), np.full(n_groups, -1), np.zeros(n_groups + 1, np.int64))
-    return (*search_tools(plane, arena), heap, np.full((n_budgets, 4), -1.0))
+    scan, known, on = search_tools(plane)
+    return (scan, known, np.repeat(on[None], n_budgets, axis=0), heap, np.full((n_budgets, 4), -1.0))

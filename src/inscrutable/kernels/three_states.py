@@ -18,31 +18,49 @@ from inscrutable.kernels.options import bare, inlined
 from inscrutable.tolerances import BUDGET, CLIMB, EXPLAINED, KINK, LENGTH, PARALLEL, TINY
 
 _ROUNDS = 16
-_TRUST = 0.15  # longest step in the plane
+_TRUST, _MOST_TRUST = 0.05, 0.2  # longest step in the plane at first, and where steps succeed
 _ROW_WEIGHT, _BUDGET_WEIGHT = 5.0, 1.5  # of a violation, in the worth of a step
 _SHORTER, _SHORTEST = 0.25, 1e-6
 
 
-class Bench(NamedTuple):
-    """Memory that the climbs of one thread use again and again; K is the largest number of free coordinates."""
+SIZE, N_ROWS, N_SET_ROWS, CURVE_AT, ROW_AT = range(5)  # columns of `Ground.faces`
 
-    w: Any  # (K+1,)
-    factor: Any  # (K,K)
-    gradients: Any  # (3,K)
-    slopes: Any  # (3,K) T
-    other: Any  # (3,K) D
-    mean: Any  # (2,K)
-    rows: Any  # (3,R+1) value, and two slopes of every row at unit length; the budget's last
-    local: Any  # (16,) 0 regret, 1–3 its slope, 4–9 its curvature (00 11 22 01 02 12)
+# Where the memory of one thread's climbs keeps what: one array, because every array that a call hands on costs time.
+# LOCAL: 0 regret, 1–3 its slope, 4–9 its curvature (00 11 22 01 02 12); where a climb ended: 10–12 state costs, 13 face,
+# 14–15 z, 16 least row, 17 how many rows are in reach.
+_W, LOCAL, _MEAN = 0, 1, 2  # w (k+1,); (18,); (k,)
+_GRADIENTS, _SLOPES, _OTHER = 3, 6, 9  # G, T and D, (3,k) each
+_ROWS = 12  # (3,R+1) value, and two slopes of every row in reach at unit length; the budget's last
+_FACTOR = 15  # (k,k)
+_LOCALS, STATE_COSTS, SEEN = 18, 10, 13
 
 
-def bench(largest_k: int, most_rows: int) -> Bench:
+class Ground(NamedTuple):
+    """The face programmes of an atlas, end to end."""
+
+    faces: Any  # (K,5) free coordinates, rows, rows of the set, where curves and rows begin
+    curves: Any  # flat
+    rows: Any  # flat
+
+
+class Here(NamedTuple):
+    """A belief, the point of the plane that counts for it, far from which (sign +) or near to which (−), and V."""
+
+    b0: float
+    b1: float
+    b2: float
+    p0: float
+    p1: float
+    sign: float
+    optimal: float
+
+
+def bench(ground: Ground) -> Any:
     """Return the memory of one thread."""
-    k = max(largest_k, 1)
-    return Bench(
-        np.empty(k + 1), np.empty((k, k)), np.empty((3, k)), np.empty((3, k)), np.empty((3, k)), np.empty((2, k)),
-        np.empty((3, most_rows + 1)), np.empty(16),
-    )  # fmt: skip
+    k, rows = max(int(ground.faces[:, SIZE].max()), 1), int(ground.faces[:, N_ROWS].max())
+    on = np.empty((_FACTOR + k, max(k + 1, rows + 1, _LOCALS)))
+    on[LOCAL, SEEN] = -1.0
+    return on
 
 
 @inlined
@@ -56,9 +74,9 @@ def in_space(basis: Any, z0: float, z1: float) -> tuple[float, float, float]:
 
 
 @inlined
-def settle_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: float, y2: float, on: Any) -> bool:
-    """Fill w, the factor of H(y), G and T of the face whose curves begin at `at`; False where no decision is unique."""
-    w, factor, gradients, slopes = on.w, on.factor, on.gradients, on.slopes
+def decide_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: float, y2: float, on: Any) -> bool:
+    """Fill w and the factor of H(y) of the face whose curves begin at `at`; False where no decision is unique."""
+    w, factor = on[_W], on[_FACTOR:]
     width = k + 1
     second, third = at + width * width, at + 2 * width * width
     for a in range(k):
@@ -92,6 +110,16 @@ def settle_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: floa
         for c in range(a + 1, k):
             total -= factor[c, a] * w[c]
         w[a] = total * factor[a, a]
+    return True
+
+
+@inlined
+def settle_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: float, y2: float, on: Any) -> bool:
+    """Fill w, the factor of H(y), G and T of the face whose curves begin at `at`; False where no decision is unique."""
+    if not decide_three(curves, at, k, pivot, y0, y1, y2, on):
+        return False
+    w, factor, gradients, slopes = on[_W], on[_FACTOR:], on[_GRADIENTS:_SLOPES], on[_SLOPES:_OTHER]
+    width = k + 1
     for i in range(3):
         first = at + i * width * width
         for a in range(k):
@@ -111,12 +139,11 @@ def settle_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: floa
 
 
 @inlined
-def judge_three(
-    curves: Any, at: int, k: int, scene: Any, t: int, y0: float, y1: float, y2: float, optimal: float, on: Any
-) -> None:
+def judge_three(curves: Any, at: int, k: int, here: Here, y0: float, y1: float, y2: float, on: Any) -> None:
     """Fill `local` with the regret at a settled y, its slope and its curvature."""
-    w, gradients, slopes, other, mean, local = on.w, on.gradients, on.slopes, on.other, on.mean, on.local
-    p0, p1, p2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
+    w, local, mean, other = on[_W], on[LOCAL], on[_MEAN], on[_OTHER:_ROWS]
+    gradients, slopes = on[_GRADIENTS:_SLOPES], on[_SLOPES:_OTHER]
+    p0, p1, p2 = here.b0, here.b1, here.b2
     width = k + 1
     size = width * width
     e0, e1, e2 = 0.5 * (p0 - y0), 0.5 * (p1 - y1), 0.5 * (p2 - y2)
@@ -130,16 +157,16 @@ def judge_three(
         s0 -= lean * slopes[0, a]
         s1 -= lean * slopes[1, a]
         s2 -= lean * slopes[2, a]
-        mean[0, a] = p0 * slopes[0, a] + p1 * slopes[1, a] + p2 * slopes[2, a]
+        mean[a] = p0 * slopes[0, a] + p1 * slopes[1, a] + p2 * slopes[2, a]
     for a in range(k):
         d0, d1, d2 = 0.5 * gradients[0, a], 0.5 * gradients[1, a], 0.5 * gradients[2, a]
         for c in range(k):
             j = at + a * width + c
             c0, c1, c2 = curves[j], curves[j + size], curves[j + 2 * size]
             twisted = e0 * c0 + e1 * c1 + e2 * c2
-            d0 += c0 * mean[0, c] + twisted * slopes[0, c]
-            d1 += c1 * mean[0, c] + twisted * slopes[1, c]
-            d2 += c2 * mean[0, c] + twisted * slopes[2, c]
+            d0 += c0 * mean[c] + twisted * slopes[0, c]
+            d1 += c1 * mean[c] + twisted * slopes[1, c]
+            d2 += c2 * mean[c] + twisted * slopes[2, c]
         other[0, a], other[1, a], other[2, a] = d0, d1, d2
     h00, h11, h22, h01, h02, h12 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for a in range(k):
@@ -151,17 +178,19 @@ def judge_three(
         h01 += t0 * d1 + t1 * d0
         h02 += t0 * d2 + t2 * d0
         h12 += t1 * d2 + t2 * d1
-    local[0] = 0.5 * cost - optimal
+    local[0] = 0.5 * cost - here.optimal
     local[1], local[2], local[3] = s0, s1, s2
     local[4], local[5], local[6], local[7], local[8], local[9] = h00, h11, h22, h01, h02, h12
 
 
 @inlined
-def rows_three(rows: Any, at: int, m: int, k: int, basis: Any, y0: float, y1: float, y2: float, on: Any) -> float:
-    """Fill value and slope of every row at a settled y, at unit length; returns the least value."""
-    w, slopes, lines = on.w, on.slopes, on.rows
+def rows_three(
+    rows: Any, at: int, m: int, k: int, basis: Any, y0: float, y1: float, y2: float, reach: float, on: Any
+) -> tuple[float, int]:
+    """Fill value and slope, at unit length, of the rows nearer than `reach` to a settled y: the least value, and how many."""
+    w, slopes, lines = on[_W], on[_SLOPES:_OTHER], on[_ROWS:_FACTOR]
     width = k + 1
-    least = np.inf
+    least, n = np.inf, 0
     for r in range(m):
         j = at + 3 * r * width
         g0, g1, g2 = rows[j + k], rows[j + width + k], rows[j + 2 * width + k]
@@ -180,35 +209,76 @@ def rows_three(rows: Any, at: int, m: int, k: int, basis: Any, y0: float, y1: fl
         n0 = basis[0, 0] * g0 + basis[1, 0] * g1 + basis[2, 0] * g2
         n1 = basis[0, 1] * g0 + basis[1, 1] * g1 + basis[2, 1] * g2
         square = n0 * n0 + n1 * n1
-        if square > LENGTH * LENGTH:
+        if square > LENGTH * LENGTH and (value <= 0.0 or value * value < reach * reach * square):
             inverse = 1.0 / np.sqrt(square)
-        else:
-            inverse, value = 1.0, max(value, 0.0)
-        lines[0, r], lines[1, r], lines[2, r] = value * inverse, n0 * inverse, n1 * inverse
-    return least
+            lines[0, n], lines[1, n], lines[2, n] = value * inverse, n0 * inverse, n1 * inverse
+            n += 1
+    return least, n
 
 
 @inlined
 def look_three(
-    arena: Any,
+    ground: Ground,
     at: int,
     row_at: int,
     m: int,
     k: int,
     rules: Any,
-    scene: Any,
-    t: int,
+    here: Here,
     y0: float,
     y1: float,
     y2: float,
-    optimal: float,
+    reach: float,
     on: Any,
-) -> float:
-    """Settle y, and fill the regret and the rows with their derivatives; returns the least row, −∞ without a decision."""
-    if not settle_three(arena.curves, at, k, rules.pivot, y0, y1, y2, on):
-        return -np.inf
-    judge_three(arena.curves, at, k, scene, t, y0, y1, y2, optimal, on)
-    return rows_three(arena.rows, row_at, m, k, rules.basis, y0, y1, y2, on)
+) -> tuple[float, int]:
+    """Settle y, and fill the regret and the rows within reach with their derivatives: the least row, and how many are.
+
+    The least row is −∞ where there is no decision.
+    """
+    if not settle_three(ground.curves, at, k, rules.pivot, y0, y1, y2, on):
+        return -np.inf, 0
+    judge_three(ground.curves, at, k, here, y0, y1, y2, on)
+    return rows_three(ground.rows, row_at, m, k, rules.basis, y0, y1, y2, reach, on)
+
+
+@inlined
+def _note_costs(curves: Any, at: int, k: int, on: Any) -> None:
+    """Note the state costs of a settled decision, ½ w'(C w) with C w = G beside the last entry."""
+    w, gradients, local = on[_W], on[_GRADIENTS:_SLOPES], on[LOCAL]
+    width = k + 1
+    for i in range(3):
+        last = at + (i + 1) * width * width - 1
+        cost = curves[last]
+        for a in range(k):
+            cost += w[a] * (gradients[i, a] + curves[last - k + a])
+        local[STATE_COSTS + i] = 0.5 * cost
+
+
+@inlined
+def _note_place(face: int, z0: float, z1: float, least: float, near: int, on: Any) -> None:
+    """Note where a climb ended, and what `recall` needs beside the memory of the last look."""
+    local = on[LOCAL]
+    local[SEEN], local[SEEN + 1], local[SEEN + 2] = face, z0, z1
+    local[SEEN + 3], local[SEEN + 4] = least, near
+
+
+@inlined
+def _recall(k: int, here: Here, on: Any) -> tuple[float, int]:
+    """What a look from the place noted last would see under another belief, but for the curvature, which stays.
+
+    Rows, G and T belong to the decision and not to the belief: the least row, and how many are in reach.
+    """
+    gradients, slopes, local = on[_GRADIENTS:_SLOPES], on[_SLOPES:_OTHER], on[LOCAL]
+    b0, b1, b2 = here.b0, here.b1, here.b2
+    cost = b0 * local[STATE_COSTS] + b1 * local[STATE_COSTS + 1] + b2 * local[STATE_COSTS + 2]
+    s0, s1, s2 = 0.0, 0.0, 0.0
+    for a in range(k):
+        lean = b0 * gradients[0, a] + b1 * gradients[1, a] + b2 * gradients[2, a]
+        s0 -= lean * slopes[0, a]
+        s1 -= lean * slopes[1, a]
+        s2 -= lean * slopes[2, a]
+    local[0], local[1], local[2], local[3] = cost - here.optimal, s0, s1, s2
+    return local[SEEN + 3], int(local[SEEN + 4])
 
 
 @bare
@@ -219,7 +289,7 @@ def move_in_plane(
 
     A gain of −∞: no step satisfies the rows.
     """
-    lines = on.rows
+    lines = on[_ROWS:_FACTOR]
     worst = np.inf
     for r in range(count):
         worst = min(worst, lines[0, r])
@@ -308,11 +378,11 @@ def _multiplier(lines: Any, budget: int, other: int, e0: float, e1: float) -> fl
 
 @inlined
 def _step(
-    aim: Any, basis: Any, x0: float, x1: float, distance: float, m: int, trust: float, on: Any
+    aim: Any, basis: Any, sign: float, x0: float, x1: float, distance: float, m: int, trust: float, on: Any
 ) -> tuple[float, float, float, float]:
     """The step from a place that was looked at, its gain, and the price that goes with it."""
-    sign, _, limit, price = aim
-    local, lines = on.local, on.rows
+    limit, price = aim
+    local, lines = on[LOCAL], on[_ROWS:_FACTOR]
     r0, r1, c00, c01, c11 = _in_plane(basis, local)
     d0, d1, bent = x0 / distance, x1 / distance, sign / distance
     g0, g1 = sign * d0, sign * d1
@@ -345,25 +415,30 @@ def _first_price(basis: Any, local: Any, sign: float, x0: float, x1: float) -> f
 
 @bare
 def climb_three(
-    arena: Any, face: int, rules: Any, scene: Any, t: int, aim: Any, z0: float, z1: float, on: Any
+    ground: Ground, face: int, rules: Any, here: Here, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:
     """Climb from z on a face: whether an optimum was reached, its z, regret, privacy and price.
 
-    aim: sign, optimal cost, limit (infinite at a price), price (a first guess under a limit).
+    aim: limit (infinite at a price), price (a first guess under a limit).
     """
-    sign, optimal, limit, price = aim
-    k, m = arena.size[face], arena.n_rows[face]
-    at, row_at, basis, local = arena.curve_at[face], arena.row_at[face], rules.basis, on.local
+    limit, price = aim
+    sign, basis, local, faces = here.sign, rules.basis, on[LOCAL], ground.faces
+    k, m, at, row_at = faces[face, SIZE], faces[face, N_ROWS], faces[face, CURVE_AT], faces[face, ROW_AT]
     has_budget = limit < np.inf
     trust, best, spent_there, from0, from1 = _TRUST, -np.inf, 0.0, z0, z1
-    for _ in range(_ROUNDS):
+    known = local[SEEN] == face and local[SEEN + 1] == z0 and local[SEEN + 2] == z1
+    local[SEEN] = -1.0
+    for turn in range(_ROUNDS):
         y0, y1, y2 = in_space(basis, z0, z1)
+        seen = known and turn == 0
         # Two free coordinates are the most common: with the constant the loops over them are unrolled.
-        if k == 2:
-            least = look_three(arena, at, row_at, m, 2, rules, scene, t, y0, y1, y2, optimal, on)
+        if seen:
+            least, near = _recall(k, here, on)
+        elif k == 2:
+            least, near = look_three(ground, at, row_at, m, 2, rules, here, y0, y1, y2, trust, on)
         else:
-            least = look_three(arena, at, row_at, m, k, rules, scene, t, y0, y1, y2, optimal, on)
-        x0, x1 = z0 - scene.points[t, 0], z1 - scene.points[t, 1]
+            least, near = look_three(ground, at, row_at, m, k, rules, here, y0, y1, y2, trust, on)
+        x0, x1 = z0 - here.p0, z1 - here.p1
         distance = np.sqrt(x0 * x0 + x1 * x1)
         if least == -np.inf or distance < KINK:
             break
@@ -379,11 +454,15 @@ def climb_three(
             z0, z1, best = from0, from1, -np.inf
             continue
         best, spent_there, from0, from1 = value, spent, z0, z1
-        s0, s1, gain, price = _step((sign, optimal, limit, price), basis, x0, x1, distance, m, trust, on)
+        s0, s1, gain, price = _step((limit, price), basis, sign, x0, x1, distance, near, trust, on)
         if gain == -np.inf:
             break
-        if least >= -rules.near and local[0] <= limit * (1.0 + BUDGET) and gain <= CLIMB:
+        if not seen and least >= -rules.near and local[0] <= limit * (1.0 + BUDGET) and gain <= CLIMB:
+            _note_costs(ground.curves, at, k, on)
+            _note_place(face if trust >= _TRUST else -1, z0, z1, least, near, on)
             return True, z0, z1, max(local[0], 0.0), sign * distance, price
         z0 += s0
         z1 += s1
+        if s0 * s0 + s1 * s1 > 0.8 * trust * trust:
+            trust = min(2.0 * trust, _MOST_TRUST)
     return False, z0, z1, 0.0, 0.0, 0.0

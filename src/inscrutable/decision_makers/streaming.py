@@ -46,7 +46,7 @@ class Lotteries:
     privacies: Array  # (T,2)
     probabilities: Array  # (T,2)
     prices: Array  # (T,)
-    more_patterns: list[np.ndarray]  # faces beyond the atlas's, numbered on
+    kept: list[Array]  # decisions that are no face's at a decoy: numbered on, behind the atlas's faces
 
     @property
     def problem(self) -> QuadraticProblem:
@@ -57,23 +57,21 @@ class Lotteries:
         """Return the atoms of one step, shape (2,U), of many, shape (T,2,U), or chosen ones of a step."""
         index, face, decoys = self.index[step], self.face[step], self.decoys[step]
         flat = (index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
-        return decisions_at(self.atlas, *flat, self.more_patterns).reshape(*index.shape, self.problem.n_actions)
+        return decisions_at(self.atlas, *flat, self.kept).reshape(*index.shape, self.problem.n_actions)
 
     def take(self, step: int, other: Lotteries) -> None:
         """Put another search's lottery for one belief in the place of a step's."""
         for name in _FIELDS:
             getattr(self, name)[step] = getattr(other, name)[0]
         beyond = self.face[step] >= len(self.atlas.patterns)
-        self.face[step, beyond] += len(self.more_patterns)
-        self.more_patterns.extend(other.more_patterns)
+        self.face[step, beyond] += len(self.kept)
+        self.kept.extend(other.kept)
 
 
-def decisions_at(
-    atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, more_patterns: Sequence[np.ndarray] = ()
-) -> Array:
+def decisions_at(atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, kept: Sequence[Array] = ()) -> Array:
     """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys.
 
-    Faces beyond the atlas's are numbered on.
+    Numbers behind the atlas's faces are those of decisions kept as they are.
     """
     actions = np.empty((len(index), atlas.problem.n_actions))
     polished = index == POLISHED
@@ -85,16 +83,20 @@ def decisions_at(
             actions[own] = atlas.problem.solve(decoys[own])
     n_known = len(atlas.patterns)
     for i in polished.nonzero()[0]:
-        number = face[i]
-        tight = atlas.patterns[number] if number < n_known else more_patterns[number - n_known]
-        atlas.faces(tight).fill_decision(decoys[i], actions[i])
+        if face[i] < n_known:
+            atlas.faces(atlas.patterns[face[i]]).fill_decision(decoys[i], actions[i])
+        else:
+            actions[i] = kept[face[i] - n_known]
     return actions
 
 
 class Spot(NamedTuple):
-    """An affordable decision known before the search: the face it lies on, a decoy, and its point of the frontier."""
+    """An affordable decision known before the search, a decoy of it, and its point of the frontier.
 
-    tight: np.ndarray
+    A decoy alone does not tell the decision: with copies of an asset it has many.
+    """
+
+    action: Array
     decoy: Array
     regret: float
     privacy: float
@@ -130,7 +132,7 @@ def stream_lotteries(
         np.empty(pairs),
         np.empty(pairs),
         np.empty(count),
-        [] if known is None else [known.tight],
+        [] if known is None else [known.action],
     )
     for first in range(0, count, _BLOCK):
         part = slice(first, min(first + _BLOCK, count))

@@ -100,7 +100,7 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
         sense,
         primal_tol=tolerances.FEASIBILITY,
     )
-    if flag == -3:
+    if flag == -3 and _falls_without_end(hessian, linear, layout):
         raise ModelError("the cost has no minimum over the feasible set: it falls without end along a direction of it")
     if flag < 1:
         # Near-singular programmes can defeat DAQP; the repair starts as well from any feasible point.
@@ -109,6 +109,16 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
     bounds = np.sign(multiplier[:n_actions]).astype(np.int8)
     bounds[fixed] = -1
     return np.asarray(u), _Working(bounds, multiplier[n_actions : n_actions + n_rows] > 0)
+
+
+def _falls_without_end(hessian: Array, linear: Array, layout: Layout) -> bool:
+    """Whether the cost falls along a direction in which the set has no end and the Hessian no curvature."""
+    open_sides = zip(np.isinf(layout.lower), np.isinf(layout.upper), strict=True)
+    bounds = [(-1.0 if below else 0.0, 1.0 if above else 0.0) for below, above in open_sides]
+    flat = np.vstack([layout.equalities, hessian])
+    level = Rows(layout.general, np.zeros(layout.sides.size))
+    steepest = minimum(linear, level, Rows(flat, np.zeros(len(flat))), bounds)
+    return bool(steepest.value < -tolerances.LINEAR_PROGRAMME)
 
 
 def _feasible_point(layout: Layout) -> Array:

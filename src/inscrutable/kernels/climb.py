@@ -26,10 +26,10 @@ from inscrutable.kernels.faces import (
     row_value,
     settle,
 )
-from inscrutable.kernels.options import bare, kernel, part
-from inscrutable.kernels.projection import carved, project_in, room_for
+from inscrutable.kernels.options import bare, kernel, part, woven
+from inscrutable.kernels.projection import NO_EQUALITIES, carved, project_in, room_for
 
-_FIRST_TURNS, _LATER_TURNS = 8, 3  # Newton steps onto the rows, from a start and from a step's end
+_FIRST_TURNS, _LATER_TURNS, _NO_TURNS = np.int64(8), np.int64(3), np.int64(0)  # Newton steps onto the rows, from a start and from a step's end
 _TRIALS_A_ROUND = 6
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
 _SHORTER, _SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
@@ -59,7 +59,7 @@ class Rules(NamedTuple):
     basis: Any  # (X, n) orthonormal, columns sum to zero
 
 
-@bare
+@woven
 def _loss(aim: Any, y: Any, regret: float) -> float:
     total = 0.0
     for i in range(y.size):
@@ -207,7 +207,7 @@ def quadratic_step_in(
             turned[r, i] /= length
         moved[r] = sides[r] / length
         lengths[r] = length
-    if not project_in(turned, moved, sides.size, 0, near, step, weights, room):
+    if not project_in(turned, moved, sides.size, NO_EQUALITIES, near, step, weights, room):
         return False
     for r in range(sides.size):
         weights[r] /= lengths[r]
@@ -323,7 +323,7 @@ def _restore(
         regret_slope(aim.belief, gradients, slopes, budget)
         _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths, normal, live)
         step[:] = 0.0
-        if not project_in(units, sides, sides.size, 0, 0.01 * rules.near, step, moved, room):
+        if not project_in(units, sides, sides.size, NO_EQUALITIES, 0.01 * rules.near, step, moved, room):
             return False, regret
         _move(rules.basis, y, step, 1.0, y)
     return False, regret
@@ -339,7 +339,7 @@ def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
         out[i] = total
 
 
-@bare
+@woven
 def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     """The budget's multiplier if its slope were along y − p: a first guess."""
     length, lean = 0.0, 0.0
@@ -349,7 +349,7 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 
 
-@bare
+@woven
 def _carved(memory: Any, n_states: int, k: int, m: int, count: int) -> Any:
     """The arrays of a climb, out of its memory: by states and free coordinates, by rows, and by states alone."""
     (flat, whole, bits), n = memory, n_states - 1
@@ -376,7 +376,7 @@ def _carved(memory: Any, n_states: int, k: int, m: int, count: int) -> Any:
     )
 
 
-@bare
+@woven
 def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int, memory: Any) -> float:
     """`climb` with memory given: as many floats, integers and truth values as `climb_sizes` says."""
     n_states, n = rules.basis.shape
@@ -431,7 +431,7 @@ def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, round
         # The distance has a kink at the point itself, where steps by slopes do not end.
         for i in range(n_states):
             trial[i] = aim.point[i]
-        allowed, regret = _restore(curves, rows, aim, rules, 0, trial, w, place, lines)
+        allowed, regret = _restore(curves, rows, aim, rules, _NO_TURNS, trial, w, place, lines)
         loss = _loss(aim, trial, regret)
         if allowed and loss < best:
             best = loss
@@ -441,7 +441,7 @@ def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, round
     return best
 
 
-@bare
+@woven
 def climb_sizes(n_states: int, k: int, m: int) -> tuple[int, int, int]:
     """How many floats, integers and truth values a climb needs with k free coordinates and m rows."""
     n, count = n_states - 1, m + 1

@@ -11,7 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, kernel, part
+from inscrutable.kernels.options import bare, kernel, part, woven
+
+NO_EQUALITIES = np.int64(0)
+"""Not an `int`: kernels are compiled once more for every plain number that they are called with."""
 
 
 class ProjectionRoom(NamedTuple):
@@ -27,7 +30,7 @@ class ProjectionRoom(NamedTuple):
     normal: Any  # (n,)
 
 
-@bare
+@woven
 def carved(flat: Any, whole: Any, bits: Any, size: int, n_rows: int) -> ProjectionRoom:
     """Return the memory of projections out of given arrays: (n+1)(2n+4) + n floats, n+1 integers and m truth values."""
     one = size + 1

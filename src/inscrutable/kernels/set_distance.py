@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, kernel
+from inscrutable.kernels.options import bare, bare_kernel, kernel, woven
 from inscrutable.kernels.projection import carved, project_in
 
 
@@ -105,7 +105,7 @@ def _inequalities(
     return last
 
 
-@bare
+@woven
 def nearest_in(
     curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any, memory: Any
 ) -> float:
@@ -152,7 +152,7 @@ def nearest_in(
     return float(np.sqrt(square))
 
 
-@bare
+@woven
 def nearest_sizes(n_states: int, k: int, m: int) -> tuple[int, int, int]:
     """How many floats, integers and truth values `nearest_in` needs with k free coordinates and m rows."""
     n = n_states - 1

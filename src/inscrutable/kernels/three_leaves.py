@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined, woven
+from inscrutable.kernels.options import bare, woven
 from inscrutable.tolerances import LENGTH, TINY
 
 NONE = -1
@@ -108,14 +108,14 @@ def read_leaf(
         values[q] = sign * np.sqrt(x0 * x0 + x1 * x1) - price * cost
 
 
-@inlined
+@woven
 def cost_of_slot(slots: Any, scene: Scene, t: int, d: int) -> float:
     """π·s of the decision in a slot."""
     b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
     return float(b0 * slots[0, d] + b1 * slots[1, d] + b2 * slots[2, d])
 
 
-@inlined
+@woven
 def judge_slot(slots: Any, scene: Scene, t: int, d: int) -> tuple[float, float]:
     """Regret and privacy of the decision in a slot."""
     x0, x1 = scene.points[t, 0] - slots[3, d], scene.points[t, 1] - slots[4, d]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, inlined
+from inscrutable.kernels.options import bare, bare_kernel, woven
 from inscrutable.kernels.three_leaves import (
     ABSENT,
     FIRST_POLYGON,
@@ -24,7 +24,7 @@ from inscrutable.kernels.three_leaves import (
     judge_slot,
 )
 from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
-from inscrutable.kernels.three_states import bench, climb_three, in_space, settle_three
+from inscrutable.kernels.three_states import bench, climb_three, in_space
 from inscrutable.tolerances import CHORD, NEAR_ATOMS, SAME_PRICE
 
 _TURNS = 40
@@ -40,7 +40,7 @@ class Pair(NamedTuple):
     privacy: Any  # (2,)
 
 
-@bare
+@woven
 def _put(pair: Pair, side: int, name: int, face: int, z0: float, z1: float, regret: float, privacy: float) -> None:
     pair.name[side], pair.face[side] = name, face
     pair.place[side, 0], pair.place[side, 1] = z0, z1
@@ -49,7 +49,7 @@ def _put(pair: Pair, side: int, name: int, face: int, z0: float, z1: float, regr
         pair.name[1] = ABSENT
 
 
-@bare
+@woven
 def _judge(plane: Plane, scene: Scene, t: int, sign: float, optimal: float, d: int, known: Any) -> tuple[float, float]:
     """Regret and privacy of the decision in a slot, or of a polygon."""
     b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
@@ -60,14 +60,14 @@ def _judge(plane: Plane, scene: Scene, t: int, sign: float, optimal: float, d: i
     return judge_slot(plane.slots, scene, t, d)
 
 
-@bare
+@woven
 def _chord(pair: Pair) -> float:
     if pair.name[1] == ABSENT:
         return 0.0
     return float((pair.privacy[1] - pair.privacy[0]) / (pair.regret[1] - pair.regret[0]))
 
 
-@inlined
+@bare
 def climb_any(
     arena: Any, face: int, rules: Any, scene: Scene, t: int, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:
@@ -78,9 +78,12 @@ def climb_any(
     if k == 0:
         return False, z0, z1, 0.0, 0.0, 0.0
     y0, y1, y2 = in_space(rules.basis, z0, z1)
-    if not settle_three(arena.curves, arena.curve_at[face], 1, rules.pivot, y0, y1, y2, on):
+    curves, at = arena.curves, arena.curve_at[face]
+    bend = y0 * curves[at] + y1 * curves[at + 4] + y2 * curves[at + 8]
+    if not bend > 0.0:
         return False, z0, z1, 0.0, 0.0, 0.0
-    ok, v, regret, privacy, price = climb_line(arena, face, rules, scene, t, aim, on.w[0])
+    v = -(y0 * curves[at + 1] + y1 * curves[at + 5] + y2 * curves[at + 9]) / bend
+    ok, v, regret, privacy, price = climb_line(arena, face, rules, scene, t, aim, v)
     if ok:
         q0, q1, q2 = in_space(rules.basis, scene.points[t, 0], scene.points[t, 1])
         _, _, _, y0, y1, y2 = segment_of_line(arena, face, v, q0, q1, q2)
@@ -89,7 +92,7 @@ def climb_any(
     return ok, z0, z1, regret, privacy, price
 
 
-@bare
+@woven
 def _copy(pair: Pair) -> None:
     """A becomes B as well."""
     pair.name[1], pair.face[1] = pair.name[0], pair.face[0]
@@ -97,7 +100,7 @@ def _copy(pair: Pair) -> None:
     pair.regret[1], pair.privacy[1] = pair.regret[0], pair.privacy[0]
 
 
-@inlined
+@woven
 def _polish(
     pair: Pair, arena: Any, rules: Any, scene: Scene, t: int, aim: Any, near: float, on: Any
 ) -> tuple[bool, float]:
@@ -129,7 +132,7 @@ def _polish(
     return False, price
 
 
-@inlined
+@woven
 def _follow(
     pair: Pair,
     single: bool,
@@ -168,7 +171,7 @@ def _follow(
     return pair.regret[0] <= limit < pair.regret[1] and pair.privacy[0] < pair.privacy[1], price
 
 
-@inlined
+@woven
 def _start(pair: Pair, scene: Scene, t: int, limit: float) -> None:
     """Begin with what is known beforehand."""
     pair.name[1] = ABSENT
@@ -178,7 +181,7 @@ def _start(pair: Pair, scene: Scene, t: int, limit: float) -> None:
         _put(pair, 0 if regret <= limit else 1, TARGET, -1, 0.0, 0.0, regret, 0.0)
 
 
-@inlined
+@woven
 def _is_beaten(pair: Pair, scene: Scene, t: int, limit: float, price: float) -> bool:
     """Whether the target or the decision known beforehand is worth more than the lottery's chord."""
     floor = pair.privacy[0] - price * pair.regret[0] + CHORD
@@ -188,7 +191,7 @@ def _is_beaten(pair: Pair, scene: Scene, t: int, limit: float, price: float) -> 
     return bool(scene.first_privacies[t] - price * scene.first_regrets[t] > floor)
 
 
-@inlined
+@woven
 def _take(pair: Pair, plane: Plane, d: int, limit: float, regret: float, privacy: float) -> None:
     """A decision found above the chord takes the place of A or of B."""
     side = 0 if regret <= limit else 1
@@ -200,7 +203,7 @@ def _take(pair: Pair, plane: Plane, d: int, limit: float, regret: float, privacy
         _put(pair, side, d, plane.face[d], plane.decoys[0, d], plane.decoys[1, d], regret, privacy)
 
 
-@inlined
+@woven
 def _settle_lottery(
     plane: Plane,
     arena: Any,
@@ -258,7 +261,7 @@ def _settle_lottery(
     return False, False, 0.0
 
 
-@inlined
+@woven
 def _write(plane: Plane, rules: Any, limit: float, single: bool, pair: Pair, t: int, c: int, out: Any) -> None:
     """Write the lottery of one belief and budget; a single decision is both atoms."""
     index, faces, places, regrets, privacies, probabilities, _, _ = out

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined
+from inscrutable.kernels.options import bare, inlined, woven
 from inscrutable.kernels.three_states import in_space
 from inscrutable.tolerances import EXPLAINED, LENGTH, POLISH, TINY
 
@@ -23,7 +23,7 @@ _NOTHING = (False, 0.0, 0.0, 0.0, 0.0, 0.0)
 _NARROW = 1e-9  # share of the edge below which a bracket is closed
 
 
-@inlined
+@woven
 def _turning_end(
     rows: Any,
     j: int,
@@ -46,7 +46,7 @@ def _turning_end(
     return float((x[0] * (w0 - q0 * share) + x[1] * (w1 - q1 * share) + x[2] * (w2 - q2 * share)) / total)
 
 
-@inlined
+@woven
 def _ends(
     rows: Any, first: int, m: int, v: float, f: tuple[float, float, float], d: tuple[float, float, float]
 ) -> tuple[float, float, int, int]:
@@ -102,7 +102,7 @@ def segment_of_line(
     return True, distance, slope, x0 + p0, x1 + p1, x2 + p2
 
 
-@inlined
+@woven
 def _reach(arena: Any, face: int, bend: float, lean: float, over: float) -> tuple[float, float, float, float]:
     """What the slacks of an edge allow, and what a budget leaves of it: ½ bend v² + lean v + over ≤ 0."""
     rows = arena.rows

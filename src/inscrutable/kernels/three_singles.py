@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, inlined
+from inscrutable.kernels.options import bare, bare_kernel, woven
 from inscrutable.kernels.three_leaves import (
     FIRST_POLYGON,
     POLISHED,
@@ -52,7 +52,7 @@ class Best(NamedTuple):
     price: float
 
 
-@inlined
+@woven
 def _keep(plane: Plane, scene: Scene, t: int, d: int, privacy: float, heap: Heap) -> None:
     """A decision becomes the best of its face and octant, unless there is a better one."""
     x0, x1 = plane.decoys[0, d] - scene.points[t, 0], plane.decoys[1, d] - scene.points[t, 1]
@@ -87,7 +87,7 @@ def _collect(
                     _keep(plane, scene, t, d, values[q], heap)
 
 
-@inlined
+@woven
 def _climb_best(
     plane: Plane, arena: Any, rules: Any, scene: Scene, t: int, limit: float, best: Best, heap: Heap, on: Any
 ) -> Best:
@@ -116,7 +116,7 @@ def _climb_best(
     return best
 
 
-@inlined
+@woven
 def _known(plane: Plane, scene: Scene, t: int, limit: float, known: Any) -> Best:
     """The best of what needs no search: the decision known beforehand, the target's, and polygons."""
     best = Best(scene.first, -1, 0.0, 0.0, scene.first_regrets[t], scene.first_privacies[t], 0.0)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined
+from inscrutable.kernels.options import bare, inlined, woven
 from inscrutable.tolerances import BUDGET, CLIMB, EXPLAINED, KINK, LENGTH, PARALLEL, TINY
 
 _ROUNDS = 16
@@ -45,7 +45,7 @@ def bench(largest_k: int, most_rows: int) -> Bench:
     )  # fmt: skip
 
 
-@inlined
+@woven
 def in_space(basis: Any, z0: float, z1: float) -> tuple[float, float, float]:
     """The belief at a point of the plane."""
     return (
@@ -279,7 +279,7 @@ def move_in_plane(
     return m0, m1, best, first, second
 
 
-@inlined
+@woven
 def _in_plane(basis: Any, local: Any) -> tuple[float, float, float, float, float]:
     """Slope and curvature of the regret in the plane: B'∇ρ, and B'∇²ρB as 00, 01, 11."""
     b00, b10, b20 = basis[0, 0], basis[1, 0], basis[2, 0]
@@ -296,7 +296,7 @@ def _in_plane(basis: Any, local: Any) -> tuple[float, float, float, float, float
     return r0, r1, c00, c01, c11
 
 
-@inlined
+@woven
 def _multiplier(lines: Any, budget: int, other: int, e0: float, e1: float) -> float:
     """λ of the budget's row in e = λ n_b + λ' n_other; other −1: there is none."""
     n0, n1 = lines[1, budget], lines[2, budget]
@@ -334,7 +334,7 @@ def _step(
     return s0, s1, gain, price
 
 
-@inlined
+@woven
 def _first_price(basis: Any, local: Any, sign: float, x0: float, x1: float) -> float:
     """The budget's multiplier if the regret grew along y − p only."""
     r0 = basis[0, 0] * local[1] + basis[1, 0] * local[2] + basis[2, 0] * local[3]

@@ -69,7 +69,7 @@ def _loss(aim: Any, y: Any, regret: float) -> float:
     return float(-aim.sign * np.sqrt(total) + aim.price * regret)
 
 
-@bare
+@woven
 def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
     """The largest violation of any row, and of the budget relative to itself; rows that come near are marked live."""
     worst = max(over, 0.0)
@@ -81,7 +81,7 @@ def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
     return worst
 
 
-@bare
+@woven
 def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, lengths: Any, r: int) -> None:
     """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length; a flat one is void."""
     n = basis.shape[1]
@@ -132,7 +132,7 @@ def _linearise(
         _write_row(slope, left, basis, units, sides, lengths, m)
 
 
-@bare
+@woven
 def _convexified(matrix: Any, n: int, factor: Any) -> None:
     """Factor matrix + shift, with the least of a few shifts that makes it positive definite."""
     size = 0.0
@@ -218,7 +218,7 @@ def quadratic_step_in(
     return True
 
 
-@bare
+@woven
 def _curvature(
     curves: Any,
     rows: Any,
@@ -255,7 +255,7 @@ def _curvature(
             add_row_curvature(curves, rows[r], y, factor, slopes, -weights[r], scratch, out)
 
 
-@bare
+@woven
 def _model(
     curves: Any,
     rows: Any,
@@ -329,7 +329,7 @@ def _restore(
     return False, regret
 
 
-@bare
+@woven
 def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
     """out = origin + share·basis step."""
     for i in range(origin.size):

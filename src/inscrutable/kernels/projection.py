@@ -51,7 +51,7 @@ def room_for(size: int, n_rows: int) -> ProjectionRoom:
     )  # fmt: skip
 
 
-@bare
+@woven
 def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) -> None:
     """basis (q,n) and upper triangle R with rows[active]' = basis' R, by modified Gram-Schmidt."""
     size = rows.shape[1]
@@ -74,7 +74,7 @@ def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) 
             basis[c, i] /= length
 
 
-@bare
+@woven
 def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, along: Any) -> float:
     """across = (I − QQ')n, along = R⁻¹Q'n; returns ‖across‖²."""
     size = normal.size
@@ -97,7 +97,7 @@ def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, alon
     return total
 
 
-@bare
+@woven
 def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, near: float, entered: Any) -> int:
     worst, least = -1, near
     for r in range(n_rows):
@@ -126,7 +126,7 @@ def project_in(
     for r in range(n_rows):
         multipliers[r] = 0.0
         entered[r] = False
-    n_active = 0
+    n_active = np.int64(0)
     for _ in range(20 + 4 * n_rows):
         new = _most_violated(rows, sides, n_rows, n_equal, x, near, entered)
         if new < 0:

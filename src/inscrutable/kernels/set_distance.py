@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, kernel, woven
+from inscrutable.kernels.options import bare_kernel, kernel, woven
 from inscrutable.kernels.projection import carved, project_in
 
 
-@bare
+@woven
 def _equalities(
     curves: Any, scale: float, w: Any, rules: Any, units: Any, sides: Any, used: Any, work: Any, right: Any, row: Any
 ) -> int:
@@ -69,7 +69,7 @@ def _equalities(
     return n_equal
 
 
-@bare
+@woven
 def _inequalities(
     rows: Any, w: Any, rules: Any, first: int, units: Any, sides: Any, number: Any, coefficients: Any
 ) -> int:

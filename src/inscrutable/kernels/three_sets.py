@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined, woven
+from inscrutable.kernels.options import bare, woven
 from inscrutable.kernels.three_states import in_space
 from inscrutable.tolerances import EXPLAINED, LENGTH, POLISH, TINY
 
@@ -123,7 +123,7 @@ def _reach(arena: Any, face: int, bend: float, lean: float, over: float) -> tupl
     return least, most, left, right
 
 
-@inlined
+@woven
 def _uphill(
     arena: Any,
     face: int,

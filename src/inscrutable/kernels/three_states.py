@@ -55,7 +55,7 @@ def in_space(basis: Any, z0: float, z1: float) -> tuple[float, float, float]:
     )
 
 
-@inlined
+@woven
 def settle_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: float, y2: float, on: Any) -> bool:
     """Fill w, the factor of H(y), G and T of the face whose curves begin at `at`; False where no decision is unique."""
     w, factor, gradients, slopes = on.w, on.factor, on.gradients, on.slopes
@@ -110,7 +110,7 @@ def settle_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: floa
     return True
 
 
-@inlined
+@woven
 def judge_three(
     curves: Any, at: int, k: int, scene: Any, t: int, y0: float, y1: float, y2: float, optimal: float, on: Any
 ) -> None:
@@ -156,7 +156,7 @@ def judge_three(
     local[4], local[5], local[6], local[7], local[8], local[9] = h00, h11, h22, h01, h02, h12
 
 
-@inlined
+@woven
 def rows_three(rows: Any, at: int, m: int, k: int, basis: Any, y0: float, y1: float, y2: float, on: Any) -> float:
     """Fill value and slope of every row at a settled y, at unit length; returns the least value."""
     w, slopes, lines = on.w, on.slopes, on.rows
@@ -306,7 +306,7 @@ def _multiplier(lines: Any, budget: int, other: int, e0: float, e1: float) -> fl
     return float((e0 * lines[2, other] - e1 * lines[1, other]) / cross)
 
 
-@inlined
+@woven
 def _step(
     aim: Any, basis: Any, x0: float, x1: float, distance: float, m: int, trust: float, on: Any
 ) -> tuple[float, float, float, float]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, woven
+from inscrutable.kernels.options import bare_kernel, inlined, woven
 from inscrutable.kernels.three_leaves import (
     ABSENT,
     FIRST_POLYGON,
@@ -23,7 +23,7 @@ from inscrutable.kernels.three_leaves import (
     best_above,
     judge_slot,
 )
-from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
+from inscrutable.kernels.three_sets import climb_edge, polygon_distance
 from inscrutable.kernels.three_states import bench, climb_three, in_space
 from inscrutable.tolerances import CHORD, NEAR_ATOMS, SAME_PRICE
 
@@ -67,29 +67,16 @@ def _chord(pair: Pair) -> float:
     return float((pair.privacy[1] - pair.privacy[0]) / (pair.regret[1] - pair.regret[0]))
 
 
-@bare
+@inlined
 def climb_any(
     arena: Any, face: int, rules: Any, scene: Scene, t: int, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:
     """Climb from z on a face of any size: whether all went well, z, regret, privacy and price."""
-    k = arena.size[face]
-    if k >= 2:
+    if arena.size[face] >= 2:
         return climb_three(arena, face, rules, scene, t, aim, z0, z1, on)
-    if k == 0:
-        return False, z0, z1, 0.0, 0.0, 0.0
-    y0, y1, y2 = in_space(rules.basis, z0, z1)
-    curves, at = arena.curves, arena.curve_at[face]
-    bend = y0 * curves[at] + y1 * curves[at + 4] + y2 * curves[at + 8]
-    if not bend > 0.0:
-        return False, z0, z1, 0.0, 0.0, 0.0
-    v = -(y0 * curves[at + 1] + y1 * curves[at + 5] + y2 * curves[at + 9]) / bend
-    ok, v, regret, privacy, price = climb_line(arena, face, rules, scene, t, aim, v)
-    if ok:
-        q0, q1, q2 = in_space(rules.basis, scene.points[t, 0], scene.points[t, 1])
-        _, _, _, y0, y1, y2 = segment_of_line(arena, face, v, q0, q1, q2)
-        z0 = rules.basis[0, 0] * y0 + rules.basis[1, 0] * y1 + rules.basis[2, 0] * y2
-        z1 = rules.basis[0, 1] * y0 + rules.basis[1, 1] * y1 + rules.basis[2, 1] * y2
-    return ok, z0, z1, regret, privacy, price
+    if arena.size[face] == 1:
+        return climb_edge(arena, face, rules, scene, t, aim, z0, z1)
+    return False, z0, z1, 0.0, 0.0, 0.0
 
 
 @woven

@@ -204,6 +204,26 @@ def climb_line(
 
 
 @bare
+def climb_edge(
+    arena: Any, face: int, rules: Any, scene: Any, t: int, aim: Any, z0: float, z1: float
+) -> tuple[bool, float, float, float, float, float]:
+    """Climb from the decision of z on an edge: whether all went well, a belief's z, regret, privacy and price."""
+    curves, at, basis = arena.curves, arena.curve_at[face], rules.basis
+    y0, y1, y2 = in_space(basis, z0, z1)
+    bend = y0 * curves[at] + y1 * curves[at + 4] + y2 * curves[at + 8]
+    if not bend > 0.0:
+        return False, z0, z1, 0.0, 0.0, 0.0
+    v = -(y0 * curves[at + 1] + y1 * curves[at + 5] + y2 * curves[at + 9]) / bend
+    ok, v, regret, privacy, price = climb_line(arena, face, rules, scene, t, aim, v)
+    if ok:
+        q0, q1, q2 = in_space(basis, scene.points[t, 0], scene.points[t, 1])
+        _, _, _, y0, y1, y2 = segment_of_line(arena, face, v, q0, q1, q2)
+        z0 = basis[0, 0] * y0 + basis[1, 0] * y1 + basis[2, 0] * y2
+        z1 = basis[0, 1] * y0 + basis[1, 1] * y1 + basis[2, 1] * y2
+    return ok, z0, z1, regret, privacy, price
+
+
+@bare
 def polygon_distance(arena: Any, face: int, rules: Any, p0: float, p1: float) -> float:
     """Distance of a point of the plane from the beliefs that explain a face's one decision; infinite where there are none."""
     rows, basis = arena.rows, rules.basis

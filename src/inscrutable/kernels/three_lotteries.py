@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare_kernel, inlined, woven
+from inscrutable.kernels.options import bare_kernel, woven
 from inscrutable.kernels.three_leaves import (
     ABSENT,
     FIRST_POLYGON,
@@ -67,7 +67,7 @@ def _chord(pair: Pair) -> float:
     return float((pair.privacy[1] - pair.privacy[0]) / (pair.regret[1] - pair.regret[0]))
 
 
-@inlined
+@woven
 def climb_any(
     arena: Any, face: int, rules: Any, scene: Scene, t: int, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:
@@ -93,28 +93,36 @@ def _polish(
 ) -> tuple[bool, float]:
     """Climb both atoms, or one where they are near each other: whether it is a single one now, and its price."""
     sign, optimal, limit, price = aim
-    faces = pair.face
-    if pair.name[1] != ABSENT and faces[0] >= 0 and faces[0] == faces[1] and arena.size[faces[0]] >= 1:
+    first, z0, z1 = 0, 0.0, 0.0
+    if pair.name[1] != ABSENT and pair.face[0] >= 0 and pair.face[0] == pair.face[1]:
         x0, x1 = pair.place[1, 0] - pair.place[0, 0], pair.place[1, 1] - pair.place[0, 1]
         if x0 * x0 + x1 * x1 < near * near:
             share = (limit - pair.regret[0]) / (pair.regret[1] - pair.regret[0])
             z0, z1 = pair.place[0, 0] + share * x0, pair.place[0, 1] + share * x1
-            ok, z0, z1, regret, privacy, reached = climb_any(arena, faces[0], rules, scene, t, aim, z0, z1, on)
-            if ok and privacy - price * regret >= pair.privacy[0] - price * pair.regret[0]:
-                pair.name[1] = ABSENT
-                _put(pair, 0, POLISHED, faces[0], z0, z1, regret, privacy)
-                return True, reached
-    for side in range(2):
-        face = faces[side]
-        if pair.name[side] == ABSENT or face < 0 or arena.size[face] == 0:
+            first = -1
+    # One loop over the point between them, A and B: a climb is much code, and here it stands once.
+    for side in range(first, 2):
+        face, most = pair.face[max(side, 0)], limit
+        if side >= 0:
+            z0, z1, most = pair.place[side, 0], pair.place[side, 1], np.inf
+            if pair.name[side] == ABSENT or face < 0:
+                continue
+        if arena.size[face] == 0:
             continue
-        ok, z0, z1, regret, privacy, _ = climb_any(
-            arena, face, rules, scene, t, (sign, optimal, np.inf, price), pair.place[side, 0],
-            pair.place[side, 1], on,
-        )  # fmt: skip
+        ok, z0, z1, regret, privacy, reached = climb_any(
+            arena, face, rules, scene, t, (sign, optimal, most, price), z0, z1, on
+        )
+        if not ok:
+            continue
+        if side < 0:
+            if privacy - price * regret >= pair.privacy[0] - price * pair.regret[0]:
+                pair.name[1] = ABSENT
+                _put(pair, 0, POLISHED, face, z0, z1, regret, privacy)
+                return True, reached
+            continue
         # One that leaves its side takes the other's place where it is better there.
         to = 0 if regret <= limit else 1
-        if ok and (pair.name[to] == ABSENT or privacy - price * regret >= pair.privacy[to] - price * pair.regret[to]):
+        if pair.name[to] == ABSENT or privacy - price * regret >= pair.privacy[to] - price * pair.regret[to]:
             _put(pair, to, POLISHED, face, z0, z1, regret, privacy)
     return False, price
 

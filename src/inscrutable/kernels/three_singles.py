@@ -88,25 +88,43 @@ def _collect(
 
 
 @woven
+def _chosen(heap: Heap) -> int:
+    """The group of the best candidate that is kept and was not climbed from, −1 where there is none."""
+    chosen = -1
+    for n in range(1, heap.filled[0] + 1):
+        group = heap.filled[n]
+        if heap.slot[group] >= 0 and (chosen < 0 or heap.privacy[group] > heap.privacy[chosen]):
+            chosen = group
+    return chosen
+
+
+@woven
 def _climb_best(
-    plane: Plane, arena: Any, rules: Any, scene: Scene, t: int, limit: float, best: Best, heap: Heap, on: Any
+    plane: Plane, arena: Any, rules: Any, scene: Scene, t: int, limit: float, best: Best, last: Any, tools: Any
 ) -> Best:
-    """Climb from the kept candidates, the best first, and empty the heap."""
-    for _ in range(_MOST_CLIMBS):
-        chosen = -1
-        for n in range(1, heap.filled[0] + 1):
-            group = heap.filled[n]
-            if heap.slot[group] >= 0 and (chosen < 0 or heap.privacy[group] > heap.privacy[chosen]):
-                chosen = group
-        if chosen < 0 or heap.privacy[chosen] <= best.privacy - _SLACK * plane.spacing[0]:
-            break
-        d = heap.slot[chosen]
-        heap.slot[chosen] = -1
-        face, z0, z1 = plane.face[d], plane.decoys[0, d], plane.decoys[1, d]
-        if heap.privacy[chosen] > best.privacy:
-            regret, privacy = judge_slot(plane.slots, scene, t, d)
-            best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
-        aim = (scene.sign, scene.optimal_costs[t], limit, 0.0)
+    """Climb from the decision of the belief before, then from the kept candidates, the best first, and empty the heap.
+
+    One loop for both: a climb is much code, and here it stands once.
+    """
+    bounds, values, on, heap = tools
+    face, z0, z1, price = int(last[0]), last[1], last[2], last[3]
+    for attempt in range(_MOST_CLIMBS + 1):
+        if attempt == 1:
+            _collect(plane, scene, t, limit, best.privacy, bounds, values, heap)
+        if attempt > 0:
+            chosen = _chosen(heap)
+            if chosen < 0 or heap.privacy[chosen] <= best.privacy - _SLACK * plane.spacing[0]:
+                break
+            d = heap.slot[chosen]
+            heap.slot[chosen] = -1
+            face, z0, z1 = plane.face[d], plane.decoys[0, d], plane.decoys[1, d]
+            if heap.privacy[chosen] > best.privacy:
+                regret, privacy = judge_slot(plane.slots, scene, t, d)
+                best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
+            price = 0.0
+        if face < 0:
+            continue
+        aim = (scene.sign, scene.optimal_costs[t], limit, price)
         ok, z0, z1, regret, privacy, price = climb_any(arena, face, rules, scene, t, aim, z0, z1, on)
         if ok and privacy > best.privacy:
             best = Best(POLISHED, face, z0, z1, regret, privacy, price)
@@ -150,16 +168,9 @@ def singles_three(
             limit = scene.limits[t, c] * rules.inside
             best = _known(plane, scene, t, limit, known)
             if limit > 0.0 and best.name != TARGET:
-                face = int(last[c, 0])
-                if face >= 0:
-                    aim = (scene.sign, scene.optimal_costs[t], limit, last[c, 3])
-                    ok, z0, z1, regret, privacy, price = climb_any(
-                        arena, face, rules, scene, t, aim, last[c, 1], last[c, 2], on
-                    )
-                    if ok and privacy > best.privacy:
-                        best = Best(POLISHED, face, z0, z1, regret, privacy, price)
-                _collect(plane, scene, t, limit, best.privacy, bounds, values, heap)
-                best = _climb_best(plane, arena, rules, scene, t, limit, best, heap, on)
+                best = _climb_best(
+                    plane, arena, rules, scene, t, limit, best, last[c], (bounds, values, on, heap)
+                )
             last[c, 0] = best.face if best.name >= POLISHED else -1
             last[c, 1], last[c, 2], last[c, 3] = best.z0, best.z1, best.price
             number = best.name

@@ -343,7 +343,7 @@ def _first_price(basis: Any, local: Any, sign: float, x0: float, x1: float) -> f
     return float(np.sqrt(x0 * x0 + x1 * x1) / lean) if lean > TINY else 0.0
 
 
-@bare
+@inlined
 def climb_three(
     arena: Any, face: int, rules: Any, scene: Any, t: int, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:

@@ -26,10 +26,11 @@ from inscrutable.kernels.faces import (
     row_value,
     settle,
 )
-from inscrutable.kernels.options import bare, kernel, part, woven
+from inscrutable.kernels.options import bare, kernel, part, whole, woven
 from inscrutable.kernels.projection import NO_EQUALITIES, carved, project_in, room_for
 
-_FIRST_TURNS, _LATER_TURNS, _NO_TURNS = np.int64(8), np.int64(3), np.int64(0)  # Newton steps onto the rows, from a start and from a step's end
+# Newton steps onto the rows: from a start, from a step's end, and to see whether they hold.
+_FIRST_TURNS, _LATER_TURNS, _NO_TURNS = whole(8), whole(3), whole(0)
 _TRIALS_A_ROUND = 6
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
 _SHORTER, _SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
@@ -255,7 +256,7 @@ def _curvature(
             add_row_curvature(curves, rows[r], y, factor, slopes, -weights[r], scratch, out)
 
 
-@woven
+@bare
 def _model(
     curves: Any,
     rows: Any,
@@ -350,9 +351,12 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
 
 
 @woven
-def _carved(memory: Any, n_states: int, k: int, m: int, count: int) -> Any:
-    """The arrays of a climb, out of its memory: by states and free coordinates, by rows, and by states alone."""
-    (flat, whole, bits), n = memory, n_states - 1
+def _room(n_states: int, k: int, m: int, count: int) -> Any:
+    """The arrays of a climb, out of one memory: by states and free coordinates, by rows, and by states alone."""
+    n = n_states - 1
+    floats = k * k + (3 * n_states + 2) * k + n_states * n_states + 3 * n_states + 2 * n + 2 * n * n
+    floats += 2 * count * n + 5 * count + (n + 1) * (2 * n + 4) + n
+    flat, whole, bits = np.empty(floats), np.empty(n + 1, dtype=np.int64), np.empty(count + m, dtype=np.bool_)
     factor, at = flat[: k * k].reshape((k, k)), k * k
     gradients, at = flat[at : at + n_states * k].reshape((n_states, k)), at + n_states * k
     slopes, at = flat[at : at + n_states * k].reshape((n_states, k)), at + n_states * k
@@ -376,14 +380,14 @@ def _carved(memory: Any, n_states: int, k: int, m: int, count: int) -> Any:
     )
 
 
-@woven
-def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int, memory: Any) -> float:
-    """`climb` with memory given: as many floats, integers and truth values as `climb_sizes` says."""
+@kernel
+def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
+    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
     n_states, n = rules.basis.shape
     k, m = w.size - 1, rows.shape[0]
     has_budget = aim.limit < np.inf
     count = m + 1 if has_budget else m
-    places, steps, sides_of = _carved(memory, n_states, k, m, count)
+    places, steps, sides_of = _room(n_states, k, m, count)
     factor, gradients, slopes, scratch, full, budget, trial, normal = places
     step, slope, hessian, half = steps
     units, turned, sides, moved, lengths, weights, stretch, room, live = sides_of
@@ -439,20 +443,3 @@ def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, round
                 y[i] = trial[i]
     settle(curves, y, rules.pivot, w, factor, gradients, slopes)
     return best
-
-
-@woven
-def climb_sizes(n_states: int, k: int, m: int) -> tuple[int, int, int]:
-    """How many floats, integers and truth values a climb needs with k free coordinates and m rows."""
-    n, count = n_states - 1, m + 1
-    floats = k * k + (3 * n_states + 2) * k + n_states * n_states + 3 * n_states + 2 * n + 2 * n * n
-    floats += 2 * count * n + 5 * count + (n + 1) * (2 * n + 4) + n
-    return floats, n + 1, 2 * count
-
-
-@kernel
-def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
-    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
-    floats, integers, bits = climb_sizes(y.size, w.size - 1, rows.shape[0])
-    memory = (np.empty(floats), np.empty(integers, dtype=np.int64), np.empty(bits, dtype=np.bool_))
-    return climb_in(curves, rows, aim, rules, y, w, rounds, memory)

@@ -17,10 +17,11 @@ import numpy as np
 
 from inscrutable.kernels.climb import quadratic_step
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import kernel, part, whole
 from inscrutable.kernels.projection import project
 from inscrutable.kernels.set_distance import cost_at, nearest_belief
 
+_NONE = whole(0)
 _WITNESS = 1e-2
 _ACROSS = 3.0
 _GROWTH = 2.0
@@ -37,7 +38,7 @@ def set_distance_model(
     normals, moves = np.zeros((n, n)), np.zeros((n, k))
     chosen = np.empty(n, dtype=np.int64)
     gram, eta = np.empty((n, n)), np.zeros(n)
-    q = np.int64(0)
+    q = _NONE
     for r in range(active.size):
         if not active[r] or q == n:
             continue

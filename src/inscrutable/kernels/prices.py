@@ -8,9 +8,11 @@ import numpy as np
 
 from inscrutable.kernels.face_ascent import cost_model, set_distance_model
 from inscrutable.kernels.faces import regret_slope, row_slope, row_value, settle
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import kernel, part, whole
 from inscrutable.kernels.projection import NO_EQUALITIES, project
 from inscrutable.kernels.set_distance import cost_at, nearest_belief
+
+_NONE = whole(0)
 
 
 @part
@@ -61,7 +63,7 @@ def _price_by_decoys(
     if not settle(curves, y, rules.pivot, trial, factor, gradients, slopes):
         return np.nan
     n = rules.basis.shape[1]
-    units, pull, count = np.empty((m + 1, n)), np.zeros(n), np.int64(0)
+    units, pull, count = np.empty((m + 1, n)), np.zeros(n), _NONE
     regret_slope(aim.belief, gradients, slopes, slope)
     length = _add_line(slope, rules.basis, -1.0, units, count)
     count += 1
@@ -90,7 +92,7 @@ def _price_by_sets(
     slope, hessian, cost_slope, bend = np.zeros(k), np.empty((k, k)), np.empty(k), np.empty((k, k))
     set_distance_model(held, aim.point, rules.basis, w, member, active, slope, hessian)
     cost_model(curves, aim.belief, w, cost_slope, bend)
-    units, count, same = np.empty((m + 1, k)), np.int64(0), np.zeros((k, k))
+    units, count, same = np.empty((m + 1, k)), _NONE, np.zeros((k, k))
     for a in range(k):
         same[a, a] = 1.0
     length = _add_line(cost_slope, same, -1.0, units, count)

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, kernel, part, woven
+from inscrutable.kernels.options import bare, kernel, part, whole, woven
 
-NO_EQUALITIES = np.int64(0)
-"""Not an `int`: kernels are compiled once more for every plain number that they are called with."""
+NO_EQUALITIES = whole(0)
+_NONE = whole(0)
 
 
 class ProjectionRoom(NamedTuple):
@@ -126,7 +126,7 @@ def project_in(
     for r in range(n_rows):
         multipliers[r] = 0.0
         entered[r] = False
-    n_active = np.int64(0)
+    n_active = _NONE
     for _ in range(20 + 4 * n_rows):
         new = _most_violated(rows, sides, n_rows, n_equal, x, near, entered)
         if new < 0:

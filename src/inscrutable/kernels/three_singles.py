@@ -168,9 +168,7 @@ def singles_three(
             limit = scene.limits[t, c] * rules.inside
             best = _known(plane, scene, t, limit, known)
             if limit > 0.0 and best.name != TARGET:
-                best = _climb_best(
-                    plane, arena, rules, scene, t, limit, best, last[c], (bounds, values, on, heap)
-                )
+                best = _climb_best(plane, arena, rules, scene, t, limit, best, last[c], (bounds, values, on, heap))
             last[c, 0] = best.face if best.name >= POLISHED else -1
             last[c, 1], last[c, 2], last[c, 3] = best.z0, best.z1, best.price
             number = best.name

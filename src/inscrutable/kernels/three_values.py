@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare_kernel, inlined
+from inscrutable.kernels.options import bare_kernel, woven
 from inscrutable.kernels.three_states import CURVE_AT, N_ROWS, ROW_AT, SIZE, Ground, decide_three
 
 MOST_FACES = 64
 
 
-@inlined
+@woven
 def _is_optimal(ground: Ground, face: int, pivot: float, y0: float, y1: float, y2: float, on: Any) -> bool:
     """Whether the decision of y lies on a face; w is left in the first row of `on`."""
     k, m = ground.faces[face, SIZE], ground.faces[face, N_ROWS]

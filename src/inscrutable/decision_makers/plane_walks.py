@@ -16,7 +16,7 @@ from inscrutable.kernels.three_states import bench
 from inscrutable.kernels.three_values import state_costs_three
 from inscrutable.validation import Array
 
-_CHUNK = 2048
+_CHUNK = 1024
 
 
 def walk_lotteries(

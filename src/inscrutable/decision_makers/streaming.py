@@ -14,7 +14,7 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.face_search import rules_for
 from inscrutable.decision_makers.plane import plane_of
-from inscrutable.decision_makers.plane_walks import walk_lotteries, walk_state_costs, walking_order
+from inscrutable.decision_makers.plane_walks import walk_costs, walk_lotteries, walking_order
 from inscrutable.decision_makers.results import Progress
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
@@ -197,9 +197,9 @@ def scene_of(
 ) -> Scene:
     """Return what the searches of the lotteries of beliefs (T,X) start from; `walk` is the plane and the order of a walk."""
     beliefs, points = np.ascontiguousarray(beliefs), np.ascontiguousarray(aims.points)
-    count, (plane, order) = len(beliefs), walk
+    count = len(beliefs)
     if known is None:
-        costs = np.einsum("tx,tx->t", best_state_costs(problem, beliefs, plane, order)[0], beliefs)
+        costs, _ = best_costs(problem, beliefs, beliefs, walk)
     else:
         costs = np.full(count, known.optimal_cost)
     limits = np.empty((count, len(aims.budgets)))
@@ -210,24 +210,25 @@ def scene_of(
     if aims.sign < 0:
         privacies = -np.linalg.norm(points - beliefs, axis=1)
         # Nothing is nearer to a target than the decision that the target itself makes optimal.
-        costs_there, barred = best_state_costs(problem, points, plane, order)
-        target_regrets = np.maximum(np.einsum("tx,tx->t", costs_there, beliefs) - costs, 0.0)
+        costs_there, barred = best_costs(problem, points, beliefs, walk)
+        target_regrets = np.maximum(costs_there - costs, 0.0)
         target_regrets[barred] = np.inf
     if known is not None and known.privacy > privacies[0]:
         name, regrets, privacies = KNOWN, np.minimum(known.regret, limits[:, 0]), np.full(count, known.privacy)
     return Scene(beliefs, points, aims.sign, costs, limits, name, regrets, privacies, target_regrets)
 
 
-def best_state_costs(
-    problem: QuadraticProblem, beliefs: Array, plane: Plane | None, order: np.ndarray
+def best_costs(
+    problem: QuadraticProblem, decoys: Array, beliefs: Array, walk: tuple[Plane | None, np.ndarray]
 ) -> tuple[Array, np.ndarray]:
-    """Return the state costs (T,X) of the optimal decisions of beliefs (T,X), and where these are not admissible."""
-    costs = np.full(beliefs.shape, np.nan) if plane is None else walk_state_costs(plane, beliefs, order)
-    left = np.isnan(costs[:, 0]).nonzero()[0]
+    """Return the costs (T,) under beliefs (T,X) of the optimal decisions of decoys (T,X), and which are not admissible."""
+    plane, order = walk
+    costs = np.full(len(beliefs), np.nan) if plane is None else walk_costs(plane, decoys, beliefs, order)
+    left = np.isnan(costs).nonzero()[0]
     if not len(left):
         return costs, left
-    actions = problem.solve_rows(np.ascontiguousarray(beliefs[left]))
-    costs[left] = problem.state_costs(actions)
+    actions = problem.solve_rows(np.ascontiguousarray(decoys[left]))
+    costs[left] = (problem.state_costs(actions) * beliefs[left]).sum(axis=1)
     return costs, left[~problem.constraints.is_admissible(actions)]
 
 

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.kernels.lanes import LANES, blank, entry, inverse, load, magnitude, some, spread, store, where
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import kernel, part, woven
 
 _ROUNDS = 60  # block exchanges before a belief is left to another method; three to six are usual
 _PATIENCE = 3.0  # exchanges in a row that may fail to lower the number of offenders
@@ -76,7 +76,7 @@ def _back(matrix: Any, n: int, row: int) -> None:
             store(matrix, row + k, load(matrix, row + k) - load(matrix, i * n + k) * x)
 
 
-@part
+@woven
 def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
     """Put u at its bounds, and at zero where free; list what is free in some lane and what is held in some."""
     lower, upper = region[0], region[1]
@@ -94,7 +94,7 @@ def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
     return n, n_held
 
 
-@part
+@woven
 def _assemble(belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: int, matrix: Any, n_equal: int) -> None:
     """H_FF over A_F; a coordinate not free in a lane has a row of the unit matrix and of zeros there."""
     size, n_states = state.shape[0], belief.shape[0]
@@ -163,7 +163,7 @@ def _residual(belief: Any, costs: Any, region: Any, rows: Any, n_rows: int, room
     store(lanes, _SCALE, largest)
 
 
-@part
+@woven
 def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: float, room: Any) -> None:
     """One Newton step of u and ν on the guessed face: from u_F = 0 to its minimiser, then again for the rounding.
 
@@ -201,7 +201,7 @@ def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: f
         store(u, free[a], load(u, free[a]) + load(matrix, last + a))
 
 
-@part
+@woven
 def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
     """Move what is free outside its bounds, by more than `near`, or held there against its multiplier; is there any?"""
     u, reduced, _, moved, _, _, lanes, _, _, _ = room
@@ -234,7 +234,7 @@ def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
     return True
 
 
-@part
+@woven
 def _settle(belief: Any, costs: Any, region: Any, state: Any, near: float, n: int, room: Any) -> Any:
     """Put u inside its bounds, exactly on those it is near; sound where H u + g = A'ν on F and A u = b still hold."""
     u, reduced, _, _, _, _, lanes, _, free, _ = room
@@ -261,7 +261,7 @@ def _settle(belief: Any, costs: Any, region: Any, state: Any, near: float, n: in
     store(lanes, _SOUND, good)
 
 
-@part
+@woven
 def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, factors: Any, room: Any) -> Any:
     """Exchange until no lane offends; the minimisers are then in the room, where `_SOUND` holds."""
     pivot, near = limits
@@ -294,7 +294,7 @@ def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, 
     return matrix
 
 
-@part
+@woven
 def _sides_of(start: Any, region: Any, state: Any) -> None:
     """−1, 0, +1 for each coordinate of a decision at its lower bound, between, at its upper bound, in every lane."""
     for j in range(start.size):

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import kernel, part, woven
 
 LARGER = 2
 """Dimension reported for whatever is not empty, a point or a segment."""
@@ -61,7 +61,7 @@ def room_for(n_rows: int, n_states: int) -> Any:
     )
 
 
-@part
+@woven
 def _rotate(matrix: Any, n_rows: int, p: int, q: int, cosine: float, sine: float) -> None:
     for r in range(n_rows):
         first, second = matrix[r, p], matrix[r, q]
@@ -69,7 +69,7 @@ def _rotate(matrix: Any, n_rows: int, p: int, q: int, cosine: float, sine: float
         matrix[r, q] = sine * first + cosine * second
 
 
-@part
+@woven
 def _orthogonalise(room: Any, n_rows: int, rounding: float) -> None:
     """Rotate the columns until they are orthogonal, then sort them by rising length."""
     columns, turn, lengths = room.columns, room.turn, room.lengths
@@ -112,7 +112,7 @@ def _orthogonalise(room: Any, n_rows: int, rounding: float) -> None:
             b -= 1
 
 
-@part
+@woven
 def _project(equalities: Any, n_rows: int, basis: Any, room: Any) -> None:
     """columns = P B, target = −P 1/X."""
     n_states, free = basis.shape
@@ -128,7 +128,7 @@ def _project(equalities: Any, n_rows: int, basis: Any, room: Any) -> None:
             room.columns[r, a] = total
 
 
-@part
+@woven
 def _residual(equalities: Any, n_rows: int, room: Any, rank: float) -> float:
     """What no belief can remove: a step along a free direction removes at most σ times the simplex's size."""
     worst = 0.0
@@ -176,7 +176,7 @@ def hull_of(equalities: Any, n_rows: int, basis: Any, limits: Any, room: Any) ->
     return (n_free if residual <= limits.explained else -1), residual, noise
 
 
-@part
+@woven
 def band(room: Any, axis: int, explained: float) -> tuple[float, float]:
     """Lowest and highest coordinate along a free direction at which the residual stays below the tolerance."""
     length = room.lengths[axis]
@@ -185,7 +185,7 @@ def band(room: Any, axis: int, explained: float) -> tuple[float, float]:
     return (room.aligned[axis] - explained) / length, (room.aligned[axis] + explained) / length
 
 
-@part
+@woven
 def along(rows: Any, n_rows: int, r: int, vector: Any) -> float:
     """Row r of Q, or of π ≥ 0 after the last one, times a vector."""
     if r >= n_rows:
@@ -196,7 +196,7 @@ def along(rows: Any, n_rows: int, r: int, vector: Any) -> float:
     return total
 
 
-@part
+@woven
 def _onto_simplex(room: Any, step: float, out: Any) -> None:
     """out = the point at `step` on the first direction, which lies on the simplex up to rounding, put on it."""
     total = 0.0
@@ -211,7 +211,7 @@ def _onto_simplex(room: Any, step: float, out: Any) -> None:
             out[x] /= total
 
 
-@part
+@woven
 def _cut_segment(rows: Any, n_rows: int, noise: float, limits: Any, room: Any) -> tuple[bool, float, float]:
     """Whether the inequalities leave something of a line, and from where to where."""
     low, high = band(room, 0, limits.explained)

@@ -26,10 +26,11 @@ from inscrutable.kernels.faces import (
     row_value,
     settle,
 )
-from inscrutable.kernels.options import bare, kernel, part
-from inscrutable.kernels.projection import carved, project_in, room_for
+from inscrutable.kernels.options import bare, kernel, part, whole, woven
+from inscrutable.kernels.projection import NO_EQUALITIES, carved, project_in, room_for
 
-_FIRST_TURNS, _LATER_TURNS = 8, 3  # Newton steps onto the rows, from a start and from a step's end
+# Newton steps onto the rows: from a start, from a step's end, and to see whether they hold.
+_FIRST_TURNS, _LATER_TURNS, _NO_TURNS = whole(8), whole(3), whole(0)
 _TRIALS_A_ROUND = 6
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
 _SHORTER, _SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
@@ -59,7 +60,7 @@ class Rules(NamedTuple):
     basis: Any  # (X, n) orthonormal, columns sum to zero
 
 
-@bare
+@woven
 def _loss(aim: Any, y: Any, regret: float) -> float:
     total = 0.0
     for i in range(y.size):
@@ -69,7 +70,7 @@ def _loss(aim: Any, y: Any, regret: float) -> float:
     return float(-aim.sign * np.sqrt(total) + aim.price * regret)
 
 
-@bare
+@woven
 def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
     """The largest violation of any row, and of the budget relative to itself; rows that come near are marked live."""
     worst = max(over, 0.0)
@@ -81,7 +82,7 @@ def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
     return worst
 
 
-@bare
+@woven
 def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, lengths: Any, r: int) -> None:
     """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length; a flat one is void."""
     n = basis.shape[1]
@@ -132,7 +133,7 @@ def _linearise(
         _write_row(slope, left, basis, units, sides, lengths, m)
 
 
-@bare
+@woven
 def _convexified(matrix: Any, n: int, factor: Any) -> None:
     """Factor matrix + shift, with the least of a few shifts that makes it positive definite."""
     size = 0.0
@@ -207,7 +208,7 @@ def quadratic_step_in(
             turned[r, i] /= length
         moved[r] = sides[r] / length
         lengths[r] = length
-    if not project_in(turned, moved, sides.size, 0, near, step, weights, room):
+    if not project_in(turned, moved, sides.size, NO_EQUALITIES, near, step, weights, room):
         return False
     for r in range(sides.size):
         weights[r] /= lengths[r]
@@ -218,7 +219,7 @@ def quadratic_step_in(
     return True
 
 
-@bare
+@woven
 def _curvature(
     curves: Any,
     rows: Any,
@@ -323,13 +324,13 @@ def _restore(
         regret_slope(aim.belief, gradients, slopes, budget)
         _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths, normal, live)
         step[:] = 0.0
-        if not project_in(units, sides, sides.size, 0, 0.01 * rules.near, step, moved, room):
+        if not project_in(units, sides, sides.size, NO_EQUALITIES, 0.01 * rules.near, step, moved, room):
             return False, regret
         _move(rules.basis, y, step, 1.0, y)
     return False, regret
 
 
-@bare
+@woven
 def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
     """out = origin + share·basis step."""
     for i in range(origin.size):
@@ -339,7 +340,7 @@ def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
         out[i] = total
 
 
-@bare
+@woven
 def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     """The budget's multiplier if its slope were along y − p: a first guess."""
     length, lean = 0.0, 0.0
@@ -349,10 +350,13 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 
 
-@bare
-def _carved(memory: Any, n_states: int, k: int, m: int, count: int) -> Any:
-    """The arrays of a climb, out of its memory: by states and free coordinates, by rows, and by states alone."""
-    (flat, whole, bits), n = memory, n_states - 1
+@woven
+def _room(n_states: int, k: int, m: int, count: int) -> Any:
+    """The arrays of a climb, out of one memory: by states and free coordinates, by rows, and by states alone."""
+    n = n_states - 1
+    floats = k * k + (3 * n_states + 2) * k + n_states * n_states + 3 * n_states + 2 * n + 2 * n * n
+    floats += 2 * count * n + 5 * count + (n + 1) * (2 * n + 4) + n
+    flat, whole, bits = np.empty(floats), np.empty(n + 1, dtype=np.int64), np.empty(count + m, dtype=np.bool_)
     factor, at = flat[: k * k].reshape((k, k)), k * k
     gradients, at = flat[at : at + n_states * k].reshape((n_states, k)), at + n_states * k
     slopes, at = flat[at : at + n_states * k].reshape((n_states, k)), at + n_states * k
@@ -376,14 +380,14 @@ def _carved(memory: Any, n_states: int, k: int, m: int, count: int) -> Any:
     )
 
 
-@bare
-def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int, memory: Any) -> float:
-    """`climb` with memory given: as many floats, integers and truth values as `climb_sizes` says."""
+@kernel
+def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
+    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
     n_states, n = rules.basis.shape
     k, m = w.size - 1, rows.shape[0]
     has_budget = aim.limit < np.inf
     count = m + 1 if has_budget else m
-    places, steps, sides_of = _carved(memory, n_states, k, m, count)
+    places, steps, sides_of = _room(n_states, k, m, count)
     factor, gradients, slopes, scratch, full, budget, trial, normal = places
     step, slope, hessian, half = steps
     units, turned, sides, moved, lengths, weights, stretch, room, live = sides_of
@@ -431,7 +435,7 @@ def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, round
         # The distance has a kink at the point itself, where steps by slopes do not end.
         for i in range(n_states):
             trial[i] = aim.point[i]
-        allowed, regret = _restore(curves, rows, aim, rules, 0, trial, w, place, lines)
+        allowed, regret = _restore(curves, rows, aim, rules, _NO_TURNS, trial, w, place, lines)
         loss = _loss(aim, trial, regret)
         if allowed and loss < best:
             best = loss
@@ -439,20 +443,3 @@ def climb_in(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, round
                 y[i] = trial[i]
     settle(curves, y, rules.pivot, w, factor, gradients, slopes)
     return best
-
-
-@bare
-def climb_sizes(n_states: int, k: int, m: int) -> tuple[int, int, int]:
-    """How many floats, integers and truth values a climb needs with k free coordinates and m rows."""
-    n, count = n_states - 1, m + 1
-    floats = k * k + (3 * n_states + 2) * k + n_states * n_states + 3 * n_states + 2 * n + 2 * n * n
-    floats += 2 * count * n + 5 * count + (n + 1) * (2 * n + 4) + n
-    return floats, n + 1, 2 * count
-
-
-@kernel
-def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
-    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
-    floats, integers, bits = climb_sizes(y.size, w.size - 1, rows.shape[0])
-    memory = (np.empty(floats), np.empty(integers, dtype=np.int64), np.empty(bits, dtype=np.bool_))
-    return climb_in(curves, rows, aim, rules, y, w, rounds, memory)

@@ -17,10 +17,11 @@ import numpy as np
 
 from inscrutable.kernels.climb import quadratic_step
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import kernel, part, whole
 from inscrutable.kernels.projection import project
 from inscrutable.kernels.set_distance import cost_at, nearest_belief
 
+_NONE = whole(0)
 _WITNESS = 1e-2
 _ACROSS = 3.0
 _GROWTH = 2.0
@@ -37,7 +38,7 @@ def set_distance_model(
     normals, moves = np.zeros((n, n)), np.zeros((n, k))
     chosen = np.empty(n, dtype=np.int64)
     gram, eta = np.empty((n, n)), np.zeros(n)
-    q = 0
+    q = _NONE
     for r in range(active.size):
         if not active[r] or q == n:
             continue
@@ -58,8 +59,10 @@ def set_distance_model(
             gram[r, t] = 0.0
             for c in range(n):
                 gram[r, t] += normals[r, c] * normals[t, c]
-    slope[:k] = 0.0
-    hessian[:k, :k] = 0.0
+    for a in range(k):
+        slope[a] = 0.0
+        for b in range(k):
+            hessian[a, b] = 0.0
     if not cholesky(gram, q, 1e-13):
         return
     solve_factored(gram, q, eta)
@@ -76,7 +79,8 @@ def set_distance_model(
             for c in range(n):
                 moves[r, a] += normals[r, c] * twist[a, c]
     for b in range(k):
-        column[:q] = moves[:q, b]
+        for r in range(q):
+            column[r] = moves[r, b]
         solve_factored(gram, q, column)
         for a in range(k):
             for r in range(q):

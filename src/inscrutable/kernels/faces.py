@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare_kernel, kernel
+from inscrutable.kernels.options import bare_kernel, kernel, woven
 
 
 @bare_kernel
@@ -114,7 +114,7 @@ def decide_on_face(
     return True
 
 
-@bare_kernel
+@woven
 def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
     """Σ π_i ½ w'C_i w, from the gradients."""
     k = w.size - 1
@@ -127,7 +127,7 @@ def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
     return total
 
 
-@bare_kernel
+@woven
 def regret_slope(belief: Any, gradients: Any, slopes: Any, out: Any) -> None:
     """∂ρ/∂y = −T (G'π)."""
     n_states, k = gradients.shape
@@ -141,7 +141,7 @@ def regret_slope(belief: Any, gradients: Any, slopes: Any, out: Any) -> None:
             out[i] -= total * slopes[i, a]
 
 
-@bare_kernel
+@woven
 def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
     """out += weight (T D' + D T')."""
     n_states, k = slopes.shape
@@ -155,7 +155,7 @@ def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
                 out[j, i] += weight * total
 
 
-@bare_kernel
+@woven
 def add_regret_curvature(
     curves: Any, belief: Any, y: Any, gradients: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:
@@ -183,7 +183,7 @@ def add_regret_curvature(
     add_symmetric(slopes, scratch[:n_states], weight, out)
 
 
-@bare_kernel
+@woven
 def row_value(row: Any, y: Any, w: Any) -> float:
     """Σ y_i R_i·w for a row (X, k+1)."""
     total = 0.0
@@ -195,7 +195,7 @@ def row_value(row: Any, y: Any, w: Any) -> float:
     return total
 
 
-@bare_kernel
+@woven
 def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
     """R_i·w − b·T_i for every state i."""
     n_states, k = slopes.shape
@@ -213,7 +213,7 @@ def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
                 out[i] -= b * slopes[i, a]
 
 
-@bare_kernel
+@woven
 def add_row_curvature(
     curves: Any, row: Any, y: Any, factor: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:

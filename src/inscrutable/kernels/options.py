@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -41,5 +42,11 @@ def inlined(function: Function) -> Function:
 
 
 def woven(function: Function) -> Function:
-    """Copy a loop into its callers before they are compiled: it is taken by the lane there as if it were written there."""
-    return cast(Function, _njit(**_options, no_cpython_wrapper=True, inline="always", _nrt=False)(function))
+    """Copy a function into its callers before they are compiled, as if it were written there: a loop is then taken by the
+    lane, and what is called once is compiled once. Copies of large functions that hold copies are slow to make."""
+    return cast(Function, _njit(**_options, inline="always", _nrt=False)(function))
+
+
+def whole(number: int) -> int:
+    """A whole number of no type of its own: kernels are compiled anew for every plain one that they are called with."""
+    return cast(int, np.int64(number))

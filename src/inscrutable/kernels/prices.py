@@ -8,9 +8,11 @@ import numpy as np
 
 from inscrutable.kernels.face_ascent import cost_model, set_distance_model
 from inscrutable.kernels.faces import regret_slope, row_slope, row_value, settle
-from inscrutable.kernels.options import kernel, part
-from inscrutable.kernels.projection import project
+from inscrutable.kernels.options import kernel, part, whole
+from inscrutable.kernels.projection import NO_EQUALITIES, project
 from inscrutable.kernels.set_distance import cost_at, nearest_belief
+
+_NONE = whole(0)
 
 
 @part
@@ -31,7 +33,6 @@ def _add_line(slope: Any, basis: Any, sign: float, units: Any, count: int) -> fl
     return float(length)
 
 
-@kernel
 def budget_price(
     curves: Any, rows: Any, n_set_rows: int, scale: float, aim: Any, rules: Any, reach: float, y: Any, w: Any
 ) -> float:
@@ -42,25 +43,30 @@ def budget_price(
     by projection of ∇Ψ on the cone of the directions that budget and rows leave; 0 where the budget is not spent.
     Larger sets are followed in the decision's coordinates, single beliefs in the decoy's.
     """
-    n_states = y.size
-    k, m = w.size - 1, rows.shape[0]
-    total = 0.0
-    for i in range(n_states):
-        total += (y[i] - aim.point[i]) ** 2
-    distance = np.sqrt(total)
+    k = w.size - 1
+    distance = float(np.linalg.norm(y - aim.point))
     spare = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
     if spare > reach * aim.limit or not distance > 0.0:
         return 0.0
-    if k < rules.basis.shape[1] and aim.sign > 0.0:
-        return _price_by_sets(curves, rows, n_set_rows, scale, aim, rules, reach, distance, w)
+    if k >= rules.basis.shape[1] or not aim.sign > 0.0:
+        return _price_by_decoys(curves, rows, aim, rules, reach, distance, y, w)
+    return _price_by_sets(curves, rows, n_set_rows, scale, aim, rules, reach, distance, w) if k > 0 else 0.0
+
+
+@kernel
+def _price_by_decoys(
+    curves: Any, rows: Any, aim: Any, rules: Any, reach: float, distance: float, y: Any, w: Any
+) -> float:
+    n_states, k, m = y.size, w.size - 1, rows.shape[0]
     factor, gradients, slopes = np.empty((k, k)), np.empty((n_states, k)), np.empty((n_states, k))
-    trial, slope = w.copy(), np.empty(n_states)
+    trial, slope = np.empty(k + 1), np.empty(n_states)
     if not settle(curves, y, rules.pivot, trial, factor, gradients, slopes):
         return np.nan
     n = rules.basis.shape[1]
-    units, pull, count = np.empty((m + 1, n)), np.zeros(n), 1
+    units, pull, count = np.empty((m + 1, n)), np.zeros(n), _NONE
     regret_slope(aim.belief, gradients, slopes, slope)
-    length = _add_line(slope, rules.basis, -1.0, units, 0)
+    length = _add_line(slope, rules.basis, -1.0, units, count)
+    count += 1
     for r in range(m):
         if row_value(rows[r], y, trial) <= reach:
             row_slope(rows[r], y, trial, slopes, slope)
@@ -71,24 +77,26 @@ def budget_price(
     return _weight_of_first(units, count, pull, length)
 
 
-@part
+@kernel
 def _price_by_sets(
     curves: Any, rows: Any, n_set_rows: int, scale: float, aim: Any, rules: Any, reach: float, distance: float, w: Any
 ) -> float:
     n_states, k, m = aim.point.size, w.size - 1, rows.shape[0]
-    if k == 0:
-        return 0.0
     held = np.empty((k + n_set_rows, n_states, k + 1))
-    for a in range(k):
-        held[a] = curves[:, a] / scale
-    held[k:] = rows[:n_set_rows]
+    for r in range(k + n_set_rows):
+        for i in range(n_states):
+            for c in range(k + 1):
+                held[r, i, c] = curves[i, r, c] / scale if r < k else rows[r - k, i, c]
     active, member = np.empty(k + n_set_rows, dtype=np.bool_), np.empty(n_states)
     nearest_belief(curves, rows[:n_set_rows], scale, w, aim.point, rules, member, active)
     slope, hessian, cost_slope, bend = np.zeros(k), np.empty((k, k)), np.empty(k), np.empty((k, k))
     set_distance_model(held, aim.point, rules.basis, w, member, active, slope, hessian)
     cost_model(curves, aim.belief, w, cost_slope, bend)
-    units, count, same = np.empty((m + 1, k)), 1, np.eye(k)
-    length = _add_line(cost_slope, same, -1.0, units, 0)
+    units, count, same = np.empty((m + 1, k)), _NONE, np.zeros((k, k))
+    for a in range(k):
+        same[a, a] = 1.0
+    length = _add_line(cost_slope, same, -1.0, units, count)
+    count += 1
     for r in range(n_set_rows, m):
         if row_value(rows[r], member, w) <= reach:
             count += _add_line(rows[r, 0, :k], same, 1.0, units, count) > 0.0
@@ -103,6 +111,6 @@ def _weight_of_first(units: Any, count: int, pull: Any, length: float) -> float:
     if not length > 0.0:
         return np.nan
     multipliers = np.zeros(count)
-    if not project(units[:count], np.zeros(count), count, 0, 1e-12, pull, multipliers):
+    if not project(units[:count], np.zeros(count), count, NO_EQUALITIES, 1e-12, pull, multipliers):
         return np.nan
     return float(multipliers[0] / length)

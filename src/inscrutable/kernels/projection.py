@@ -11,7 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, kernel, part
+from inscrutable.kernels.options import bare, kernel, part, whole, woven
+
+NO_EQUALITIES = whole(0)
+_NONE = whole(0)
 
 
 class ProjectionRoom(NamedTuple):
@@ -27,7 +30,7 @@ class ProjectionRoom(NamedTuple):
     normal: Any  # (n,)
 
 
-@bare
+@woven
 def carved(flat: Any, whole: Any, bits: Any, size: int, n_rows: int) -> ProjectionRoom:
     """Return the memory of projections out of given arrays: (n+1)(2n+4) + n floats, n+1 integers and m truth values."""
     one = size + 1
@@ -48,7 +51,7 @@ def room_for(size: int, n_rows: int) -> ProjectionRoom:
     )  # fmt: skip
 
 
-@bare
+@woven
 def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) -> None:
     """basis (q,n) and upper triangle R with rows[active]' = basis' R, by modified Gram-Schmidt."""
     size = rows.shape[1]
@@ -71,7 +74,7 @@ def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) 
             basis[c, i] /= length
 
 
-@bare
+@woven
 def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, along: Any) -> float:
     """across = (I − QQ')n, along = R⁻¹Q'n; returns ‖across‖²."""
     size = normal.size
@@ -94,7 +97,7 @@ def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, alon
     return total
 
 
-@bare
+@woven
 def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, near: float, entered: Any) -> int:
     worst, least = -1, near
     for r in range(n_rows):
@@ -123,7 +126,7 @@ def project_in(
     for r in range(n_rows):
         multipliers[r] = 0.0
         entered[r] = False
-    n_active = 0
+    n_active = _NONE
     for _ in range(20 + 4 * n_rows):
         new = _most_violated(rows, sides, n_rows, n_equal, x, near, entered)
         if new < 0:

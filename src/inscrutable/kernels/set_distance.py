@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, kernel
+from inscrutable.kernels.options import bare_kernel, kernel, woven
 from inscrutable.kernels.projection import carved, project_in
 
 
-@bare
+@woven
 def _equalities(
     curves: Any, scale: float, w: Any, rules: Any, units: Any, sides: Any, used: Any, work: Any, right: Any, row: Any
 ) -> int:
@@ -69,7 +69,7 @@ def _equalities(
     return n_equal
 
 
-@bare
+@woven
 def _inequalities(
     rows: Any, w: Any, rules: Any, first: int, units: Any, sides: Any, number: Any, coefficients: Any
 ) -> int:
@@ -105,15 +105,20 @@ def _inequalities(
     return last
 
 
-@bare
-def nearest_in(
-    curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any, memory: Any
+@kernel
+def nearest_belief(
+    curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any
 ) -> float:
-    """`nearest_belief` with memory given: as many floats, integers and truth values as `nearest_sizes` says."""
+    """Fill the consistent belief nearest to `point` (X,) and return its distance; infinite where there is none.
+
+    `rows` are the face's probabilities and multipliers, `scale` is the size of the gradients; `active` (k+m,) says which
+    equations and rows hold it there.
+    """
     n_states, n = rules.basis.shape
     m = rows.shape[0]
     k, most = w.size - 1, n + m
-    flat, whole, bits = memory
+    floats = most * (n + 2) + k * n + k + n_states + n + (n + 1) * (2 * n + 4) + n
+    flat, whole, bits = np.empty(floats), np.empty(m + n + 1, dtype=np.int64), np.empty(most, dtype=np.bool_)
     units, at = flat[: most * n].reshape((most, n)), most * n
     sides, multipliers, at = flat[at : at + most], flat[at + most : at + 2 * most], at + 2 * most
     work, at = flat[at : at + k * n].reshape((k, n)), at + k * n
@@ -150,28 +155,6 @@ def nearest_in(
         out[i] = total
         square += (total - point[i]) ** 2
     return float(np.sqrt(square))
-
-
-@bare
-def nearest_sizes(n_states: int, k: int, m: int) -> tuple[int, int, int]:
-    """How many floats, integers and truth values `nearest_in` needs with k free coordinates and m rows."""
-    n = n_states - 1
-    floats = (n + m) * (n + 2) + k * n + k + n_states + n + (n + 1) * (2 * n + 4) + n
-    return floats, m + n + 1, n + m
-
-
-@kernel
-def nearest_belief(
-    curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any
-) -> float:
-    """Fill the consistent belief nearest to `point` (X,) and return its distance; infinite where there is none.
-
-    `rows` are the face's probabilities and multipliers, `scale` is the size of the gradients; `active` (k+m,) says which
-    equations and rows hold it there.
-    """
-    floats, integers, bits = nearest_sizes(out.size, w.size - 1, rows.shape[0])
-    memory = (np.empty(floats), np.empty(integers, dtype=np.int64), np.empty(bits, dtype=np.bool_))
-    return nearest_in(curves, rows, scale, w, point, rules, out, active, memory)
 
 
 @bare_kernel

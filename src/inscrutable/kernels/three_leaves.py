@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined, woven
+from inscrutable.kernels.options import bare, woven
 from inscrutable.kernels.three_states import Ground, Here
 from inscrutable.tolerances import LENGTH, TINY
 
@@ -54,7 +54,7 @@ class Scene(NamedTuple):
     target_regrets: Any  # (T,) of the decision with the target among its beliefs; infinite where there is none
 
 
-@inlined
+@woven
 def here_of(scene: Scene, t: int) -> Here:
     """One belief of a scene."""
     b0, b1, b2 = scene.beliefs[t, 0], scene.beliefs[t, 1], scene.beliefs[t, 2]
@@ -127,7 +127,7 @@ def largest(values: Any) -> float:
     return float(top)
 
 
-@inlined
+@woven
 def cost_of_slot(slots: Any, here: Here, d: int) -> float:
     """π·s of the decision in a slot."""
     leaf, q = d // SLOTS, d % SLOTS
@@ -135,7 +135,7 @@ def cost_of_slot(slots: Any, here: Here, d: int) -> float:
     return float(b0 * slots[leaf, 0, q] + b1 * slots[leaf, 1, q] + b2 * slots[leaf, 2, q])
 
 
-@inlined
+@woven
 def judge_slot(slots: Any, here: Here, d: int) -> tuple[float, float]:
     """Regret and privacy of the decision in a slot."""
     leaf, q = d // SLOTS, d % SLOTS
@@ -147,7 +147,7 @@ def judge_slot(slots: Any, here: Here, d: int) -> tuple[float, float]:
     return max(regret, 0.0), here.sign * np.sqrt(x0 * x0 + x1 * x1)
 
 
-@inlined
+@woven
 def live_leaves(bounds: Any, count: int, floor: float, live: Any) -> int:
     """List the leaves whose bound exceeds `floor`, without a branch: how many there are."""
     n = 0

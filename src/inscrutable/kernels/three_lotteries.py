@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, inlined
+from inscrutable.kernels.options import bare_kernel, woven
 from inscrutable.kernels.three_leaves import (
     ABSENT,
     FIRST_POLYGON,
@@ -24,18 +24,15 @@ from inscrutable.kernels.three_leaves import (
     here_of,
     judge_slot,
 )
-from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
+from inscrutable.kernels.three_sets import climb_edge, polygon_distance
 from inscrutable.kernels.three_states import (
-    CURVE_AT,
     LOCAL,
-    SEEN,
     SIZE,
     STATE_COSTS,
     Ground,
     Here,
     bench,
     climb_three,
-    decide_three,
     in_space,
 )
 from inscrutable.tolerances import CHORD, NEAR_ATOMS, SAME_PRICE
@@ -54,7 +51,7 @@ class Pair(NamedTuple):
     costs: Any  # (2,3) state costs, but of the target
 
 
-@bare
+@woven
 def _put(pair: Pair, side: int, name: int, face: int, z0: float, z1: float, regret: float, privacy: float) -> None:
     pair.name[side], pair.face[side] = name, face
     pair.place[side, 0], pair.place[side, 1] = z0, z1
@@ -63,14 +60,14 @@ def _put(pair: Pair, side: int, name: int, face: int, z0: float, z1: float, regr
         pair.name[1] = ABSENT
 
 
-@inlined
+@woven
 def _take_costs(pair: Pair, side: int, on: Any) -> None:
     """The state costs where the last climb ended."""
     for i in range(3):
         pair.costs[side, i] = on[LOCAL, STATE_COSTS + i]
 
 
-@inlined
+@woven
 def _put_climbed(
     pair: Pair, side: int, face: int, z0: float, z1: float, regret: float, privacy: float, on: Any
 ) -> None:
@@ -78,7 +75,7 @@ def _put_climbed(
     _put(pair, side, POLISHED, face, z0, z1, regret, privacy)
 
 
-@bare
+@woven
 def _judge(plane: Plane, here: Here, d: int, known: Any) -> tuple[float, float]:
     """Regret and privacy of the decision in a slot, or of a polygon."""
     b0, b1, b2 = here.b0, here.b1, here.b2
@@ -89,14 +86,14 @@ def _judge(plane: Plane, here: Here, d: int, known: Any) -> tuple[float, float]:
     return judge_slot(plane.slots, here, d)
 
 
-@bare
+@woven
 def _chord(pair: Pair) -> float:
     if pair.name[1] == ABSENT:
         return 0.0
     return float((pair.privacy[1] - pair.privacy[0]) / (pair.regret[1] - pair.regret[0]))
 
 
-@inlined
+@woven
 def climb_any(
     ground: Ground, face: int, rules: Any, here: Here, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:
@@ -104,30 +101,15 @@ def climb_any(
 
     aim: limit (infinite at a price), price.
     """
-    k, at = ground.faces[face, SIZE], ground.faces[face, CURVE_AT]
+    k = ground.faces[face, SIZE]
     if k >= 2:
         return climb_three(ground, face, rules, here, aim, z0, z1, on)
-    if k == 0:
-        return False, z0, z1, 0.0, 0.0, 0.0
-    y0, y1, y2 = in_space(rules.basis, z0, z1)
-    on[LOCAL, SEEN] = -1.0
-    if not decide_three(ground.curves, at, 1, rules.pivot, y0, y1, y2, on):
-        return False, z0, z1, 0.0, 0.0, 0.0
-    ok, v, regret, privacy, price = climb_line(ground, face, rules, here, aim, on[0, 0])
-    if ok:
-        q0, q1, q2 = in_space(rules.basis, here.p0, here.p1)
-        _, _, _, y0, y1, y2 = segment_of_line(ground, face, v, q0, q1, q2)
-        z0 = rules.basis[0, 0] * y0 + rules.basis[1, 0] * y1 + rules.basis[2, 0] * y2
-        z1 = rules.basis[0, 1] * y0 + rules.basis[1, 1] * y1 + rules.basis[2, 1] * y2
-        for i in range(3):
-            j = at + 4 * i
-            on[LOCAL, STATE_COSTS + i] = 0.5 * (
-                v * (ground.curves[j] * v + 2.0 * ground.curves[j + 1]) + ground.curves[j + 3]
-            )
-    return ok, z0, z1, regret, privacy, price
+    if k == 1:
+        return climb_edge(ground, face, rules, here, aim, z0, z1, on)
+    return False, z0, z1, 0.0, 0.0, 0.0
 
 
-@bare
+@woven
 def _copy(pair: Pair) -> None:
     """A becomes B as well."""
     pair.name[1], pair.face[1] = pair.name[0], pair.face[0]
@@ -136,38 +118,46 @@ def _copy(pair: Pair) -> None:
     pair.costs[1, 0], pair.costs[1, 1], pair.costs[1, 2] = pair.costs[0, 0], pair.costs[0, 1], pair.costs[0, 2]
 
 
-@inlined
+@woven
 def _polish(
     pair: Pair, ground: Ground, rules: Any, here: Here, aim: Any, near: float, seats: Any
 ) -> tuple[bool, float]:
     """Climb both atoms, or one where they are near each other: whether it is a single one now, and its price."""
     limit, price = aim
-    faces = pair.face
-    if pair.name[1] != ABSENT and faces[0] >= 0 and faces[0] == faces[1] and ground.faces[faces[0], SIZE] >= 1:
+    first, z0, z1 = 0, 0.0, 0.0
+    if pair.name[1] != ABSENT and pair.face[0] >= 0 and pair.face[0] == pair.face[1]:
         x0, x1 = pair.place[1, 0] - pair.place[0, 0], pair.place[1, 1] - pair.place[0, 1]
         if x0 * x0 + x1 * x1 < near * near:
             share = (limit - pair.regret[0]) / (pair.regret[1] - pair.regret[0])
             z0, z1 = pair.place[0, 0] + share * x0, pair.place[0, 1] + share * x1
-            ok, z0, z1, regret, privacy, reached = climb_any(ground, faces[0], rules, here, aim, z0, z1, seats[0])
-            if ok and privacy - price * regret >= pair.privacy[0] - price * pair.regret[0]:
-                pair.name[1] = ABSENT
-                _put_climbed(pair, 0, faces[0], z0, z1, regret, privacy, seats[0])
-                return True, reached
-    for side in range(2):
-        face = faces[side]
-        if pair.name[side] == ABSENT or face < 0 or ground.faces[face, SIZE] == 0:
+            first = -1
+    # One loop over the point between them, A and B: a climb is much code, and here it stands once.
+    for side in range(first, 2):
+        seat = max(side, 0)
+        face, most = pair.face[seat], limit
+        if side >= 0:
+            z0, z1, most = pair.place[side, 0], pair.place[side, 1], np.inf
+            if pair.name[side] == ABSENT or face < 0:
+                continue
+        if ground.faces[face, SIZE] == 0:
             continue
-        ok, z0, z1, regret, privacy, _ = climb_any(
-            ground, face, rules, here, (np.inf, price), pair.place[side, 0], pair.place[side, 1], seats[side]
-        )
+        ok, z0, z1, regret, privacy, reached = climb_any(ground, face, rules, here, (most, price), z0, z1, seats[seat])
+        if not ok:
+            continue
+        if side < 0:
+            if privacy - price * regret >= pair.privacy[0] - price * pair.regret[0]:
+                pair.name[1] = ABSENT
+                _put_climbed(pair, 0, face, z0, z1, regret, privacy, seats[0])
+                return True, reached
+            continue
         # One that leaves its side takes the other's place where it is better there.
         to = 0 if regret <= limit else 1
-        if ok and (pair.name[to] == ABSENT or privacy - price * regret >= pair.privacy[to] - price * pair.regret[to]):
+        if pair.name[to] == ABSENT or privacy - price * regret >= pair.privacy[to] - price * pair.regret[to]:
             _put_climbed(pair, to, face, z0, z1, regret, privacy, seats[side])
     return False, price
 
 
-@inlined
+@woven
 def _expected_price(pair: Pair, here: Here, away: float, price: float, known: Any) -> float:
     """The slope of the chord between the atoms of another belief, or `price` where that is none: off by the change's square."""
     run, rise = 0.0, 0.0
@@ -186,7 +176,7 @@ def _expected_price(pair: Pair, here: Here, away: float, price: float, known: An
     return rise / run if run > 0.0 and rise > 0.0 else price
 
 
-@inlined
+@woven
 def _follow(
     pair: Pair,
     single: bool,
@@ -231,7 +221,7 @@ def _follow(
     return pair.regret[0] <= limit < pair.regret[1] and pair.privacy[0] < pair.privacy[1], price
 
 
-@inlined
+@woven
 def _start(pair: Pair, scene: Scene, t: int, limit: float) -> None:
     """Begin with what is known beforehand."""
     pair.name[1] = ABSENT
@@ -241,7 +231,7 @@ def _start(pair: Pair, scene: Scene, t: int, limit: float) -> None:
         _put(pair, 0 if regret <= limit else 1, TARGET, -1, 0.0, 0.0, regret, 0.0)
 
 
-@inlined
+@woven
 def _is_beaten(pair: Pair, scene: Scene, t: int, limit: float, price: float) -> bool:
     """Whether the target or the decision known beforehand is worth more than the lottery's chord."""
     floor = pair.privacy[0] - price * pair.regret[0] + CHORD
@@ -251,7 +241,7 @@ def _is_beaten(pair: Pair, scene: Scene, t: int, limit: float, price: float) -> 
     return bool(scene.first_privacies[t] - price * scene.first_regrets[t] > floor)
 
 
-@inlined
+@woven
 def _take(pair: Pair, plane: Plane, d: int, limit: float, regret: float, privacy: float) -> None:
     """A decision found above the chord takes the place of A or of B."""
     side = 0 if regret <= limit else 1
@@ -267,7 +257,7 @@ def _take(pair: Pair, plane: Plane, d: int, limit: float, regret: float, privacy
         _put(pair, side, d, plane.face[d], plane.decoys[0, d], plane.decoys[1, d], regret, privacy)
 
 
-@inlined
+@woven
 def _settle_lottery(
     plane: Plane,
     rules: Any,
@@ -326,7 +316,7 @@ def _settle_lottery(
     return False, False, 0.0
 
 
-@inlined
+@woven
 def _write(plane: Plane, rules: Any, limit: float, single: bool, pair: Pair, t: int, c: int, out: Any) -> None:
     """Write the lottery of one belief and budget; a single decision is both atoms."""
     index, faces, places, regrets, privacies, probabilities, _, _ = out

@@ -10,8 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined
-from inscrutable.kernels.three_states import CURVE_AT, N_ROWS, N_SET_ROWS, ROW_AT, Ground, Here, in_space
+from inscrutable.kernels.options import bare, woven
+from inscrutable.kernels.three_states import (
+    CURVE_AT,
+    LOCAL,
+    N_ROWS,
+    N_SET_ROWS,
+    ROW_AT,
+    SEEN,
+    STATE_COSTS,
+    Ground,
+    Here,
+    in_space,
+)
 from inscrutable.tolerances import EXPLAINED, LENGTH, POLISH, TINY
 
 _SECTIONS = 40
@@ -23,7 +34,7 @@ _NOTHING = (False, 0.0, 0.0, 0.0, 0.0, 0.0)
 _NARROW = 1e-9  # share of the edge below which a bracket is closed
 
 
-@inlined
+@woven
 def _turning_end(
     rows: Any,
     j: int,
@@ -46,7 +57,7 @@ def _turning_end(
     return float((x[0] * (w0 - q0 * share) + x[1] * (w1 - q1 * share) + x[2] * (w2 - q2 * share)) / total)
 
 
-@inlined
+@woven
 def _ends(
     rows: Any, first: int, m: int, v: float, f: tuple[float, float, float], d: tuple[float, float, float]
 ) -> tuple[float, float, int, int]:
@@ -102,7 +113,7 @@ def segment_of_line(
     return True, distance, slope, x0 + p0, x1 + p1, x2 + p2
 
 
-@inlined
+@woven
 def _reach(ground: Ground, face: int, bend: float, lean: float, over: float) -> tuple[float, float, float, float]:
     """What the slacks of an edge allow, and what a budget leaves of it: ½ bend v² + lean v + over ≤ 0."""
     rows = ground.rows
@@ -123,7 +134,7 @@ def _reach(ground: Ground, face: int, bend: float, lean: float, over: float) -> 
     return least, most, left, right
 
 
-@inlined
+@woven
 def _uphill(
     ground: Ground,
     face: int,
@@ -202,6 +213,33 @@ def climb_line(
             _, _, slope, _, _, _ = segment_of_line(ground, face, best, y0, y1, y2)
             price = max(sign * way * slope / steep, 0.0)
     return True, best, max(base + best * (lean + 0.5 * bend * best), 0.0), sign * held, price
+
+
+@bare
+def climb_edge(
+    ground: Ground, face: int, rules: Any, here: Here, aim: Any, z0: float, z1: float, on: Any
+) -> tuple[bool, float, float, float, float, float]:
+    """Climb from the decision of z on an edge: whether all went well, a belief's z, regret, privacy and price.
+
+    State costs are noted as `climb_three` does. aim: limit (infinite at a price), price.
+    """
+    curves, at, basis = ground.curves, ground.faces[face, CURVE_AT], rules.basis
+    y0, y1, y2 = in_space(basis, z0, z1)
+    bend = y0 * curves[at] + y1 * curves[at + 4] + y2 * curves[at + 8]
+    if not bend > 0.0:
+        return False, z0, z1, 0.0, 0.0, 0.0
+    v = -(y0 * curves[at + 1] + y1 * curves[at + 5] + y2 * curves[at + 9]) / bend
+    ok, v, regret, privacy, price = climb_line(ground, face, rules, here, aim, v)
+    if ok:
+        q0, q1, q2 = in_space(basis, here.p0, here.p1)
+        _, _, _, y0, y1, y2 = segment_of_line(ground, face, v, q0, q1, q2)
+        z0 = basis[0, 0] * y0 + basis[1, 0] * y1 + basis[2, 0] * y2
+        z1 = basis[0, 1] * y0 + basis[1, 1] * y1 + basis[2, 1] * y2
+        for i in range(3):
+            j = at + 4 * i
+            on[LOCAL, STATE_COSTS + i] = 0.5 * (v * (curves[j] * v + 2.0 * curves[j + 1]) + curves[j + 3])
+        on[LOCAL, SEEN] = -1.0
+    return ok, z0, z1, regret, privacy, price
 
 
 @bare

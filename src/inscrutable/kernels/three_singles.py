@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare_kernel, inlined
+from inscrutable.kernels.options import bare, bare_kernel, woven
 from inscrutable.kernels.three_leaves import (
     FIRST_POLYGON,
     POLISHED,
@@ -55,7 +55,7 @@ class Best(NamedTuple):
     price: float
 
 
-@inlined
+@woven
 def _keep(plane: Plane, here: Here, d: int, privacy: float, heap: Heap) -> None:
     """A decision becomes the best of its face and octant, unless there is a better one."""
     x0, x1 = plane.decoys[0, d] - here.p0, plane.decoys[1, d] - here.p1
@@ -70,7 +70,7 @@ def _keep(plane: Plane, here: Here, d: int, privacy: float, heap: Heap) -> None:
         heap.privacy[group], heap.slot[group] = privacy, d
 
 
-@inlined
+@bare
 def _collect(plane: Plane, here: Here, limit: float, floor: float, scan: Any, heap: Heap) -> None:
     """Keep the best affordable candidate of every face and octant, among those little below `floor` and the best."""
     bounds, values, live = scan
@@ -91,24 +91,42 @@ def _collect(plane: Plane, here: Here, limit: float, floor: float, scan: Any, he
                     _keep(plane, here, d, values[q], heap)
 
 
-@inlined
-def _climb_best(plane: Plane, rules: Any, here: Here, limit: float, best: Best, heap: Heap, on: Any) -> Best:
-    """Climb from the kept candidates, the best first, and empty the heap."""
-    for _ in range(_MOST_CLIMBS):
-        chosen = -1
-        for n in range(1, heap.filled[0] + 1):
-            group = heap.filled[n]
-            if heap.slot[group] >= 0 and (chosen < 0 or heap.privacy[group] > heap.privacy[chosen]):
-                chosen = group
-        if chosen < 0 or heap.privacy[chosen] <= best.privacy - _SLACK * plane.spacing[0]:
-            break
-        d = heap.slot[chosen]
-        heap.slot[chosen] = -1
-        face, z0, z1 = plane.face[d], plane.decoys[0, d], plane.decoys[1, d]
-        if heap.privacy[chosen] > best.privacy:
-            regret, privacy = judge_slot(plane.slots, here, d)
-            best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
-        ok, z0, z1, regret, privacy, price = climb_any(plane.ground, face, rules, here, (limit, 0.0), z0, z1, on)
+@woven
+def _chosen(heap: Heap) -> int:
+    """The group of the best candidate that is kept and was not climbed from, −1 where there is none."""
+    chosen = -1
+    for n in range(1, heap.filled[0] + 1):
+        group = heap.filled[n]
+        if heap.slot[group] >= 0 and (chosen < 0 or heap.privacy[group] > heap.privacy[chosen]):
+            chosen = group
+    return chosen
+
+
+@woven
+def _climb_best(
+    plane: Plane, rules: Any, here: Here, limit: float, best: Best, last: Any, scan: Any, heap: Heap, on: Any
+) -> Best:
+    """Climb from the decision of the belief before, then from the kept candidates, the best first, and empty the heap.
+
+    One loop for both: a climb is much code, and here it stands once.
+    """
+    face, z0, z1, price = int(last[0]), last[1], last[2], last[3]
+    for attempt in range(_MOST_CLIMBS + 1):
+        if attempt == 1:
+            _collect(plane, here, limit, best.privacy, scan, heap)
+        if attempt > 0:
+            chosen = _chosen(heap)
+            if chosen < 0 or heap.privacy[chosen] <= best.privacy - _SLACK * plane.spacing[0]:
+                break
+            d = heap.slot[chosen]
+            heap.slot[chosen] = -1
+            face, z0, z1, price = plane.face[d], plane.decoys[0, d], plane.decoys[1, d], 0.0
+            if heap.privacy[chosen] > best.privacy:
+                regret, privacy = judge_slot(plane.slots, here, d)
+                best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
+        if face < 0:
+            continue
+        ok, z0, z1, regret, privacy, price = climb_any(plane.ground, face, rules, here, (limit, price), z0, z1, on)
         if ok and privacy > best.privacy:
             best = Best(POLISHED, face, z0, z1, regret, privacy, price)
     for n in range(1, heap.filled[0] + 1):
@@ -117,7 +135,7 @@ def _climb_best(plane: Plane, rules: Any, here: Here, limit: float, best: Best, 
     return best
 
 
-@inlined
+@woven
 def _known(plane: Plane, scene: Scene, t: int, limit: float, known: Any) -> Best:
     """The best of what needs no search: the decision known beforehand, the target's, and polygons."""
     best = Best(scene.first, -1, 0.0, 0.0, scene.first_regrets[t], scene.first_privacies[t], 0.0)
@@ -153,15 +171,7 @@ def singles_three(
             limit = scene.limits[t, c] * rules.inside
             best = _known(plane, scene, t, limit, known)
             if limit > 0.0 and best.name != TARGET:
-                face = int(last[c, 0])
-                if face >= 0:
-                    ok, z0, z1, regret, privacy, price = climb_any(
-                        plane.ground, face, rules, here, (limit, last[c, 3]), last[c, 1], last[c, 2], seats[c]
-                    )
-                    if ok and privacy > best.privacy:
-                        best = Best(POLISHED, face, z0, z1, regret, privacy, price)
-                _collect(plane, here, limit, best.privacy, scan, heap)
-                best = _climb_best(plane, rules, here, limit, best, heap, seats[c])
+                best = _climb_best(plane, rules, here, limit, best, last[c], scan, heap, seats[c])
             last[c, 0] = best.face if best.name >= POLISHED else -1
             last[c, 1], last[c, 2], last[c, 3] = best.z0, best.z1, best.price
             number = best.name

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, inlined
+from inscrutable.kernels.options import bare, inlined, woven
 from inscrutable.tolerances import BUDGET, CLIMB, EXPLAINED, KINK, LENGTH, PARALLEL, TINY
 
-_ROUNDS = 16
-_TRUST, _MOST_TRUST = 0.05, 0.2  # longest step in the plane at first, and where steps succeed
+_ROUNDS = 24
+_TRUST = 0.05  # longest step in the plane
 _ROW_WEIGHT, _BUDGET_WEIGHT = 5.0, 1.5  # of a violation, in the worth of a step
 _SHORTER, _SHORTEST = 0.25, 1e-6
 
@@ -63,7 +63,7 @@ def bench(ground: Ground) -> Any:
     return on
 
 
-@inlined
+@woven
 def in_space(basis: Any, z0: float, z1: float) -> tuple[float, float, float]:
     """The belief at a point of the plane."""
     return (
@@ -113,7 +113,7 @@ def decide_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: floa
     return True
 
 
-@inlined
+@woven
 def settle_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: float, y2: float, on: Any) -> bool:
     """Fill w, the factor of H(y), G and T of the face whose curves begin at `at`; False where no decision is unique."""
     if not decide_three(curves, at, k, pivot, y0, y1, y2, on):
@@ -138,7 +138,7 @@ def settle_three(curves: Any, at: int, k: int, pivot: float, y0: float, y1: floa
     return True
 
 
-@inlined
+@woven
 def judge_three(curves: Any, at: int, k: int, here: Here, y0: float, y1: float, y2: float, on: Any) -> None:
     """Fill `local` with the regret at a settled y, its slope and its curvature."""
     w, local, mean, other = on[_W], on[LOCAL], on[_MEAN], on[_OTHER:_ROWS]
@@ -183,7 +183,7 @@ def judge_three(curves: Any, at: int, k: int, here: Here, y0: float, y1: float, 
     local[4], local[5], local[6], local[7], local[8], local[9] = h00, h11, h22, h01, h02, h12
 
 
-@inlined
+@woven
 def rows_three(
     rows: Any, at: int, m: int, k: int, basis: Any, y0: float, y1: float, y2: float, reach: float, on: Any
 ) -> tuple[float, int]:
@@ -241,7 +241,7 @@ def look_three(
     return rows_three(ground.rows, row_at, m, k, rules.basis, y0, y1, y2, reach, on)
 
 
-@inlined
+@woven
 def _note_costs(curves: Any, at: int, k: int, on: Any) -> None:
     """Note the state costs of a settled decision, ½ w'(C w) with C w = G beside the last entry."""
     w, gradients, local = on[_W], on[_GRADIENTS:_SLOPES], on[LOCAL]
@@ -254,7 +254,7 @@ def _note_costs(curves: Any, at: int, k: int, on: Any) -> None:
         local[STATE_COSTS + i] = 0.5 * cost
 
 
-@inlined
+@woven
 def _note_place(face: int, z0: float, z1: float, least: float, near: int, on: Any) -> None:
     """Note where a climb ended, and what `recall` needs beside the memory of the last look."""
     local = on[LOCAL]
@@ -262,7 +262,7 @@ def _note_place(face: int, z0: float, z1: float, least: float, near: int, on: An
     local[SEEN + 3], local[SEEN + 4] = least, near
 
 
-@inlined
+@woven
 def _recall(k: int, here: Here, on: Any) -> tuple[float, int]:
     """What a look from the place noted last would see under another belief, but for the curvature, which stays.
 
@@ -349,7 +349,7 @@ def move_in_plane(
     return m0, m1, best, first, second
 
 
-@inlined
+@woven
 def _in_plane(basis: Any, local: Any) -> tuple[float, float, float, float, float]:
     """Slope and curvature of the regret in the plane: B'∇ρ, and B'∇²ρB as 00, 01, 11."""
     b00, b10, b20 = basis[0, 0], basis[1, 0], basis[2, 0]
@@ -366,7 +366,7 @@ def _in_plane(basis: Any, local: Any) -> tuple[float, float, float, float, float
     return r0, r1, c00, c01, c11
 
 
-@inlined
+@woven
 def _multiplier(lines: Any, budget: int, other: int, e0: float, e1: float) -> float:
     """λ of the budget's row in e = λ n_b + λ' n_other; other −1: there is none."""
     n0, n1 = lines[1, budget], lines[2, budget]
@@ -376,7 +376,7 @@ def _multiplier(lines: Any, budget: int, other: int, e0: float, e1: float) -> fl
     return float((e0 * lines[2, other] - e1 * lines[1, other]) / cross)
 
 
-@inlined
+@woven
 def _step(
     aim: Any, basis: Any, sign: float, x0: float, x1: float, distance: float, m: int, trust: float, on: Any
 ) -> tuple[float, float, float, float]:
@@ -404,7 +404,7 @@ def _step(
     return s0, s1, gain, price
 
 
-@inlined
+@woven
 def _first_price(basis: Any, local: Any, sign: float, x0: float, x1: float) -> float:
     """The budget's multiplier if the regret grew along y − p only."""
     r0 = basis[0, 0] * local[1] + basis[1, 0] * local[2] + basis[2, 0] * local[3]
@@ -463,6 +463,4 @@ def climb_three(
             return True, z0, z1, max(local[0], 0.0), sign * distance, price
         z0 += s0
         z1 += s1
-        if s0 * s0 + s1 * s1 > 0.8 * trust * trust:
-            trust = min(2.0 * trust, _MOST_TRUST)
     return False, z0, z1, 0.0, 0.0, 0.0

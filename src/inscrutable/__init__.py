@@ -25,6 +25,7 @@ _EXPORTS: dict[str, str] = {
     "Emission": "worlds",
     "Envelope": "decision_makers",
     "FilterResult": "filtering",
+    "FiniteProblem": "problems",
     "FittedWorld": "worlds",
     "Frontier": "decision_makers",
     "GaussianEmission": "worlds",
@@ -33,6 +34,8 @@ _EXPORTS: dict[str, str] = {
     "Infeasibility": "privacy",
     "InputError": "errors",
     "InscrutableError": "errors",
+    "KellyProblem": "problems",
+    "LinearProblem": "problems",
     "LinearProgramme": "decision_makers",
     "LocalSearch": "decision_makers",
     "MarkowitzProblem": "problems",
@@ -104,6 +107,9 @@ if TYPE_CHECKING:
     from inscrutable.privacy import NonUniqueness as NonUniqueness
     from inscrutable.privacy import PrivacyMeasure as PrivacyMeasure
     from inscrutable.problems import DecisionProblem as DecisionProblem
+    from inscrutable.problems import FiniteProblem as FiniteProblem
+    from inscrutable.problems import KellyProblem as KellyProblem
+    from inscrutable.problems import LinearProblem as LinearProblem
     from inscrutable.problems import MarkowitzProblem as MarkowitzProblem
     from inscrutable.problems import Polyhedron as Polyhedron
     from inscrutable.problems import QuadraticProblem as QuadraticProblem

@@ -162,3 +162,10 @@ PARALLEL = 1e-9
 
 TINY = 1e-300
 """Keeps a division by a length that may be zero finite."""
+
+DAMPING = 1e-9
+"""Curvature added to a Newton step's, relative to its largest: picks a step where the cost is flat, and slows no other."""
+
+LEAST_WEALTH = 1e-6
+"""Wealth, as a share of what there was, below which marginal costs of growth stay as they are: a stake of a millionth is
+none, and larger slopes would drown those of the other states."""

@@ -114,18 +114,19 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     dimension two and more, which are described when first asked for. Cost: one small singular value decomposition
     a decision, in bulk.
     """
-    region = problem.constraints
+    form = problem.smooth_form(actions)
+    region = form.region
     count, n_states = actions.shape[0], problem.n_states
     dimension = np.full(count, -1)
     ends = np.zeros((count, 2, n_states))
-    tight = region.tight_rows(actions)
+    tight = region.tight_rows(form.points)
     patterns, pattern_of = _distinct_rows(tight)
     distinct = _first_equal(actions)
     pending: dict[int, BeliefSet] = {}
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
-        gradients = problem.cost_gradients(actions[index])
+        gradients = form.gradients(form.points[index])
         scale = np.abs(gradients).max(axis=(1, 2), keepdims=True)
         scaled = (gradients / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1)
         inequalities = rows.inequalities @ scaled

@@ -55,6 +55,7 @@ _EXPORTS: dict[str, str] = {
     "Trajectory": "worlds",
     "action_grid": "decision_makers",
     "box": "problems",
+    "check_decision_problem": "testing",
     "consistent_beliefs": "adversaries",
     "decoy_grid": "decision_makers",
     "filter_beliefs": "filtering",
@@ -115,6 +116,7 @@ if TYPE_CHECKING:
     from inscrutable.problems import QuadraticProblem as QuadraticProblem
     from inscrutable.problems import box as box
     from inscrutable.problems import simplex as simplex
+    from inscrutable.testing import check_decision_problem as check_decision_problem
     from inscrutable.worlds import CategoricalEmission as CategoricalEmission
     from inscrutable.worlds import Emission as Emission
     from inscrutable.worlds import FittedWorld as FittedWorld

@@ -266,7 +266,9 @@ def _cheapest(problem: DecisionProblem, scores: Scores, index: int, optimal: Arr
     candidate, member = scores.candidates.actions[index], sets.start[index]
     if sets.dimension[index] < 0:
         return _shortened(problem, scores, candidate, lambda share: optimal + share * (candidate - optimal))
-    best = _shortened(problem, scores, candidate, lambda share: problem.solve_points(belief + share * (member - belief)))
+    best = _shortened(
+        problem, scores, candidate, lambda share: problem.solve_points(belief + share * (member - belief))
+    )
     return _cheapest_at(problem, scores, best)
 
 

@@ -45,7 +45,9 @@ def _tied_sets(costs: Array, corners: Array) -> list[tuple[int, ...]]:
     """Sets of two vertices or more that are optimal together: at a corner of the cells, and at all corners of a face."""
     values = corners @ costs.T
     margin = tolerances.FEASIBILITY * np.maximum(np.abs(values).max(axis=1, keepdims=True), np.finfo(float).tiny)
-    at_corners = {frozenset(np.flatnonzero(row).tolist()) for row in values <= values.min(axis=1, keepdims=True) + margin}
+    at_corners = {
+        frozenset(np.flatnonzero(row).tolist()) for row in values <= values.min(axis=1, keepdims=True) + margin
+    }
     known = {each for each in at_corners if len(each) > 1}
     fresh = set(known)
     while fresh and len(known) < _MOST_FACES:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
-from inscrutable.linear_programmes import Rows, minimum
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
 from inscrutable.problems.newton import Model, minimise_smooth
@@ -83,7 +83,9 @@ class KellyProblem(DecisionProblem):
         most = np.abs(outcomes).max(axis=1)
         if (most == 0).any():
             state, outcome = np.argwhere(possible)[int(most.argmin())]
-            raise ModelError(f"every asset is worthless in outcome {outcome} of state {state}: no decision keeps any wealth")
+            raise ModelError(
+                f"every asset is worthless in outcome {outcome} of state {state}: no decision keeps any wealth"
+            )
         # Wealth in units of the best asset's, and at most one so that the programme is bounded.
         worst = np.column_stack([-outcomes / most[:, None], np.ones(len(outcomes))])
         below = Rows(
@@ -100,6 +102,14 @@ class KellyProblem(DecisionProblem):
                 "loosen the constraints or add an asset that pays there"
             )
         return answer.x[:size]
+
+    @cached_property
+    def largest_wealth(self) -> Array:
+        """The most that each outcome can leave, max_{u ∈ C} r_k'u, shape (X·S,); 0 where there is no limit."""
+        region = self.constraints
+        below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
+        found = [minimise(-returns, below, equal) for returns in self.gross_returns.reshape(-1, self.n_actions)]
+        return np.array([-each.value if each.status == OPTIMAL else 0.0 for each in found])
 
     @cached_property
     def _layout(self) -> Layout:
@@ -144,9 +154,11 @@ class _Growth:
     def __init__(self, problem: KellyProblem) -> None:
         self._probabilities = problem.probabilities
         self._returns = problem.gross_returns.reshape(-1, problem.n_actions)  # (K, U)
+        self._most = problem.largest_wealth
 
     def _weights(self, held: Array) -> Array:
-        return np.asarray((held[:, :, None] * self._probabilities).reshape(len(held), -1))
+        weights = (held[:, :, None] * self._probabilities).reshape(len(held), -1)
+        return np.where(weights > 0, np.maximum(weights, tolerances.LEAST_WEIGHT), 0.0)
 
     def values(self, held: Array, points: Array) -> Array:
         """Return −Σ w_k log(r_k'u), infinite where an outcome of positive weight loses everything."""
@@ -167,8 +179,10 @@ class _Growth:
         )
 
     def longest_steps(self, held: Array, points: Array, steps: Array) -> Array:
-        """Return shares that leave every outcome of positive weight at least a hundredth of its wealth."""
+        """Return shares that leave every outcome a hundredth of its wealth, and half of what the optimum leaves it: there
+        Σ w_k r_k'v / r_k'u ≤ 1 for every v in C, so r_k'u ≥ w_k max_v r_k'v."""
         weights, wealth, change = self._weights(held), points @ self._returns.T, steps @ self._returns.T
+        least = np.minimum(np.maximum(0.01 * wealth, 0.5 * weights * self._most), wealth)
         with np.errstate(divide="ignore", invalid="ignore"):
-            reach = np.where((weights > 0) & (change < 0), 0.99 * wealth / -change, np.inf).min(axis=1)
+            reach = np.where((weights > 0) & (change < 0), (wealth - least) / -change, np.inf).min(axis=1)
         return np.asarray(np.minimum(reach, 1.0))

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable import tolerances, validation
+from inscrutable import validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems.base import DecisionProblem

@@ -74,10 +74,12 @@ def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layo
 
 def _newton_points(model: Model, here: Array, layout: Layout) -> Array:
     n_actions = here.shape[1]
-    size = np.abs(model.hessians).max(axis=(1, 2))
-    steep = np.abs(model.gradients).max(axis=1)
-    damping = tolerances.DAMPING * np.where(size > 0, size, np.where(steep > 0, steep, 1.0))
-    bent = model.hessians + damping[:, None, None] * np.eye(n_actions)
+    # Coordinate by coordinate: a tiny share of wealth has a huge curvature, which must not stiffen the others.
+    bends = np.abs(np.einsum("nuu->nu", model.hessians))
+    typical, steep = np.median(bends, axis=1), np.abs(model.gradients).max(axis=1)
+    typical = np.select([typical > 0, bends.max(axis=1) > 0, steep > 0], [typical, bends.max(axis=1), steep], 1.0)
+    damping = tolerances.DAMPING * (bends + tolerances.DAMPING * typical[:, None])
+    bent = model.hessians + damping[:, :, None] * np.eye(n_actions)
     return solve_programmes(bent, model.gradients - np.einsum("nuv,nv->nu", bent, here), layout)
 
 

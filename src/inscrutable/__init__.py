@@ -16,6 +16,7 @@ _EXPORTS: dict[str, str] = {
     "Budget": "budgets",
     "Candidates": "decision_makers",
     "CategoricalEmission": "worlds",
+    "ConvexProblem": "problems",
     "CounterAdversarialDecisionMaker": "decision_makers",
     "Decision": "decision_makers",
     "DecisionProblem": "problems",
@@ -107,6 +108,7 @@ if TYPE_CHECKING:
     from inscrutable.privacy import NonExistence as NonExistence
     from inscrutable.privacy import NonUniqueness as NonUniqueness
     from inscrutable.privacy import PrivacyMeasure as PrivacyMeasure
+    from inscrutable.problems import ConvexProblem as ConvexProblem
     from inscrutable.problems import DecisionProblem as DecisionProblem
     from inscrutable.problems import FiniteProblem as FiniteProblem
     from inscrutable.problems import KellyProblem as KellyProblem

@@ -184,3 +184,7 @@ then adds as much to a slope."""
 
 SLOPE = 1e-5
 """Largest error of a gradient against differences, relative to the costs: ten times a `DIFFERENCE` or its rounding."""
+
+KINKED = 1e-6
+"""Loss, relative to the cost's scale, that a belief may suffer from a decision and still explain it where costs have kinks
+and no gradient decides: ten times what an interior-point solver leaves."""

@@ -47,6 +47,9 @@ def consistent_beliefs(
 
 def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = tolerances.EXPLAINED) -> BeliefSet:
     """Return the consistent beliefs of a decision (U,) that is known to be feasible."""
+    explaining = problem.explaining_rows(u)
+    if explaining is not None:
+        return BeliefSet(np.zeros((0, problem.n_states)), explaining, tolerance, partial(gap_compared, problem, u))
     form = problem.smooth_form(u[None])
     rows = form.region.stationarity(form.region.tight_rows(form.points[0]))
     gradients = form.gradients(form.points)[0]

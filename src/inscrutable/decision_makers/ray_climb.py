@@ -70,7 +70,7 @@ def _pattern(direction: Array, rng: np.random.Generator) -> Array:
     if size == 1:
         return np.zeros((1, 1))
     if size == 2:
-        return np.linspace(-1.0, 1.0, _POINTS)[:, None] * np.array([-direction[1], direction[0]])
+        return np.asarray(np.linspace(-1.0, 1.0, _POINTS)[:, None] * np.array([-direction[1], direction[0]]))
     steps = rng.normal(size=(_POINTS * (size - 1), size))
     steps -= (steps @ direction)[:, None] * direction
     steps *= (rng.uniform(size=len(steps)) / np.linalg.norm(steps, axis=1))[:, None]

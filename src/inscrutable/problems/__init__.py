@@ -2,6 +2,7 @@
 
 from inscrutable.problems.base import DecisionProblem, checked_problem
 from inscrutable.problems.constraints import Polyhedron, box, simplex
+from inscrutable.problems.convex import ConvexProblem
 from inscrutable.problems.finite import FiniteProblem
 from inscrutable.problems.kelly import KellyProblem
 from inscrutable.problems.linear import LinearProblem
@@ -9,6 +10,7 @@ from inscrutable.problems.markowitz import MarkowitzProblem
 from inscrutable.problems.quadratic import QuadraticProblem
 
 __all__ = [
+    "ConvexProblem",
     "DecisionProblem",
     "FiniteProblem",
     "KellyProblem",

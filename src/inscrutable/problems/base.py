@@ -73,6 +73,10 @@ class DecisionProblem(ABC):
         """
         return SmoothForm(self.constraints, actions, self.cost_gradients)
 
+    def explaining_rows(self, action: Array) -> Array | None:
+        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} of one decision (U,) where no gradient decides, else None."""
+        return None
+
     def as_points(self, actions: ArrayLike) -> Array:
         """Return decisions as points (…,U) of the feasible set's space: themselves, unless decisions are whole numbers."""
         points = np.asarray(actions, dtype=np.float64)

@@ -58,7 +58,7 @@ def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layo
         rounding = 8 * np.finfo(float).eps * np.maximum(np.abs(model.values), 1.0)
         # So near the end that the cost's digits say nothing, the step is taken: it solves the equations of stationarity.
         trusted = fall <= _UNSEEN * rounding
-        shares, moved = _searched(costs, beliefs, Line(here, steps, model.values + rounding, fall, reach), ~trusted)
+        shares, moved = _searched(costs, beliefs, _Ways(here, steps, model.values + rounding, fall, reach), ~trusted)
         points[left] = np.where((shares == 1.0)[:, None], ends, here + shares[:, None] * steps)
         size = np.maximum(np.abs(here).max(axis=1), 1.0)
         done = np.abs(steps).max(axis=1, initial=0.0) <= tolerances.STATIONARITY * size
@@ -83,7 +83,7 @@ def _newton_points(model: Model, here: Array, layout: Layout) -> Array:
     return solve_programmes(bent, model.gradients - np.einsum("nuv,nv->nu", bent, here), layout)
 
 
-class Line(NamedTuple):
+class _Ways(NamedTuple):
     """Points (n,U), steps from them, values above which a trial is refused, the falls promised, the longest shares."""
 
     here: Array
@@ -93,7 +93,7 @@ class Line(NamedTuple):
     reach: Array
 
 
-def _searched(costs: SmoothCosts, held: Array, line: Line, doubtful: np.ndarray) -> tuple[Array, np.ndarray]:
+def _searched(costs: SmoothCosts, held: Array, line: _Ways, doubtful: np.ndarray) -> tuple[Array, np.ndarray]:
     """Shares of the steps at which the cost falls enough, and which points move at all; only the doubtful are looked at."""
     shares = line.reach.copy()
     unsure = np.flatnonzero(doubtful)

@@ -71,12 +71,14 @@ class ConvexProblem(DecisionProblem):
         self._model: Modelled | None = model
         self._set_up(model.values, model.gradients, checked_region(model.region, model.n_actions), len(costs))
         self.differentiable = bool(differentiable)
-        self._stated: DecisionProblem | None = _recognised(model, self.constraints)
+        self._stated = _recognised(model, self.constraints)
 
     def _set_up(self, values: Function, gradients: Function, region: Polyhedron, n_states: int) -> None:
         self._values, self._gradients = values, gradients
         self.constraints, self._n_states = region, n_states
-        self.differentiable, self._stated = True, None
+        self.differentiable = True
+        self._stated: DecisionProblem | None = None
+        self._start = np.zeros(region.n_actions)
 
     @classmethod
     def from_functions(
@@ -106,13 +108,13 @@ class ConvexProblem(DecisionProblem):
             raise ModelError(f"the costs at {middle} are {costs}: give a start inside their domain")
         problem = cls.__new__(cls)
         problem._model = None
-        problem._start = middle
         problem._set_up(
             lambda points: np.array([values(point) for point in points], dtype=np.float64),
             lambda points: np.array([gradients(point) for point in points], dtype=np.float64),
             region,
             costs.size,
         )
+        problem._start = middle
         return problem
 
     @property
@@ -139,11 +141,11 @@ class ConvexProblem(DecisionProblem):
     def _polished(self, belief: Array, rough: Array) -> Array:
         if self.differentiable:
             try:
-                found = minimise_smooth(_Expected(self), belief[None], rough[None], self._layout)[0]
+                found = minimise_smooth(_Expected(self), belief[None], rough[None], self._layout)
             except (SolverError, ModelError):
-                found = rough  # a kink after all: the interior point is what there is
-            if self.constraints.violation(found) <= tolerances.FEASIBILITY:
-                return found
+                found = rough[None]  # a kink after all: the interior point is what there is
+            if self.constraints.violation(found)[0] <= tolerances.FEASIBILITY:
+                return np.asarray(found[0])
         return _pulled_in(self.constraints, rough)
 
     def state_costs(self, actions: ArrayLike) -> Array:

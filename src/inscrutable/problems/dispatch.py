@@ -96,7 +96,7 @@ def dispatch_problem(
     wind_means: ArrayLike,
     wind_deviations: ArrayLike | None = None,
     *,
-    penalty: float = 0.05,
+    penalty: float = 1.0,
     min_slack: float = tolerances.MIN_SLACK,
 ) -> QuadraticProblem:
     """Return the dispatch of generators and wind farms whose public schedule shows a private wind forecast.
@@ -127,8 +127,8 @@ def dispatch_problem(
         >>> network = PowerNetwork([0.0, 50.0], [0, 1], [80.0, 40.0], [0.02, 0.01], [1.0, 2.0], [[0, 1]], [[0.1, 30.0]])
         >>> problem = dispatch_problem(network, [1], [[5.0], [25.0]])  # calm or windy
         >>> print(problem.solve([[1.0, 0.0], [0.0, 1.0]]).round(1))
-        [[22.1 19.2  8.7]
-         [13.6  2.3 34.1]]
+        [[30.  13.9  6.1]
+         [24.   0.  26. ]]
     """
     farms = checked_buses(wind_buses, len(network.loads), "wind_buses")
     means = validation.finite_array(wind_means, "wind_means", ndim=2)

@@ -16,6 +16,7 @@ _EXPORTS: dict[str, str] = {
     "Budget": "budgets",
     "Candidates": "decision_makers",
     "CategoricalEmission": "worlds",
+    "ConvexProblem": "problems",
     "CounterAdversarialDecisionMaker": "decision_makers",
     "Decision": "decision_makers",
     "DecisionProblem": "problems",
@@ -25,6 +26,7 @@ _EXPORTS: dict[str, str] = {
     "Emission": "worlds",
     "Envelope": "decision_makers",
     "FilterResult": "filtering",
+    "FiniteProblem": "problems",
     "FittedWorld": "worlds",
     "Frontier": "decision_makers",
     "GaussianEmission": "worlds",
@@ -33,6 +35,8 @@ _EXPORTS: dict[str, str] = {
     "Infeasibility": "privacy",
     "InputError": "errors",
     "InscrutableError": "errors",
+    "KellyProblem": "problems",
+    "LinearProblem": "problems",
     "LinearProgramme": "decision_makers",
     "LocalSearch": "decision_makers",
     "MarkowitzProblem": "problems",
@@ -45,23 +49,29 @@ _EXPORTS: dict[str, str] = {
     "NonUniqueness": "privacy",
     "OriginalDecisionMaker": "decision_makers",
     "Polyhedron": "problems",
+    "PowerNetwork": "problems",
     "PrivacyMeasure": "privacy",
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
     "SolverError": "errors",
+    "TradingProblem": "problems",
     "Trajectory": "worlds",
     "action_grid": "decision_makers",
     "box": "problems",
+    "check_decision_problem": "testing",
     "consistent_beliefs": "adversaries",
     "decoy_grid": "decision_makers",
+    "dispatch_problem": "problems",
     "filter_beliefs": "filtering",
     "fit_gaussian_hmm": "worlds",
+    "load_ieee_30_bus": "datasets.power",
     "near_optimal_beliefs": "adversaries",
     "plausibility_gap": "adversaries",
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
     "simplex": "problems",
     "simplex_grid": "geometry",
+    "with_transaction_costs": "problems",
 }
 
 if TYPE_CHECKING:
@@ -70,6 +80,7 @@ if TYPE_CHECKING:
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.budgets import Budget as Budget
+    from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
     from inscrutable.decision_makers import Candidates as Candidates
     from inscrutable.decision_makers import CounterAdversarialDecisionMaker as CounterAdversarialDecisionMaker
     from inscrutable.decision_makers import Decision as Decision
@@ -103,12 +114,21 @@ if TYPE_CHECKING:
     from inscrutable.privacy import NonExistence as NonExistence
     from inscrutable.privacy import NonUniqueness as NonUniqueness
     from inscrutable.privacy import PrivacyMeasure as PrivacyMeasure
+    from inscrutable.problems import ConvexProblem as ConvexProblem
     from inscrutable.problems import DecisionProblem as DecisionProblem
+    from inscrutable.problems import FiniteProblem as FiniteProblem
+    from inscrutable.problems import KellyProblem as KellyProblem
+    from inscrutable.problems import LinearProblem as LinearProblem
     from inscrutable.problems import MarkowitzProblem as MarkowitzProblem
     from inscrutable.problems import Polyhedron as Polyhedron
+    from inscrutable.problems import PowerNetwork as PowerNetwork
     from inscrutable.problems import QuadraticProblem as QuadraticProblem
+    from inscrutable.problems import TradingProblem as TradingProblem
     from inscrutable.problems import box as box
+    from inscrutable.problems import dispatch_problem as dispatch_problem
     from inscrutable.problems import simplex as simplex
+    from inscrutable.problems import with_transaction_costs as with_transaction_costs
+    from inscrutable.testing import check_decision_problem as check_decision_problem
     from inscrutable.worlds import CategoricalEmission as CategoricalEmission
     from inscrutable.worlds import Emission as Emission
     from inscrutable.worlds import FittedWorld as FittedWorld

@@ -162,3 +162,29 @@ PARALLEL = 1e-9
 
 TINY = 1e-300
 """Keeps a division by a length that may be zero finite."""
+
+DAMPING = 1e-9
+"""Curvature added to a Newton step's, relative to its largest: picks a step where the cost is flat, and slows no other."""
+
+LEAST_WEALTH = 1e-6
+"""Wealth, as a share of what there was, below which marginal costs of growth stay as they are: a stake of a millionth is
+none, and larger slopes would drown those of the other states."""
+
+LEAST_WEIGHT = 1e-10
+"""A possible outcome of growth less likely than this is staked on as if it were this likely: quadratic programmes resolve
+shares of 1e-12, and what is staked too much is of the same size as what is lost by it."""
+
+CONTRACT = 1e-9
+"""Largest breach of a promise about costs, relative to their scale, that a contract checker forgives: accuracy asked of a
+decision problem's forward solves."""
+
+DIFFERENCE = 1e-6
+"""Length of the checker's difference steps, as a share of the way to another decision; a curvature of the costs' own scale
+then adds as much to a slope."""
+
+SLOPE = 1e-5
+"""Largest error of a gradient against differences, relative to the costs: ten times a `DIFFERENCE` or its rounding."""
+
+KINKED = 1e-6
+"""Loss, relative to the cost's scale, that a belief may suffer from a decision and still explain it where costs have kinks
+and no gradient decides: ten times what an interior-point solver leaves."""

@@ -114,18 +114,23 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     dimension two and more, which are described when first asked for. Cost: one small singular value decomposition
     a decision, in bulk.
     """
-    region = problem.constraints
+    if len(actions) and type(problem).explaining_rows is not DecisionProblem.explaining_rows:
+        by_rows = _by_rows(problem, actions, members)
+        if by_rows is not None:
+            return by_rows
+    form = problem.smooth_form(actions)
+    region = form.region
     count, n_states = actions.shape[0], problem.n_states
     dimension = np.full(count, -1)
     ends = np.zeros((count, 2, n_states))
-    tight = region.tight_rows(actions)
+    tight = region.tight_rows(form.points)
     patterns, pattern_of = _distinct_rows(tight)
     distinct = _first_equal(actions)
     pending: dict[int, BeliefSet] = {}
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
-        gradients = problem.cost_gradients(actions[index])
+        gradients = form.gradients(form.points[index])
         scale = np.abs(gradients).max(axis=(1, 2), keepdims=True)
         scaled = (gradients / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1)
         inequalities = rows.inequalities @ scaled
@@ -145,6 +150,22 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
             elif dimension[i] >= 0:
                 ends[i] = found.vertices()[[0, -1]]
     return ConsistentSets(problem, actions, dimension, ends[:, 0].copy(), ends[:, 1].copy(), distinct, pending)
+
+
+def _by_rows(problem: DecisionProblem, actions: Array, members: Array | None) -> ConsistentSets | None:
+    """The sets of decisions that are explained row by row, one at a time; with known members, when asked for."""
+    if problem.explaining_rows(actions[0]) is None:
+        return None
+    distinct, count = _first_equal(actions), len(actions)
+    if members is not None:
+        return ConsistentSets(problem, actions, np.full(count, LARGER), members.copy(), members.copy(), distinct)
+    found = {int(first): belief_set_of(problem, actions[first]) for first in np.unique(distinct)}
+    ends = np.zeros((count, 2, problem.n_states))
+    dimension = np.array([min(found[int(first)].dimension, LARGER) for first in distinct])
+    for i in np.flatnonzero(dimension >= 0):
+        own = found[int(distinct[i])]
+        ends[i] = own.center() if dimension[i] >= LARGER else own.vertices()[[0, -1]]
+    return ConsistentSets(problem, actions, dimension, ends[:, 0].copy(), ends[:, 1].copy(), distinct, dict(found))
 
 
 def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -47,9 +47,12 @@ def consistent_beliefs(
 
 def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = tolerances.EXPLAINED) -> BeliefSet:
     """Return the consistent beliefs of a decision (U,) that is known to be feasible."""
-    region = problem.constraints
-    rows = region.stationarity(region.tight_rows(u))
-    gradients = problem.cost_gradients(u)
+    explaining = problem.explaining_rows(u)
+    if explaining is not None:
+        return BeliefSet(np.zeros((0, problem.n_states)), explaining, tolerance, partial(gap_compared, problem, u))
+    form = problem.smooth_form(u[None])
+    rows = form.region.stationarity(form.region.tight_rows(form.points[0]))
+    gradients = form.gradients(form.points)[0]
     scale = np.abs(gradients).max()
     scaled = gradients.T / (scale if scale > 0 else 1.0)
     return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled, tolerance, partial(gap_compared, problem, u))

@@ -126,7 +126,8 @@ class Candidates:
 
 def make_candidates(problem: DecisionProblem, actions: ArrayLike, decoys: Array | None = None) -> Candidates:
     """Return candidates for decisions (M,U); those outside the feasible set are kept, counted and never chosen."""
-    points = validation.finite_array(actions, "candidate actions", ndim=2)
+    given = problem.as_points(actions) if problem.is_discrete else actions
+    points = validation.finite_array(given, "candidate actions", ndim=2)
     if points.shape[1] != problem.n_actions or not len(points):
         raise InputError(f"candidate actions have shape {points.shape}, expected (M, {problem.n_actions}) with M >= 1")
     region = problem.constraints

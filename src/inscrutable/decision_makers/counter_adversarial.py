@@ -30,7 +30,7 @@ from inscrutable.errors import InputError
 from inscrutable.kernels.climb import Aim
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, LinearProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _DIRECTIONS = 300
@@ -88,6 +88,8 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
     ) -> None:
         super().__init__(problem, measure, budget, candidates, on_empty)
         self.method = checked_choice(method, "method", (GlobalSearch, LocalSearch))
+        if isinstance(self.method, LocalSearch) and self.problem.is_discrete:
+            raise InputError("a local search needs decisions between choices: use GlobalSearch() for a finite problem")
         if isinstance(self.method, LocalSearch) and on_empty == "infinite":
             raise InputError('a local search cannot climb where no belief explains the decision: on_empty="exclude"')
 
@@ -158,7 +160,7 @@ def _search(case: Case, reference: Reference | None) -> Decision | Singles:
     walked = _walked(case, belief[None])
     if walked is not None:
         return walked
-    optimal = problem.solve(belief)
+    optimal = problem.solve_points(belief)
     optimal_cost = float(problem.state_costs(optimal) @ belief)
     limit = case.budget.limit(optimal_cost)
     if reference is not None and case.on_empty == "exclude" and isinstance(problem, QuadraticProblem):
@@ -225,7 +227,7 @@ def _search_candidates(case: Case, optimal: Array, optimal_cost: float, limit: f
     reference = measure.reference(belief)
     if reference is None:
         action = None if index is None else scores.candidates.actions[index]
-        if index is not None and measure.is_indicator:
+        if index is not None and measure.is_indicator and not problem.is_discrete:
             action = _cheapest(problem, scores, index, optimal)
     else:
         action, status = _most_private(Goal(problem, belief, limit, reference, optimal_cost), scores, index)
@@ -251,7 +253,8 @@ def shows_nothing(measure: PrivacyMeasure, belief: Array, privacy: float) -> boo
 
 def _most_private(goal: Goal, scores: Scores, index: int | None) -> tuple[Array | None, DecisionStatus]:
     start = None if index is None else Trial(scores.candidates.actions[index], float(scores.privacies[index]))
-    found = polish(goal, scores)
+    # Linear costs leave nothing to climb: on a face the consistent set is the same, and the cheapest end is a candidate.
+    found = None if isinstance(goal.problem, LinearProblem) else polish(goal, scores)
     if found is not None and (start is None or found.privacy > start.privacy):
         return found.action, DecisionStatus.POLISHED
     return (None if start is None else start.action), DecisionStatus.BEST_CANDIDATE
@@ -263,7 +266,9 @@ def _cheapest(problem: DecisionProblem, scores: Scores, index: int, optimal: Arr
     candidate, member = scores.candidates.actions[index], sets.start[index]
     if sets.dimension[index] < 0:
         return _shortened(problem, scores, candidate, lambda share: optimal + share * (candidate - optimal))
-    best = _shortened(problem, scores, candidate, lambda share: problem.solve(belief + share * (member - belief)))
+    best = _shortened(
+        problem, scores, candidate, lambda share: problem.solve_points(belief + share * (member - belief))
+    )
     return _cheapest_at(problem, scores, best)
 
 

@@ -130,7 +130,7 @@ class Hiding:
 
     def _fill(self, table: IndicatorTable, result: Met, part: slice) -> None:
         problem, goal, beliefs = self.problem, table.goal, np.ascontiguousarray(result.beliefs[part])
-        optimal = problem.solve(beliefs)
+        optimal = problem.solve_points(beliefs)
         optimal_costs = (problem.state_costs(optimal) * beliefs).sum(axis=1)
         limits = self.budget.limits(optimal_costs)
         met = goal.met_by(beliefs, optimal, np.zeros(len(beliefs)))
@@ -146,7 +146,8 @@ class Hiding:
             sets, candidates = self.candidates.sets, self.candidates.actions[chosen]
             block = Block(beliefs[which], optimal[which], optimal_costs[which], sets.start[chosen],
                           sets.dimension[chosen] >= 0, candidates)  # fmt: skip
-            polished = cheaper(goal, block, table.starts)
+            # Between choices there is nothing.
+            polished = candidates if problem.is_discrete else cheaper(goal, block, table.starts)
             costs = (problem.state_costs(polished) * beliefs[which]).sum(axis=1)
             reached = np.maximum(costs - optimal_costs[which], 0.0)
             better = reached < cheapest.regrets[found]

@@ -101,7 +101,7 @@ class _Shortening:
         trials: Array = part.optimal + shares * (part.actions - part.optimal)
         if part.explained.any():
             decoys = (part.beliefs + shares * (part.members - part.beliefs))[part.explained]
-            trials[part.explained] = self._goal.problem.solve(decoys)
+            trials[part.explained] = self._goal.problem.solve_points(decoys)
         return trials
 
     def _regrets(self, which: np.ndarray, actions: Array) -> Array:
@@ -137,7 +137,7 @@ def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: f
     of = np.concatenate(owner)
     if not of.size:
         return block.actions
-    tried = goal.problem.solve(block.beliefs[of] + radius * np.concatenate(directions))
+    tried = goal.problem.solve_points(block.beliefs[of] + radius * np.concatenate(directions))
     regrets = _regrets(goal, block.pick(of), tried)
     # The optimal decision is known to miss the goal, and what costs more than the best is not wanted.
     own = np.abs(tried - block.optimal[of]).max(axis=1) <= tolerances.SAME_ACTION

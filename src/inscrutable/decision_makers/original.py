@@ -56,6 +56,7 @@ def decision_for(
     problem: DecisionProblem, belief: Array, action: Array, measure: PrivacyMeasure, status: DecisionStatus
 ) -> Decision:
     """Return an action with its cost, regret and privacy judged afresh from the action alone."""
+    action = problem.as_points(action)
     found = belief_set_of(problem, action)
     optimal = float(problem.optimal_cost(belief))
     cost = float(problem.expected_cost(belief, action))

@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
+from inscrutable.decision_makers.ray_climb import climb_on_rays
 from inscrutable.decision_makers.rays import farthest_decoys
 from inscrutable.decision_makers.scores import Scores
 from inscrutable.privacy.measures import Reference
@@ -65,13 +66,13 @@ def polish(goal: Goal, scores: Scores) -> Trial | None:
         if best is not None and start.promise <= best.privacy + tolerances.POLISH:
             continue
         tried.add(start.tight.tobytes())
-        best = _better(best, _improve(goal, start))
+        best = _better(best, _improve(goal, start, best))
     while best is not None:
         before = best
         for start in _neighbours(goal, best):
             if start.tight.tobytes() not in tried:
                 tried.add(start.tight.tobytes())
-                best = _better(best, _improve(goal, start))
+                best = _better(best, _improve(goal, start, best))
         if best is before:
             return best
     return None
@@ -149,7 +150,7 @@ def _neighbours(goal: Goal, trial: Trial) -> list[Start]:
     return found
 
 
-def _improve(goal: Goal, start: Start) -> Trial | None:
+def _improve(goal: Goal, start: Start, best: Trial | None) -> Trial | None:
     problem = goal.problem
     region = problem.constraints
     normals = np.vstack([region.A_ub[start.tight], region.A_eq])
@@ -157,6 +158,9 @@ def _improve(goal: Goal, start: Start) -> Trial | None:
     # A face of k free coordinates leaves consistent sets of dimension X − 1 − k.
     if free.shape[1] >= problem.n_states - 1 and isinstance(problem, QuadraticProblem):
         return _through_decoys(goal, problem, start.tight, start.decoy)
+    if free.shape[1] >= problem.n_states - 1 and problem.n_states > 1:
+        action = climb_on_rays(goal, start.tight, start.decoy, -np.inf if best is None else best.privacy)
+        return judge(goal, start.action) if action is None else judge(goal, action)
     if free.shape[1] == 0 or not np.array_equal(region.tight_rows(start.action), start.tight):
         return judge(goal, start.action)
     return _on_face(goal, start.action, free)

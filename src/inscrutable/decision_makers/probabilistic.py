@@ -210,7 +210,8 @@ _NOTHING = DecisionStatus.NO_AFFORDABLE_PRIVACY
 
 def with_extra(scores: Scores, extra: list[Decision]) -> Scores:
     """Return the scores with further decisions of known regret and privacy behind the candidates."""
-    added = make_candidates(scores.candidates.sets.problem, np.array([d.action for d in extra]))
+    problem = scores.candidates.sets.problem
+    added = make_candidates(problem, np.vstack([problem.as_points(d.action) for d in extra]))
     candidates = scores.candidates.joined(added)
     return Scores(
         scores.belief,

@@ -45,12 +45,12 @@ def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tu
     """Return decoys (D,X) at the end of what `limit` affords on rays from the belief, and their decisions (D,U)."""
     ends = ray_ends(belief)
     optimal_cost = float(problem.optimal_cost(belief))
-    shares, decisions = np.ones(len(ends)), problem.solve(ends)
+    shares, decisions = np.ones(len(ends)), problem.solve_points(ends)
     excess = problem.state_costs(decisions) @ belief - optimal_cost - limit
     open_rays = np.flatnonzero(excess > 0)
     low, high = np.zeros(len(ends)), np.ones(len(ends))
     low_root, high_root = np.full(len(ends), -np.sqrt(limit)), np.sqrt(np.maximum(excess + limit, 0.0)) - np.sqrt(limit)
-    decisions[open_rays] = problem.solve(belief)
+    decisions[open_rays] = problem.solve_points(belief)
     shares[open_rays] = 0.0
     for step in range(_MOST_STEPS):
         if not open_rays.size:
@@ -59,7 +59,7 @@ def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tu
         linear = low_root[open_rays] / (low_root[open_rays] - high_root[open_rays])
         inside = 0.5 if step % 4 == 3 else np.clip(linear, 0.02, 0.98)
         share = low[open_rays] + inside * (high[open_rays] - low[open_rays])
-        trial = problem.solve(belief + share[:, None] * (ends[open_rays] - belief))
+        trial = problem.solve_points(belief + share[:, None] * (ends[open_rays] - belief))
         regret = np.maximum(problem.state_costs(trial) @ belief - optimal_cost, 0.0)
         fits = regret <= limit
         good, bad = open_rays[fits], open_rays[~fits]

@@ -89,7 +89,7 @@ class Decision(Saved):
     """One decision and what it gives away.
 
     Args:
-        action: ū, shape (U,).
+        action: ū, shape (U,); an int where decisions are finite choices.
         cost: π·s(ū), in the cost's unit.
         optimal_cost: c* = V(π), in the cost's unit.
         regret: cost − optimal cost, at least 0.
@@ -126,6 +126,9 @@ class Decision(Saved):
     problem: DecisionProblem | None = field(default=None, metadata={"saved": False})
     price: float = float("nan")
     _derived: ClassVar[tuple[str, ...]] = ("belief_set",)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "action", _as_met(self.problem, self.action))
 
     @cached_property
     def belief_set(self) -> BeliefSet:
@@ -192,6 +195,9 @@ class MixedDecision(Saved):
     status: DecisionStatus
     problem: DecisionProblem | None = field(default=None, metadata={"saved": False})
     _derived: ClassVar[tuple[str, ...]] = ("belief_sets",)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "actions", _as_met(self.problem, self.actions))
 
     @cached_property
     def belief_sets(self) -> tuple[BeliefSet, ...]:
@@ -271,13 +277,14 @@ class Decisions(Saved):
     @cached_property
     def action(self) -> Array:
         """ū of every step, shape (T,U), made at first use."""
-        return _known(self.played).actions(slice(None))
+        played = _known(self.played)
+        return _as_met(played.problem, played.actions(slice(None)))
 
     @cached_property
     def belief_set(self) -> tuple[BeliefSet, ...]:
         """Π(ū) of every step, made at first use."""
         problem = _known(self.played).problem
-        return tuple(belief_set_of(problem, action) for action in self.action)
+        return tuple(_set_of(problem, action) for action in self.action)
 
     def __len__(self) -> int:
         return len(self.status)
@@ -349,7 +356,8 @@ class MixedDecisions(Saved):
     @cached_property
     def actions(self) -> Array:
         """The atoms of every step, shape (T,k,U), made at first use."""
-        return _known(self.played).actions(slice(None))
+        played = _known(self.played)
+        return _as_met(played.problem, played.actions(slice(None)))
 
     def __len__(self) -> int:
         return len(self.status)
@@ -428,7 +436,12 @@ def _known(played: Played | None) -> Played:
 def _set_of(problem: DecisionProblem | None, action: Array) -> BeliefSet:
     if problem is None:
         raise InputError("this result was made without its problem: its belief sets are not known")
-    return belief_set_of(problem, action)
+    return belief_set_of(problem, problem.as_points(action))
+
+
+def _as_met(problem: DecisionProblem | None, actions: Array) -> Array:
+    """Decisions as a reader meets them; of a problem without coordinates, whole numbers."""
+    return actions if problem is None else problem.as_actions(np.asarray(actions))
 
 
 def counted(beliefs: Array, progress: Progress | None) -> Iterator[tuple[int, Array]]:
@@ -449,7 +462,7 @@ def stack(decisions: list[Decision], problem: DecisionProblem) -> Decisions:
         np.array([d.privacy_bound for d in decisions]),
         np.array([d.decoy for d in decisions]),
         tuple(d.status for d in decisions),
-        Kept(problem, np.array([d.action for d in decisions])),
+        Kept(problem, np.array([problem.as_points(d.action) for d in decisions])),
         np.array([d.price for d in decisions]),
     )
 
@@ -476,7 +489,7 @@ def stack_mixed(decisions: list[MixedDecision], problem: DecisionProblem) -> Mix
         np.array([d.price for d in decisions]),
         np.array([padded(d.decoys) for d in decisions]),
         tuple(d.status for d in decisions),
-        Kept(problem, np.array([padded(d.actions) for d in decisions])),
+        Kept(problem, np.array([padded(problem.as_points(d.actions)) for d in decisions])),
     )
 
 
@@ -485,6 +498,9 @@ def _counted_statuses(statuses: tuple[DecisionStatus, ...]) -> list[str]:
 
 
 def _numbers(values: Array) -> str:
+    values = np.asarray(values)
+    if values.ndim == 0:
+        return f"choice {values}"
     return "[" + " ".join(f"{value:.4f}" for value in values) + "]"
 
 

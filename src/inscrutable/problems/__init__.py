@@ -2,7 +2,29 @@
 
 from inscrutable.problems.base import DecisionProblem, checked_problem
 from inscrutable.problems.constraints import Polyhedron, box, simplex
+from inscrutable.problems.convex import ConvexProblem
+from inscrutable.problems.dispatch import PowerNetwork, dispatch_problem
+from inscrutable.problems.finite import FiniteProblem
+from inscrutable.problems.kelly import KellyProblem
+from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.markowitz import MarkowitzProblem
 from inscrutable.problems.quadratic import QuadraticProblem
+from inscrutable.problems.transaction_costs import TradingProblem, with_transaction_costs
 
-__all__ = ["DecisionProblem", "MarkowitzProblem", "Polyhedron", "QuadraticProblem", "box", "checked_problem", "simplex"]
+__all__ = [
+    "ConvexProblem",
+    "DecisionProblem",
+    "FiniteProblem",
+    "KellyProblem",
+    "LinearProblem",
+    "MarkowitzProblem",
+    "Polyhedron",
+    "PowerNetwork",
+    "QuadraticProblem",
+    "TradingProblem",
+    "box",
+    "checked_problem",
+    "dispatch_problem",
+    "simplex",
+    "with_transaction_costs",
+]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +15,19 @@ from inscrutable.problems.constraints import Polyhedron
 from inscrutable.validation import Array
 
 
+class SmoothForm(NamedTuple):
+    """Decisions as an observer of a smooth problem sees them."""
+
+    region: Polyhedron
+    points: Array  # (M, U')
+    gradients: Callable[[Array], Array]  # (m, U') -> (m, X, U')
+
+
 class DecisionProblem(ABC):
     """A decision u ∈ C with cost c(i, u) in state i: convex in u, smooth, and known to the observer.
 
-    A subclass gives `constraints`, `n_states`, `solve`, `state_costs` and `cost_gradients`; the rest follows.
+    A subclass gives `constraints`, `n_states`, `solve`, `state_costs` and `cost_gradients`; the rest follows. Costs with
+    kinks also override `smooth_form`. `inscrutable.testing.check_decision_problem` says whether the promises are kept.
 
     Source: the paper, eq. (3).
 
@@ -30,6 +40,9 @@ class DecisionProblem(ABC):
     """
 
     constraints: Polyhedron
+
+    is_discrete: bool = False
+    """Whether only single choices are decisions, and nothing between them."""
 
     @property
     @abstractmethod
@@ -53,6 +66,32 @@ class DecisionProblem(ABC):
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return ∇_u c(i,u) for every state i: shape (X,U), or (…,X,U) for decisions (…,U)."""
 
+    def smooth_form(self, actions: Array) -> SmoothForm:
+        """Return the smooth problem that an observer solves backwards, for decisions (M,U) as points.
+
+        Costs with kinks give the one in which their kinks are rows of the feasible set; others give themselves.
+        """
+        return SmoothForm(self.constraints, actions, self.cost_gradients)
+
+    def explaining_rows(self, action: Array) -> Array | None:
+        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} of one decision (U,) where no gradient decides, else None."""
+        return None
+
+    def as_points(self, actions: ArrayLike) -> Array:
+        """Return decisions as points (…,U) of the feasible set's space: themselves, unless decisions are whole numbers."""
+        points = np.asarray(actions, dtype=np.float64)
+        if points.ndim == 0 or points.shape[-1] != self.n_actions:
+            raise InputError(f"action has shape {points.shape}, expected {self.n_actions} coordinates in the last axis")
+        return points
+
+    def as_actions(self, points: Array) -> Any:
+        """Return points (…,U) as the decisions a reader meets: themselves, unless decisions are whole numbers."""
+        return points
+
+    def solve_points(self, beliefs: ArrayLike) -> Array:
+        """Return u*(π) as points: shape (U,) or (T,U)."""
+        return self.as_points(self.solve(beliefs))
+
     def expected_cost(self, beliefs: ArrayLike, actions: ArrayLike) -> Array:
         """Return π·s(u), paired: beliefs (T,X) with decisions (T,U) give (T,); a single one broadcasts."""
         held, points = validation.beliefs(beliefs, self.n_states), self.check_actions(actions)
@@ -75,7 +114,8 @@ class DecisionProblem(ABC):
 
     def check_actions(self, actions: ArrayLike) -> Array:
         """Return decisions (U,) or (T,U) as floats; raise `InputError` for a wrong length or one outside C."""
-        points = validation.finite_array(actions, "action", ndim=(1, 2))
+        given = self.as_points(actions) if np.asarray(actions).dtype.kind in "iu" and self.is_discrete else actions
+        points = validation.finite_array(given, "action", ndim=(1, 2))
         if points.shape[-1] != self.n_actions:
             raise InputError(f"action has {points.shape[-1]} coordinates, expected {self.n_actions}")
         violation = np.atleast_1d(self.constraints.violation(points))

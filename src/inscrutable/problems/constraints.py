@@ -187,6 +187,16 @@ class Polyhedron:
         return limits
 
 
+def checked_region(constraints: Polyhedron, n_actions: int) -> Polyhedron:
+    """Return a feasible set in `n_actions` coordinates that is not empty, or raise `InputError` or `ModelError`."""
+    if not isinstance(constraints, Polyhedron):
+        raise InputError(f"constraints must be a Polyhedron, got {type(constraints).__name__}")
+    if constraints.n_actions != n_actions:
+        raise InputError(f"constraints have {constraints.n_actions} coordinates, the costs {n_actions}")
+    constraints.check_feasible()
+    return constraints
+
+
 def _size(points: Array) -> Array:
     """Largest coordinate of each decision, at least one: what its rounding is relative to."""
     return np.asarray(np.maximum(np.abs(points).max(axis=-1, initial=0.0), 1.0))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.problems.base import DecisionProblem
-from inscrutable.problems.constraints import Polyhedron
+from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.validation import Array
 
@@ -67,12 +67,7 @@ class QuadraticProblem(DecisionProblem):
         self.constants = validation.finite_array(given, "constants", ndim=1)
         if self.constants.shape != (n_states,):
             raise InputError(f"constants has {self.constants.size} entries, expected one per state: {n_states}")
-        if not isinstance(constraints, Polyhedron):
-            raise InputError(f"constraints must be a Polyhedron, got {type(constraints).__name__}")
-        if constraints.n_actions != n_actions:
-            raise InputError(f"constraints have {constraints.n_actions} coordinates, the costs {n_actions}")
-        constraints.check_feasible()
-        self.constraints = constraints
+        self.constraints = checked_region(constraints, n_actions)
 
     @property
     def n_states(self) -> int:

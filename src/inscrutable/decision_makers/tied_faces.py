@@ -1,0 +1,70 @@
+"""Mixtures of tied vertices: decisions that only the beliefs on a border between cells explain.
+
+On the relative interior of a face the consistent set is the same, the cell of the face's tied vertices, and the regret is
+linear: of all mixtures on a face those nearest to one of its vertices are enough. Each leaves the vertex by as little as an
+observer notices, the feasible set's `min_slack`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
+from inscrutable.problems import LinearProblem
+from inscrutable.validation import Array
+
+_MOST_FACES = 20_000
+
+
+def tied_mixtures(problem: LinearProblem, candidates: Candidates) -> Candidates:
+    """Return mixtures of the candidates that are optimal for the same beliefs, each with one of these beliefs."""
+    chosen = candidates.distinct[candidates.sets.dimension[candidates.distinct] >= 0]
+    vertices, costs = candidates.actions[chosen], candidates.state_costs[chosen]
+    actions: list[Array] = []
+    decoys: list[Array] = []
+    for tied in _tied_sets(costs, _corners(problem, vertices)):
+        mixed = _near_vertices(problem, vertices[list(tied)])
+        found = belief_set_of(problem, mixed[0])
+        if not found.is_empty:
+            actions.append(mixed)
+            decoys.append(np.broadcast_to(found.center(), (len(mixed), problem.n_states)))
+    if not actions:
+        return make_candidates(problem, vertices[:1], candidates.sets.start[chosen[:1]])
+    return make_candidates(problem, np.vstack(actions), np.vstack(decoys))
+
+
+def _corners(problem: LinearProblem, vertices: Array) -> Array:
+    """The corners of all cells, shape (n,X)."""
+    corners = np.vstack([belief_set_of(problem, vertex).vertices() for vertex in vertices])
+    return np.asarray(np.unique(np.round(corners, 10), axis=0))
+
+
+def _tied_sets(costs: Array, corners: Array) -> list[tuple[int, ...]]:
+    """Sets of two vertices or more that are optimal together: at a corner of the cells, and at all corners of a face."""
+    values = corners @ costs.T
+    margin = tolerances.FEASIBILITY * np.maximum(np.abs(values).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    at_corners = {
+        frozenset(np.flatnonzero(row).tolist()) for row in values <= values.min(axis=1, keepdims=True) + margin
+    }
+    known = {each for each in at_corners if len(each) > 1}
+    fresh = set(known)
+    while fresh and len(known) < _MOST_FACES:
+        met = {each & other for each in fresh for other in at_corners}
+        fresh = {each for each in met if len(each) > 1} - known
+        known |= fresh
+    return sorted(tuple(sorted(each)) for each in known)
+
+
+def _near_vertices(problem: LinearProblem, tied: Array) -> Array:
+    """One mixture near each of the tied vertices (k,U), with every row that is not tight at all of them noticeably slack."""
+    region, count = problem.constraints, len(tied)
+    slacks = region.slacks(tied)  # (k, n)
+    loose = (slacks > tolerances.FEASIBILITY).any(axis=0)
+    room = slacks[:, loose].sum(axis=0)
+    least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY) + tolerances.FEASIBILITY
+    share = least / room.min(initial=np.inf) if room.size else 0.0
+    share = min(max(share, tolerances.SLACK_SAFETY), 1.0 / count)
+    weights = np.full((count, count), share) + np.eye(count) * (1.0 - count * share)
+    return np.asarray(weights @ tied)

@@ -1,0 +1,257 @@
+"""Convex costs of a user's own: written in CVXPY, or given as functions with their gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.linear_programmes import Rows, minimum
+from inscrutable.problems.base import DecisionProblem
+from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.linear import LinearProblem
+from inscrutable.problems.modelled import Modelled
+from inscrutable.problems.newton import Model, minimise_smooth
+from inscrutable.problems.quadratic import QuadraticProblem
+from inscrutable.problems.quadratic_programme import Layout, layout_of
+from inscrutable.validation import Array
+
+Function = Callable[[Array], ArrayLike]
+
+_MOST_CUTS = 200
+
+
+class ConvexProblem(DecisionProblem):
+    """A decision with one convex cost per state, as the user writes it.
+
+    Formula: c(i,u) = costs[i] over u ∈ C.
+
+    Costs that are quadratic or affine in the variable are recognised and solved as such. Others are solved by Clarabel,
+    through one problem compiled with the belief as a parameter, and polished by Newton's method. `from_functions` takes
+    functions instead and needs no extra.
+
+    Args:
+        variable: A `cvxpy.Variable` of shape (U,); its sign attributes are constraints too.
+        costs: X convex `cvxpy` expressions in this variable alone, one per state, in the cost's unit.
+        constraints: A `Polyhedron`, or a list of affine `cvxpy` constraints on the variable.
+        differentiable: Whether the costs have gradients all over C. Where they have kinks say False: Π(u) is then
+            found by cutting planes, as the beliefs that lose at most 1e-6 of the cost's scale.
+
+    Raises:
+        InputError: `cvxpy` is missing, a cost is not convex, scalar or depends on another variable, a constraint is not
+            affine.
+        ModelError: The feasible set is empty (its rows are named) or a cost has no minimum over it.
+
+    Cost: one product where costs are quadratic or affine; else some ten milliseconds per belief. Source: the paper, eq.
+    (3); Agrawal et al., A Rewriting System for Convex Optimization Problems (2018).
+
+    Example:
+        >>> import cvxpy as cp
+        >>> u = cp.Variable(2)
+        >>> costs = [cp.sum_squares(u - [1, 0]), cp.sum_squares(u - [0, 1])]
+        >>> problem = ConvexProblem(u, costs, [cp.sum(u) == 1, u >= 0])
+        >>> print(problem.solve([0.3, 0.7]).round(6))
+        [0.3 0.7]
+    """
+
+    def __init__(
+        self,
+        variable: Any,
+        costs: Sequence[Any],
+        constraints: Polyhedron | Sequence[Any],
+        *,
+        differentiable: bool = True,
+    ) -> None:
+        model = Modelled(variable, costs, constraints)
+        self._model: Modelled | None = model
+        self._set_up(model.values, model.gradients, checked_region(model.region, model.n_actions), len(costs))
+        self.differentiable = bool(differentiable)
+        self._stated = _recognised(model, self.constraints)
+
+    def _set_up(self, values: Function, gradients: Function, region: Polyhedron, n_states: int) -> None:
+        self._values, self._gradients = values, gradients
+        self.constraints, self._n_states = region, n_states
+        self.differentiable = True
+        self._stated: DecisionProblem | None = None
+        self._start = np.zeros(region.n_actions)
+
+    @classmethod
+    def from_functions(
+        cls, values: Function, gradients: Function, constraints: Polyhedron, *, start: ArrayLike | None = None
+    ) -> ConvexProblem:
+        """Return the problem of smooth costs given by functions of one decision (U,).
+
+        Args:
+            values: Returns the costs of all states, shape (X,); infinite or NaN outside the costs' domain.
+            gradients: Returns their gradients, shape (X,U).
+            constraints: The feasible set C.
+            start: A feasible decision inside the costs' domain, (U,); None is one as far from the rows as possible.
+
+        Raises:
+            InputError: A function returns another shape.
+            ModelError: C is empty, or the costs are not finite at the start.
+        """
+        region = checked_region(constraints, constraints.n_actions)
+        middle = _middle(region) if start is None else validation.finite_array(start, "start", ndim=1)
+        costs, slopes = np.asarray(values(middle), dtype=np.float64), np.asarray(gradients(middle), dtype=np.float64)
+        if costs.ndim != 1 or slopes.shape != (costs.size, region.n_actions):
+            raise InputError(
+                f"values returns shape {costs.shape} and gradients {slopes.shape}; expected (X,) and (X, U) with U = "
+                f"{region.n_actions}"
+            )
+        if not np.isfinite(costs).all():
+            raise ModelError(f"the costs at {middle} are {costs}: give a start inside their domain")
+        problem = cls.__new__(cls)
+        problem._model = None
+        problem._set_up(
+            lambda points: np.array([values(point) for point in points], dtype=np.float64),
+            lambda points: np.array([gradients(point) for point in points], dtype=np.float64),
+            region,
+            costs.size,
+        )
+        problem._start = middle
+        return problem
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return self._n_states
+
+    @cached_property
+    def _layout(self) -> Layout:
+        return layout_of(self.constraints)
+
+    def solve(self, beliefs: ArrayLike) -> Array:
+        """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U)."""
+        if self._stated is not None:
+            return self._stated.solve(beliefs)
+        held = validation.beliefs(beliefs, self.n_states)
+        rows = np.atleast_2d(held)
+        if self._model is None:
+            solved = minimise_smooth(_Expected(self), rows, np.tile(self._start, (len(rows), 1)), self._layout)
+        else:
+            solved = np.array([self._polished(belief, self._model.solve(belief)) for belief in rows])
+        return np.asarray(solved[0]) if held.ndim == 1 else solved
+
+    def _polished(self, belief: Array, rough: Array) -> Array:
+        if self.differentiable:
+            try:
+                found = minimise_smooth(_Expected(self), belief[None], rough[None], self._layout)
+            except (SolverError, ModelError):
+                found = rough[None]  # a kink after all: the interior point is what there is
+            if self.constraints.violation(found)[0] <= tolerances.FEASIBILITY:
+                return np.asarray(found[0])
+        return _pulled_in(self.constraints, rough)
+
+    def state_costs(self, actions: ArrayLike) -> Array:
+        """Return c(i,u) for decisions (…,U): shape (…,X)."""
+        points = self.as_points(actions)
+        if self._stated is not None:
+            return self._stated.state_costs(points)
+        rows = points.reshape(-1, self.n_actions)
+        return np.asarray(self._values(rows)).reshape(*points.shape[:-1], self.n_states)
+
+    def cost_gradients(self, action: ArrayLike) -> Array:
+        """Return ∇_u c(i,u), or one of the slopes at a kink, for decisions (…,U): shape (…,X,U)."""
+        points = self.as_points(action)
+        if self._stated is not None:
+            return self._stated.cost_gradients(points)
+        rows = points.reshape(-1, self.n_actions)
+        return np.asarray(self._gradients(rows)).reshape(*points.shape[:-1], self.n_states, self.n_actions)
+
+    def explaining_rows(self, action: Array) -> Array | None:
+        """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} up to the accuracy of the costs, or None where gradients say it.
+
+        Each row is s(v) − s(u) for an optimal decision v; rows are added at the corners of what is left until none of them
+        loses more than the tolerance.
+        """
+        if self.differentiable:
+            return None
+        from inscrutable.geometry import BeliefSet
+
+        own = self.state_costs(action)
+        rows = np.zeros((0, self.n_states))
+        fresh = np.eye(self.n_states)
+        scale = max(float(np.abs(own).max()), np.finfo(float).tiny)
+        for _ in range(_MOST_CUTS):
+            planes = self.state_costs(self.solve(fresh)) - own
+            losses = -(fresh * planes).sum(axis=1) if len(rows) else np.full(len(fresh), np.inf)
+            if losses.max() <= 2.0 * tolerances.KINKED * scale:
+                break
+            rows = np.vstack([rows, planes / scale + tolerances.KINKED])
+            found = BeliefSet(np.zeros((0, self.n_states)), rows)
+            if found.is_empty:
+                break
+            fresh = np.vstack([found.vertices(), found.center()])
+            fresh /= fresh.sum(axis=1, keepdims=True)
+        return rows
+
+    def __repr__(self) -> str:
+        return f"ConvexProblem({self.n_states} states, {self.n_actions} coordinates)"
+
+
+class _Expected:
+    """Expected costs under beliefs; curvature by differences of the gradients."""
+
+    def __init__(self, problem: ConvexProblem) -> None:
+        self._costs, self._slopes = problem.state_costs, problem.cost_gradients
+
+    def values(self, held: Array, points: Array) -> Array:
+        """Return π·s(u), infinite where it is not a number."""
+        with np.errstate(all="ignore"):
+            found = (held * self._costs(points)).sum(axis=1)
+        return np.where(np.isnan(found), np.inf, found)
+
+    def model(self, held: Array, points: Array) -> Model:
+        """Return value, gradient and Hessian."""
+        slopes = np.einsum("nx,nxu->nu", held, self._slopes(points))
+        size = points.shape[1]
+        hessians = np.empty((len(points), size, size))
+        step = tolerances.DIFFERENCE
+        with np.errstate(all="ignore"):
+            for j in range(size):
+                ahead = np.einsum("nx,nxu->nu", held, self._slopes(points + step * np.eye(size)[j])) - slopes
+                back = slopes - np.einsum("nx,nxu->nu", held, self._slopes(points - step * np.eye(size)[j]))
+                sides = np.where(np.isfinite(ahead), np.where(np.isfinite(back), 0.5 * (ahead + back), ahead), back)
+                hessians[:, j] = np.where(np.isfinite(sides), sides, 0.0) / step
+        values, vectors = np.linalg.eigh(0.5 * (hessians + hessians.transpose(0, 2, 1)))
+        bent = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors)
+        return Model(self.values(held, points), slopes, bent)
+
+    def longest_steps(self, held: Array, points: Array, steps: Array) -> Array:
+        """Return whole steps: outside the domain the value is infinite."""
+        return np.ones(len(points))
+
+
+def _middle(region: Polyhedron) -> Array:
+    """A decision as far from every row as possible, up to one unit of the row's largest coefficient."""
+    size, n = region.n_actions, len(region.b_ub)
+    below = Rows(np.column_stack([region.A_ub, region.row_scale]), region.b_ub)
+    equal = Rows(np.column_stack([region.A_eq, np.zeros(len(region.b_eq))]), region.b_eq)
+    bounds: list[tuple[float | None, float | None]] = [(None, None)] * size
+    return minimum(np.append(np.zeros(size), -1.0 if n else 0.0), below, equal, [*bounds, (None, 1.0)]).x[:size]
+
+
+def _pulled_in(region: Polyhedron, point: Array) -> Array:
+    """The feasible decision nearest to an interior-point solver's."""
+    size = point.size
+    nearest = QuadraticProblem(np.eye(size)[None], -point[None], constraints=region)
+    return nearest.solve([1.0])
+
+
+def _recognised(model: Modelled, region: Polyhedron) -> DecisionProblem | None:
+    """The quadratic or linear problem that the expressions state, if they do."""
+    if not model.is_quadratic:
+        return None
+    size = model.n_actions
+    slopes = model.gradients(np.vstack([np.zeros(size), np.eye(size)]))
+    constants = model.values(np.zeros((1, size)))[0]
+    hessians = (slopes[1:] - slopes[0]).transpose(1, 0, 2)
+    if not np.abs(hessians).max() > 0 and not constants.any():
+        return LinearProblem(slopes[0], region)
+    return QuadraticProblem(0.5 * (hessians + hessians.transpose(0, 2, 1)), slopes[0], constants, constraints=region)

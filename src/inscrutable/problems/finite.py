@@ -1,0 +1,98 @@
+"""Finitely many choices: the teaching case, and the one of detection, inspection and modes of operation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError
+from inscrutable.problems.constraints import simplex
+from inscrutable.problems.linear import LinearProblem
+from inscrutable.validation import Array
+
+
+class FiniteProblem(LinearProblem):
+    """One of K choices, each with a cost per state.
+
+    Formula: c(i,a) = costs[i,a] for a ∈ {0, …, K−1}; Π(a) = {π ∈ Δ_X : π·(s(a) − s(b)) ≤ 0 for every b}.
+
+    A decision is a whole number. Behind it stands the linear problem over the simplex of K shares, whose vertices are the
+    choices: candidates hold shares (M,K), and what is public returns whole numbers again. A mixture of tied choices
+    (`decoy_grid(problem, r, faces=True)`) is an array of K shares: what a choice made again and again shows in the
+    long run, or an amount divided among the choices. `solve` takes the first of tied choices.
+
+    Args:
+        costs: Cost of each choice in each state, shape (X,K).
+
+    Raises:
+        InputError: The costs are no finite table.
+
+    Cost: one product per belief. Source: the paper, eq. (3), over finitely many decisions.
+
+    Example:
+        >>> problem = FiniteProblem([[0.0, 4.0], [10.0, 4.0]])  # state: sound or worn; choice: go on or repair
+        >>> problem.solve([0.9, 0.1]), problem.solve([[0.9, 0.1], [0.5, 0.5]])
+        (0, array([0, 1]))
+        >>> print(problem.state_costs(1))
+        [4. 4.]
+    """
+
+    def __init__(self, costs: ArrayLike) -> None:
+        table = validation.finite_array(costs, "costs", ndim=2)
+        if not table.size:
+            raise InputError(f"costs has shape {table.shape}, expected at least one state and one choice")
+        super().__init__(table, simplex(table.shape[1]))
+
+    is_discrete = True
+
+    def _check_bounded(self) -> None:
+        """A simplex is bounded."""
+
+    @property
+    def n_choices(self) -> int:
+        """Number of choices K."""
+        return int(self.costs.shape[1])
+
+    def solve(self, beliefs: ArrayLike) -> Any:
+        """Return the cheapest choice, an int for one belief (X,), ints (T,) for many; the first of tied ones."""
+        held = validation.beliefs(beliefs, self.n_states)
+        expected = held @ self.costs
+        scale = np.abs(expected).max(axis=-1, keepdims=True)
+        tied = expected <= expected.min(axis=-1, keepdims=True) + tolerances.STATIONARITY * scale
+        first = tied.argmax(axis=-1)
+        return int(first) if held.ndim == 1 else first
+
+    def state_costs(self, actions: ArrayLike) -> Array:
+        """Return s(a) for choices of shape (…), or for shares (…,K): shape (…,X)."""
+        given = np.asarray(actions)
+        if given.dtype.kind in "iu":
+            return np.asarray(self.costs.T[self._checked(given)])
+        return super().state_costs(given)
+
+    def as_points(self, actions: ArrayLike) -> Array:
+        """Return shares (…,K): of whole numbers the corners of the simplex, of shares themselves."""
+        given = np.asarray(actions)
+        if given.dtype.kind in "iu":
+            return np.asarray(np.eye(self.n_choices)[self._checked(given)])
+        return super().as_points(given)
+
+    def as_actions(self, points: Array) -> Any:
+        """Return whole numbers where all shares (…,K) are corners, else the shares."""
+        if points.dtype.kind in "iu":
+            return int(points) if points.ndim == 0 else points
+        if not ((points == 0) | (points == 1)).all():
+            return points
+        numbers = points.argmax(axis=-1)
+        return int(numbers) if points.ndim == 1 else numbers
+
+    def _checked(self, choices: np.ndarray) -> np.ndarray:
+        bad = choices[(choices < 0) | (choices >= self.n_choices)]
+        if bad.size:
+            raise InputError(f"choice {int(bad.flat[0])} does not exist: expected 0 to {self.n_choices - 1}")
+        return choices
+
+    def __repr__(self) -> str:
+        return f"FiniteProblem({self.n_states} states, {self.n_choices} choices)"

@@ -1,0 +1,188 @@
+"""Log-optimal growth: what a bettor or an investor shows of their beliefs by the shares of wealth they stake."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError, ModelError
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
+from inscrutable.problems.base import DecisionProblem
+from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
+from inscrutable.problems.newton import Model, minimise_smooth
+from inscrutable.problems.quadratic_programme import Layout, layout_of
+from inscrutable.validation import Array
+
+_RUIN = 1e4
+"""Cost of losing everything: above any logarithm of a float, so that the cost stays convex, and finite, so that beliefs that
+rule the loss out are not disturbed by it."""
+_BLOCK_ENTRIES = 4_000_000
+
+
+class KellyProblem(DecisionProblem):
+    """Shares of wealth that grow fastest in the long run.
+
+    Formula: c(i,u) = −Σ_s p_is log(r_is'u) over {u ≥ 0, 1'u = 1} unless constraints are given.
+
+    In a horse race (r_is'u = odds × the share on the winner) whose winner is the state, u* = π for any odds, and the regret of
+    betting y is the Kullback–Leibler divergence of y from π. Losing everything in an outcome of positive probability
+    costs 10,000 instead of infinity.
+
+    Args:
+        gross_returns: r_is, wealth after the period per unit of wealth on each asset, shape (X,S,U), at least 0.
+        probabilities: p_is, of S outcomes in each state, shape (X,S), rows summing to one.
+        constraints: The feasible set; None is `simplex(U)`.
+
+    Raises:
+        InputError: Shapes disagree, a return is negative, a row of probabilities does not sum to one.
+        ModelError: The feasible set is empty, or every decision in it loses everything in some outcome.
+
+    Cost: some ten quadratic programmes per belief. Source: Kelly, A New Interpretation of Information Rate (Bell System
+    Technical Journal 35, 1956).
+
+    Example:
+        >>> odds = np.array([[[2.0, 0.0]], [[0.0, 2.0]]])  # two horses; the state is the winner
+        >>> problem = KellyProblem(odds, [[1.0], [1.0]])
+        >>> print(problem.solve([0.3, 0.7]).round(6))
+        [0.3 0.7]
+    """
+
+    def __init__(
+        self, gross_returns: ArrayLike, probabilities: ArrayLike, constraints: Polyhedron | None = None
+    ) -> None:
+        self.gross_returns = validation.finite_array(gross_returns, "gross_returns", ndim=3)
+        self.probabilities = validation.stochastic_rows(probabilities, "probabilities")
+        n_states, n_outcomes, n_assets = self.gross_returns.shape
+        if not self.gross_returns.size or self.probabilities.shape != (n_states, n_outcomes):
+            raise InputError(
+                f"gross_returns has shape {self.gross_returns.shape} and probabilities {self.probabilities.shape}; "
+                "expected (X, S, U) and (X, S)"
+            )
+        if self.gross_returns.min() < 0:
+            place = np.argwhere(self.gross_returns < 0)[0].tolist()
+            raise InputError(
+                f"gross_returns has {self.gross_returns.min():g} at {place}; wealth cannot be lost more than once: give "
+                "1 + the return, at least 0"
+            )
+        self.constraints = checked_region(simplex(n_assets) if constraints is None else constraints, n_assets)
+        self._start = self._safest()
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return int(self.gross_returns.shape[0])
+
+    def _safest(self) -> Array:
+        """The decision whose wealth is largest in the worst outcome of positive probability."""
+        region, size = self.constraints, self.gross_returns.shape[2]
+        possible = self.probabilities > 0
+        outcomes = self.gross_returns[possible]
+        most = np.abs(outcomes).max(axis=1)
+        if (most == 0).any():
+            state, outcome = np.argwhere(possible)[int(most.argmin())]
+            raise ModelError(
+                f"every asset is worthless in outcome {outcome} of state {state}: no decision keeps any wealth"
+            )
+        # Wealth in units of the best asset's, and at most one so that the programme is bounded.
+        worst = np.column_stack([-outcomes / most[:, None], np.ones(len(outcomes))])
+        below = Rows(
+            np.vstack([worst, np.column_stack([region.A_ub, np.zeros(len(region.b_ub))])]),
+            np.concatenate([np.zeros(len(outcomes)), region.b_ub]),
+        )
+        equal = Rows(np.column_stack([region.A_eq, np.zeros(len(region.b_eq))]), region.b_eq)
+        answer = minimum(np.append(np.zeros(size), -1.0), below, equal, [(None, None)] * size + [(None, 1.0)])
+        if -answer.value <= tolerances.FEASIBILITY:
+            loser = int((outcomes @ answer.x[:size] / most).argmin())
+            state, outcome = np.argwhere(possible)[loser]
+            raise ModelError(
+                f"every decision loses everything in some outcome, the safest one in outcome {outcome} of state {state}: "
+                "loosen the constraints or add an asset that pays there"
+            )
+        return answer.x[:size]
+
+    @cached_property
+    def largest_wealth(self) -> Array:
+        """The most that each outcome can leave, max_{u ∈ C} r_k'u, shape (X·S,); 0 where there is no limit."""
+        region = self.constraints
+        below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
+        found = [minimise(-returns, below, equal) for returns in self.gross_returns.reshape(-1, self.n_actions)]
+        return np.array([-each.value if each.status == OPTIMAL else 0.0 for each in found])
+
+    @cached_property
+    def _layout(self) -> Layout:
+        return layout_of(self.constraints)
+
+    def solve(self, beliefs: ArrayLike) -> Array:
+        """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U)."""
+        held = validation.beliefs(beliefs, self.n_states)
+        rows = np.atleast_2d(held)
+        solved = np.empty((len(rows), self.n_actions))
+        step = max(1, _BLOCK_ENTRIES // (self.probabilities.size * self.n_actions))
+        for first in range(0, len(rows), step):
+            block = rows[first : first + step]
+            starts = np.tile(self._start, (len(block), 1))
+            solved[first : first + step] = minimise_smooth(_Growth(self), block, starts, self._layout)
+        return np.asarray(solved[0]) if held.ndim == 1 else solved
+
+    def wealth(self, actions: ArrayLike) -> Array:
+        """Return r_is'u, wealth after the period in every outcome, for decisions (…,U): shape (…,X,S)."""
+        return np.asarray(np.einsum("xsu,...u->...xs", self.gross_returns, self.as_points(actions)))
+
+    def state_costs(self, actions: ArrayLike) -> Array:
+        """Return c(i,u) for decisions (…,U): shape (…,X)."""
+        wealth = self.wealth(actions)
+        logs = -np.log(np.maximum(wealth, np.finfo(float).tiny))
+        costs = np.where(wealth > 0, logs, _RUIN)
+        return np.asarray((self.probabilities * costs).sum(axis=-1))
+
+    def cost_gradients(self, action: ArrayLike) -> Array:
+        """Return −Σ_s p_is r_is / (r_is'u) for decisions (…,U), shape (…,X,U); wealth below 1e-6 counts as that."""
+        shares = self.probabilities / np.maximum(self.wealth(action), tolerances.LEAST_WEALTH)
+        return np.asarray(-np.einsum("...xs,xsu->...xu", shares, self.gross_returns))
+
+    def __repr__(self) -> str:
+        n_states, n_outcomes, n_assets = self.gross_returns.shape
+        return f"KellyProblem({n_states} states, {n_outcomes} outcomes, {n_assets} assets)"
+
+
+class _Growth:
+    """Expected costs under beliefs: outcomes weigh π_i p_is, and those of no weight do not matter."""
+
+    def __init__(self, problem: KellyProblem) -> None:
+        self._probabilities = problem.probabilities
+        self._returns = problem.gross_returns.reshape(-1, problem.n_actions)  # (K, U)
+        self._most = problem.largest_wealth
+
+    def _weights(self, held: Array) -> Array:
+        weights = (held[:, :, None] * self._probabilities).reshape(len(held), -1)
+        return np.where(weights > 0, np.maximum(weights, tolerances.LEAST_WEIGHT), 0.0)
+
+    def values(self, held: Array, points: Array) -> Array:
+        """Return −Σ w_k log(r_k'u), infinite where an outcome of positive weight loses everything."""
+        weights, wealth = self._weights(held), points @ self._returns.T
+        lost = ((weights > 0) & (wealth <= 0)).any(axis=1)
+        logs = np.log(np.where((weights > 0) & (wealth > 0), wealth, 1.0))
+        return np.where(lost, np.inf, -(weights * logs).sum(axis=1))
+
+    def model(self, held: Array, points: Array) -> Model:
+        """Return value, gradient and Hessian."""
+        weights, wealth = self._weights(held), points @ self._returns.T
+        matters = weights > 0
+        wealth = np.where(matters, wealth, 1.0)
+        first = weights / wealth
+        curved = (first / wealth)[:, :, None] * self._returns
+        return Model(
+            -(weights * np.log(wealth)).sum(axis=1), -(first @ self._returns), curved.transpose(0, 2, 1) @ self._returns
+        )
+
+    def longest_steps(self, held: Array, points: Array, steps: Array) -> Array:
+        """Return shares that leave every outcome a hundredth of its wealth, and half of what the optimum leaves it: there
+        Σ w_k r_k'v / r_k'u ≤ 1 for every v in C, so r_k'u ≥ w_k max_v r_k'v."""
+        weights, wealth, change = self._weights(held), points @ self._returns.T, steps @ self._returns.T
+        least = np.minimum(np.maximum(0.01 * wealth, 0.5 * weights * self._most), wealth)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = np.where((weights > 0) & (change < 0), (wealth - least) / -change, np.inf).min(axis=1)
+        return np.asarray(np.minimum(reach, 1.0))

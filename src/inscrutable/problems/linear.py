@@ -1,0 +1,93 @@
+"""Linear costs: one vector of prices per state, and a vertex of the feasible set as the decision."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.errors import InputError, ModelError
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
+from inscrutable.problems.base import DecisionProblem
+from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.vertices import VertexTable
+from inscrutable.validation import Array
+
+
+class LinearProblem(DecisionProblem):
+    """A decision with one linear cost per state.
+
+    Formula: c(i,u) = c_i'u over u ∈ C.
+
+    Some vertex of C is optimal for every belief, and Π(u) is a cell of the simplex: the beliefs whose expected cost vector
+    lies in the normal cone of C at u, reversed. On the border between cells several vertices are optimal, and so are
+    their mixtures. `solve` then returns the one that is least in a fixed direction, the same at every call. Decision
+    makers choose among vertices; `decoy_grid(problem, r, faces=True)` adds mixtures of tied vertices, which tell more
+    exactly what the belief would have to be, and can be far more private at hardly any cost.
+
+    Args:
+        costs: c_i, shape (X,U), cost per decision.
+        constraints: The feasible set C.
+
+    Raises:
+        InputError: Shapes disagree or an entry is not finite.
+        ModelError: C is empty (its rows are named), or a state's cost falls without end over it.
+
+    Cost: one linear programme per distinct vertex, then products. Source: the paper, eq. (3), for a linear cost.
+
+    Example:
+        >>> from inscrutable.problems import simplex
+        >>> problem = LinearProblem([[0.0, 2.0], [1.0, 0.0]], simplex(2))
+        >>> print(problem.solve([[0.5, 0.5], [0.2, 0.8]]))
+        [[1. 0.]
+         [0. 1.]]
+    """
+
+    def __init__(self, costs: ArrayLike, constraints: Polyhedron) -> None:
+        self.costs = validation.finite_array(costs, "costs", ndim=2)
+        if not self.costs.size:
+            raise InputError(f"costs has shape {self.costs.shape}, expected at least one state and one coordinate")
+        self.constraints = checked_region(constraints, self.costs.shape[1])
+        self._check_bounded()
+
+    def _check_bounded(self) -> None:
+        region = self.constraints
+        for i, cost in enumerate(self.costs):
+            scale = np.abs(cost).max()
+            answer = minimise(
+                cost / (scale if scale > 0 else 1.0), Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
+            )
+            if answer.status != OPTIMAL:
+                raise ModelError(
+                    f"the cost of state {i} has no minimum over the feasible set: it falls without end along a direction "
+                    f"of it; add bounds ({answer.message})"
+                )
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return int(self.costs.shape[0])
+
+    @cached_property
+    def _table(self) -> VertexTable:
+        return VertexTable(self.costs, self.constraints)
+
+    def solve(self, beliefs: ArrayLike) -> Array:
+        """Return an optimal vertex for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
+        held = validation.beliefs(beliefs, self.n_states)
+        solved = self._table.solve(np.atleast_2d(held))
+        return np.asarray(solved[0]) if held.ndim == 1 else solved
+
+    def state_costs(self, actions: ArrayLike) -> Array:
+        """Return c(i,u) for decisions (…,U): shape (…,X)."""
+        return np.asarray(self.as_points(actions) @ self.costs.T)
+
+    def cost_gradients(self, action: ArrayLike) -> Array:
+        """Return c_i for decisions (…,U): shape (…,X,U), the same for all."""
+        points = self.as_points(action)
+        return np.array(np.broadcast_to(self.costs, (*points.shape[:-1], *self.costs.shape)))
+
+    def __repr__(self) -> str:
+        return f"LinearProblem({self.n_states} states, {self.n_actions} coordinates)"

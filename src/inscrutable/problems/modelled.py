@@ -1,0 +1,144 @@
+"""Costs and constraints read from CVXPY: values, gradients, rows, and one problem compiled for all beliefs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.problems.constraints import Polyhedron
+from inscrutable.validation import Array
+
+_LONGEST_NAME = 60
+
+
+class Modelled:
+    """X convex expressions of one variable, and the polyhedron of affine constraints on it."""
+
+    def __init__(self, variable: Any, costs: Sequence[Any], constraints: Any) -> None:
+        self._cvxpy = _imported()
+        if not isinstance(variable, self._cvxpy.Variable) or variable.ndim != 1:
+            raise InputError(f"variable must be a cvxpy.Variable of shape (U,), got {variable!r}")
+        self._variable, self._costs = variable, [_checked_cost(i, cost, variable) for i, cost in enumerate(costs)]
+        if not self._costs:
+            raise InputError("costs is empty, expected one expression per state")
+        self.n_actions = int(variable.size)
+        self.region = self._region(constraints)
+
+    @property
+    def is_quadratic(self) -> bool:
+        """Whether every cost is a quadratic function without pieces."""
+        return all(cost.is_quadratic() and (cost.is_affine() or not cost.is_pwl()) for cost in self._costs)
+
+    def values(self, points: Array) -> Array:
+        """Return the costs (n,X) of decisions (n,U)."""
+        found = np.empty((len(points), len(self._costs)))
+        for row, point in enumerate(points):
+            self._variable.save_value(point)
+            found[row] = [float(np.asarray(cost.value).reshape(())) for cost in self._costs]
+        return found
+
+    def gradients(self, points: Array) -> Array:
+        """Return their gradients (n,X,U); NaN outside a cost's domain."""
+        found = np.zeros((len(points), len(self._costs), self.n_actions))
+        for row, point in enumerate(points):
+            self._variable.save_value(point)
+            for i, cost in enumerate(self._costs):
+                slope = cost.grad.get(self._variable, 0.0)
+                dense = slope.toarray() if hasattr(slope, "toarray") else slope
+                found[row, i] = np.nan if dense is None else np.ravel(dense)
+        return found
+
+    @cached_property
+    def _compiled(self) -> tuple[Any, Any]:
+        """The problem for any belief, and the parameter that holds the belief."""
+        cp = self._cvxpy
+        belief = cp.Parameter(len(self._costs), nonneg=True)
+        expected = sum(belief[i] * cost for i, cost in enumerate(self._costs))
+        rows = []
+        if len(self.region.b_ub):
+            rows.append(self.region.A_ub @ self._variable <= self.region.b_ub)
+        if len(self.region.b_eq):
+            rows.append(self.region.A_eq @ self._variable == self.region.b_eq)
+        return cp.Problem(cp.Minimize(expected), rows), belief
+
+    def solve(self, belief: Array) -> Array:
+        """Return the minimiser (U,) as the interior-point solver leaves it."""
+        problem, parameter = self._compiled
+        parameter.value = belief
+        try:
+            problem.solve(solver=self._cvxpy.CLARABEL)
+        except self._cvxpy.error.SolverError as error:
+            raise SolverError(f"Clarabel failed for belief {belief}: {error}") from None
+        if problem.status in ("unbounded", "unbounded_inaccurate"):
+            raise ModelError(f"the cost under belief {belief} has no minimum over the feasible set: add bounds")
+        if self._variable.value is None:
+            raise SolverError(f"Clarabel ended with status {problem.status!r} for belief {belief}")
+        return np.array(self._variable.value, dtype=np.float64)
+
+    def _region(self, constraints: Any) -> Polyhedron:
+        if isinstance(constraints, Polyhedron):
+            region = constraints
+            if region.n_actions != self.n_actions:
+                raise InputError(f"constraints have {region.n_actions} coordinates, the variable {self.n_actions}")
+            return region
+        given = list(constraints)
+        below, equal, names = [], [], {"below": [], "equal": []}  # type: ignore[var-annotated]
+        if self._variable.attributes.get("nonneg") or self._variable.attributes.get("nonpos"):
+            given.append(self._variable >= 0 if self._variable.attributes.get("nonneg") else self._variable <= 0)
+        for each in given:
+            rows, is_equality = self._affine_rows(each)
+            name = str(each)[:_LONGEST_NAME]
+            (equal if is_equality else below).append(rows)
+            names["equal" if is_equality else "below"] += [
+                name if len(rows) == 1 else f"{name}[{i}]" for i in range(len(rows))
+            ]
+        lower = np.vstack(below) if below else np.zeros((0, self.n_actions + 1))
+        exact = np.vstack(equal) if equal else np.zeros((0, self.n_actions + 1))
+        return Polyhedron(
+            lower[:, :-1], lower[:, -1], exact[:, :-1], exact[:, -1], names=names["below"] + names["equal"]
+        )
+
+    def _affine_rows(self, constraint: Any) -> tuple[Array, bool]:
+        """Rows [a, b] of a'u ≤ b or a'u = b, read off the expression's values."""
+        kinds = self._cvxpy.constraints
+        known = (kinds.Equality, kinds.Zero, kinds.Inequality, kinds.NonPos, kinds.NonNeg)
+        if not isinstance(constraint, known) or not constraint.expr.is_affine():
+            raise InputError(f"constraint {constraint} must be an affine equality or inequality")
+        if constraint.expr.parameters() or any(each.id != self._variable.id for each in constraint.variables()):
+            raise InputError(f"constraint {constraint} must be in the problem's variable alone, without parameters")
+        sign = -1.0 if isinstance(constraint, kinds.NonNeg) else 1.0
+        self._variable.save_value(np.zeros(self.n_actions))
+        offset = sign * np.ravel(constraint.expr.value)
+        columns = []
+        for unit in np.eye(self.n_actions):
+            self._variable.save_value(unit)
+            columns.append(sign * np.ravel(constraint.expr.value) - offset)
+        rows = np.column_stack([np.column_stack(columns), -offset])
+        return rows, isinstance(constraint, (kinds.Equality, kinds.Zero))
+
+
+def _imported() -> Any:
+    try:
+        import cvxpy
+    except ImportError:
+        raise InputError(
+            "costs in CVXPY need an extra: pip install 'inscrutable[cvx]'; or give functions to "
+            "ConvexProblem.from_functions"
+        ) from None
+    return cvxpy
+
+
+def _checked_cost(state: int, cost: Any, variable: Any) -> Any:
+    for promise, kept in (
+        ("scalar", lambda: cost.is_scalar()),
+        ("convex by CVXPY's rules", lambda: cost.is_convex()),
+        ("without parameters", lambda: not cost.parameters()),
+        ("in the problem's variable alone", lambda: all(each.id == variable.id for each in cost.variables())),
+    ):
+        if not hasattr(cost, "is_convex") or not kept():
+            raise InputError(f"the cost of state {state} must be an expression that is {promise}, got {cost}")
+    return cost

@@ -1,0 +1,109 @@
+"""Smooth convex costs over a polyhedron: Newton's method, each step a quadratic programme solved by an active set.
+
+At u the model g'd + ½d'(H + δI)d is minimised over u + d ∈ C. Near the solution the step is full and the active set settles,
+so the last step leaves what `quadratic_programme` leaves: the KKT equations to a few roundings, bounds to the last digit.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.errors import SolverError
+from inscrutable.problems.quadratic_programme import Layout, solve_programmes
+from inscrutable.validation import Array
+
+_MOST_STEPS = 200
+_MOST_HALVINGS = 60
+_DESCENT = 0.01
+_UNSEEN = 1e3
+_ENOUGH = 4
+
+
+class Model(NamedTuple):
+    """A cost and its derivatives at n points."""
+
+    values: Array  # (n,)
+    gradients: Array  # (n, U)
+    hessians: Array  # (n, U, U)
+
+
+class SmoothCosts(Protocol):
+    """Expected costs π·s(u) of beliefs (n,X), each at a point (n,U) of its own."""
+
+    def model(self, held: Array, points: Array) -> Model:
+        """Return value, gradient and (approximate, symmetric) Hessian."""
+
+    def values(self, held: Array, points: Array) -> Array:
+        """Return values (n,), infinite outside the cost's domain."""
+
+    def longest_steps(self, held: Array, points: Array, steps: Array) -> Array:
+        """Return shares (n,) of the steps, at most one, that stay well inside the cost's domain."""
+
+
+def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layout) -> Array:
+    """Return the minimisers (n,U) for beliefs (n,X), from feasible points (n,U) inside the domain."""
+    points = np.array(starts)
+    left = np.arange(len(held))
+    settled = np.zeros(len(held), dtype=np.int64)
+    for _ in range(_MOST_STEPS):
+        beliefs, here = held[left], points[left]
+        model = costs.model(beliefs, here)
+        ends = _newton_points(model, here, layout)
+        steps = ends - here
+        fall = -(model.gradients * steps).sum(axis=1)
+        reach = costs.longest_steps(beliefs, here, steps)
+        rounding = 8 * np.finfo(float).eps * np.maximum(np.abs(model.values), 1.0)
+        # So near the end that the cost's digits say nothing, the step is taken: it solves the equations of stationarity.
+        trusted = fall <= _UNSEEN * rounding
+        shares, moved = _searched(costs, beliefs, _Ways(here, steps, model.values + rounding, fall, reach), ~trusted)
+        points[left] = np.where((shares == 1.0)[:, None], ends, here + shares[:, None] * steps)
+        size = np.maximum(np.abs(here).max(axis=1), 1.0)
+        done = np.abs(steps).max(axis=1, initial=0.0) <= tolerances.STATIONARITY * size
+        settled[left] += trusted
+        # Where no step is seen in the cost any more, a few have doubled the digits as often as there are digits to double.
+        left = left[~done & moved & (settled[left] < _ENOUGH)]
+        if not left.size:
+            return points
+    raise SolverError(
+        f"Newton's method did not settle for belief {held[left[0]]}: its last step promised {fall.max():.1e} of the cost"
+    )
+
+
+def _newton_points(model: Model, here: Array, layout: Layout) -> Array:
+    n_actions = here.shape[1]
+    # Coordinate by coordinate: a tiny share of wealth has a huge curvature, which must not stiffen the others.
+    bends = np.abs(np.einsum("nuu->nu", model.hessians))
+    typical, steep = np.median(bends, axis=1), np.abs(model.gradients).max(axis=1)
+    typical = np.select([typical > 0, bends.max(axis=1) > 0, steep > 0], [typical, bends.max(axis=1), steep], 1.0)
+    damping = tolerances.DAMPING * (bends + tolerances.DAMPING * typical[:, None])
+    bent = model.hessians + damping[:, :, None] * np.eye(n_actions)
+    return solve_programmes(bent, model.gradients - np.einsum("nuv,nv->nu", bent, here), layout)
+
+
+class _Ways(NamedTuple):
+    """Points (n,U), steps from them, values above which a trial is refused, the falls promised, the longest shares."""
+
+    here: Array
+    steps: Array
+    values: Array
+    fall: Array
+    reach: Array
+
+
+def _searched(costs: SmoothCosts, held: Array, line: _Ways, doubtful: np.ndarray) -> tuple[Array, np.ndarray]:
+    """Shares of the steps at which the cost falls enough, and which points move at all; only the doubtful are looked at."""
+    shares = line.reach.copy()
+    unsure = np.flatnonzero(doubtful)
+    for _ in range(_MOST_HALVINGS):
+        if not unsure.size:
+            break
+        trial = costs.values(held[unsure], line.here[unsure] + shares[unsure, None] * line.steps[unsure])
+        unsure = unsure[~(trial <= line.values[unsure] - _DESCENT * shares[unsure] * line.fall[unsure])]
+        shares[unsure] *= 0.5
+    moved = np.ones(len(shares), dtype=bool)
+    moved[unsure] = False
+    shares[unsure] = 0.0
+    return shares, moved

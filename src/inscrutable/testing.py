@@ -1,0 +1,236 @@
+"""Contract checkers for what a user writes: does a decision problem keep the promises that everything else builds on?"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.adversaries.plausibility import nearest_explanation
+from inscrutable.decision_makers.action_candidates import random_actions
+from inscrutable.errors import ModelError
+from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.validation import Array
+
+_BELIEFS = 12
+_DECISIONS = 12
+_STEPS_ON_A_RAY = 9
+
+
+class _Sample(NamedTuple):
+    """What a problem is tried on."""
+
+    problem: DecisionProblem
+    beliefs: Array  # (n, X): corners, faces and the interior
+    solved: Array  # (n, U)
+    actions: Array  # (m, U): feasible decisions, none of them optimal on purpose
+    scale: float  # of the costs
+    rng: np.random.Generator
+
+
+def check_decision_problem(problem: DecisionProblem, *, rng: np.random.Generator | None = None) -> None:
+    """Check on random beliefs and decisions that a problem keeps its promises; silent where it does.
+
+    Checked are the shapes of one and many, costs that are finite and convex on segments, gradients against differences of
+    the costs, feasible decisions of least cost whose KKT residual is small, a concave optimal cost, the regret that never
+    falls along a ray from the true belief, beliefs that explain the decisions they lead to, and that what a belief
+    explains is optimal for it and what none explains leaves every belief a regret.
+
+    Args:
+        problem: The decision problem, of this library or of a user's own.
+        rng: Source of the beliefs and decisions; None is a fixed one, the same at every call.
+
+    Raises:
+        AssertionError: A promise is broken; the message names it, with the belief or decision and the number.
+        InputError: `problem` is not a decision problem.
+
+    Cost: some hundred forward solves. Source: the paper, eq. (3) and Theorem 1; what never falls along a ray is the
+    Bregman divergence of the optimal cost.
+
+    Example:
+        >>> from inscrutable import FiniteProblem
+        >>> check_decision_problem(FiniteProblem([[0.0, 4.0], [10.0, 4.0]]))
+    """
+    source = np.random.default_rng(0) if rng is None else validation.generator(rng)
+    _check_shapes(checked_problem(problem))
+    sample = _sample_of(problem, source)
+    _check_costs(sample)
+    if not problem.is_discrete:
+        _check_convexity(sample)
+        _check_gradients(sample)
+    _check_optimality(sample)
+    _check_explanations(sample)
+    _check_rays(sample)
+
+
+def _promise(kept: bool, promise: str, detail: str) -> None:
+    if not kept:
+        raise AssertionError(f"broken promise: {promise}; {detail}")
+
+
+def _check_shapes(problem: DecisionProblem) -> None:
+    n_states, n_actions = problem.n_states, problem.n_actions
+    middle = np.full(n_states, 1.0 / n_states)
+    one, many = np.asarray(problem.solve(middle)), np.asarray(problem.solve(np.tile(middle, (3, 1))))
+    own = () if problem.is_discrete else (n_actions,)
+    _check_shape("constraints.n_actions", (problem.constraints.n_actions,), (n_actions,))
+    _check_shape("solve(belief)", one.shape, own)
+    _check_shape("solve(beliefs)", many.shape, (3, *own))
+    for name, action, lead in (("action", problem.as_points(one), ()), ("actions", problem.as_points(many), (3,))):
+        _check_shape(f"state_costs({name})", np.shape(problem.state_costs(action)), (*lead, n_states))
+        _check_shape(f"cost_gradients({name})", np.shape(problem.cost_gradients(action)), (*lead, n_states, n_actions))
+
+
+def _check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    _promise(found == wanted, f"the shape of {name}", f"found {found}, expected {wanted}")
+
+
+def _sample_of(problem: DecisionProblem, rng: np.random.Generator) -> _Sample:
+    n_states = problem.n_states
+    flat = rng.dirichlet(np.ones(n_states), _BELIEFS)
+    faces = np.where(rng.uniform(size=flat.shape) < 0.5, flat, 0.0)
+    faces = faces[faces.sum(axis=1) > 0]
+    beliefs = np.vstack([flat, faces / faces.sum(axis=1, keepdims=True), np.eye(n_states)])
+    solved = problem.solve_points(beliefs)
+    if problem.is_discrete:
+        actions = np.eye(problem.n_actions)[rng.integers(problem.n_actions, size=_DECISIONS)]
+    else:
+        actions = _inside(problem, solved, rng)
+    scale = float(np.abs(problem.state_costs(np.vstack([solved[: len(flat)], actions]))).max())
+    return _Sample(problem, beliefs, solved, actions, max(scale, np.finfo(float).tiny), rng)
+
+
+def _inside(problem: DecisionProblem, solved: Array, rng: np.random.Generator) -> Array:
+    try:
+        drawn = random_actions(problem, _DECISIONS, rng=rng)
+    except ModelError:  # unbounded: what is optimal for some beliefs, mixed
+        return np.asarray(rng.dirichlet(np.ones(len(solved)), _DECISIONS) @ solved)
+    # Away from the border, where costs such as logarithms have no slope.
+    return np.asarray(0.9 * drawn + 0.1 * drawn.mean(axis=0))
+
+
+def _check_costs(sample: _Sample) -> None:
+    problem = sample.problem
+    together = problem.state_costs(sample.actions)
+    _promise(bool(np.isfinite(together).all()), "state costs are finite", f"found {together[~np.isfinite(together)]}")
+    apart = np.array([problem.state_costs(action) for action in sample.actions])
+    off = float(np.abs(together - apart).max())
+    _promise(
+        off <= tolerances.CONTRACT * sample.scale,
+        "many decisions cost what each costs alone",
+        f"they differ by {off:.3g}",
+    )
+
+
+def _check_convexity(sample: _Sample) -> None:
+    problem, rng = sample.problem, sample.rng
+    first, second = rng.permutation(sample.actions), sample.actions
+    shares = rng.uniform(size=(len(first), 1))
+    middle = problem.state_costs(shares * first + (1 - shares) * second)
+    chord = shares * problem.state_costs(first) + (1 - shares) * problem.state_costs(second)
+    excess = middle - chord
+    row, state = np.unravel_index(int(excess.argmax()), excess.shape)
+    _promise(
+        float(excess.max()) <= tolerances.CONTRACT * sample.scale,
+        "state costs are convex",
+        f"the cost of state {state} lies {excess.max():.3g} above the chord between {first[row]} and {second[row]}",
+    )
+
+
+def _check_gradients(sample: _Sample) -> None:
+    """A gradient, or one of the slopes at a kink, never overstates the cost a small step on either side."""
+    problem, rng = sample.problem, sample.rng
+    gradients, costs = problem.cost_gradients(sample.actions), problem.state_costs(sample.actions)
+    steps = rng.permutation(sample.actions) - sample.actions
+    for size in (tolerances.DIFFERENCE, -tolerances.DIFFERENCE):
+        ahead = problem.state_costs(sample.actions + size * steps)
+        slopes = np.einsum("mxu,mu->mx", gradients, steps)
+        lacking = (costs + size * slopes - ahead) / tolerances.DIFFERENCE
+        row, state = np.unravel_index(int(lacking.argmax()), lacking.shape)
+        limit = tolerances.SLOPE * max(sample.scale, float(np.abs(slopes).max()))
+        _promise(
+            float(lacking.max()) <= limit,
+            "cost_gradients are the slopes of state_costs",
+            f"at {sample.actions[row]} the slope of state {state} along {steps[row]} is {slopes[row, state]:.6g}, by "
+            f"differences {(ahead - costs)[row, state] / size:.6g}",
+        )
+
+
+def _check_optimality(sample: _Sample) -> None:
+    problem, scale = sample.problem, sample.scale
+    beyond = problem.constraints.violation(sample.solved)
+    worst = int(beyond.argmax())
+    _promise(
+        float(beyond[worst]) <= tolerances.FEASIBILITY,
+        "solve returns feasible decisions",
+        f"for belief {sample.beliefs[worst]} a row is violated by {beyond[worst]:.3g}",
+    )
+    alone = np.array([problem.solve_points(belief) for belief in sample.beliefs])
+    off = np.abs(sample.beliefs * (problem.state_costs(alone) - problem.state_costs(sample.solved))).sum(axis=1)
+    _promise(
+        float(off.max()) <= tolerances.CONTRACT * scale,
+        "many beliefs are solved as each alone",
+        f"for belief {sample.beliefs[int(off.argmax())]} the costs differ by {off.max():.3g}",
+    )
+    optimal = (sample.beliefs * problem.state_costs(sample.solved)).sum(axis=1)
+    gain = optimal[:, None] - sample.beliefs @ problem.state_costs(np.vstack([sample.actions, sample.solved])).T
+    row, other = np.unravel_index(int(gain.argmax()), gain.shape)
+    _promise(
+        float(gain.max()) <= tolerances.CONTRACT * scale,
+        "no feasible decision is cheaper than solve's",
+        f"for belief {sample.beliefs[row]} decision {np.vstack([sample.actions, sample.solved])[other]} is cheaper by "
+        f"{gain.max():.3g}",
+    )
+
+
+def _check_explanations(sample: _Sample) -> None:
+    problem = sample.problem
+    for belief, action in zip(sample.beliefs, sample.solved, strict=True):
+        found = belief_set_of(problem, action)
+        residual = float(found.violation(belief))
+        _promise(
+            residual <= tolerances.EXPLAINED * 10,
+            "a belief explains the decision it leads to",
+            f"belief {belief} leaves {action} a KKT residual of {residual:.3g}, relative to the gradient's scale",
+        )
+    for action in sample.actions:
+        found = belief_set_of(problem, action)
+        own = problem.state_costs(action)
+        if found.is_empty:
+            least = nearest_explanation(problem, action)[1]
+            _promise(least > 0, "what no belief explains leaves every belief a regret", f"{action} leaves {least:.3g}")
+            continue
+        for corner in found.vertices():
+            regret = float(corner @ (own - problem.state_costs(problem.solve_points(corner))))
+            # A slack below the least counts as none, so the set is a little larger than its decision deserves.
+            slack = problem.constraints.min_slack * np.abs(problem.cost_gradients(action)).max() * action.size
+            _promise(
+                regret <= slack + tolerances.CONTRACT * sample.scale,
+                "what a belief explains is optimal for it",
+                f"{action} leaves belief {corner} a regret of {regret:.3g}",
+            )
+
+
+def _check_rays(sample: _Sample) -> None:
+    problem, rng = sample.problem, sample.rng
+    shares = np.linspace(0.0, 1.0, _STEPS_ON_A_RAY)[:, None]
+    for belief, end in zip(sample.beliefs, rng.permutation(sample.beliefs), strict=True):
+        decoys = belief + shares * (end - belief)
+        solved = problem.solve_points(decoys)
+        values = (decoys * problem.state_costs(solved)).sum(axis=1)
+        bend = 0.5 * (values[:-2] + values[2:]) - values[1:-1]
+        _promise(
+            float(bend.max()) <= tolerances.CONTRACT * sample.scale,
+            "the optimal cost is concave in the belief",
+            f"between {belief} and {end} it lies {bend.max():.3g} below its chord",
+        )
+        costs = problem.state_costs(solved) @ belief
+        falls = -np.diff(costs)
+        limit = tolerances.CONTRACT * max(sample.scale, float(np.abs(costs).max()))
+        _promise(
+            float(falls.max()) <= limit,
+            "regret never falls along a ray from the true belief",
+            f"from {belief} to {end} it falls by {falls.max():.3g} after decoy {decoys[int(falls.argmax())]}",
+        )

@@ -1,0 +1,122 @@
+"""Costs written in CVXPY or as functions: equal to the problems they restate, and explained where they have kinks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    ConvexProblem,
+    CounterAdversarialDecisionMaker,
+    InputError,
+    KellyProblem,
+    LinearProblem,
+    ModelError,
+    Polyhedron,
+    ProbabilisticDecisionMaker,
+    QuadraticProblem,
+    box,
+    check_decision_problem,
+    consistent_beliefs,
+    decoy_grid,
+    simplex,
+    simplex_grid,
+)
+
+cp = pytest.importorskip("cvxpy")
+
+BELIEFS = np.vstack([simplex_grid(3, 3), np.random.default_rng(0).dirichlet(np.ones(3), 10)])
+
+
+def quadratic_pair(rng):
+    """A quadratic problem, and the same written in CVXPY."""
+    factors = rng.normal(size=(3, 4, 6))
+    hessians, linear, constants = factors @ factors.transpose(0, 2, 1), rng.normal(size=(3, 4)), rng.normal(size=3)
+    u = cp.Variable(4)
+    costs = [
+        0.5 * cp.quad_form(u, cp.psd_wrap(h)) + g @ u + r for h, g, r in zip(hessians, linear, constants, strict=True)
+    ]
+    rows = [cp.sum(u) == 1, u >= 0, u[0] + u[1] <= 0.6]
+    region = simplex(4) & Polyhedron([[1, 1, 0, 0]], [0.6])
+    return QuadraticProblem(hessians, linear, constants, constraints=region), ConvexProblem(u, costs, rows)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_restated_quadratic_problem_is_that_problem(seed):
+    plain, written = quadratic_pair(np.random.default_rng(seed))
+    np.testing.assert_allclose(written.solve(BELIEFS), plain.solve(BELIEFS), atol=1e-11)
+    actions = plain.solve(BELIEFS)
+    np.testing.assert_allclose(written.state_costs(actions), plain.state_costs(actions), atol=1e-12)
+    np.testing.assert_allclose(written.cost_gradients(actions), plain.cost_gradients(actions), atol=1e-12)
+    for belief, action in zip(BELIEFS[-4:], actions[-4:], strict=True):
+        np.testing.assert_allclose(
+            consistent_beliefs(written, action).bounds(), consistent_beliefs(plain, action).bounds(), atol=1e-8
+        )
+        assert consistent_beliefs(written, action).contains(belief)
+
+
+def test_a_restated_quadratic_problem_is_hidden_alike():
+    plain, written = quadratic_pair(np.random.default_rng(1))
+    belief = np.array([0.5, 0.3, 0.2])
+    for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
+        reached = [
+            maker(problem, budget=Budget.regret(0.01), candidates=decoy_grid(problem, 40)).decide(belief)
+            for problem in (plain, written)
+        ]
+        values = [each.privacy if hasattr(each, "privacy") else each.expected_privacy for each in reached]
+        assert values[1] == pytest.approx(values[0], abs=1e-4)
+
+
+def test_a_restated_linear_problem_is_that_problem():
+    costs = np.random.default_rng(2).normal(size=(3, 4))
+    u = cp.Variable(4, nonneg=True)
+    written = ConvexProblem(u, [c @ u for c in costs], [cp.sum(u) == 1])
+    np.testing.assert_allclose(written.solve(BELIEFS), LinearProblem(costs, simplex(4)).solve(BELIEFS), atol=1e-12)
+
+
+def test_a_restated_growth_problem_is_that_problem():
+    rng = np.random.default_rng(4)
+    returns, shares = rng.lognormal(0, 0.4, (3, 5, 3)), rng.dirichlet(np.ones(5), 3)
+    plain = KellyProblem(returns, shares)
+    u = cp.Variable(3)
+    written = ConvexProblem(u, [-p @ cp.log(r @ u) for r, p in zip(returns, shares, strict=True)], simplex(3))
+    functions = ConvexProblem.from_functions(plain.state_costs, plain.cost_gradients, simplex(3))
+    for problem in (written, functions):
+        np.testing.assert_allclose(problem.solve(BELIEFS), plain.solve(BELIEFS), atol=1e-9)
+        check_decision_problem(problem)
+        decided = CounterAdversarialDecisionMaker(
+            problem, budget=Budget.regret(0.01), candidates=plain.solve(simplex_grid(3, 6))
+        ).decide([0.2, 0.3, 0.5])
+        assert decided.regret <= 0.01
+
+
+def test_costs_with_kinks_are_explained_by_cutting_planes():
+    """One coordinate, c(i,u) = |u − a_i|: u = a_1 is optimal exactly where the first state is at least as likely."""
+    u = cp.Variable(1)
+    problem = ConvexProblem(u, [cp.abs(u[0] - 1), cp.abs(u[0] + 1)], box([-2], [2]), differentiable=False)
+    np.testing.assert_allclose(problem.solve([[0.8, 0.2], [0.1, 0.9]]), [[1], [-1]], atol=1e-6)
+    found = consistent_beliefs(problem, [1.0])
+    np.testing.assert_allclose(found.bounds(), [[0.5, 1], [0, 0.5]], atol=1e-5)
+    middle = consistent_beliefs(problem, [0.3])
+    np.testing.assert_allclose(middle.bounds(), [[0.5, 0.5], [0.5, 0.5]], atol=1e-5)
+    decided = CounterAdversarialDecisionMaker(
+        problem, budget=Budget.regret(2.0), candidates=[[1.0], [0.3], [-1.0]]
+    ).decide([0.8, 0.2])
+    assert decided.privacy == pytest.approx(0.3 * np.sqrt(2), abs=1e-4)
+
+
+def test_what_cannot_be_read_is_named():
+    u, v = cp.Variable(2), cp.Variable(2)
+    with pytest.raises(InputError, match="state 1 must be an expression that is convex"):
+        ConvexProblem(u, [cp.sum(u), cp.log(u[0])], simplex(2))
+    with pytest.raises(InputError, match="in the problem's variable alone"):
+        ConvexProblem(u, [cp.sum(v)], simplex(2))
+    with pytest.raises(InputError, match="must be an affine equality or inequality"):
+        ConvexProblem(u, [cp.sum(u)], [cp.norm(u) <= 1])
+    with pytest.raises(ModelError, match="no decision satisfies all constraints"):
+        ConvexProblem(u, [cp.sum_squares(u)], [u >= 1, cp.sum(u) == 1])
+    with pytest.raises(InputError, match="expected \\(X,\\) and \\(X, U\\)"):
+        ConvexProblem.from_functions(lambda u: np.zeros(2), lambda u: np.zeros((2, 3)), simplex(2))
+    with pytest.raises(InputError, match="shape \\(U,\\)"):
+        ConvexProblem(cp.Variable((2, 2)), [cp.sum(u)], simplex(2))

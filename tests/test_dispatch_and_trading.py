@@ -1,0 +1,179 @@
+"""Economic dispatch against bus angles in CVXPY, transaction costs against norms in CVXPY, and both downstream."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    InputError,
+    MarkowitzProblem,
+    ModelError,
+    OriginalDecisionMaker,
+    PowerNetwork,
+    ProbabilisticDecisionMaker,
+    QuadraticProblem,
+    TradingProblem,
+    check_decision_problem,
+    consistent_beliefs,
+    decoy_grid,
+    dispatch_problem,
+    load_ieee_30_bus,
+    simplex,
+    with_transaction_costs,
+)
+
+cp = pytest.importorskip("cvxpy")
+
+WIND_BUSES = [7, 29]
+MEANS, DEVIATIONS = np.array([[5.0, 2.0], [25.0, 8.0], [10.0, 18.0]]), np.full((3, 2), 2.0)
+
+
+def by_angles(network, belief, limits=1.0, penalty=1.0):
+    """Least expected cost of a dispatch whose flows are differences of bus angles, and the schedule."""
+    n_buses, size = len(network.loads), len(network.capacities)
+    p, q, angle = cp.Variable(size, nonneg=True), cp.Variable(2, nonneg=True), cp.Variable(n_buses)
+    first, second = network.line_ends.T
+    flow = cp.multiply(angle[first] - angle[second], 1 / network.line_data[:, 0])
+    injected = np.zeros((n_buses, size + 2))
+    injected[np.concatenate([network.generator_buses, WIND_BUSES]), np.arange(size + 2)] = 1
+    leaving = np.zeros((n_buses, len(first)))
+    leaving[first, np.arange(len(first))], leaving[second, np.arange(len(first))] = 1, -1
+    cost = network.quadratic_costs @ cp.square(p) + network.linear_costs @ p
+    cost += penalty * sum(
+        belief[i] * (cp.sum_squares(q - MEANS[i]) + (DEVIATIONS[i] ** 2).sum()) for i in range(len(belief))
+    )
+    rows = [
+        injected @ cp.hstack([p, q]) - network.loads == leaving @ flow,
+        p <= network.capacities,
+        cp.abs(flow) <= limits * network.line_data[:, 1],
+    ]
+    programme = cp.Problem(cp.Minimize(cost), rows)
+    programme.solve(solver=cp.CLARABEL)
+    return programme.value, np.concatenate([p.value, q.value])
+
+
+def narrowed(network, share):
+    """The same network with smaller line limits, so that some are reached."""
+    data = network.line_data * np.array([1.0, share])
+    return PowerNetwork(
+        network.loads, network.generator_buses, network.capacities, network.quadratic_costs, network.linear_costs,
+        network.line_ends, data,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("share", [1.0, 0.75])
+def test_the_dispatch_equals_the_one_by_bus_angles(share):
+    network = load_ieee_30_bus()
+    problem = dispatch_problem(narrowed(network, share), WIND_BUSES, MEANS, DEVIATIONS)
+    reached = set()
+    for belief in np.vstack([np.eye(3), np.random.default_rng(0).dirichlet(np.ones(3), 4)]):
+        value, schedule = by_angles(network, belief, share)
+        action = problem.solve(belief)
+        assert float(problem.optimal_cost(belief)) == pytest.approx(value, rel=1e-7)
+        np.testing.assert_allclose(action, schedule, atol=2e-3)
+        assert consistent_beliefs(problem, action).contains(belief)
+        tight = np.flatnonzero(problem.constraints.slacks(action) < 1e-9)
+        reached |= {problem.constraints.names[row] for row in tight}
+    assert any(name.startswith("line") for name in reached) == (share < 1), reached
+
+
+def test_a_dispatch_hides_its_wind_forecast():
+    problem = dispatch_problem(load_ieee_30_bus(), WIND_BUSES, MEANS, DEVIATIONS)
+    belief = np.array([0.6, 0.2, 0.2])
+    candidates = decoy_grid(problem, 25)
+    open_book = OriginalDecisionMaker(problem).decide(belief)
+    np.testing.assert_allclose(open_book.decoy, belief, atol=1e-6)
+    hidden = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(10.0), candidates=candidates).decide(belief)
+    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(10.0), candidates=candidates).decide(belief)
+    assert 0.05 < hidden.privacy <= mixed.expected_privacy + 1e-9
+    check_decision_problem(problem)
+
+
+def test_a_dispatch_that_cannot_be_names_the_rows():
+    with pytest.raises(ModelError, match=r"no decision satisfies all constraints.*line 24-26"):
+        dispatch_problem(narrowed(load_ieee_30_bus(), 0.1), WIND_BUSES, MEANS)
+    network = load_ieee_30_bus()
+    with pytest.raises(InputError, match="wind_buses has bus 30, expected 0 to 29"):
+        dispatch_problem(network, [30], [[1.0], [2.0]])
+    with pytest.raises(InputError, match="do not connect all buses"):
+        PowerNetwork([0, 1, 2], [0], [5], [1], [1], [[0, 1]], [[0.1, 5]])
+
+
+# --- transaction costs ------------------------------------------------------------------------------------------------
+
+
+def market(rng, size=4):
+    """A market of three regimes and the problem of it."""
+    factors = rng.normal(size=(3, size, size + 2)) / 4
+    return MarkowitzProblem(rng.normal(size=(3, size)) / 10, factors @ factors.transpose(0, 2, 1), 1.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_trading_equals_norms_in_a_modelling_language(seed):
+    rng = np.random.default_rng(seed)
+    plain = market(rng)
+    former, rates, bends = rng.dirichlet(np.ones(4)), rng.choice([0.0, 0.01, 0.05], 4), rng.uniform(0, 0.2, 4)
+    problem = with_transaction_costs(plain, former, linear=rates, quadratic=bends)
+    assert isinstance(problem, TradingProblem if rates.any() else QuadraticProblem)
+    for belief in rng.dirichlet(np.ones(3), 5):
+        u = cp.Variable(4, nonneg=True)
+        covariance, mean = np.tensordot(belief, plain.covariances, 1), belief @ plain.means
+        cost = cp.quad_form(u, cp.psd_wrap(covariance)) - mean @ u
+        cost += rates @ cp.abs(u - former) + bends @ cp.square(u - former)
+        programme = cp.Problem(cp.Minimize(cost), [cp.sum(u) == 1])
+        programme.solve(solver=cp.CLARABEL)
+        action = problem.solve(belief)
+        assert float(problem.optimal_cost(belief)) == pytest.approx(programme.value, abs=1e-8)
+        np.testing.assert_allclose(action, u.value, atol=1e-4)
+
+
+def test_what_is_not_traded_says_little():
+    """Two assets, unit variances: u_1 = ½ + π·m/4 without costs, and nothing is traded while |π·m − 0| ≤ 2κ around ½."""
+    plain = MarkowitzProblem([[0.2, 0.0], [-0.2, 0.0]], [np.eye(2)] * 2, 1.0)
+    problem = with_transaction_costs(plain, [0.5, 0.5], linear=0.02)
+    np.testing.assert_array_equal(problem.solve([0.5, 0.5]), [0.5, 0.5])
+    # Selling one asset and buying the other costs 2κ: kept where |0.2 (2 π_1 − 1)| ≤ 2κ.
+    found = consistent_beliefs(problem, [0.5, 0.5])
+    np.testing.assert_allclose(found.bounds(), [[0.4, 0.6], [0.4, 0.6]], atol=1e-9)
+    moved = consistent_beliefs(problem, problem.solve([0.9, 0.1]))
+    np.testing.assert_allclose(moved.bounds(), [[0.9, 0.9], [0.1, 0.1]], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_subdifferential_explains_exactly_the_beliefs_that_lose_nothing(seed):
+    rng = np.random.default_rng(seed)
+    plain = market(rng, 3)
+    plain = MarkowitzProblem(plain.means, plain.covariances, 1.0, simplex(3))
+    problem = with_transaction_costs(plain, [0.3, 0.3, 0.4], linear=[0.05, 0.03, 0.04])
+    beliefs = rng.dirichlet(np.ones(3), 150)
+    for action in np.vstack([[0.3, 0.3, 0.4], problem.solve(beliefs[:3])]):
+        regrets = problem.regret(beliefs, action)
+        found = consistent_beliefs(problem, action)
+        clear = (regrets < 1e-13) | (regrets > 1e-9)
+        assert [found.contains(belief) for belief in beliefs[clear]] == (regrets[clear] < 1e-13).tolist()
+
+
+def test_trading_downstream():
+    problem = with_transaction_costs(market(np.random.default_rng(1)), [0.25] * 4, linear=0.01, quadratic=0.1)
+    check_decision_problem(problem)
+    belief = np.array([0.5, 0.2, 0.3])
+    candidates = decoy_grid(problem, 20)
+    single = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.001), candidates=candidates).decide(belief)
+    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(0.001), candidates=candidates).decide(belief)
+    assert single.regret <= 0.001
+    assert 0 < single.privacy <= mixed.expected_privacy + 1e-9
+    assert consistent_beliefs(problem, single.action).distance(belief) == pytest.approx(single.privacy, abs=1e-9)
+
+
+def test_costs_of_trading_name_what_is_wrong():
+    plain = market(np.random.default_rng(0))
+    with pytest.raises(InputError, match="former has 3 coordinates, expected 4"):
+        with_transaction_costs(plain, [0.3, 0.3, 0.4])
+    with pytest.raises(InputError, match="a cost of trading must be at least 0"):
+        with_transaction_costs(plain, [0.25] * 4, linear=-0.1)
+    with pytest.raises(InputError, match="need a QuadraticProblem"):
+        with_transaction_costs(3, [0.25] * 4)
+    assert with_transaction_costs(plain, [0.25] * 4) is plain

@@ -1,0 +1,365 @@
+"""Linear, finite and growth problems against enumeration, closed forms and HiGHS; and all of them downstream."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.optimize import linprog
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    DesiredObfuscation,
+    FiniteProblem,
+    Infeasibility,
+    InputError,
+    KellyProblem,
+    LinearProblem,
+    LocalSearch,
+    MarkowitzProblem,
+    MaximalObfuscation,
+    ModelError,
+    NonExistence,
+    NonUniqueness,
+    OriginalDecisionMaker,
+    Polyhedron,
+    ProbabilisticDecisionMaker,
+    box,
+    consistent_beliefs,
+    decoy_grid,
+    near_optimal_beliefs,
+    plausibility_gap,
+    privacy_frontier,
+    random_candidates,
+    simplex,
+    simplex_grid,
+)
+from strategies import SEEDS
+
+TABLE = np.array([[0.0, 4.0, 6.0, 9.0], [8.0, 3.0, 2.0, 9.0], [9.0, 6.0, 1.0, 9.0]])
+
+
+def cell_distance(costs, choice, point):
+    """Distance of a belief from {π : π·(s(a) − s(b)) ≤ 0 for all b}, by CVXPY; infinite where the cell is empty."""
+    import cvxpy as cp
+
+    x = cp.Variable(len(point), nonneg=True)
+    rows = (costs[:, [choice]] - costs).T
+    programme = cp.Problem(cp.Minimize(cp.sum_squares(x - point)), [cp.sum(x) == 1, rows @ x <= 0])
+    programme.solve(solver=cp.CLARABEL)
+    return float(np.linalg.norm(x.value - point)) if programme.status in ("optimal", "optimal_inaccurate") else np.inf
+
+
+def best_mixture(regrets, privacies, limit):
+    """Largest expected privacy at an expected regret, by HiGHS."""
+    answer = linprog(-privacies, regrets[None], [limit], np.ones((1, len(regrets))), [1.0])
+    return -answer.fun
+
+
+def vertices_of(region):
+    """All vertices of a small polyhedron, by trying every set of rows."""
+    n_equal = len(region.b_eq)
+    found = []
+    for rows in combinations(range(len(region.b_ub)), region.n_actions - n_equal):
+        matrix = np.vstack([region.A_eq, region.A_ub[list(rows)]])
+        if np.linalg.matrix_rank(matrix) == region.n_actions:
+            point = np.linalg.solve(matrix, np.concatenate([region.b_eq, region.b_ub[list(rows)]]))
+            if (region.A_ub @ point <= region.b_ub + 1e-9).all():
+                found.append(point)
+    return np.array(found)
+
+
+def random_region(rng, size):
+    """The simplex with caps and a sector, a box with a net limit, or a box alone."""
+    kind = rng.integers(3)
+    if kind == 0:
+        return simplex(size) & box([0.0] * size, [0.6] * size) & Polyhedron([np.arange(size) % 2], [0.7])
+    ends = rng.uniform(0.2, 1, size)
+    return box(-ends, ends) & Polyhedron([rng.uniform(0.5, 1, size)], [0.3]) if kind == 1 else box(-ends, ends)
+
+
+def horse_race(n_states):
+    """The state is the winner, at different odds: u* = π."""
+    odds = np.zeros((n_states, 1, n_states))
+    odds[np.arange(n_states), 0, np.arange(n_states)] = np.arange(2, n_states + 2)
+    return KellyProblem(odds, np.ones((n_states, 1)))
+
+
+def divergence(belief, bets):
+    """The Kullback–Leibler divergence of bets (…,X) from a belief."""
+    return (belief * np.log(belief / bets)).sum(axis=-1)
+
+
+# --- finite -----------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS)
+def test_finite_problems_equal_enumeration(seed):
+    rng = np.random.default_rng(seed)
+    costs = rng.normal(size=(int(rng.integers(2, 5)), int(rng.integers(1, 7))))
+    problem = FiniteProblem(costs)
+    belief, limit = rng.dirichlet(np.ones(len(costs))), float(rng.uniform(0, 1.5))
+    assert problem.solve(belief) == (belief @ costs).argmin()
+    regrets = belief @ costs - (belief @ costs).min()
+    distances = np.array([cell_distance(costs, choice, belief) for choice in range(costs.shape[1])])
+    sets = [consistent_beliefs(problem, choice) for choice in range(costs.shape[1])]
+    np.testing.assert_allclose([each.distance(belief) for each in sets], distances, atol=2e-5)
+    open_to_all = np.isfinite(distances)
+    single = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(limit)).decide(belief)
+    best = distances[open_to_all & (regrets <= limit)].max()
+    assert single.privacy == pytest.approx(best, abs=2e-5)
+    assert isinstance(single.action, int)
+    assert regrets[single.action] <= limit
+    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(limit)).decide(belief)
+    wanted = best_mixture(regrets[open_to_all], distances[open_to_all], limit)
+    assert mixed.expected_privacy == pytest.approx(wanted, abs=2e-5)
+    assert mixed.actions.dtype.kind == "i"
+
+
+def test_a_choice_is_explained_where_no_other_is_cheaper():
+    problem = FiniteProblem(TABLE)
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 200)
+    for choice in range(4):
+        cheapest = (beliefs @ TABLE).argmin(axis=1) == choice
+        found = consistent_beliefs(problem, choice)
+        assert [found.contains(belief) for belief in beliefs] == cheapest.tolist()
+    assert consistent_beliefs(problem, 3).is_empty
+    assert plausibility_gap(problem, 3) == pytest.approx(9 - max_of_cheapest(TABLE), abs=1e-6)
+
+
+def max_of_cheapest(costs):
+    """max over beliefs of the least expected cost, by HiGHS."""
+    n_states, n_choices = costs.shape
+    rows = np.column_stack([-costs.T, np.ones(n_choices)])
+    whole = np.append(np.ones(n_states), 0.0)[None]
+    answer = linprog(np.append(np.zeros(n_states), -1.0), rows, np.zeros(n_choices), whole, [1.0],
+                     bounds=[(0, 1)] * n_states + [(None, None)])  # fmt: skip
+    return -answer.fun
+
+
+def test_finite_decisions_are_whole_numbers_everywhere():
+    problem = FiniteProblem(TABLE)
+    beliefs = np.array([[0.8, 0.1, 0.1], [0.2, 0.3, 0.5]])
+    assert problem.solve(beliefs[0]) == 0
+    np.testing.assert_array_equal(problem.solve(beliefs), [0, 2])
+    np.testing.assert_allclose(problem.state_costs([1, 2]), TABLE.T[[1, 2]])
+    np.testing.assert_allclose(problem.regret(beliefs, [0, 2]), 0.0)
+    np.testing.assert_array_equal(OriginalDecisionMaker(problem).decide_many(beliefs).action, [0, 2])
+    for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
+        for measure in (
+            MaximalObfuscation(),
+            DesiredObfuscation([0, 0, 1]),
+            NonExistence(),
+            NonUniqueness(),
+            Infeasibility(),
+        ):
+            decided = maker(problem, measure, Budget.regret(20.0)).decide_many(beliefs)
+            chosen = decided.action if maker is CounterAdversarialDecisionMaker else decided.actions
+            assert chosen.dtype.kind == "i", measure
+            again = maker(problem, measure, Budget.regret(20.0)).decide(beliefs[0])
+            assert np.shape(again.action if maker is CounterAdversarialDecisionMaker else again.actions[0]) == ()
+    hidden = CounterAdversarialDecisionMaker(problem, Infeasibility(), Budget.regret(20.0)).decide(beliefs[0])
+    assert hidden.action == 3
+    assert "choice 3" in hidden.summary()
+
+
+def test_a_choice_that_no_decoy_of_the_grid_leads_to_is_a_candidate():
+    costs = np.array([[0.0, 1.0, 0.496], [1.0, 0.0, 0.499]])  # the third is best in a cell of width 0.01
+    problem = FiniteProblem(costs)
+    assert problem.solve([0.5, 0.5]) == 2
+    candidates = decoy_grid(problem, 3)
+    assert candidates.actions.any(axis=0).all()
+
+
+def test_finite_problems_refuse_what_does_not_exist():
+    problem = FiniteProblem(TABLE)
+    with pytest.raises(InputError, match="choice 4 does not exist: expected 0 to 3"):
+        consistent_beliefs(problem, 4)
+    with pytest.raises(InputError, match="local search needs decisions between choices"):
+        CounterAdversarialDecisionMaker(problem, method=LocalSearch())
+    with pytest.raises(InputError, match="at least one state and one choice"):
+        FiniteProblem(np.zeros((2, 0)))
+
+
+# --- tied faces -------------------------------------------------------------------------------------------------------
+
+
+def test_mixtures_of_tied_choices_tell_the_border_and_cost_next_to_nothing():
+    problem = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+    belief = np.array([0.9, 0.1])
+    plain = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.01)).decide(belief)
+    assert plain.privacy == 0.0
+    faces = decoy_grid(problem, 4, faces=True)
+    mixed = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.01), candidates=faces).decide(belief)
+    assert mixed.privacy == pytest.approx(0.4 * np.sqrt(2), abs=1e-9)
+    assert mixed.regret <= 2e-4
+    assert mixed.action.shape == (2,)
+    with pytest.raises(InputError, match="faces=True is for linear and finite problems"):
+        decoy_grid(MarkowitzProblem(np.eye(2), [np.eye(2)] * 2, 1.0), 4, faces=True)
+
+
+def test_every_tied_pair_and_triple_has_a_mixture_near_each_of_its_members():
+    problem = FiniteProblem(TABLE[:, :3])
+    faces = decoy_grid(problem, 6, faces=True)
+    borders = faces.actions[(faces.actions > 0).sum(axis=1) == 2]
+    for action in borders:
+        first, second = np.flatnonzero(action)
+        found = consistent_beliefs(problem, action)
+        assert found.dimension == 1
+        values = found.vertices() @ TABLE[:, :3]
+        np.testing.assert_allclose(values[:, first], values[:, second], atol=1e-9)
+        np.testing.assert_allclose(values.min(axis=1), values[:, first], atol=1e-9)
+    assert len(borders) == 2 * len({tuple(np.flatnonzero(action)) for action in borders})
+
+
+# --- linear -----------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS)
+def test_linear_decisions_are_the_cheapest_of_all_vertices(seed):
+    rng = np.random.default_rng(seed)
+    size = int(rng.integers(2, 5))
+    region = random_region(rng, size)
+    costs = rng.normal(size=(3, size))
+    problem = LinearProblem(costs, region)
+    corners = vertices_of(region)
+    beliefs = rng.dirichlet(np.ones(3), 20)
+    solved = problem.solve(beliefs)
+    np.testing.assert_allclose(problem.optimal_cost(beliefs), (beliefs @ costs @ corners.T).min(axis=1), atol=1e-12)
+    gaps = np.abs(solved[:, None] - corners[None]).max(axis=2).min(axis=1)
+    assert gaps.max() <= 1e-12, "a decision is a vertex"
+    for belief, action in zip(beliefs[:5], solved[:5], strict=True):
+        np.testing.assert_array_equal(problem.solve(belief), action)
+        found = consistent_beliefs(problem, action)
+        members = rng.dirichlet(np.ones(3), 40)
+        optimal = (members @ costs @ action) <= (members @ costs @ corners.T).min(axis=1) + 1e-10
+        assert [found.contains(member) for member in members] == optimal.tolist()
+        assert found.contains(belief)
+
+
+def test_ties_fall_alike_in_any_company():
+    problem = LinearProblem([[1.0, 1.0, 2.0], [1.0, 1.0, 0.0]], simplex(3))
+    tied = np.array([[0.9, 0.1], [0.5, 0.5], [1.0, 0.0], [0.2, 0.8], [0.5, 0.5]])
+    alone = np.array([LinearProblem(problem.costs, simplex(3)).solve(belief) for belief in tied])
+    np.testing.assert_array_equal(problem.solve(tied), alone)
+    np.testing.assert_array_equal(problem.solve(tied[::-1])[::-1], alone)
+    nothing = LinearProblem(np.zeros((2, 3)), simplex(3))
+    assert np.unique(nothing.solve(tied), axis=0).shape == (1, 3)
+
+
+def test_linear_problems_downstream():
+    rng = np.random.default_rng(3)
+    problem = LinearProblem(rng.normal(size=(3, 5)), simplex(5) & box([0] * 5, [0.5] * 5))
+    belief = np.array([0.3, 0.3, 0.4])
+    corners = vertices_of(problem.constraints)
+    regrets = corners @ problem.costs.T @ belief - float(problem.optimal_cost(belief))
+    values = np.array([consistent_beliefs(problem, corner).distance(belief) for corner in corners])
+    for limit in (0.05, 0.3, 1.0):
+        known = np.isfinite(values) & (regrets <= limit)
+        single = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(limit)).decide(belief)
+        assert single.privacy == pytest.approx(values[known].max(), abs=1e-9)
+        mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(limit)).decide(belief)
+        wanted = best_mixture(regrets[np.isfinite(values)], values[np.isfinite(values)], limit)
+        assert mixed.expected_privacy == pytest.approx(wanted, abs=1e-8)
+        assert privacy_frontier(problem, belief).deterministic(limit) == pytest.approx(single.privacy, abs=1e-9)
+    local = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.3), method=LocalSearch()).decide(belief)
+    assert local.regret <= 0.3
+
+
+def test_linear_problems_name_what_is_wrong():
+    with pytest.raises(ModelError, match="cost of state 1 has no minimum"):
+        LinearProblem([[0.0, 0.0], [-1.0, 0.0]], box([0, 0], [np.inf, 1]))
+    with pytest.raises(InputError, match="constraints have 3 coordinates, the costs 2"):
+        LinearProblem(np.eye(2), simplex(3))
+
+
+# --- growth -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_horse_race_is_bet_as_it_is_believed():
+    problem = horse_race(4)
+    beliefs = np.vstack([simplex_grid(4, 8), np.random.default_rng(0).dirichlet([0.3] * 4, 40)])
+    np.testing.assert_allclose(problem.solve(beliefs), beliefs, atol=1e-9)
+    inside = np.random.default_rng(1).dirichlet(np.ones(4), 30)
+    bets = np.random.default_rng(2).dirichlet(np.ones(4), 30)
+    wanted = [divergence(belief, bet) for belief, bet in zip(inside, bets, strict=True)]
+    np.testing.assert_allclose(problem.regret(inside, bets), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("case", [((0.2, 0.3, 0.5), 0.02), ((0.3, 0.3, 0.4), 0.1), ((0.05, 0.15, 0.8), 0.05)])
+def test_a_horse_race_is_hidden_as_the_closed_form_says(case):
+    belief, limit = np.array(case[0]), case[1]
+    problem = horse_race(3)
+    candidates = decoy_grid(problem, 40)
+    maker = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(limit), candidates=candidates)
+    angles = np.linspace(0, 2 * np.pi, 20_001)
+    plane = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
+    ways = np.column_stack([np.cos(angles), np.sin(angles)]) @ plane
+    low, high = np.zeros(len(ways)), (belief / np.maximum(-ways, 1e-12)).min(axis=1)
+    for _ in range(60):
+        middle = (low + high) / 2
+        fits = divergence(belief, np.maximum(belief + middle[:, None] * ways, 1e-300)) <= limit
+        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+    single = maker.decide(belief)
+    assert single.privacy == pytest.approx(low.max(), abs=1e-6)
+    assert single.regret <= limit
+    lotteries = ProbabilisticDecisionMaker(problem, budget=Budget.regret(limit), candidates=candidates)
+    mixed = lotteries.decide(belief)
+    bets = np.vstack([candidates.actions, single.action, belief])
+    known = (bets >= 1e-4).all(axis=1)
+    wanted = best_mixture(divergence(belief, bets[known]), np.linalg.norm(bets[known] - belief, axis=1), limit)
+    assert mixed.expected_privacy >= wanted - 1e-7
+    assert mixed.expected_regret <= limit * (1 + 1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(SEEDS)
+def test_growth_equals_a_conic_solver(seed):
+    import cvxpy as cp
+
+    rng = np.random.default_rng(seed)
+    n_states, outcomes, assets = 2, int(rng.integers(2, 6)), int(rng.integers(2, 6))
+    problem = KellyProblem(
+        rng.lognormal(0, 0.3, (n_states, outcomes, assets)), rng.dirichlet(np.ones(outcomes), n_states)
+    )
+    belief = rng.dirichlet(np.ones(n_states))
+    u = cp.Variable(assets, nonneg=True)
+    growth = sum(belief[i] * problem.probabilities[i] @ cp.log(problem.gross_returns[i] @ u) for i in range(n_states))
+    programme = cp.Problem(cp.Maximize(growth), [cp.sum(u) == 1])
+    programme.solve(solver=cp.CLARABEL)
+    assert float(problem.optimal_cost(belief)) <= -programme.value + 1e-9
+    assert float(problem.optimal_cost(belief)) == pytest.approx(-programme.value, abs=1e-6)
+    assert consistent_beliefs(problem, problem.solve(belief)).contains(belief)
+
+
+def test_growth_downstream():
+    rng = np.random.default_rng(5)
+    problem = KellyProblem(rng.lognormal(0, 0.2, (3, 6, 4)), rng.dirichlet(np.ones(6), 3))
+    belief = np.array([0.2, 0.3, 0.5])
+    candidates = decoy_grid(problem, 20)
+    for measure in (MaximalObfuscation(), DesiredObfuscation([1, 0, 0]), NonExistence(), NonUniqueness()):
+        for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
+            made = maker(problem, measure, Budget.regret(0.01), candidates=candidates)
+            decided = made.decide_many([belief, belief])
+            assert (
+                np.atleast_2d(decided.regret.T if maker is CounterAdversarialDecisionMaker else 0.0) <= 0.01 + 1e-12
+            ).all()
+    assert len(random_candidates(problem, 5, rng=rng)) == 5
+    assert near_optimal_beliefs(problem, problem.solve(belief), 0.01).contains(belief)
+    assert plausibility_gap(problem, problem.solve(belief)) == 0.0
+
+
+def test_growth_names_what_is_wrong():
+    with pytest.raises(InputError, match=r"gross_returns has -0\.1"):
+        KellyProblem([[[1.0, -0.1]]], [[1.0]])
+    with pytest.raises(ModelError, match="every asset is worthless in outcome 1 of state 0"):
+        KellyProblem([[[1.0, 1.0], [0.0, 0.0]]], [[0.5, 0.5]])
+    with pytest.raises(ModelError, match="every decision loses everything in some outcome"):
+        KellyProblem([[[2.0, 0.0], [0.0, 2.0]]], [[0.5, 0.5]], simplex(2) & Polyhedron(A_eq=[[1, 0]], b_eq=[0]))
+    with pytest.raises(InputError, match="expected"):
+        KellyProblem(np.ones((2, 3, 2)), np.ones((2, 2)) / 2)

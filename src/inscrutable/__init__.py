@@ -48,6 +48,7 @@ _EXPORTS: dict[str, str] = {
     "PrivacyMeasure": "privacy",
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
+    "RowConflict": "problems",
     "SolverError": "errors",
     "Trajectory": "worlds",
     "action_grid": "decision_makers",
@@ -56,12 +57,17 @@ _EXPORTS: dict[str, str] = {
     "decoy_grid": "decision_makers",
     "filter_beliefs": "filtering",
     "fit_gaussian_hmm": "worlds",
+    "group_caps": "problems",
+    "long_short": "problems",
+    "max_weights": "problems",
+    "min_weights": "problems",
     "near_optimal_beliefs": "adversaries",
     "plausibility_gap": "adversaries",
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
     "simplex": "problems",
     "simplex_grid": "geometry",
+    "turnover": "problems",
 }
 
 if TYPE_CHECKING:
@@ -107,8 +113,14 @@ if TYPE_CHECKING:
     from inscrutable.problems import MarkowitzProblem as MarkowitzProblem
     from inscrutable.problems import Polyhedron as Polyhedron
     from inscrutable.problems import QuadraticProblem as QuadraticProblem
+    from inscrutable.problems import RowConflict as RowConflict
     from inscrutable.problems import box as box
+    from inscrutable.problems import group_caps as group_caps
+    from inscrutable.problems import long_short as long_short
+    from inscrutable.problems import max_weights as max_weights
+    from inscrutable.problems import min_weights as min_weights
     from inscrutable.problems import simplex as simplex
+    from inscrutable.problems import turnover as turnover
     from inscrutable.worlds import CategoricalEmission as CategoricalEmission
     from inscrutable.worlds import Emission as Emission
     from inscrutable.worlds import FittedWorld as FittedWorld

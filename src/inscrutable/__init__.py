@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 _EXPORTS: dict[str, str] = {
+    "ActionExplanation": "adversaries",
     "BeliefFilter": "filtering",
     "BeliefSet": "geometry",
     "Budget": "budgets",
@@ -55,6 +56,7 @@ _EXPORTS: dict[str, str] = {
     "box": "problems",
     "consistent_beliefs": "adversaries",
     "decoy_grid": "decision_makers",
+    "explain_action": "adversaries",
     "filter_beliefs": "filtering",
     "fit_gaussian_hmm": "worlds",
     "group_caps": "problems",
@@ -71,8 +73,10 @@ _EXPORTS: dict[str, str] = {
 }
 
 if TYPE_CHECKING:
+    from inscrutable.adversaries import ActionExplanation as ActionExplanation
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
+    from inscrutable.adversaries import explain_action as explain_action
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.budgets import Budget as Budget

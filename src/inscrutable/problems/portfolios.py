@@ -2,7 +2,7 @@
 
 Assets are given by their number or by their names, which then stand in the names of the rows and in messages. Sets are
 combined with `&`. A limit on a sum of magnitudes, Σ|u_j| ≤ g, is one row for every choice of signs: exact in the decision
-itself, so that the observer's multipliers stay those of Theorem 1, and therefore for a dozen assets at most.
+itself, so that the observer's multipliers stay those of Theorem 1, and therefore for ten assets of either sign at most.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from inscrutable.validation import Array
 Assets = int | Sequence[str]
 """A number of assets, called u[0], u[1], …, or their names."""
 
-MOST_SIGNED = 12
-"""Most coordinates in a limit on a sum of magnitudes: 4,096 rows."""
+MOST_SIGNED = 10
+"""Most coordinates of either sign in a limit on a sum of magnitudes: 1,024 rows, of which hundreds can be tight at once."""
 
 
 def max_weights(
@@ -137,11 +137,11 @@ def long_short(
         assets: The number of assets, or their names.
         gross: Most that long and short holdings add up to, at least |net|.
         net: Σu, one number, or (least, greatest).
-        shortable: Assets that may be short, by name or number; None is all of them, a dozen at most.
+        shortable: Assets that may be short, by name or number; None is all of them; ten at most.
         min_slack: Least slack of a row that is not tight in an admissible decision.
 
     Raises:
-        InputError: More than a dozen assets may be short, an asset is unknown, or a number is not finite.
+        InputError: More than ten assets may be short, an asset is unknown, or a number is not finite.
         ModelError: The gross limit is below what the net asks for.
 
     Cost: 2 to the number of shortable assets rows. Source: the paper, eq. (3).
@@ -181,6 +181,7 @@ def turnover(
     limit: float,
     *,
     assets: Sequence[str] | None = None,
+    long_only: bool = False,
     min_slack: float = tolerances.MIN_SLACK,
 ) -> Polyhedron:
     """Return {u : Σ|u_j − previous_j| ≤ limit}, what may be bought and sold against the last published weights.
@@ -188,18 +189,19 @@ def turnover(
     The last *published* weights are what was played, not the private optimum: both the agent and the observer know them,
     so the limit is part of the problem that the observer inverts.
 
-    Formula: ±(u_1 − p_1) ± … ± (u_U − p_U) ≤ limit, one row for every choice of signs.
+    Formula: ±(u_1 − p_1) ± … ± (u_U − p_U) ≤ limit, one row for every choice of signs; what can only be bought has one sign.
 
     Args:
         previous: The last published weights, shape (U,), or a mapping (or a pandas series) from names to weights.
         limit: Most that is bought plus sold, at least 0, in the weights' unit.
         assets: Names of the assets; None takes a mapping's keys.
+        long_only: Whether assets without a previous weight can only be bought; they get a row u_j ≥ 0.
         min_slack: Least slack of a row that is not tight in an admissible decision.
 
     Raises:
-        InputError: There are more than a dozen assets, a weight is not finite, the limit is negative or names disagree.
+        InputError: More than ten assets may be sold, a weight is not finite, the limit is negative or names disagree.
 
-    Cost: 2^U rows. Source: the paper, eq. (3).
+    Cost: 2 to the number of assets that may be sold rows. Source: the paper, eq. (3).
 
     Example:
         >>> region = turnover([0.5, 0.5], 0.2)
@@ -215,11 +217,18 @@ def turnover(
     if len(names) != weights.size:
         raise InputError(f"previous has {weights.size} weights, expected one per asset: {len(names)}")
     most = validation.non_negative(limit, "limit")
-    advice = "limit each asset with max_weights and min_weights around the previous weights instead"
-    _check_signed(weights.size, "the turnover limit", "assets may trade", advice)
-    signs = np.array(list(product((1.0, -1.0), repeat=weights.size)))
-    labels = [f"turnover <= {most:g} (sold: {', '.join(np.array(names)[row < 0]) or 'nothing'})" for row in signs]
-    return Polyhedron(signs, signs @ weights + most, names=labels, min_slack=min_slack)
+    bought = weights <= 0 if long_only else np.zeros(weights.size, dtype=bool)
+    advice = "limit each asset with max_weights and min_weights around the previous weights, or set long_only"
+    _check_signed(int((~bought).sum()), "the turnover limit", "assets may be sold", advice)
+    signs = np.array(list(product(*((1.0,) if only else (1.0, -1.0) for only in bought))))
+    labels = [f"turnover <= {most:g} (sold: {', '.join(np.array(names)[row < 0]) or 'none'})" for row in signs]
+    floors = [f"{names[j]} >= 0" for j in np.flatnonzero(bought)]
+    return Polyhedron(
+        np.vstack([signs, -np.eye(weights.size)[bought]]),
+        np.concatenate([signs @ weights + most, np.zeros(len(floors))]),
+        names=labels + floors,
+        min_slack=min_slack,
+    )
 
 
 def asset_names(assets: Assets) -> tuple[str, ...]:

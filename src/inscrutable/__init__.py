@@ -17,6 +17,7 @@ _EXPORTS: dict[str, str] = {
     "Budget": "budgets",
     "Candidates": "decision_makers",
     "CategoricalEmission": "worlds",
+    "CheapestPrivacy": "decision_makers",
     "CounterAdversarialDecisionMaker": "decision_makers",
     "Decision": "decision_makers",
     "DecisionProblem": "problems",
@@ -54,6 +55,7 @@ _EXPORTS: dict[str, str] = {
     "Trajectory": "worlds",
     "action_grid": "decision_makers",
     "box": "problems",
+    "cheapest_privacy": "decision_makers",
     "consistent_beliefs": "adversaries",
     "decoy_grid": "decision_makers",
     "explain_action": "adversaries",
@@ -81,6 +83,7 @@ if TYPE_CHECKING:
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.budgets import Budget as Budget
     from inscrutable.decision_makers import Candidates as Candidates
+    from inscrutable.decision_makers import CheapestPrivacy as CheapestPrivacy
     from inscrutable.decision_makers import CounterAdversarialDecisionMaker as CounterAdversarialDecisionMaker
     from inscrutable.decision_makers import Decision as Decision
     from inscrutable.decision_makers import Decisions as Decisions
@@ -95,6 +98,7 @@ if TYPE_CHECKING:
     from inscrutable.decision_makers import OriginalDecisionMaker as OriginalDecisionMaker
     from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
     from inscrutable.decision_makers import action_grid as action_grid
+    from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy
     from inscrutable.decision_makers import decoy_grid as decoy_grid
     from inscrutable.decision_makers import privacy_frontier as privacy_frontier
     from inscrutable.decision_makers import random_candidates as random_candidates

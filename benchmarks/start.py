@@ -115,7 +115,9 @@ def _first_calls(sizes: Sizes) -> Iterator[Row]:
         target=at_most(first, COMPILE_SECONDS, " s"),
         numbers={"seconds": first},
     )
-    yield Row("all first calls on a fresh machine", what, seconds_text(compiling, "once"), numbers={"seconds": compiling})
+    yield Row(
+        "all first calls on a fresh machine", what, seconds_text(compiling, "once"), numbers={"seconds": compiling}
+    )
     how = f"best of {sizes.starts}"
     yield Row("the same calls, kernels cached", what, seconds_text(cached, how), numbers={"seconds": cached})
 

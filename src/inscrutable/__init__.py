@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 _EXPORTS: dict[str, str] = {
+    "ActionExplanation": "adversaries",
     "BeliefFilter": "filtering",
     "BeliefSet": "geometry",
     "Budget": "budgets",
     "Candidates": "decision_makers",
     "CategoricalEmission": "worlds",
+    "CheapestPrivacy": "decision_makers",
     "ConvexProblem": "problems",
     "CounterAdversarialDecisionMaker": "decision_makers",
     "Decision": "decision_makers",
@@ -53,35 +55,46 @@ _EXPORTS: dict[str, str] = {
     "PrivacyMeasure": "privacy",
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
+    "RowConflict": "problems",
     "SolverError": "errors",
     "TradingProblem": "problems",
     "Trajectory": "worlds",
     "action_grid": "decision_makers",
     "box": "problems",
+    "cheapest_privacy": "decision_makers",
     "check_decision_problem": "testing",
     "consistent_beliefs": "adversaries",
     "decoy_grid": "decision_makers",
     "dispatch_problem": "problems",
+    "explain_action": "adversaries",
     "filter_beliefs": "filtering",
     "fit_gaussian_hmm": "worlds",
+    "group_caps": "problems",
     "load_ieee_30_bus": "datasets.power",
+    "long_short": "problems",
+    "max_weights": "problems",
+    "min_weights": "problems",
     "near_optimal_beliefs": "adversaries",
     "plausibility_gap": "adversaries",
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
     "simplex": "problems",
     "simplex_grid": "geometry",
+    "turnover": "problems",
     "with_transaction_costs": "problems",
 }
 
 if TYPE_CHECKING:
+    from inscrutable.adversaries import ActionExplanation as ActionExplanation
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
+    from inscrutable.adversaries import explain_action as explain_action
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.budgets import Budget as Budget
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
     from inscrutable.decision_makers import Candidates as Candidates
+    from inscrutable.decision_makers import CheapestPrivacy as CheapestPrivacy
     from inscrutable.decision_makers import CounterAdversarialDecisionMaker as CounterAdversarialDecisionMaker
     from inscrutable.decision_makers import Decision as Decision
     from inscrutable.decision_makers import Decisions as Decisions
@@ -96,6 +109,7 @@ if TYPE_CHECKING:
     from inscrutable.decision_makers import OriginalDecisionMaker as OriginalDecisionMaker
     from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
     from inscrutable.decision_makers import action_grid as action_grid
+    from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy
     from inscrutable.decision_makers import decoy_grid as decoy_grid
     from inscrutable.decision_makers import privacy_frontier as privacy_frontier
     from inscrutable.decision_makers import random_candidates as random_candidates
@@ -123,10 +137,16 @@ if TYPE_CHECKING:
     from inscrutable.problems import Polyhedron as Polyhedron
     from inscrutable.problems import PowerNetwork as PowerNetwork
     from inscrutable.problems import QuadraticProblem as QuadraticProblem
+    from inscrutable.problems import RowConflict as RowConflict
     from inscrutable.problems import TradingProblem as TradingProblem
     from inscrutable.problems import box as box
     from inscrutable.problems import dispatch_problem as dispatch_problem
+    from inscrutable.problems import group_caps as group_caps
+    from inscrutable.problems import long_short as long_short
+    from inscrutable.problems import max_weights as max_weights
+    from inscrutable.problems import min_weights as min_weights
     from inscrutable.problems import simplex as simplex
+    from inscrutable.problems import turnover as turnover
     from inscrutable.problems import with_transaction_costs as with_transaction_costs
     from inscrutable.testing import check_decision_problem as check_decision_problem
     from inscrutable.worlds import CategoricalEmission as CategoricalEmission

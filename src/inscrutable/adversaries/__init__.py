@@ -1,14 +1,17 @@
 """Step 4: what an observer infers from a decision."""
 
 from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_sets
+from inscrutable.adversaries.explanations import ActionExplanation, explain_action
 from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 
 __all__ = [
+    "ActionExplanation",
     "ConsistentSets",
     "NearOptimalBeliefs",
     "consistent_beliefs",
     "consistent_sets",
+    "explain_action",
     "near_optimal_beliefs",
     "plausibility_gap",
 ]

@@ -21,7 +21,6 @@ from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.hulls import onto_simplex, sum_zero_basis
 from inscrutable.geometry.polytopes import (
     Reduced,
-    minimise_over_rows,
     project_on_rows,
     reduce_polytope,
     sample_polytope,
@@ -29,7 +28,12 @@ from inscrutable.geometry.polytopes import (
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
-_SHAPE = 0.01
+_SHAPE = {1: 0.01, 2: 0.01, 3: 0.01, 4: 0.03}
+"""Share of ε by which corners of the outer polytope may exceed it, by the number of states; beyond four states a polytope
+as near as that has too many corners."""
+_STEPS = 50
+_MOST_SHRINKS = 200
+_FIRST_REACH, _FARTHER = 0.3, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +41,10 @@ class NearOptimalBeliefs:
     """The convex set Π_ε(u) = {π ∈ Δ : ρ(π,u) ≤ ε}, described from outside by planes added where they are needed.
 
     The queries are those of `BeliefSet`. Bounds and distances are reached by members with a regret of at most
-    ε + `accuracy`; the set is smooth, so its vertices, centre and samples belong to an outer polytope whose corners
-    exceed ε by at most a hundredth of it.
+    ε + `accuracy`. The set is smooth: up to four states its vertices, centre and samples belong to an outer polytope whose
+    corners exceed ε by at most a hundredth of it (three hundredths at four states). Beyond four states, where such a
+    polytope has too many corners, the vertices are the members that reach the bounds, the centre is their mean, and
+    samples are drawn by hit-and-run on the set itself.
 
     Source: near-optimal inverse optimisation; equals Theorem 1's set at ε = 0.
 
@@ -87,8 +93,13 @@ class NearOptimalBeliefs:
 
     @property
     def dimension(self) -> int:
-        """Dimension of the outer polytope; −1 for the empty set."""
-        return -1 if self._outer is None else int(self._outer.directions.shape[0])
+        """Dimension of the outer polytope, or of the members that reach the bounds; −1 for the empty set."""
+        if self.is_empty:
+            return -1
+        if self._outer is not None:
+            return int(self._outer.directions.shape[0])
+        corners = self.vertices()
+        return int(np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=tolerances.ON_FACE))
 
     def contains(self, belief: ArrayLike) -> bool:
         """Return whether the decision has a regret of at most ε under the belief."""
@@ -97,11 +108,11 @@ class NearOptimalBeliefs:
 
     @cached_property
     def _outer(self) -> Reduced | None:
-        """An outer polytope whose corners exceed ε by at most a hundredth, for shapes and samples."""
-        if self.is_empty:
+        """An outer polytope for shapes and samples; None where the set is empty or has more than four states."""
+        if self.is_empty or self.n_states not in _SHAPE:
             return None
         self._seed()
-        allowed = max(_SHAPE * self.regret, self.accuracy)
+        allowed = max(_SHAPE[self.n_states] * self.regret, self.accuracy)
         while True:
             outer = self._polytope()
             if outer is None:
@@ -158,7 +169,9 @@ class NearOptimalBeliefs:
             return np.full(self.n_states, np.nan)
         if self.contains(point):
             return point
-        wanted = self._basis.T @ (point - 1.0 / self.n_states)
+        return self._nearest(self._basis.T @ (point - 1.0 / self.n_states))
+
+    def _nearest(self, wanted: Array) -> Array:
         return self._converge(lambda rows, offsets: project_on_rows(rows, offsets, wanted))
 
     def distance(self, belief: ArrayLike) -> float:
@@ -167,8 +180,14 @@ class NearOptimalBeliefs:
         return float("inf") if self.is_empty else float(np.linalg.norm(point - self.nearest(point)))
 
     def vertices(self) -> Array:
-        """Return the corners of the outer polytope, shape (V, X)."""
-        return np.zeros((0, self.n_states)) if self._outer is None else np.maximum(self._outer.vertices, 0.0)
+        """Return the corners of the outer polytope, or the members that reach the bounds, shape (V, X)."""
+        if self.is_empty:
+            return np.zeros((0, self.n_states))
+        if self._outer is not None:
+            return np.maximum(self._outer.vertices, 0.0)
+        members = self._extremes.reshape(-1, self.n_states)
+        apart = np.abs(members[:, None] - members[None]).max(axis=2) > tolerances.SAME_BELIEF
+        return np.asarray(members[[bool(apart[i, :i].all()) for i in range(len(members))]])
 
     def bounds(self) -> Array:
         """Return the least and greatest probability of each state, shape (X, 2); NaN where the set is empty."""
@@ -177,23 +196,69 @@ class NearOptimalBeliefs:
         if self.n_states == 1:
             return np.ones((1, 2))
         limits = np.empty((self.n_states, 2))
-        for i, direction in enumerate(self._basis):
-            limits[i] = self._extreme(direction)[i], self._extreme(-direction)[i]
+        limits[:, 0], limits[:, 1] = np.diag(self._extremes[0]), np.diag(self._extremes[1])
         return limits
 
+    @cached_property
+    def _extremes(self) -> Array:
+        """Members with the least and the greatest probability of each state, shape (2, X, X)."""
+        return np.array([[self._extreme(sign * direction) for direction in self._basis] for sign in (1.0, -1.0)])
+
     def _extreme(self, direction: Array) -> Array:
-        return self._converge(lambda rows, offsets: minimise_over_rows(direction, rows, offsets))
+        """A member with the least `direction`'z, by projections of points ever farther against the direction.
+
+        With x⁺ the member nearest to x − R d no other is lower by more than √2 ‖x − x⁺‖/R; corners of the planes themselves
+        would have to be cut off one by one, more of them with every state.
+        """
+        point, reach = self._explanation[0], _FIRST_REACH
+        while True:
+            start = self._basis.T @ (point - 1.0 / self.n_states)
+            moved = self._nearest(start - reach * direction)
+            left = np.sqrt(2.0) * float(np.linalg.norm(moved - point)) / reach
+            point, reach = moved, _FARTHER * reach
+            if left <= tolerances.NEAR_OPTIMAL:
+                return point
 
     def center(self) -> Array:
         """Return the mean of the corners, shape (X,); NaN where the set is empty."""
-        return np.full(self.n_states, np.nan) if self._outer is None else np.asarray(self.vertices().mean(axis=0))
+        return np.full(self.n_states, np.nan) if self.is_empty else np.asarray(self.vertices().mean(axis=0))
 
     def sample(self, n: int, *, rng: np.random.Generator) -> Array:
-        """Return `n` members drawn uniformly from the outer polytope, shape (n, X)."""
-        if self._outer is None:
+        """Return `n` members drawn uniformly, from the outer polytope up to four states, shape (n, X)."""
+        if self.is_empty:
             raise InputError(f"cannot sample an empty set: every belief leaves a regret above {self.regret:g}")
-        drawn = sample_polytope(self._outer, validation.count(n, "n"), validation.generator(rng))
-        return np.maximum(drawn, 0.0)
+        count, source = validation.count(n, "n"), validation.generator(rng)
+        if self._outer is None:
+            return self._walk(count, source)
+        return np.maximum(sample_polytope(self._outer, count, source), 0.0)
+
+    def _walk(self, n: int, rng: np.random.Generator) -> Array:
+        """Members by hit-and-run: on a random line the stretch that the planes leave shrinks to trials that fail."""
+        corners = self.vertices()
+        points = rng.dirichlet(np.ones(len(corners)), size=n) @ corners
+        rows, offsets = self._rows()
+        centre = np.full(self.n_states, 1.0 / self.n_states)
+        for _ in range(_STEPS):
+            directions = rng.normal(size=(n, self.n_states - 1))
+            speed = directions @ rows.T
+            slack = np.maximum(offsets - (points - centre) @ self._basis @ rows.T, 0.0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                reach = slack / speed
+            high = np.where(speed > 0, reach, np.inf).min(axis=1)
+            low = np.where(speed < 0, reach, -np.inf).max(axis=1)
+            moving = np.arange(n)
+            for _ in range(_MOST_SHRINKS):
+                step = rng.uniform(low[moving], high[moving])
+                trial = onto_simplex(points[moving] + step[:, None] * directions[moving] @ self._basis.T)
+                inside = self.problem.regret(trial, self.action) <= self.regret + self.accuracy
+                points[moving[inside]] = trial[inside]
+                out, step = moving[~inside], step[~inside]
+                high[out] = np.where(step > 0, step, high[out])
+                low[out] = np.where(step > 0, low[out], step)
+                moving = out
+                if not len(moving):
+                    break
+        return points
 
 
 def near_optimal_beliefs(problem: DecisionProblem, action: ArrayLike, regret: float) -> NearOptimalBeliefs:

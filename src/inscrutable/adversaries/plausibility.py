@@ -6,12 +6,14 @@ V(π) = min_u π·s(u) lies below π·s(v) for every decision v, so each solved 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
 from inscrutable.geometry.hulls import onto_simplex
-from inscrutable.linear_programmes import Rows, minimum
+from inscrutable.linear_programmes import LinearAnswer, Rows, minimum
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -28,6 +30,21 @@ def nearest_explanation(problem: DecisionProblem, action: Array, margin: float =
 
     With a finite `margin` the search ends when the regret is known to lie above or below it, with a bound in its place.
     """
+    found = closed_planes(problem, action, margin)
+    return found.belief, found.gap
+
+
+class ClosedPlanes(NamedTuple):
+    """The belief of least regret, that regret, and the planes π·(s(u) − s(v_j)) that prove it."""
+
+    belief: Array  # (X,)
+    gap: float
+    planes: Array  # (n, X)
+    beliefs: Array  # (n, X), v_j = u*(beliefs[j])
+
+
+def closed_planes(problem: DecisionProblem, action: Array, margin: float = np.inf) -> ClosedPlanes:
+    """Return the least regret over all beliefs with the planes that prove it, or a bound on its side of `margin`."""
     own = problem.state_costs(action)
     n_states = problem.n_states
     points = np.vstack([np.full(n_states, 1.0 / n_states), np.eye(n_states)]) if n_states > 1 else np.ones((1, 1))
@@ -40,26 +57,36 @@ def nearest_explanation(problem: DecisionProblem, action: Array, margin: float =
         if upper - lower * scale <= tolerances.GAP_STEP * scale:
             break
         if np.isfinite(margin) and (lower * scale >= margin or upper < margin):
-            return best, max(lower * scale, 0.0) if lower * scale >= margin else upper
+            bound = max(lower * scale, 0.0) if lower * scale >= margin else upper
+            return ClosedPlanes(best, bound, planes, points)
         # Half-way to the best belief so far: Kelley's corners alone zigzag.
         for point in (trial, 0.5 * (trial + best)):
             plane = own - problem.state_costs(problem.solve(point))
-            planes = np.vstack([planes, plane])
+            planes, points = np.vstack([planes, plane]), np.vstack([points, point])
             regret = float(point @ plane)
             if regret < upper:
                 best, upper = point, max(regret, 0.0)
     else:
         raise SolverError(f"the plausibility gap did not close: between {lower * scale:.3g} and {upper:.3g}")
-    return best, upper
+    return ClosedPlanes(best, upper, planes, points)
 
 
 def lowest_of_planes(planes: Array) -> tuple[float, Array]:
     """Return min_π max_j π·a_j over the simplex for planes (n,X), and a belief where it is reached."""
+    answer = _lowest(planes)
+    return answer.value, onto_simplex(answer.x[None, : planes.shape[1]])[0]
+
+
+def weights_of_planes(planes: Array) -> Array:
+    """Return shares (n,) of planes (n,X) for which min_i Σ_j w_j a_j,i is min_π max_j π·a_j: the proof of that value."""
+    return np.asarray(onto_simplex(-_lowest(planes).duals[None])[0])
+
+
+def _lowest(planes: Array) -> LinearAnswer:
     n_states = planes.shape[1]
-    answer = minimum(
+    return minimum(
         np.concatenate([np.zeros(n_states), [1.0]]),
         Rows(np.column_stack([planes, -np.ones(planes.shape[0])]), np.zeros(planes.shape[0])),
         Rows(np.concatenate([np.ones(n_states), [0.0]])[None], np.ones(1)),
         (0, None),
     )
-    return answer.value, onto_simplex(answer.x[None, :n_states])[0]

@@ -1,6 +1,7 @@
 """Step 6: who decides, and how much of the belief the decision gives away."""
 
 from inscrutable.decision_makers.candidates import Candidates, action_grid, decoy_grid, random_candidates
+from inscrutable.decision_makers.cheapest import CheapestPrivacy, cheapest_privacy
 from inscrutable.decision_makers.counter_adversarial import CounterAdversarialDecisionMaker, GlobalSearch
 from inscrutable.decision_makers.frontier import Frontier, privacy_frontier
 from inscrutable.decision_makers.local_search import LocalSearch
@@ -10,6 +11,7 @@ from inscrutable.decision_makers.results import Decision, Decisions, DecisionSta
 
 __all__ = [
     "Candidates",
+    "CheapestPrivacy",
     "CounterAdversarialDecisionMaker",
     "Decision",
     "DecisionStatus",
@@ -24,6 +26,7 @@ __all__ = [
     "OriginalDecisionMaker",
     "ProbabilisticDecisionMaker",
     "action_grid",
+    "cheapest_privacy",
     "decoy_grid",
     "privacy_frontier",
     "random_candidates",

@@ -147,8 +147,11 @@ class _Edge:
         tried = _beliefs(decoys + np.minimum(length, room)[:, None] * ways)
         root = np.sqrt(self.regrets(tried))
         excess = 2.0 * root * np.maximum(root - np.sqrt(self.aim.limit), 0.0)
-        back = excess / np.maximum((slopes**2).sum(axis=1), _TINY)
-        return self.at(_beliefs(tried - np.where(back > 0, back, 0.0)[:, None] * slopes))
+        steep = (slopes**2).sum(axis=1)
+        # A regret that hardly rises leads nowhere: the way back would be infinitely long.
+        rises = steep > (np.finfo(float).eps * self.aim.limit) ** 2 + _TINY / np.finfo(float).eps
+        back = np.where(rises, excess / np.where(rises, steep, 1.0), 0.0)
+        return self.at(_beliefs(tried - back[:, None] * slopes))
 
 
 def _centred(vectors: Array, free: np.ndarray) -> Array:

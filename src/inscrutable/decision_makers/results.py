@@ -77,7 +77,9 @@ class DecisionStatus(Enum):
     POLISHED = "best candidate, polished by a local search: no proof that nothing better exists"
     BEST_CANDIDATE = "best of the candidates: more of them may find better"
     LOCAL_OPTIMUM = "local optimum of a local search: more starts may find better"
-    NO_AFFORDABLE_PRIVACY = "nothing affordable reaches the goal, so the optimal decision is played: raise the budget"
+    NO_AFFORDABLE_PRIVACY = (
+        "nothing affordable reaches the goal, so the optimal is played: raise the budget; cheapest_privacy says how far"
+    )
     NO_PLAUSIBLE_START = "no affordable start that a belief explains was found: use the global search"
     UNBOUNDED = (
         "unexplained decisions count as infinitely private and are affordable: the paper's letter has no optimum"

@@ -12,13 +12,19 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space, orth
+from scipy.spatial import ConvexHull, QhullError
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
 from inscrutable.geometry.held_coordinates import held_coordinates
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.validation import Array
 
 _MOST_FACETS = 200_000
+_MANY_CHOICES = 1_000
+"""Sets of rows from which facets of a cone that has a corner are not tried one by one but found by a hull."""
+_LEAST_CUT = 0.001
+"""Least height of a cone's rays over a plane through its corner; flatter cones are as good as without a corner."""
 
 
 class StationarityRows(NamedTuple):
@@ -88,7 +94,11 @@ def _facets(active: Array, equalities: Array) -> Array:
     points = generators @ span
     points = points / np.linalg.norm(points, axis=1, keepdims=True)
     rank = span.shape[1]
-    if comb(points.shape[0], rank - 1) > _MOST_FACETS:
+    choices = comb(points.shape[0], rank - 1)
+    sides = _hull_facets(points) if choices > _MANY_CHOICES and rank > 2 else None
+    if sides is not None:
+        return np.asarray(sides @ span.T @ free.T)
+    if choices > _MOST_FACETS:
         raise SolverError(
             f"{points.shape[0]} active rows span only {rank} directions: too many faces of the multiplier cone; "
             "remove redundant constraints"
@@ -105,3 +115,25 @@ def _facets(active: Array, equalities: Array) -> Array:
     if not facets:
         return np.zeros((0, n_actions))
     return np.asarray(np.array(facets) @ span.T @ free.T)
+
+
+def _hull_facets(points: Array) -> Array | None:
+    """Facets (f,d) of the cone of unit vectors (n,d) that span their space, from the hull of its section with a plane;
+    None where no plane cuts all of its rays."""
+    n, d = points.shape
+    objective = np.append(np.zeros(d), -1.0)
+    cut = minimise(objective, Rows(np.column_stack([-points, np.ones(n)]), np.zeros(n)), bounds=(-1.0, 1.0))
+    if cut.status != OPTIMAL or -cut.value <= _LEAST_CUT:
+        return None
+    height = cut.x[:d]
+    section = points / (points @ height)[:, None]
+    plane = null_space(height[None])
+    try:
+        hull = ConvexHull((section - section.mean(axis=0)) @ plane)
+    except QhullError:
+        return None
+    level = hull.equations[:, -1] - hull.equations[:, :-1] @ (section.mean(axis=0) @ plane)
+    sides = hull.equations[:, :-1] @ plane.T + level[:, None] * height
+    sides /= np.linalg.norm(sides, axis=1, keepdims=True)
+    _, first = np.unique(np.round(sides / tolerances.SAME_BELIEF), axis=0, return_index=True)
+    return np.asarray(sides[np.sort(first)])

@@ -1,6 +1,7 @@
 """Step 3: what the agent decides, at what cost, under which constraints."""
 
 from inscrutable.problems.base import DecisionProblem, checked_problem
+from inscrutable.problems.conflicts import RowConflict
 from inscrutable.problems.constraints import Polyhedron, box, simplex
 from inscrutable.problems.convex import ConvexProblem
 from inscrutable.problems.dispatch import PowerNetwork, dispatch_problem
@@ -8,6 +9,7 @@ from inscrutable.problems.finite import FiniteProblem
 from inscrutable.problems.kelly import KellyProblem
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.markowitz import MarkowitzProblem
+from inscrutable.problems.portfolios import group_caps, long_short, max_weights, min_weights, turnover
 from inscrutable.problems.quadratic import QuadraticProblem
 from inscrutable.problems.transaction_costs import TradingProblem, with_transaction_costs
 
@@ -21,10 +23,16 @@ __all__ = [
     "Polyhedron",
     "PowerNetwork",
     "QuadraticProblem",
+    "RowConflict",
     "TradingProblem",
     "box",
     "checked_problem",
     "dispatch_problem",
+    "group_caps",
+    "long_short",
+    "max_weights",
+    "min_weights",
     "simplex",
+    "turnover",
     "with_transaction_costs",
 ]

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.cones import StationarityRows, stationarity_rows
-from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
+from inscrutable.problems.conflicts import RowConflict, row_conflict
 from inscrutable.validation import Array
 
 _MOST_PATTERNS = 4096
@@ -150,29 +151,17 @@ class Polyhedron:
 
     def check_feasible(self) -> None:
         """Raise `ModelError` naming the rows in conflict, and by how much, where no decision satisfies all rows."""
+        found = self.conflict()
+        if found is not None:
+            raise ModelError(found.summary())
+
+    def conflict(self) -> RowConflict | None:
+        """Return rows that no decision satisfies together, and by how much, or None where some decision satisfies all."""
         if self._is_feasible:
-            return
-        n, e, u = len(self.b_ub), len(self.b_eq), self.n_actions
-        elastic = np.concatenate([np.zeros(u), np.ones(n + 2 * e)])
-        answer = minimum(
-            elastic,
-            Rows(np.hstack([self.A_ub, -np.eye(n), np.zeros((n, 2 * e))]), self.b_ub),
-            Rows(np.hstack([self.A_eq, np.zeros((e, n)), np.eye(e), -np.eye(e)]), self.b_eq),
-            [(None, None)] * u + [(0, None)] * (n + 2 * e),
-        )
-        broken = answer.x[u : u + n]
-        off = answer.x[u + n : u + n + e] + answer.x[u + n + e :]
-        sides = np.abs(np.concatenate([self.b_ub, self.b_eq]))
-        scale = np.maximum(np.concatenate([self.row_scale, np.abs(self.A_eq).max(axis=1, initial=0.0)]), sides)
-        amounts = [
-            f"{name} by {amount:g}"
-            for name, amount, size in zip(self.names, np.concatenate([broken, off]), scale, strict=True)
-            if amount > tolerances.FEASIBILITY * size
-        ]
-        if not amounts:
-            self._is_feasible = True
-            return
-        raise ModelError(f"no decision satisfies all constraints; the least relaxation is: {', '.join(amounts)}")
+            return None
+        found = row_conflict(Rows(self.A_ub, self.b_ub), Rows(self.A_eq, self.b_eq), self.names)
+        self._is_feasible = found is None
+        return found
 
     @cached_property
     def bounding_box(self) -> Array:

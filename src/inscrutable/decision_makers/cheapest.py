@@ -1,0 +1,169 @@
+"""What the cheapest privacy costs: the least regret at which a goal comes into reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.arguments import checked_measure
+from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.counter_adversarial import Case, best_decision
+from inscrutable.decision_makers.frontier import privacy_frontier
+from inscrutable.decision_makers.hiding import candidates_for
+from inscrutable.privacy import PrivacyMeasure
+from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.saved import Saved
+from inscrutable.validation import Array
+
+_WAYS = 8
+_HALVINGS = 30
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CheapestPrivacy(Saved):
+    """The cheapest decision found that reaches a privacy.
+
+    Args:
+        regret: What it costs above the optimal cost, in the cost's unit; infinite where no decision found reaches it.
+        share: The same as a share of |c*|.
+        privacy: Ψ of the decision; of the optimal one where none was found.
+        action: The decision, shape (U,); the optimal one where none was found.
+
+    Source: the paper, eq. (8), read from the goal to the budget.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> found = cheapest_privacy(problem, [0.5, 0.5], privacy=0.1)
+        >>> found.privacy >= 0.1, found.regret < 0.001
+        (True, True)
+    """
+
+    regret: float
+    share: float
+    privacy: float
+    action: Array
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a sentence for a person to read."""
+        if np.isinf(self.regret):
+            return f"no decision found gives more privacy than {self.privacy:.4g}, at any cost: change the goal or the limits"
+        return f"a privacy of {self.privacy:.4g} costs a regret of {self.regret:.4g}, {self.share:.3%} of |c*|"
+
+
+def cheapest_privacy(
+    problem: DecisionProblem,
+    belief: ArrayLike,
+    measure: PrivacyMeasure | None = None,
+    *,
+    privacy: float | None = None,
+    candidates: Candidates | ArrayLike | None = None,
+) -> CheapestPrivacy:
+    """Return the cheapest decision found with at least a privacy: what a budget must afford for any to be had.
+
+    Formula: min ρ(π,ū) over admissible ū with Ψ(ū) ≥ privacy, searched over the candidates and on the rays to them.
+
+    Args:
+        problem: The decision problem.
+        belief: π, shape (X,).
+        measure: The privacy measure; None is `MaximalObfuscation()`.
+        privacy: Least Ψ asked for; None is anything above what the optimal decision has.
+        candidates: Decisions to start from; None is about 5,000 decoys.
+
+    Returns:
+        A `CheapestPrivacy`; its regret is reached, and an upper bound of the least one. A decision maker whose own
+        candidates lie farther away plays its action where that is handed over as a candidate.
+
+    Raises:
+        InputError: The belief is not one point of the simplex, or `privacy` is not a number.
+
+    Cost: a frontier and some hundred forward solves. Source: the paper, eq. (8).
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> print(cheapest_privacy(problem, [0.5, 0.5], privacy=0.9).summary())
+        no decision found gives more privacy than 0, at any cost: change the goal or the limits
+    """
+    held = validation.one_belief(belief, checked_problem(problem).n_states)
+    chosen = checked_measure(measure)
+    given = candidates_for(problem, chosen, candidates)
+    search = _Search(problem, held, chosen, given)
+    own = search.privacy(search.optimal)
+    if privacy is None:
+        search.least = own + tolerances.NO_PRIVACY if np.isfinite(own) else -np.finfo(float).max
+    else:
+        search.least = validation.number_of(privacy, "privacy")
+    best = (0.0, search.optimal) if own >= search.least else search.best()
+    if best is None:
+        return CheapestPrivacy(float("inf"), float("inf"), own, search.optimal)
+    regret, action = best
+    size = abs(search.optimal_cost)
+    return CheapestPrivacy(regret, regret / size if size else float("inf"), search.privacy(action), action)
+
+
+class _Search:
+    def __init__(
+        self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, candidates: Candidates
+    ) -> None:
+        self.problem, self.belief, self.measure, self.candidates = problem, belief, measure, candidates
+        self.optimal = problem.solve(belief)
+        self.optimal_cost = float(problem.expected_cost(belief, self.optimal))
+        self.least = 0.0
+
+    def privacy(self, action: Array) -> float:
+        beliefs = belief_set_of(self.problem, action)
+        if beliefs.is_empty and not self.measure.judges_empty:
+            return -np.inf
+        return float(self.measure(self.belief, beliefs))
+
+    def reaches(self, action: Array) -> bool:
+        return bool(self.problem.constraints.is_admissible(action)) and self.privacy(action) >= self.least
+
+    def best(self) -> tuple[float, Array] | None:
+        """The cheapest candidate that reaches the privacy, and what the rays to it and its neighbours have before it."""
+        frontier = privacy_frontier(self.problem, self.belief, self.measure, self.candidates)
+        index = np.flatnonzero(frontier.points[:, 1] >= self.least)
+        numbers = frontier.indices[index]
+        known = numbers < len(self.candidates.actions)
+        if not known.any():
+            return None
+        limit = float(frontier.points[index[known][0], 0])
+        found: list[tuple[float, Array]] = []
+        if self.measure.is_indicator:  # the decision maker plays the cheapest that meets the goal
+            case = Case(self.problem, self.candidates, self.belief, self.measure, Budget.regret(limit), "exclude")
+            action = best_decision(case).action
+            found += [(self._regret(action), action)] if self.reaches(action) else []
+        for number in numbers[known][:_WAYS]:
+            action = np.asarray(self.candidates.actions[int(number)])
+            found.append((self._regret(action), action))
+            found.append(self._before(action))
+        reached = [each for each in found if self.reaches(each[1])]
+        return min(reached, key=lambda each: each[0]) if reached else None
+
+    def _regret(self, action: Array) -> float:
+        return float(self.problem.regret(self.belief, action))
+
+    def _before(self, action: Array) -> tuple[float, Array]:
+        """The first decision on the ray to a belief that explains `action` that reaches the privacy, by halving."""
+        beliefs = belief_set_of(self.problem, action)
+        if beliefs.is_empty:
+            return self._regret(action), action
+        target, low, high, best = beliefs.center(), 0.0, 1.0, action
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            trial = self.problem.solve(self.belief + middle * (target - self.belief))
+            if self.reaches(trial):
+                high, best = middle, trial
+            else:
+                low = middle
+        return self._regret(best), best

@@ -1,0 +1,116 @@
+"""Which rows of an empty feasible set contradict one another, and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
+from inscrutable.validation import Array
+
+_MOST_LISTED = 12
+
+
+@dataclass(frozen=True)
+class RowConflict:
+    """Rows of a feasible set that no decision satisfies together; without any one of them some decision would.
+
+    Formula: rows A_ub u ≤ b_ub and A_eq u = b_eq contradict one another where y ≥ 0 and w exist with
+    A_ub'y + A_eq'w = 0 and b_ub'y + b_eq'w = −1; the rows of a corner of these (y, w) are irreducible.
+
+    Args:
+        names: The rows in conflict.
+        amounts: By how much each of them would have to give way if it alone did, in the unit of its right-hand side.
+        relaxed: The rows that the least relaxation of all rows moves; other conflicts may be among them.
+        relaxations: By how much it moves each of them, in the unit of its right-hand side.
+
+    Source: Farkas' lemma; Gleeson and Ryan (ORSA Journal on Computing 2, 1990).
+
+    Example:
+        >>> from inscrutable import Polyhedron
+        >>> region = Polyhedron([[-1.0], [1.0], [1.0]], [-0.5, 0.25, 9.0], names=["floor", "cap", "far"])
+        >>> found = region.conflict()
+        >>> found.names, found.amounts
+        (('floor', 'cap'), (0.25, 0.25))
+    """
+
+    names: tuple[str, ...]
+    amounts: tuple[float, ...]
+    relaxed: tuple[str, ...]
+    relaxations: tuple[float, ...]
+
+    def summary(self) -> str:
+        """Return one sentence for a person to read."""
+        least = _listed([f"{name} by {by:g}" for name, by in zip(self.relaxed, self.relaxations, strict=True)])
+        if not self.names:
+            return f"no decision satisfies all constraints; the least relaxation is: {least}"
+        alone = _listed([f"{name} by {by:g}" for name, by in zip(self.names, self.amounts, strict=True)])
+        return (
+            f"no decision satisfies all constraints; cannot hold together: {_listed(list(self.names))}; one of these must "
+            f"give way, alone: {alone}; the least relaxation is: {least}"
+        )
+
+
+def _listed(parts: list[str]) -> str:
+    more = len(parts) - _MOST_LISTED
+    return ", ".join(parts) if more <= 0 else f"{', '.join(parts[:_MOST_LISTED])} and {more} more"
+
+
+def row_conflict(below: Rows, equal: Rows, names: tuple[str, ...]) -> RowConflict | None:
+    """Return the conflict among rows A_ub u ≤ b_ub and A_eq u = b_eq with names in that order, or None."""
+    relaxations = _least_relaxation(below, equal)
+    moved = np.flatnonzero(relaxations)
+    if not moved.size:
+        return None
+    rows, amounts = _irreducible(below, equal)
+    return RowConflict(
+        tuple(names[i] for i in rows),
+        tuple(float(amount) for amount in amounts),
+        tuple(names[i] for i in moved),
+        tuple(float(by) for by in relaxations[moved]),
+    )
+
+
+def _least_relaxation(below: Rows, equal: Rows) -> Array:
+    """Least sum of violations (n+e,), row by row; zero below the tolerance of feasibility."""
+    n, e, u = len(below.sides), len(equal.sides), below.matrix.shape[1]
+    elastic = np.concatenate([np.zeros(u), np.ones(n + 2 * e)])
+    answer = minimum(
+        elastic,
+        Rows(np.hstack([below.matrix, -np.eye(n), np.zeros((n, 2 * e))]), below.sides),
+        Rows(np.hstack([equal.matrix, np.zeros((e, n)), np.eye(e), -np.eye(e)]), equal.sides),
+        [(None, None)] * u + [(0, None)] * (n + 2 * e),
+    )
+    broken = answer.x[u : u + n]
+    off = answer.x[u + n : u + n + e] + answer.x[u + n + e :]
+    amounts = np.concatenate([broken, off])
+    return np.where(amounts > tolerances.FEASIBILITY * _scale(below, equal), amounts, 0.0)
+
+
+def _scale(below: Rows, equal: Rows) -> Array:
+    """Largest number of each row."""
+    coefficients = np.abs(np.vstack([below.matrix, equal.matrix])).max(axis=1, initial=0.0)
+    return np.asarray(np.maximum(coefficients, np.abs(np.concatenate([below.sides, equal.sides]))))
+
+
+def _irreducible(below: Rows, equal: Rows) -> tuple[np.ndarray, Array]:
+    """Rows of one irreducible conflict and what each would have to give alone: a corner of Farkas' multipliers."""
+    n, e = len(below.sides), len(equal.sides)
+    scale = _scale(below, equal)
+    matrix = np.vstack([below.matrix, equal.matrix]) / scale[:, None]
+    sides = np.concatenate([below.sides, equal.sides]) / scale
+    both = np.vstack([matrix, -matrix[n:]])  # an equality is two inequalities
+    values = np.concatenate([sides, -sides[n:]])
+    answer = minimise(
+        np.ones(n + 2 * e),
+        equal=Rows(np.vstack([both.T, values]), np.append(np.zeros(both.shape[1]), -1.0)),
+        bounds=(0, None),
+    )
+    if answer.status != OPTIMAL:  # in conflict by hardly more than the tolerance
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    multipliers = answer.x[: n + e].copy()
+    multipliers[n:] += answer.x[n + e :]
+    rows = np.flatnonzero(multipliers > tolerances.ON_FACE * multipliers.max())
+    return rows, np.asarray(scale[rows] / multipliers[rows])

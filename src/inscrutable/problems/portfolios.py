@@ -1,0 +1,335 @@
+"""Feasible sets in a portfolio's words: caps, floors, groups, long and short, turnover; each some rows of a `Polyhedron`.
+
+Assets are given by their number or by their names, which then stand in the names of the rows and in messages. Sets are
+combined with `&`. A limit on a sum of magnitudes, Σ|u_j| ≤ g, is one row for every choice of signs: exact in the decision
+itself, so that the observer's multipliers stay those of Theorem 1, and therefore for ten assets of either sign at most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError, ModelError
+from inscrutable.problems.constraints import Polyhedron
+from inscrutable.validation import Array
+
+Assets = int | Sequence[str]
+"""A number of assets, called u[0], u[1], …, or their names."""
+
+MOST_SIGNED = 10
+"""Most coordinates of either sign in a limit on a sum of magnitudes: 1,024 rows, of which hundreds can be tight at once."""
+
+
+def max_weights(
+    assets: Assets, limits: ArrayLike | Mapping[str, float], *, min_slack: float = tolerances.MIN_SLACK
+) -> Polyhedron:
+    """Return {u : u_j ≤ limit_j}, a cap on every asset or on some.
+
+    Formula: one row u_j ≤ limit_j per finite limit.
+
+    Args:
+        assets: The number of assets, or their names.
+        limits: One number for all, shape (U,) with inf for no limit, or a mapping from names to limits.
+        min_slack: Least distance from a limit that is not tight in an admissible decision.
+
+    Raises:
+        InputError: A limit is NaN, a name is unknown or repeated, the shape is wrong, or no limit is finite.
+
+    Source: the paper, eq. (3).
+
+    Example:
+        >>> max_weights(["Food", "Oil"], {"Oil": 0.25}).names
+        ('Oil <= 0.25',)
+    """
+    names = asset_names(assets)
+    values = _per_asset(limits, names, "limits", np.inf)
+    return _single_rows(names, values, 1.0, min_slack)
+
+
+def min_weights(
+    assets: Assets, limits: ArrayLike | Mapping[str, float], *, min_slack: float = tolerances.MIN_SLACK
+) -> Polyhedron:
+    """Return {u : u_j ≥ limit_j}, a floor under every asset or some.
+
+    Formula: one row −u_j ≤ −limit_j per finite limit.
+
+    Args:
+        assets: The number of assets, or their names.
+        limits: One number for all, shape (U,) with −inf for no limit, or a mapping from names to limits.
+        min_slack: Least distance from a limit that is not tight in an admissible decision.
+
+    Raises:
+        InputError: A limit is NaN, a name is unknown or repeated, the shape is wrong, or no limit is finite.
+
+    Source: the paper, eq. (3).
+
+    Example:
+        >>> min_weights(2, [0.1, -np.inf]).names
+        ('u[0] >= 0.1',)
+    """
+    names = asset_names(assets)
+    values = _per_asset(limits, names, "limits", -np.inf)
+    return _single_rows(names, values, -1.0, min_slack)
+
+
+def group_caps(
+    assets: Assets,
+    groups: Mapping[str, Sequence[Any]],
+    caps: float | Mapping[str, float],
+    *,
+    min_slack: float = tolerances.MIN_SLACK,
+) -> Polyhedron:
+    """Return {u : Σ_{j in group} u_j ≤ cap}, one row per group: sectors, countries, issuers.
+
+    Args:
+        assets: The number of assets, or their names.
+        groups: Group name → its assets, by name or number; groups may overlap.
+        caps: One number for all groups, or group name → cap; groups left out have none.
+        min_slack: Least distance from a cap that is not tight in an admissible decision.
+
+    Raises:
+        InputError: A group is empty, holds an unknown or repeated asset, a cap belongs to no group, or is not finite.
+
+    Source: the paper, eq. (3).
+
+    Example:
+        >>> group_caps(["Food", "Oil", "Gas"], {"energy": ["Oil", "Gas"]}, 0.4).names
+        ('energy <= 0.4',)
+    """
+    names = asset_names(assets)
+    if not isinstance(groups, Mapping) or not groups:
+        raise InputError(f"groups must map group names to their assets, got {groups!r}")
+    limits = dict(caps) if isinstance(caps, Mapping) else dict.fromkeys(groups, caps)
+    unknown = [name for name in limits if name not in groups]
+    if unknown:
+        raise InputError(f"caps names {unknown[0]!r}, expected one of the groups: {', '.join(map(str, groups))}")
+    if not limits:
+        raise InputError("caps names no group: nothing would be limited")
+    rows, sides, labels = [], [], []
+    for name, cap in limits.items():
+        rows.append(_members(groups[name], names, str(name)))
+        sides.append(validation.number_of(cap, f"cap of group {name!r}"))
+        labels.append(f"{name} <= {sides[-1]:g}")
+    return Polyhedron(rows, sides, names=labels, min_slack=min_slack)
+
+
+def long_short(
+    assets: Assets,
+    *,
+    gross: float,
+    net: float | tuple[float, float] = 1.0,
+    shortable: Sequence[Any] | None = None,
+    min_slack: float = tolerances.MIN_SLACK,
+) -> Polyhedron:
+    """Return {u : Σ|u_j| ≤ gross, Σu_j = net}, holdings long and short.
+
+    Formula: with Σu = net the gross limit says that no choice S of assets is short by more than (gross − net)/2:
+    −Σ_{j in S} u_j ≤ (gross − net)/2, one row for each S among the `shortable`; the others are at least zero. With a range of
+    nets it is Σ_{j not in S} u_j − Σ_{j in S} u_j ≤ gross.
+
+    Args:
+        assets: The number of assets, or their names.
+        gross: Most that long and short holdings add up to, at least |net|.
+        net: Σu, one number, or (least, greatest).
+        shortable: Assets that may be short, by name or number; None is all of them; ten at most.
+        min_slack: Least slack of a row that is not tight in an admissible decision.
+
+    Raises:
+        InputError: More than ten assets may be short, an asset is unknown, or a number is not finite.
+        ModelError: The gross limit is below what the net asks for.
+
+    Cost: 2 to the number of shortable assets rows. Source: the paper, eq. (3).
+
+    Example:
+        >>> long_short(["A", "B"], gross=1.6, net=1.0).names
+        ('gross <= 1.6 (short: A)', 'gross <= 1.6 (short: B)', 'net = 1')
+    """
+    names = asset_names(assets)
+    most = validation.non_negative(gross, "gross")
+    exact = np.ndim(net) == 0
+    low, high = _range(net)
+    if most < max(low, -high):
+        raise ModelError(
+            f"gross limit {most:g} is below the net {low if low > 0 else high:g} that is asked for: raise the one or "
+            "lower the other"
+        )
+    chosen = np.arange(len(names)) if shortable is None else _numbers(shortable, names, "shortable")
+    _check_signed(chosen.size, "the gross limit", "assets may be short", "name fewer in `shortable`")
+    rows, sides, labels = _gross_rows(names, chosen, most, low if exact else None)
+    for j in np.setdiff1d(np.arange(len(names)), chosen):
+        rows.append(-np.eye(len(names))[j])
+        sides.append(0.0)
+        labels.append(f"{names[j]} >= 0")
+    ones = np.ones(len(names))
+    if exact:
+        return Polyhedron(rows, sides, [ones], [low], names=[*labels, f"net = {low:g}"], min_slack=min_slack)
+    for side, value, sign in (("<=", high, 1.0), (">=", low, -1.0)):
+        rows.append(sign * ones)
+        sides.append(sign * value)
+        labels.append(f"net {side} {value:g}")
+    return Polyhedron(rows, sides, names=labels, min_slack=min_slack)
+
+
+def turnover(
+    previous: ArrayLike | Mapping[str, float],
+    limit: float,
+    *,
+    assets: Sequence[str] | None = None,
+    long_only: bool = False,
+    min_slack: float = tolerances.MIN_SLACK,
+) -> Polyhedron:
+    """Return {u : Σ|u_j − previous_j| ≤ limit}, what may be bought and sold against the last published weights.
+
+    The last *published* weights are what was played, not the private optimum: both the agent and the observer know them,
+    so the limit is part of the problem that the observer inverts.
+
+    Formula: ±(u_1 − p_1) ± … ± (u_U − p_U) ≤ limit, one row for every choice of signs; what can only be bought has one sign.
+
+    Args:
+        previous: The last published weights, shape (U,), or a mapping (or a pandas series) from names to weights.
+        limit: Most that is bought plus sold, at least 0, in the weights' unit.
+        assets: Names of the assets; None takes a mapping's keys.
+        long_only: Whether assets without a previous weight can only be bought; they get a row u_j ≥ 0.
+        min_slack: Least slack of a row that is not tight in an admissible decision.
+
+    Raises:
+        InputError: More than ten assets may be sold, a weight is not finite, the limit is negative or names disagree.
+
+    Cost: 2 to the number of assets that may be sold rows. Source: the paper, eq. (3).
+
+    Example:
+        >>> region = turnover([0.5, 0.5], 0.2)
+        >>> bool(region.violation([0.6, 0.4]) == 0), bool(region.violation([0.7, 0.3]) == 0)
+        (True, False)
+    """
+    given: Any = previous
+    if hasattr(given, "keys"):
+        held = dict(given)
+        assets, given = list(held) if assets is None else assets, list(held.values())
+    weights = validation.finite_array(given, "previous", ndim=1)
+    names = asset_names(weights.size if assets is None else assets)
+    if len(names) != weights.size:
+        raise InputError(f"previous has {weights.size} weights, expected one per asset: {len(names)}")
+    most = validation.non_negative(limit, "limit")
+    bought = weights <= 0 if long_only else np.zeros(weights.size, dtype=bool)
+    advice = "limit each asset with max_weights and min_weights around the previous weights, or set long_only"
+    _check_signed(int((~bought).sum()), "the turnover limit", "assets may be sold", advice)
+    signs = np.array(list(product(*((1.0,) if only else (1.0, -1.0) for only in bought))))
+    labels = [f"turnover <= {most:g} (sold: {', '.join(np.array(names)[row < 0]) or 'none'})" for row in signs]
+    floors = [f"{names[j]} >= 0" for j in np.flatnonzero(bought)]
+    return Polyhedron(
+        np.vstack([signs, -np.eye(weights.size)[bought]]),
+        np.concatenate([signs @ weights + most, np.zeros(len(floors))]),
+        names=labels + floors,
+        min_slack=min_slack,
+    )
+
+
+def asset_names(assets: Assets) -> tuple[str, ...]:
+    """Return the names of assets given by their number or their names."""
+    if isinstance(assets, str) or not hasattr(assets, "__iter__"):
+        return tuple(f"u[{j}]" for j in range(validation.count(assets, "assets")))
+    names = tuple(str(name) for name in assets)
+    if not names:
+        raise InputError("assets is empty, expected at least one name")
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise InputError(f"assets names {repeated[0]!r} twice; names must differ")
+    return names
+
+
+def _numbers(members: Sequence[Any], names: tuple[str, ...], what: str) -> np.ndarray:
+    """Return the numbers of assets given by name or number, each once."""
+    if isinstance(members, str):
+        raise InputError(f"{what} must be a list of assets, got the text {members!r}")
+    found = []
+    for member in members:
+        known = isinstance(member, (int, np.integer)) and not isinstance(member, bool) and 0 <= member < len(names)
+        if not known and member not in names:
+            raise InputError(
+                f"{what} has {member!r}, expected one of {', '.join(names[:12])} or a number below {len(names)}"
+            )
+        found.append(int(member) if known else names.index(member))
+    if len(set(found)) < len(found):
+        raise InputError(f"{what} has {names[max(found, key=found.count)]} twice")
+    return np.array(found, dtype=np.int64)
+
+
+def _members(members: Sequence[Any], names: tuple[str, ...], group: str) -> Array:
+    chosen = _numbers(members, names, f"group {group!r}")
+    if not chosen.size:
+        raise InputError(f"group {group!r} has no assets")
+    row = np.zeros(len(names))
+    row[chosen] = 1.0
+    return row
+
+
+def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], what: str, absent: float) -> Array:
+    if isinstance(limits, Mapping):
+        values = np.full(len(names), absent)
+        values[_numbers(list(limits), names, what)] = [validation.number_of(each, what) for each in limits.values()]
+    else:
+        try:
+            values = np.array(np.broadcast_to(np.asarray(limits, dtype=np.float64), (len(names),)))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{what} must be one number or {len(names)} of them: {error}") from None
+    if np.isnan(values).any() or (values == -absent).any():
+        wrong = int(np.flatnonzero(np.isnan(values) | (values == -absent))[0])
+        raise InputError(f"{what} has {values[wrong]} for {names[wrong]}; {absent} stands for no limit")
+    if not np.isfinite(values).any():
+        raise InputError(f"{what} has no finite entry: nothing would be limited")
+    return values
+
+
+def _single_rows(names: tuple[str, ...], values: Array, sign: float, min_slack: float) -> Polyhedron:
+    limited = np.flatnonzero(np.isfinite(values))
+    relation = "<=" if sign > 0 else ">="
+    labels = [f"{names[j]} {relation} {values[j]:g}" for j in limited]
+    return Polyhedron(sign * np.eye(len(names))[limited], sign * values[limited], names=labels, min_slack=min_slack)
+
+
+def _range(net: float | tuple[float, float]) -> tuple[float, float]:
+    if np.ndim(net) == 0:
+        value = validation.number_of(net, "net")
+        return value, value
+    low, high = (float(value) for value in _pair(net))
+    if low > high:
+        raise ModelError(f"net must not be below {low:g} and not above {high:g}: nothing is left; swap the two")
+    return low, high
+
+
+def _pair(net: Any) -> Array:
+    values = validation.finite_array(net, "net", ndim=1)
+    if values.size != 2:
+        raise InputError(f"net must be one number or (least, greatest), got {values.size} numbers")
+    return values
+
+
+def _check_signed(count: int, what: str, who: str, advice: str) -> None:
+    if count > MOST_SIGNED:
+        raise InputError(
+            f"{what} takes one row for every choice of signs: {count} {who}, at most {MOST_SIGNED} can; {advice}"
+        )
+
+
+def _gross_rows(
+    names: tuple[str, ...], chosen: np.ndarray, gross: float, net: float | None
+) -> tuple[list[Array], list[float], list[str]]:
+    """Rows Σ|u| ≤ gross for assets `chosen` of either sign; with a net they are written as limits on what is short."""
+    rows, sides, labels = [], [], []
+    for size in range(len(chosen) + 1):
+        for pick in combinations(chosen, size):
+            short = np.zeros(len(names), dtype=bool)
+            short[list(pick)] = True
+            if net is not None and (not short.any() or short.all()):
+                continue  # follows from the net and gross ≥ |net|
+            rows.append(-short.astype(float) if net is not None else np.where(short, -1.0, 1.0))
+            sides.append(0.5 * (gross - net) if net is not None else gross)
+            labels.append(f"gross <= {gross:g} (short: {', '.join(np.array(names)[short]) or 'none'})")
+    return rows, sides, labels

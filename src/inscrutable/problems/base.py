@@ -31,6 +31,14 @@ class DecisionProblem(ABC):
 
     constraints: Polyhedron
 
+    cost_accuracy: float = tolerances.COST_ACCURACY
+    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest state cost: what proofs allow for."""
+
+    @property
+    def costs_are_unique(self) -> bool:
+        """Whether all optimal decisions of a belief have the same state costs, so that V is smooth; False is always safe."""
+        return False
+
     @property
     @abstractmethod
     def n_states(self) -> int:

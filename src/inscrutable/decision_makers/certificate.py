@@ -38,6 +38,9 @@ class Question(NamedTuple):
     budget: float
     multiplier: float | None
     floor: float
+    judged: frozenset[int] = frozenset()
+    """Points whose decisions are known to be worth less than they seem; another one that seems worth more than the floor
+    ends the search where there is a multiplier, because a better one then exists."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +86,7 @@ class Prover:
                 corners, bounds = corners[np.isnan(worth)], bounds[np.isnan(worth)]
             if not len(corners):
                 return Answer(closed, True)
-            if self.points.calls >= self.most_calls:
+            if self.points.calls >= self.most_calls or self._beaten(question):
                 return Answer(max(closed, float(bounds.max())), False)
             worst = np.argsort(-bounds, kind="stable")
             halves = self._halved(corners[worst[:_MOST_CELLS]])
@@ -92,6 +95,18 @@ class Prover:
             whole = np.tile(bounds[worst[:_MOST_CELLS]], 2)
             fresh = np.minimum(self._bounds(halves, question), whole)
             bounds = np.concatenate([fresh, bounds[worst[_MOST_CELLS:]]])
+
+    def seeming(self, reference: Reference) -> tuple[Array, Array]:
+        """Return regrets of the decisions at all points, and what the distance from or to the point itself makes of them."""
+        regrets = self.points.costs @ self.belief - self.points.optimal_cost
+        return regrets, reference.sign * np.linalg.norm(self.points.beliefs - reference.point, axis=1)
+
+    def _beaten(self, question: Question) -> bool:
+        if question.multiplier is None:
+            return False
+        regrets, worth = self.seeming(question.reference)
+        above = np.flatnonzero(worth - question.multiplier * regrets > question.floor + tolerances.CHORD)
+        return not question.judged.issuperset(above.tolist())
 
     def _halved(self, corners: np.ndarray) -> np.ndarray:
         """Cut along the edge that is long and on which V bends."""

@@ -188,3 +188,28 @@ SLOPE = 1e-5
 KINKED = 1e-6
 """Loss, relative to the cost's scale, that a belief may suffer from a decision and still explain it where costs have kinks
 and no gradient decides: ten times what an interior-point solver leaves."""
+
+COST_ACCURACY = 1e-9
+"""How far above the optimal cost a problem's own solution may lie, relative to the largest state cost: the allowance that
+a proof makes where the problem does not say how exactly it is solved. What two solutions show of each other widens it."""
+
+EXACT_COST = 1e-13
+"""The same for quadratic programmes solved by active sets: stationary to 1e-12, so optimal to its square and rounding."""
+
+SHARED_DECISION = 1e-11
+"""A decision whose cost at a belief exceeds the optimal cost by no more than this, relative to the largest state cost, is
+optimal there too: above the rounding of costs; between different decisions at beliefs `SHARED_WIDTH` apart far below it."""
+
+SHARED_WIDTH = 1e-3
+"""Edge of a cell below which its corners are not asked whether they share a decision: neighbours nearly do anyway."""
+
+REDUCED_COST = 1e-11
+"""Pivots and reduced costs of the tiny programmes that bound cells: their value is computed afresh, so no more than a
+little tightness hangs on it."""
+
+PROOF_FLOOR = 1e-2
+"""A proof's gap is relative to the privacy, or to this where the privacy is smaller: distances of 1e-4 need not be told
+apart at one per cent."""
+
+PROVED = 1e-6
+"""A bound this little above the privacy, in units of belief, proves it: what the polish itself leaves."""

@@ -11,6 +11,7 @@ from inscrutable import validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
+from inscrutable.decision_makers.certified import Proofs, check_provable, checked_gap
 from inscrutable.decision_makers.counter_adversarial import Case, best_decision, shows_nothing
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
@@ -68,6 +69,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         budget: A share of |c*|, or a `Budget`; it holds in expectation.
         candidates: The set {ū_l}; None is about 5,000 decoys. Decisions (M,U) are accepted.
         method: `Envelope()` or the paper's `LinearProgramme()`.
+        certify: The relative gap of a proof over all distributions on C, such as 0.01; None asks for no proof.
         on_empty: "exclude" or "infinite": what an empty consistent set is worth to measures (b), (d) and (e).
 
     Raises:
@@ -91,18 +93,27 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         *,
         candidates: Candidates | ArrayLike | None = None,
         method: Envelope | LinearProgramme | None = None,
+        certify: float | None = None,
         on_empty: str = "exclude",
     ) -> None:
         super().__init__(problem, measure, budget, candidates, on_empty)
         self.method = checked_choice(method, "method", (Envelope, LinearProgramme))
+        gap = checked_gap(certify)
+        self._proofs = None
+        if gap is not None:
+            check_provable(self.measure, on_empty)
+            self._proofs = Proofs(problem, self.budget, gap)
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery for one belief (X,)."""
-        return self._decide(validation.one_belief(belief, self.problem.n_states), self.measure)
+        return self._proved(validation.one_belief(belief, self.problem.n_states), self.measure)
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X); a target per step is used in turn."""
         held = validation.many_beliefs(beliefs, self.problem.n_states)
+        if self._proofs is not None:
+            proved = [self._proved(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
+            return stack_mixed(proved, self.problem)
         if self._streams:
             return stream(self._case(held[0], self.measure), held, progress)
         if self._seeks_goal:
@@ -131,6 +142,10 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
 
     def _case(self, belief: Array, measure: PrivacyMeasure) -> Case:
         return Case(self.problem, self.candidates, belief, measure, self.budget, self.on_empty)
+
+    def _proved(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
+        found = self._decide(belief, measure)
+        return found if self._proofs is None else self._proofs.lottery(belief, measure, found)
 
     def _decide(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
         if self._streams:

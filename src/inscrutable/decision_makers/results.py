@@ -75,6 +75,9 @@ class DecisionStatus(Enum):
 
     OPTIMAL = "optimal: the decision of least cost"
     POLISHED = "best candidate, polished by a local search: no proof that nothing better exists"
+    PROVED = "proved: no affordable decision is more private"
+    GAP_REACHED = "proved within the gap asked for: a smaller gap, or a finer search, may find a little more"
+    BOUNDED = "best bound after the limit of oracle calls: allow more calls, or play on with the bound as it stands"
     BEST_CANDIDATE = "best of the candidates: more of them may find better"
     LOCAL_OPTIMUM = "local optimum of a local search: more starts may find better"
     NO_AFFORDABLE_PRIVACY = (
@@ -101,6 +104,7 @@ class Decision(Saved):
         status: How the decision came about.
         problem: The decision problem, from which `belief_set`, Π(ū), what that observer reconstructs, is made on access.
         price: ∂Ψ/∂budget, what one more unit of regret would add to the privacy; NaN where the search does not know it.
+        oracle_calls: Beliefs solved for the proof of `privacy_bound`; 0 without one.
 
     Source: the paper, Approach 1.
 
@@ -127,6 +131,7 @@ class Decision(Saved):
     status: DecisionStatus
     problem: DecisionProblem | None = field(default=None, metadata={"saved": False})
     price: float = float("nan")
+    oracle_calls: int = 0
     _derived: ClassVar[tuple[str, ...]] = ("belief_set",)
 
     def __post_init__(self) -> None:
@@ -171,6 +176,7 @@ class MixedDecision(Saved):
         decoys: A belief each atom is optimal for, shape (k,X); NaN where there is none.
         status: How the decision came about.
         problem: The decision problem, from which `belief_sets`, Π of each atom, are made on access.
+        oracle_calls: Beliefs solved for the proof of `privacy_bound`; 0 without one.
 
     Source: the paper, Approach 2 and eq. (12).
 
@@ -196,6 +202,7 @@ class MixedDecision(Saved):
     decoys: Array
     status: DecisionStatus
     problem: DecisionProblem | None = field(default=None, metadata={"saved": False})
+    oracle_calls: int = 0
     _derived: ClassVar[tuple[str, ...]] = ("belief_sets",)
 
     def __post_init__(self) -> None:

@@ -44,6 +44,14 @@ class DecisionProblem(ABC):
     is_discrete: bool = False
     """Whether only single choices are decisions, and nothing between them."""
 
+    cost_accuracy: float = tolerances.COST_ACCURACY
+    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest state cost: what proofs allow for."""
+
+    @property
+    def costs_are_unique(self) -> bool:
+        """Whether all optimal decisions of a belief have the same state costs, so that V is smooth; False is always safe."""
+        return False
+
     @property
     @abstractmethod
     def n_states(self) -> int:

@@ -71,13 +71,13 @@ class ConvexProblem(DecisionProblem):
         self._model: Modelled | None = model
         self._set_up(model.values, model.gradients, checked_region(model.region, model.n_actions), len(costs))
         self.differentiable = bool(differentiable)
-        self._stated = _recognised(model, self.constraints)
+        self._stated: DecisionProblem | None = _recognised(model, self.constraints)
 
     def _set_up(self, values: Function, gradients: Function, region: Polyhedron, n_states: int) -> None:
         self._values, self._gradients = values, gradients
         self.constraints, self._n_states = region, n_states
         self.differentiable = True
-        self._stated: DecisionProblem | None = None
+        self._stated = None
         self._start = np.zeros(region.n_actions)
 
     @classmethod

@@ -74,6 +74,21 @@ class QuadraticProblem(DecisionProblem):
         """Number of states X."""
         return int(self.hessians.shape[0])
 
+    cost_accuracy = tolerances.EXACT_COST
+
+    @cached_property
+    def costs_are_unique(self) -> bool:
+        """Whether every state's cost bends in all directions inside C but those along which no state's cost changes."""
+        size = self.n_actions
+        scale = float(np.abs(self.hessians).max())
+        weight = scale / max(float(np.abs(self.linear).max()), tolerances.TINY)
+        felt = np.vstack([*self.hessians, weight * self.linear])
+        inside = _null_space(self.constraints.A_eq) if len(self.constraints.A_eq) else np.eye(size)
+        idle = _null_space(felt @ inside)
+        bent = inside @ _null_space(idle.T) if idle.shape[1] else inside
+        least = [np.linalg.eigvalsh(bent.T @ hessian @ bent).min(initial=np.inf) for hessian in self.hessians]
+        return bool(min(least) > tolerances.CURVATURE * scale)
+
     @cached_property
     def _layout(self) -> Layout:
         return layout_of(self.constraints)
@@ -172,6 +187,13 @@ class QuadraticProblem(DecisionProblem):
         slope = _solve_or_least_squares(matrix, right)
         n = int(np.count_nonzero(tight))
         return FaceSolution(action, slope[:size], answer[size : size + n], slope[size : size + n])
+
+
+def _null_space(matrix: Array) -> Array:
+    """An orthonormal basis (U,N) of what a matrix (R,U) maps to nothing."""
+    _, sizes, rows = np.linalg.svd(matrix, full_matrices=True)
+    rank = int((sizes > tolerances.CURVATURE * sizes.max(initial=0.0)).sum())
+    return np.asarray(rows[rank:].T)
 
 
 def _solve_or_least_squares(matrix: Array, right: Array) -> Array:

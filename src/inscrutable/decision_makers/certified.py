@@ -1,0 +1,203 @@
+"""Decisions and lotteries with a proof of how much more privacy there could be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from inscrutable import tolerances, validation
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.certificate import Prover, Question
+from inscrutable.decision_makers.envelope import Mixture, concave_envelope, mixture_on_envelope
+from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision
+from inscrutable.errors import InputError
+from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
+from inscrutable.privacy.measures import Reference
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+MOST_CALLS = 20_000
+"""Oracle calls of a proof unless said otherwise."""
+
+_MOST_ROUNDS = 30
+_JUDGED = 24  # beliefs found by a proof whose decisions are judged
+_REPLACED = (DecisionStatus.OPTIMAL, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDIDATE)
+
+
+def checked_gap(value: Any) -> float | None:
+    """Return the gap asked of a proof, None for no proof, or raise `InputError`."""
+    if value is None:
+        return None
+    gap = validation.non_negative(value, "certify")
+    if not 0 < gap < 1:
+        raise InputError(
+            f"certify must be a relative gap between 0 and 1 such as 0.01, or None for no proof, got {value!r}"
+        )
+    return gap
+
+
+def check_provable(measure: PrivacyMeasure, on_empty: str) -> None:
+    """Raise `InputError` where there is nothing that a proof could bound."""
+    if type(measure) not in (MaximalObfuscation, DesiredObfuscation):
+        raise InputError(
+            f"certify proves MaximalObfuscation() and DesiredObfuscation(...), not {measure!r}: give certify=None"
+        )
+    if on_empty != "exclude":
+        raise InputError('certify needs on_empty="exclude": unexplained decisions of infinite privacy have no bound')
+
+
+class Proofs:
+    """What a proof asks for: the goal, the budget, the relative gap, and how often the oracle may be called."""
+
+    def __init__(self, problem: DecisionProblem, budget: Budget, gap: float, most_calls: int = MOST_CALLS) -> None:
+        self.problem = problem
+        self.budget = budget
+        self.gap = gap
+        self.most_calls = most_calls
+
+    def single(self, belief: Array, measure: PrivacyMeasure, found: Decision) -> Decision:
+        """Return a decision with a proven bound, and a better one where the proof came across it."""
+        reference = _reference(measure, belief)
+        prover = Prover(self.problem, belief, self.most_calls)
+        limit = self.budget.limit(found.optimal_cost)
+        answer = prover.answer(Question(reference, _spent(limit), None, found.privacy + self._allowed(found.privacy)))
+        bound = max(min(answer.bound, found.privacy_bound), found.privacy)
+        for belief_met in _promising(prover, reference, limit, found.privacy):
+            if belief_met[1] <= found.privacy:
+                break
+            action = self.problem.solve(prover.points.beliefs[belief_met[0]])
+            met = decision_for(self.problem, belief, action, measure, DecisionStatus.BEST_CANDIDATE)
+            admissible = bool(self.problem.constraints.is_admissible(action))
+            if admissible and met.regret <= limit and met.privacy > found.privacy + tolerances.NO_PRIVACY:
+                found = met
+        bound = max(bound, found.privacy)
+        status = self._status(found.privacy, bound, found.status)
+        return replace(found, privacy_bound=bound, status=status, oracle_calls=prover.points.calls)
+
+    def lottery(self, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> MixedDecision:
+        """Return a lottery with a proven bound over all distributions, more private where the proof came across better.
+
+        Formula: for every μ ≥ 0 the value is at most max_u {Ψ(u) − μ ρ(π,u)} + μ · budget.
+        """
+        reference = _reference(measure, belief)
+        limit = self.budget.limit(found.optimal_cost)
+        prover = Prover(self.problem, belief, self.most_calls)
+        atoms = _Atoms(self.problem, belief, measure, found)
+        bound = found.privacy_bound
+        for _ in range(_MOST_ROUNDS):
+            value, price = atoms.value(limit)
+            offset = price * _spent(limit)
+            multiplier = price if limit > 0 else None
+            floor = value + self._allowed(value) - (0.0 if multiplier is None else offset)
+            judged = frozenset(atoms.met)
+            answer = prover.answer(Question(reference, _spent(limit), multiplier, floor, judged))
+            bound = min(bound, answer.bound + (0.0 if multiplier is None else offset))
+            if bound <= value + self._allowed(value) or prover.points.calls >= self.most_calls:
+                break
+            atoms.extend(prover, reference, price, value - offset)
+        improved = atoms.lottery(found, limit)
+        bound = max(bound, improved.expected_privacy)
+        status = self._status(improved.expected_privacy, bound, improved.status)
+        return replace(improved, privacy_bound=bound, status=status, oracle_calls=prover.points.calls)
+
+    def _allowed(self, privacy: float) -> float:
+        return self.gap * max(abs(privacy), tolerances.PROOF_FLOOR)
+
+    def _status(self, privacy: float, bound: float, kept: DecisionStatus) -> DecisionStatus:
+        if kept not in _REPLACED:
+            return kept
+        if bound <= privacy + tolerances.PROVED:
+            return DecisionStatus.PROVED
+        # Rounding of the sum that made the floor.
+        within = bound <= privacy + self._allowed(privacy) * (1.0 + tolerances.BUDGET_SAFETY)
+        return DecisionStatus.GAP_REACHED if within else DecisionStatus.BOUNDED
+
+
+class _Atoms:
+    """Decisions that a lottery may mix: those of the lottery found first, the optimal one, and what proofs come across."""
+
+    def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> None:
+        self.problem = problem
+        self.belief = belief
+        self.measure = measure
+        own = decision_for(problem, belief, problem.solve(belief), measure, DecisionStatus.OPTIMAL)
+        self.actions = [*found.actions, own.action]
+        self.regrets = np.append(found.regrets, 0.0)
+        self.privacies = np.append(found.privacies, own.privacy)
+        self.decoys = [*found.decoys, own.decoy]
+        self.first_price = found.price
+        self.met: set[int] = set()
+
+    def _mixture(self, limit: float) -> Mixture:
+        hull = concave_envelope(self.regrets, self.privacies)
+        mixture = mixture_on_envelope(self.regrets, self.privacies, hull, limit)
+        assert mixture is not None  # the optimal decision costs nothing
+        return mixture
+
+    def value(self, limit: float) -> tuple[float, float]:
+        """Return the best expected privacy and its slope in the budget, the search's own where it knows one."""
+        mixture = self._mixture(limit)
+        price = mixture.price
+        if not self.met or not (self.regrets > limit).any():
+            price = self.first_price if np.isfinite(self.first_price) else price
+        return float(mixture.probabilities @ self.privacies[mixture.indices]), max(price, 0.0)
+
+    def extend(self, prover: Prover, reference: Reference, price: float, line: float) -> None:
+        """Judge decisions met above the line Ψ = line + price · regret, and take in those that are."""
+        regrets, worth = prover.seeming(reference)
+        above = worth - price * regrets - line
+        above[list(self.met)] = -np.inf
+        fresh = [index for index in np.argsort(-above, kind="stable")[:_JUDGED].tolist() if above[index] > 0]
+        self.met.update(fresh)
+        for index in fresh:
+            action = self.problem.solve(prover.points.beliefs[index])
+            if not self.problem.constraints.is_admissible(action):
+                continue
+            met = decision_for(self.problem, self.belief, action, self.measure, DecisionStatus.BEST_CANDIDATE)
+            if met.privacy - price * met.regret > line:
+                self.actions.append(action)
+                self.decoys.append(met.decoy)
+                self.regrets = np.append(self.regrets, met.regret)
+                self.privacies = np.append(self.privacies, met.privacy)
+
+    def lottery(self, found: MixedDecision, limit: float) -> MixedDecision:
+        """Return the best lottery; the one found first where nothing better was met."""
+        mixture = self._mixture(limit)
+        privacies, regrets = self.privacies[mixture.indices], self.regrets[mixture.indices]
+        expected = float(mixture.probabilities @ privacies)
+        if expected <= found.expected_privacy + tolerances.CHORD:
+            return found
+        return replace(
+            found,
+            actions=np.array([self.actions[index] for index in mixture.indices]),
+            probabilities=mixture.probabilities,
+            regrets=regrets,
+            privacies=privacies,
+            expected_cost=found.optimal_cost + float(mixture.probabilities @ regrets),
+            expected_privacy=expected,
+            price=mixture.price,
+            decoys=np.array([self.decoys[index] for index in mixture.indices]),
+            status=DecisionStatus.BEST_CANDIDATE,
+        )
+
+
+def _spent(limit: float) -> float:
+    """The budget with the rounding that searches allow themselves."""
+    return limit * (1.0 + tolerances.BUDGET_SAFETY)
+
+
+def _reference(measure: PrivacyMeasure, belief: Array) -> Reference:
+    found = measure.reference(belief)
+    assert found is not None
+    return found
+
+
+def _promising(prover: Prover, reference: Reference, limit: float, privacy: float) -> list[tuple[int, float]]:
+    """Affordable beliefs met in a proof that could be more private, best first."""
+    regrets, worth = prover.seeming(reference)
+    better = np.flatnonzero((regrets <= limit) & (worth > privacy))
+    best = better[np.argsort(-worth[better], kind="stable")][:_JUDGED]
+    return [(int(index), float(worth[index])) for index in best]

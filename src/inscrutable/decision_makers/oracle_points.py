@@ -1,0 +1,102 @@
+"""What is known of the optimal cost V: its values and slopes at beliefs, each asked for once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+N_LEVELS = 16
+
+
+class OraclePoints:
+    """Beliefs with optimal cost and the state costs of an optimal decision; on the way to each from the true belief, at
+    shares τ = 1 − 2^−l of it, the optimal cost alone."""
+
+    def __init__(self, problem: DecisionProblem, belief: Array, others: Array) -> None:
+        self.problem = problem
+        self.belief = belief
+        self.calls = 0
+        n_states = belief.size
+        self.beliefs = np.zeros((0, n_states))
+        self.values = np.zeros(0)
+        self.costs = np.zeros((0, n_states))
+        self.on_the_way = np.zeros((0, N_LEVELS))
+        self._middles: dict[tuple[int, int], int] = {}
+        self._shortfall = 0.0
+        self.add(np.vstack([belief, others]))
+        self.optimal_cost = float(self.values[0])
+        self.on_the_way[0] = self.optimal_cost
+
+    @property
+    def scale(self) -> float:
+        """Largest state cost seen."""
+        return float(np.abs(self.costs).max())
+
+    @property
+    def allowance(self) -> float:
+        """How far an optimal cost as computed may lie above the true one."""
+        return max(self.problem.cost_accuracy * self.scale, 10.0 * self._shortfall)
+
+    def ask(self, beliefs: Array) -> tuple[Array, Array]:
+        """Return optimal costs (T,) and state costs (T,X) of beliefs (T,X): T calls of the oracle."""
+        self.calls += len(beliefs)
+        costs = np.atleast_2d(self.problem.state_costs(self.problem.solve(beliefs)))
+        return (beliefs * costs).sum(axis=1), costs
+
+    def add(self, beliefs: Array) -> np.ndarray:
+        """Return the indices of new points."""
+        values, costs = self.ask(beliefs)
+        first = len(self.values)
+        self.beliefs = np.concatenate([self.beliefs, beliefs])
+        self.values = np.concatenate([self.values, values])
+        self.costs = np.concatenate([self.costs, costs])
+        self.on_the_way = np.concatenate([self.on_the_way, np.full((len(beliefs), N_LEVELS), np.nan)])
+        return np.arange(first, len(self.values))
+
+    def middles(self, pairs: np.ndarray) -> np.ndarray:
+        """Return the indices of the points half-way between pairs (P,2) of points."""
+        keys = [(min(a, b), max(a, b)) for a, b in pairs.tolist()]
+        fresh = [key for key in dict.fromkeys(keys) if key not in self._middles]
+        if fresh:
+            ends = np.array(fresh)
+            new = self.add(0.5 * (self.beliefs[ends[:, 0]] + self.beliefs[ends[:, 1]]))
+            self._middles.update(zip(fresh, new.tolist(), strict=True))
+        return np.array([self._middles[key] for key in keys], dtype=np.intp)
+
+    def look_on_the_way(self, corners: np.ndarray, levels: np.ndarray) -> None:
+        """Make V known at the level (C,) of each cell's corners (C,X)."""
+        points = np.repeat(corners, 1, axis=1).ravel()
+        asked = np.column_stack([points, np.repeat(levels, corners.shape[1])])
+        asked = np.unique(asked[np.isnan(self.on_the_way[asked[:, 0], asked[:, 1]])], axis=0)
+        if len(asked):
+            shares = 1.0 - 0.5 ** asked[:, 1]
+            beliefs = self.belief + shares[:, None] * (self.beliefs[asked[:, 0]] - self.belief)
+            self.on_the_way[asked[:, 0], asked[:, 1]] = self.ask(beliefs)[0]
+
+    def upper_costs(self, corners: np.ndarray) -> Array:
+        """Return the cost (C,X,X) at each corner of each corner's decision: no belief's optimal cost is above."""
+        costs = np.einsum("cjx,ckx->cjk", self.beliefs[corners], self.costs[corners])
+        excess = float((self.values[corners][:, :, None] - costs).max(initial=0.0))
+        # A decision of elsewhere that is cheaper shows what the solver left.
+        self._shortfall = max(self._shortfall, excess)
+        return np.asarray(costs)
+
+    def regret_bounds(self, corners: np.ndarray, levels: np.ndarray, upper: Array) -> Array:
+        """Return columns (C,X,K) of lower bounds of the regret of every optimal decision, linear on each cell.
+
+        Formula: for w = π + τ(y − π), ρ(π,u) ≥ (V(w) − τ V(y))/(1 − τ) − V(π), with the interpolation of V(w_j) below V(w)
+        and each corner's decision above V(y).
+        """
+        columns = []
+        for step in (0, -1, 1):
+            level = np.clip(levels + step, 1, N_LEVELS - 1)
+            share = (1.0 - 0.5**level)[:, None, None]
+            lower = self.on_the_way[corners, level[:, None]][:, :, None] - self.allowance
+            columns.append((lower - share * upper) / (1.0 - share) - self.optimal_cost)
+        found = np.concatenate(columns, axis=2)
+        # Regret is never below zero, which stands in where a value on the way is not known for all corners.
+        found[np.isnan(found).any(axis=1, keepdims=True).repeat(found.shape[1], axis=1)] = 0.0
+        return found

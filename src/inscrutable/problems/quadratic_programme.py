@@ -13,13 +13,14 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.errors import ModelError, SolverError
-from inscrutable.linear_programmes import Rows, minimum
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.validation import Array
 
 _CHUNK_ENTRIES = 8_000_000
 _MOST_REPAIRS = 50
 _EQUALITY = 5
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
         primal_tol=tolerances.FEASIBILITY,
     )
     if flag == -3:
-        raise ModelError("the cost has no minimum over the feasible set: it falls without end along a direction of it")
+        raise ModelError(_endless(hessian, linear, layout))
     if flag < 1:
         # Near-singular programmes can defeat DAQP; the repair starts as well from any feasible point.
         return _feasible_point(layout), _Working(np.zeros(n_actions, dtype=np.int8), np.zeros(n_rows, dtype=bool))
@@ -109,6 +110,26 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
     bounds = np.sign(multiplier[:n_actions]).astype(np.int8)
     bounds[fixed] = -1
     return np.asarray(u), _Working(bounds, multiplier[n_actions : n_actions + n_rows] > 0)
+
+
+def _endless(hessian: Array, linear: Array, layout: Layout) -> str:
+    """Name the coordinates along which the cost falls without end: rows d ≤ 0, H d = 0 and g'd < 0."""
+    size = linear.size
+    bounds = [
+        (None if np.isinf(low) else 0.0, None if np.isinf(high) else 0.0)
+        for low, high in zip(layout.lower, layout.upper, strict=True)
+    ]
+    unit = [(-1.0 if low is None else 0.0, 1.0 if high is None else 0.0) for low, high in bounds]
+    still = Rows(np.vstack([layout.equalities, hessian]), np.zeros(len(layout.equalities) + size))
+    found = minimise(linear, Rows(layout.general, np.zeros(len(layout.sides))), still, unit)
+    told = "the cost has no minimum over the feasible set: it falls without end along "
+    if found.status != OPTIMAL or found.value >= 0:
+        return told + "a direction of it; bound the decision, for instance with & box(lower, upper)"
+    moved = np.flatnonzero(np.abs(found.x) > tolerances.FEASIBILITY)
+    parts = ", ".join(f"u[{j}] {found.x[j]:+.3g}" for j in moved[:_MOST_NAMED])
+    return (
+        f"{told}{parts}{' …' if len(moved) > _MOST_NAMED else ''}; bound these, for instance with & box(lower, upper)"
+    )
 
 
 def _feasible_point(layout: Layout) -> Array:

@@ -92,10 +92,20 @@ class Atlas:
         table, leaves = self.table, self.leaves
         models = (leaves.centre.T, leaves.costs.T, leaves.excess.T, leaves.slope.transpose(1, 2, 0))
         return Scans(
-            (table.costs, table.decoys, table.start, table.along, table.square, table.kind),
+            (table.costs, table.decoys, table.start, table.along, table.square, table.kind, *self._places()),
             (leaves.first, leaves.radius, leaves.reach),
             tuple(np.ascontiguousarray(model) for model in models),
         )
+
+    def _places(self) -> tuple[np.ndarray, Array]:
+        """Where the coordinates (v, 1) on their faces of the decisions with larger sets begin, and these end to end."""
+        larger = np.flatnonzero(self.table.kind == LARGER)
+        faces = [self.faces(tight) for tight in self.patterns[self.table.face[larger]]]
+        sizes = np.array([face.span.shape[1] + 1 for face in faces], dtype=np.int64)
+        begins = np.full(len(self), -1, dtype=np.int64)
+        begins[larger] = np.cumsum(sizes) - sizes
+        places = [face.w(self.actions[d]) for face, d in zip(faces, larger, strict=True)]
+        return begins, np.concatenate([np.zeros(0), *places])
 
     @cached_property
     def leaves(self) -> Leaves:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from inscrutable import tolerances
+from inscrutable.errors import SolverError
 from inscrutable.geometry.held_coordinates import held_coordinates
 from inscrutable.kernels.faces import decide_on_face, place_on_face
 from inscrutable.problems import Polyhedron, QuadraticProblem
@@ -52,10 +53,13 @@ class FaceProgramme(NamedTuple):
         return found
 
     def fill_decision(self, decoy: Array, out: Array) -> None:
-        """Fill the face's decision (U,) that a decoy (X,) makes optimal, placed as in `action`."""
-        decide_on_face(
-            self.curves, decoy, tolerances.PIVOT, self.origin, self.span, self.bounds, tolerances.STATIONARITY, out
-        )
+        """Fill the face's decision (U,) that a decoy (X,) makes optimal, placed as in `action`.
+
+        Raises `SolverError` where the decoy has many decisions on the face: none of them is the one that was meant.
+        """
+        chart = (self.origin, self.span, self.bounds)
+        if not decide_on_face(self.curves, decoy, tolerances.PIVOT, *chart, tolerances.STATIONARITY, out):
+            raise SolverError(f"the decoy {decoy} has more than one optimal decision on its face")
 
 
 def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramme:

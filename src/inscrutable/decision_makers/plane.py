@@ -9,6 +9,7 @@ from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.decoys import decided_by
 from inscrutable.decision_makers.seams import seam_decoys
 from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.kernels.faces import settle
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.search import LARGER, SEGMENT, Table
 from inscrutable.kernels.three_leaves import POLISHED, SLOTS, Plane
@@ -28,7 +29,8 @@ def plane_of(atlas: Atlas) -> Plane | None:
 def make_plane(atlas: Atlas) -> Plane | None:
     """Return the plane of an atlas for three states, with the decoys on its seams (named POLISHED: they are no candidates).
 
-    None for other numbers of states, where many decisions have a polygon of beliefs, or large faces a segment.
+    None for other numbers of states, where many decisions have a polygon of beliefs, or large faces a segment, and where
+    a belief has many decisions on a face: the plane knows decisions by their face and decoy.
     """
     if atlas.problem.n_states != 3:
         return None
@@ -41,6 +43,8 @@ def make_plane(atlas: Atlas) -> Plane | None:
         return None
     if np.any(size[table.kind == SEGMENT] > 1):
         # Two states that cost the same: beliefs are not told apart where the walk takes them to be.
+        return None
+    if not _has_unique_decisions(atlas):
         return None
     parts = [(table, ours, table.face[ours], ours)]
     seam = None if decoys_given is None else _seams(atlas, decoys_given)
@@ -74,6 +78,18 @@ def make_plane(atlas: Atlas) -> Plane | None:
         np.ascontiguousarray((table.decoys[larger] @ basis).T),
         ground_of(atlas.arena),
     )
+
+
+def _has_unique_decisions(atlas: Atlas) -> bool:
+    """Whether every belief has one decision on each face: the cost of every state is strictly convex there."""
+    corners = np.eye(atlas.problem.n_states)
+    for tight in atlas.patterns:
+        curves = atlas.faces(tight).curves
+        n_states, k = len(curves), curves.shape[1] - 1
+        w, factor, room = np.empty(k + 1), np.empty((k, k)), np.empty((2, n_states, k))
+        if not all(settle(curves, corner, tolerances.PIVOT, w, factor, room[0], room[1]) for corner in corners):
+            return False
+    return True
 
 
 def ground_of(arena: Arena) -> Ground:

@@ -13,7 +13,7 @@ from inscrutable.kernels.three_leaves import Plane, Scene
 from inscrutable.kernels.three_lotteries import lotteries_three, lottery_tools
 from inscrutable.kernels.three_singles import single_tools, singles_three
 from inscrutable.kernels.three_states import bench
-from inscrutable.kernels.three_values import state_costs_three
+from inscrutable.kernels.three_values import best_costs_three
 from inscrutable.validation import Array
 
 _CHUNK = 1024
@@ -68,12 +68,12 @@ def _walk(
     in_chunks(work, len(order), _CHUNK, progress)
 
 
-def walk_state_costs(plane: Plane, beliefs: Array, order: np.ndarray) -> Array:
-    """Return the state costs (T,3) of the optimal decisions of beliefs (T,3), NaN where the plane's faces have none."""
-    out = np.empty(beliefs.shape)
+def walk_costs(plane: Plane, decoys: Array, beliefs: Array, order: np.ndarray) -> Array:
+    """Return the costs (T,) under beliefs (T,3) of the optimal decisions of decoys (T,3); NaN: on no face of the plane."""
+    out = np.empty(len(beliefs))
 
     def work(low: int, high: int) -> None:
-        state_costs_three(low, high, order, beliefs, plane.ground, rules_for(3).pivot, out, bench(plane.ground))
+        best_costs_three(low, high, order, decoys, beliefs, plane.ground, rules_for(3).pivot, out, bench(plane.ground))
 
     in_chunks(work, len(order), _CHUNK)
     return out
@@ -91,4 +91,6 @@ def walking_order(beliefs: Array) -> np.ndarray:
     width = max(float(first.max()), float(second.max()), np.finfo(float).tiny)
     strip = np.floor(first / width * max(1.0, np.sqrt(0.5 * len(z))))
     along = second / (2.0 * width)  # below 1, so that one number tells strip and place
-    return np.argsort(strip + np.where(strip % 2.0 == 0.0, along, 0.5 - along))
+    turned = strip.astype(np.int64) & 1 == 1
+    along[turned] = 0.5 - along[turned]
+    return np.argsort(strip + along)

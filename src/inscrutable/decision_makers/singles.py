@@ -61,10 +61,8 @@ class Singles:
 
     def spot(self) -> Spot:
         """Return the decision of the first belief under the first budget as a lottery's search takes it."""
-        face = self.face[0, 0]
-        tight = self.atlas.patterns[face] if face >= 0 else self.problem.constraints.tight_rows(self.actions(0, 0))
         regret, privacy = float(self.regret[0, 0]), float(self.privacy[0, 0])
-        return Spot(tight, self.decoy[0, 0], regret, privacy, float(self.optimal_costs[0]))
+        return Spot(self.actions(0, 0), self.decoy[0, 0], regret, privacy, float(self.optimal_costs[0]))
 
 
 @dataclass(frozen=True, eq=False)

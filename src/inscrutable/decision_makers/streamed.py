@@ -42,8 +42,7 @@ def stream_one(case: Case) -> MixedDecision:
 def _one(atlas: Atlas, case: Case, aims: Aims) -> Lotteries:
     best = best_found(case)
     if isinstance(best, Decision):
-        tight = case.problem.constraints.tight_rows(best.action)
-        known = Spot(tight, best.decoy, best.regret, best.privacy, best.optimal_cost)
+        known = Spot(best.action, best.decoy, best.regret, best.privacy, best.optimal_cost)
     else:
         known = best.spot()
     return stream_lotteries(atlas, case.belief[None], aims, known=known)

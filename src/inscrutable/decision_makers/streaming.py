@@ -14,7 +14,7 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.face_search import rules_for
 from inscrutable.decision_makers.plane import plane_of
-from inscrutable.decision_makers.plane_walks import walk_lotteries, walk_state_costs, walking_order
+from inscrutable.decision_makers.plane_walks import walk_costs, walk_lotteries, walking_order
 from inscrutable.decision_makers.results import Progress
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
@@ -46,7 +46,7 @@ class Lotteries:
     privacies: Array  # (T,2)
     probabilities: Array  # (T,2)
     prices: Array  # (T,)
-    more_patterns: list[np.ndarray]  # faces beyond the atlas's, numbered on
+    kept: list[Array]  # decisions that are no face's at a decoy: numbered on, behind the atlas's faces
 
     @property
     def problem(self) -> QuadraticProblem:
@@ -57,23 +57,21 @@ class Lotteries:
         """Return the atoms of one step, shape (2,U), of many, shape (T,2,U), or chosen ones of a step."""
         index, face, decoys = self.index[step], self.face[step], self.decoys[step]
         flat = (index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
-        return decisions_at(self.atlas, *flat, self.more_patterns).reshape(*index.shape, self.problem.n_actions)
+        return decisions_at(self.atlas, *flat, self.kept).reshape(*index.shape, self.problem.n_actions)
 
     def take(self, step: int, other: Lotteries) -> None:
         """Put another search's lottery for one belief in the place of a step's."""
         for name in _FIELDS:
             getattr(self, name)[step] = getattr(other, name)[0]
         beyond = self.face[step] >= len(self.atlas.patterns)
-        self.face[step, beyond] += len(self.more_patterns)
-        self.more_patterns.extend(other.more_patterns)
+        self.face[step, beyond] += len(self.kept)
+        self.kept.extend(other.kept)
 
 
-def decisions_at(
-    atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, more_patterns: Sequence[np.ndarray] = ()
-) -> Array:
+def decisions_at(atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, kept: Sequence[Array] = ()) -> Array:
     """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys.
 
-    Faces beyond the atlas's are numbered on.
+    Numbers behind the atlas's faces are those of decisions kept as they are.
     """
     actions = np.empty((len(index), atlas.problem.n_actions))
     polished = index == POLISHED
@@ -85,16 +83,20 @@ def decisions_at(
             actions[own] = atlas.problem.solve(decoys[own])
     n_known = len(atlas.patterns)
     for i in polished.nonzero()[0]:
-        number = face[i]
-        tight = atlas.patterns[number] if number < n_known else more_patterns[number - n_known]
-        atlas.faces(tight).fill_decision(decoys[i], actions[i])
+        if face[i] < n_known:
+            atlas.faces(atlas.patterns[face[i]]).fill_decision(decoys[i], actions[i])
+        else:
+            actions[i] = kept[face[i] - n_known]
     return actions
 
 
 class Spot(NamedTuple):
-    """An affordable decision known before the search: the face it lies on, a decoy, and its point of the frontier."""
+    """An affordable decision known before the search, a decoy of it, and its point of the frontier.
 
-    tight: np.ndarray
+    A decoy alone does not tell the decision: with copies of an asset it has many.
+    """
+
+    action: Array
     decoy: Array
     regret: float
     privacy: float
@@ -130,7 +132,7 @@ def stream_lotteries(
         np.empty(pairs),
         np.empty(pairs),
         np.empty(count),
-        [] if known is None else [known.tight],
+        [] if known is None else [known.action],
     )
     for first in range(0, count, _BLOCK):
         part = slice(first, min(first + _BLOCK, count))
@@ -195,9 +197,9 @@ def scene_of(
 ) -> Scene:
     """Return what the searches of the lotteries of beliefs (T,X) start from; `walk` is the plane and the order of a walk."""
     beliefs, points = np.ascontiguousarray(beliefs), np.ascontiguousarray(aims.points)
-    count, (plane, order) = len(beliefs), walk
+    count = len(beliefs)
     if known is None:
-        costs = np.einsum("tx,tx->t", best_state_costs(problem, beliefs, plane, order)[0], beliefs)
+        costs, _ = best_costs(problem, beliefs, beliefs, walk)
     else:
         costs = np.full(count, known.optimal_cost)
     limits = np.empty((count, len(aims.budgets)))
@@ -208,24 +210,25 @@ def scene_of(
     if aims.sign < 0:
         privacies = -np.linalg.norm(points - beliefs, axis=1)
         # Nothing is nearer to a target than the decision that the target itself makes optimal.
-        costs_there, barred = best_state_costs(problem, points, plane, order)
-        target_regrets = np.maximum(np.einsum("tx,tx->t", costs_there, beliefs) - costs, 0.0)
+        costs_there, barred = best_costs(problem, points, beliefs, walk)
+        target_regrets = np.maximum(costs_there - costs, 0.0)
         target_regrets[barred] = np.inf
     if known is not None and known.privacy > privacies[0]:
         name, regrets, privacies = KNOWN, np.minimum(known.regret, limits[:, 0]), np.full(count, known.privacy)
     return Scene(beliefs, points, aims.sign, costs, limits, name, regrets, privacies, target_regrets)
 
 
-def best_state_costs(
-    problem: QuadraticProblem, beliefs: Array, plane: Plane | None, order: np.ndarray
+def best_costs(
+    problem: QuadraticProblem, decoys: Array, beliefs: Array, walk: tuple[Plane | None, np.ndarray]
 ) -> tuple[Array, np.ndarray]:
-    """Return the state costs (T,X) of the optimal decisions of beliefs (T,X), and where these are not admissible."""
-    costs = np.full(beliefs.shape, np.nan) if plane is None else walk_state_costs(plane, beliefs, order)
-    left = np.isnan(costs[:, 0]).nonzero()[0]
+    """Return the costs (T,) under beliefs (T,X) of the optimal decisions of decoys (T,X), and which are not admissible."""
+    plane, order = walk
+    costs = np.full(len(beliefs), np.nan) if plane is None else walk_costs(plane, decoys, beliefs, order)
+    left = np.isnan(costs).nonzero()[0]
     if not len(left):
         return costs, left
-    actions = problem.solve_rows(np.ascontiguousarray(beliefs[left]))
-    costs[left] = problem.state_costs(actions)
+    actions = problem.solve_rows(np.ascontiguousarray(decoys[left]))
+    costs[left] = (problem.state_costs(actions) * beliefs[left]).sum(axis=1)
     return costs, left[~problem.constraints.is_admissible(actions)]
 
 

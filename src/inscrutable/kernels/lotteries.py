@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.faces import settle
 from inscrutable.kernels.options import kernel, part
 from inscrutable.kernels.search import LARGER, SEGMENT
 from inscrutable.kernels.set_distance import nearest_belief
@@ -157,6 +156,8 @@ def _scan_three(
         total = x0 * x0 + x1 * x1 + x2 * x2
         if kind[d] == LARGER:
             if not np.isnan(known[d]):
+                if known[d] == -np.inf:
+                    continue
                 total = known[d] * known[d]
             elif sign < 0.0:
                 total = 0.0
@@ -191,7 +192,7 @@ def _scan(
 ) -> tuple[int, float]:
     """The best of the decisions low..high with a regret of at most `limit`, if above `floor`; and the new floor.
 
-    known (D,): exact privacies of larger sets under this belief, NaN where not judged yet.
+    known (D,): exact privacies of larger sets under this belief, NaN where not judged yet, −∞ for one never to be taken.
     """
     best = NONE
     for d in range(low, high):
@@ -234,7 +235,7 @@ def _best(
 ) -> int:
     """The decision of largest Ψ − price·ρ above `floor`; larger sets by their bound."""
     first, radius, reach = leaves
-    costs, decoys, start, along, square, kind = table
+    costs, decoys, start, along, square, kind, _, _ = table
     _bounds(price, sign, belief.size, radius, reach, work, bounds)
     shift = price * optimal_cost
     top = 0
@@ -270,24 +271,18 @@ def _best(
 
 
 @part
-def _judge(d: int, face: Any, point: Any, sign: float, decoys: Any, arena: Any, rules: Any) -> float:
-    """Exact privacy of a decision that a larger set of beliefs explains."""
+def _judge(d: int, face: Any, point: Any, sign: float, place_at: Any, places: Any, arena: Any, rules: Any) -> float:
+    """Exact privacy of a decision that a larger set of beliefs explains; −∞ where its set is found empty.
+
+    The decision is taken as it is, not from its decoy: with copies of an asset a decoy has many decisions on a face.
+    """
     number, n_states = face[d], point.size
-    k = arena.size[number]
+    k, m = arena.size[number], arena.n_set_rows[number]
     curves, rows = curves_of(arena, number, n_states), rows_of(arena, number, n_states)
-    w, factor = np.empty(k + 1), np.empty((k, k))
-    room, nearest = np.empty((2, n_states, k)), np.empty(n_states)
-    distance = np.inf
-    if settle(curves, decoys[d], rules.pivot, w, factor, room[0], room[1]):
-        m = arena.n_set_rows[number]
-        active = np.empty(k + m, dtype=np.bool_)
-        distance = nearest_belief(curves, rows[:m], arena.scale[number], w, point, rules, nearest, active)
-    if not distance < np.inf:
-        distance = 0.0
-        for i in range(n_states):
-            distance += (point[i] - decoys[d, i]) ** 2
-        distance = np.sqrt(distance)
-    return sign * distance
+    w = places[place_at[d] : place_at[d] + k + 1]
+    nearest, active = np.empty(n_states), np.empty(k + m, dtype=np.bool_)
+    distance = nearest_belief(curves, rows[:m], arena.scale[number], w, point, rules, nearest, active)
+    return sign * distance if distance < np.inf else -np.inf
 
 
 @part
@@ -314,7 +309,7 @@ def _next(
     """The best decision above `floor` with its regret and privacy, larger sets judged exactly until none could win."""
     belief, point, sign, optimal_cost = scene
     table, leaves, work, bounds, known = scan
-    costs, decoys, start, along, square, kind = table
+    costs, decoys, start, along, square, kind, place_at, places = table
     while True:
         d = _best(belief, point, sign, price, optimal_cost, most, floor, table, leaves, work, bounds, known)
         if d == NONE:
@@ -327,7 +322,7 @@ def _next(
             )
         if not np.isnan(known[d]):
             return d, _regret(belief, optimal_cost, costs, d), known[d]
-        known[d] = _judge(d, face, point, sign, decoys, arena, rules)
+        known[d] = _judge(d, face, point, sign, place_at, places, arena, rules)
         judged[0] += 1
         judged[judged[0]] = d
 

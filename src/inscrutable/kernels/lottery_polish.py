@@ -24,31 +24,32 @@ POLISHED = -1
 def _polish(
     aim: Any, rules: Any, arena: Any, number: int, y: Any, rounds: int, line_rounds: int
 ) -> tuple[float, float]:
-    """Climb from y on a face: regret and privacy reached; a privacy of −∞ where nothing better was found."""
+    """Climb from y on a face: regret and privacy reached; a privacy of −∞ where nothing better was found.
+
+    The decision is kept as the face's at y, which is therefore one that determines it.
+    """
     n_states, n = rules.basis.shape
     k = arena.size[number]
     curves, rows = curves_of(arena, number, n_states), rows_of(arena, number, n_states)
     m = arena.n_set_rows[number]
-    w = np.empty(k + 1)
+    w, nearest = np.empty(k + 1), np.empty(n_states)
+    active = np.empty(k + m, dtype=np.bool_)
     if k >= n:
         if not climb(curves, rows, aim, rules, y, w, rounds) < np.inf:
             return 0.0, -np.inf
-        active = np.empty(k + m, dtype=np.bool_)
-        distance = nearest_belief(curves, rows[:m], arena.scale[number], w, aim.point, rules, y, active)
-        if not distance < np.inf:
-            return 0.0, -np.inf
-        privacy = aim.sign * distance
+        distance = nearest_belief(curves, rows[:m], arena.scale[number], w, aim.point, rules, nearest, active)
     else:
         factor, room = np.empty((k, k)), np.empty((2, n_states, k))
         # Larger faces keep their candidate: their search is for single decisions.
         if k != 1 or not settle(curves, y, rules.pivot, w, factor, room[0], room[1]):
             return 0.0, -np.inf
         walk_line(curves, rows, m, arena.scale[number], aim, rules, w, -np.inf, line_rounds)
-        active = np.empty(k + m, dtype=np.bool_)
         distance = nearest_belief(curves, rows[:m], arena.scale[number], w, aim.point, rules, y, active)
-        if not distance < np.inf:
+        walked = w[0]
+        if not settle(curves, y, rules.pivot, w, factor, room[0], room[1]) or abs(w[0] - walked) > rules.on_face:
             return 0.0, -np.inf
-        privacy = aim.sign * distance
+    if not distance < np.inf:
+        return 0.0, -np.inf
     cost = 0.0
     for i in range(n_states):
         for a in range(k + 1):
@@ -56,7 +57,7 @@ def _polish(
             for c in range(k + 1):
                 inner += curves[i, a, c] * w[c]
             cost += 0.5 * aim.belief[i] * w[a] * inner
-    return max(cost - aim.optimal_cost, 0.0), privacy
+    return max(cost - aim.optimal_cost, 0.0), aim.sign * distance
 
 
 @kernel

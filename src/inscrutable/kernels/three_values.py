@@ -1,4 +1,4 @@
-"""Optimal decisions' state costs for three states: a neighbour's face is tried first, and rows prove that it holds.
+"""Costs of optimal decisions for three states: a neighbour's face is tried first, and rows prove that it holds.
 
 On a face the decision of y is w(y) = (v, 1) with H(y) v = −h(y); it is optimal where every row f_r(y) ≥ 0.
 """
@@ -33,15 +33,15 @@ def _is_optimal(ground: Ground, face: int, pivot: float, y0: float, y1: float, y
 
 
 @bare_kernel
-def state_costs_three(
-    low: int, high: int, order: Any, beliefs: Any, ground: Ground, pivot: float, out: Any, on: Any
+def best_costs_three(
+    low: int, high: int, order: Any, decoys: Any, beliefs: Any, ground: Ground, pivot: float, out: Any, on: Any
 ) -> None:
-    """Fill the state costs (T,3) of the optimal decisions of the beliefs order[low..high]; NaN: on no face of the ground."""
+    """Fill the costs π·s(u*(y)) of decoys y and beliefs π order[low..high]; NaN where no face of the ground has u*(y)."""
     curves, face = ground.curves, 0
     n_faces = min(len(ground.faces), MOST_FACES)
     for i in range(low, high):
         t = order[i]
-        y0, y1, y2 = beliefs[t, 0], beliefs[t, 1], beliefs[t, 2]
+        y0, y1, y2 = decoys[t, 0], decoys[t, 1], decoys[t, 2]
         found = _is_optimal(ground, face, pivot, y0, y1, y2, on)
         other = 0
         while not found and other < n_faces:
@@ -50,12 +50,15 @@ def state_costs_three(
                 face = other
             other += 1
         if not found:
-            out[t, 0] = out[t, 1] = out[t, 2] = np.nan
+            out[t] = np.nan
             continue
-        w, width = on[0], ground.faces[face, SIZE] + 1
-        for state in range(3):
-            first, cost = ground.faces[face, CURVE_AT] + state * width * width, 0.0
-            for a in range(width):
-                for c in range(width):
-                    cost += w[a] * curves[first + a * width + c] * w[c]
-            out[t, state] = 0.5 * cost
+        w, width, cost = on[0], ground.faces[face, SIZE] + 1, 0.0
+        first, size = ground.faces[face, CURVE_AT], width * width
+        for a in range(width):
+            for c in range(width):
+                j = first + a * width + c
+                bend = (
+                    beliefs[t, 0] * curves[j] + beliefs[t, 1] * curves[j + size] + beliefs[t, 2] * curves[j + 2 * size]
+                )
+                cost += 0.5 * w[a] * bend * w[c]
+        out[t] = cost

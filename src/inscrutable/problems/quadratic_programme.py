@@ -13,7 +13,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.errors import ModelError, SolverError
-from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
+from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.validation import Array
 
@@ -101,8 +101,12 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
         sense,
         primal_tol=tolerances.FEASIBILITY,
     )
-    if flag == -3:
-        raise ModelError(_endless(hessian, linear, layout))
+    endless = _endless_direction(hessian, linear, layout) if flag == -3 else None
+    if endless is not None:
+        raise ModelError(
+            f"the cost has no minimum over the feasible set: it falls without end along {_told(endless)}; "
+            "bound these, for instance with & box(lower, upper)"
+        )
     if flag < 1:
         # Near-singular programmes can defeat DAQP; the repair starts as well from any feasible point.
         return _feasible_point(layout), _Working(np.zeros(n_actions, dtype=np.int8), np.zeros(n_rows, dtype=bool))
@@ -112,24 +116,20 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
     return np.asarray(u), _Working(bounds, multiplier[n_actions : n_actions + n_rows] > 0)
 
 
-def _endless(hessian: Array, linear: Array, layout: Layout) -> str:
-    """Name the coordinates along which the cost falls without end: rows d ≤ 0, H d = 0 and g'd < 0."""
-    size = linear.size
-    bounds = [
-        (None if np.isinf(low) else 0.0, None if np.isinf(high) else 0.0)
-        for low, high in zip(layout.lower, layout.upper, strict=True)
-    ]
-    unit = [(-1.0 if low is None else 0.0, 1.0 if high is None else 0.0) for low, high in bounds]
-    still = Rows(np.vstack([layout.equalities, hessian]), np.zeros(len(layout.equalities) + size))
-    found = minimise(linear, Rows(layout.general, np.zeros(len(layout.sides))), still, unit)
-    told = "the cost has no minimum over the feasible set: it falls without end along "
-    if found.status != OPTIMAL or found.value >= 0:
-        return told + "a direction of it; bound the decision, for instance with & box(lower, upper)"
-    moved = np.flatnonzero(np.abs(found.x) > tolerances.FEASIBILITY)
-    parts = ", ".join(f"u[{j}] {found.x[j]:+.3g}" for j in moved[:_MOST_NAMED])
-    return (
-        f"{told}{parts}{' …' if len(moved) > _MOST_NAMED else ''}; bound these, for instance with & box(lower, upper)"
-    )
+def _endless_direction(hessian: Array, linear: Array, layout: Layout) -> Array | None:
+    """A direction in which the set has no end, the Hessian no curvature, and the cost falls; None where there is none."""
+    open_sides = zip(np.isinf(layout.lower), np.isinf(layout.upper), strict=True)
+    bounds = [(-1.0 if below else 0.0, 1.0 if above else 0.0) for below, above in open_sides]
+    flat = np.vstack([layout.equalities, hessian])
+    level = Rows(layout.general, np.zeros(layout.sides.size))
+    steepest = minimum(linear, level, Rows(flat, np.zeros(len(flat))), bounds)
+    return steepest.x if steepest.value < -tolerances.LINEAR_PROGRAMME else None
+
+
+def _told(direction: Array) -> str:
+    moved = np.flatnonzero(np.abs(direction) > tolerances.FEASIBILITY)
+    parts = ", ".join(f"u[{j}] {direction[j]:+.3g}" for j in moved[:_MOST_NAMED])
+    return f"{parts} …" if len(moved) > _MOST_NAMED else parts
 
 
 def _feasible_point(layout: Layout) -> Array:

@@ -12,7 +12,7 @@ from inscrutable import validation
 from inscrutable.decision_makers import MixedDecision
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
-from inscrutable.reports.style import BLACK, LOOKS, around, look_of, ternary_labels
+from inscrutable.reports.style import BLACK, LOOKS, Look, around, looks_of, ternary_labels
 
 _CORNERS = 3
 _BAR_HEIGHT = 0.35  # of a bar of probability one, where the triangle is 1 high
@@ -50,8 +50,8 @@ def plot_actions(
         axes.scatter(*points.T, s=size, facecolors="none", edgecolors=orange, linewidths=0.3, alpha=0.6, label=label)
     if lottery is not None:
         _bars(axes, lottery, orange)
-    for name, action in actions.items():
-        _mark(axes, _triples(action, f"action of {name}"), name)
+    for (name, action), look in zip(actions.items(), looks_of(actions).values(), strict=True):
+        _mark(axes, _triples(action, f"action of {name}"), name, look)
     axes.legend(**_LEGEND)
 
 
@@ -69,8 +69,9 @@ def plot_beliefs(axes: Any, belief: ArrayLike, seen: Mapping[str, BeliefSet], na
     """
     ternary_labels(axes, (names[0], names[1], names[2]))
     held = _triples(validation.beliefs(np.asarray(belief), _CORNERS), "belief")
+    looks = looks_of(seen)
     for number, (name, found) in enumerate(seen.items()):
-        look = look_of(name)
+        look = looks[name]
         if found.is_empty:
             axes.plot([], [], [], linestyle="none", marker=look.marker, color=look.colour, label=f"{name}: no belief")
             continue
@@ -81,13 +82,12 @@ def plot_beliefs(axes: Any, belief: ArrayLike, seen: Mapping[str, BeliefSet], na
             axes.plot(*np.vstack([held, nearest]).T, color=look.colour, linestyle=dashes, linewidth=1.0)
         if found.dimension > 0:
             _extent(axes, found, look.colour)
-        _mark(axes, nearest, name)
+        _mark(axes, nearest, name, look)
     axes.plot(*held.T, linestyle="none", marker="*", markersize=5, color=BLACK, label="private belief", zorder=6)
     axes.legend(**_LEGEND)
 
 
-def _mark(axes: Any, point: np.ndarray, name: str) -> None:
-    look = look_of(name)
+def _mark(axes: Any, point: np.ndarray, name: str, look: Look) -> None:
     hollow = {"markerfacecolor": "none"} if look.marker in "^ov" else {}
     axes.plot(
         *point.T,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +31,15 @@ LOOKS = {
 }
 REGIME_COLOURS = ("#56B4E9", "#E69F00", "#882255", "#117733", "#332288", "#999933", "#AA4499", "#44AA99")
 
+_OTHERS = (
+    Look(GREY, "D", ":"),
+    Look(PURPLE, "s", "-."),
+    Look("#56B4E9", "v", "--"),
+    Look("#E69F00", "P", ":"),
+    Look("#882255", "X", "-."),
+)
+"""For names of no decision maker, in the order in which they appear."""
+
 COLUMN_WIDTH = 3.5
 """Inches of one column of a two-column page."""
 
@@ -42,7 +51,18 @@ def look_of(name: str) -> Look:
             return look
         if name.startswith(family):
             return Look(look.colour, {"^": "v", "x": "+", "o": "s"}[look.marker], "--")
-    return Look(GREY, "D", ":")
+    return _OTHERS[0]
+
+
+def looks_of(names: Iterable[str]) -> dict[str, Look]:
+    """Return how each of several names is drawn; those of no decision maker are told apart too."""
+    looks, strangers = {}, 0
+    for name in names:
+        looks[name] = look_of(name)
+        if looks[name] is _OTHERS[0]:
+            looks[name] = _OTHERS[strangers % len(_OTHERS)]
+            strangers += 1
+    return looks
 
 
 @contextmanager

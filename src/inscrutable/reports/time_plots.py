@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable.reports.style import BLACK, look_of
+from inscrutable.reports.style import BLACK, looks_of
 
 
 def plot_privacy(axes: Any, privacies: Mapping[str, ArrayLike], *, steps: ArrayLike | None = None) -> None:
@@ -43,8 +43,9 @@ def plot_costs(
 
 
 def _lines(axes: Any, series: Mapping[str, ArrayLike], steps: ArrayLike | None) -> None:
+    looks = looks_of(series)
     for name, values in series.items():
-        look = look_of(name)
+        look = looks[name]
         heights = np.asarray(values, dtype=float)
         along = np.arange(len(heights)) if steps is None else np.asarray(steps)
         hollow = {} if look.marker == "x" else {"markerfacecolor": "none"}

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.errors import InputError
-from inscrutable.reports.style import GREEN, ORANGE, PURPLE, Look, look_of
+from inscrutable.reports.style import GREEN, ORANGE, PURPLE, Look, looks_of
 
 _MIDDLE = (10.0, 90.0)  # percentiles: the spread of the middle eight of ten simulations
 _BESIDE = 1.07  # three spreads stand side by side on a logarithmic axis
@@ -29,8 +29,9 @@ def plot_tradeoff(axes: Any, budgets: ArrayLike, privacies: Mapping[str, ArrayLi
         InputError: Shapes disagree.
     """
     along = validation.finite_array(budgets, "budgets", ndim=1)
+    looks = looks_of(privacies)
     for name, values in privacies.items():
-        runs, look = _checked(along, values, name), look_of(name)
+        runs, look = _checked(along, values, name), looks[name]
         low, high = np.percentile(runs, _MIDDLE, axis=0)
         axes.fill_between(along, low, high, color=look.colour, alpha=0.13, linewidth=0)
         _line(axes, along, runs.mean(axis=0), name, look)

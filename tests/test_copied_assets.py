@@ -1,0 +1,228 @@
+"""Markets in which decisions or states are not told apart: what is stated is what an observer finds from the decision.
+
+With copies of an asset, or two riskless ones, a belief has many optimal decisions on one face; with identical states many
+beliefs have one decision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from inscrutable import (
+    Candidates,
+    CounterAdversarialDecisionMaker,
+    DesiredObfuscation,
+    MarkowitzProblem,
+    MaximalObfuscation,
+    PrivacyMeasure,
+    ProbabilisticDecisionMaker,
+    consistent_beliefs,
+    decoy_grid,
+)
+from inscrutable.decision_makers.atlas import atlas_of
+from inscrutable.decision_makers.plane import plane_of
+from inscrutable.kernels.search import LARGER
+
+Array = NDArray[np.float64]
+Moments = tuple[Array, Array]  # means (X,U), covariances (X,U,U)
+
+STATED = 1e-6  # distances to a set, by the search and by the adversary
+ROUNDING = 1e-13  # of a cost, relative to its largest term
+SAVED = 1e-9  # of privacy: the share of a budget that a lottery leaves unspent
+BUDGETS = [0.0, 0.02, 0.1, 1.0]
+
+
+def copied(moments: Moments, asset: int, of: int, state: int | slice = slice(None)) -> Moments:
+    means, covariances = (part.copy() for part in moments)
+    means[state, asset] = means[state, of]
+    covariances[state, asset, :] = covariances[state, of, :]
+    covariances[state, :, asset] = covariances[state, :, of]
+    return means, covariances
+
+
+def riskless(moments: Moments, asset: int, mean: float | None, state: int | slice = slice(None)) -> Moments:
+    means, covariances = (part.copy() for part in moments)
+    covariances[state, asset, :] = 0.0
+    covariances[state, :, asset] = 0.0
+    if mean is not None:
+        means[state, asset] = mean
+    return means, covariances
+
+
+def all_copies(moments: Moments) -> Moments:
+    for asset in range(1, moments[0].shape[1]):
+        moments = copied(moments, asset, 0)
+    return moments
+
+
+def one_pair(moments: Moments) -> Moments:
+    return copied(moments, moments[0].shape[1] - 1, 0)
+
+
+def two_pairs(moments: Moments) -> Moments:
+    last = moments[0].shape[1] - 1
+    return copied(copied(moments, last, 0), last - 1, 1) if last > 2 else one_pair(moments)
+
+
+def pair_in_one_state(moments: Moments) -> Moments:
+    return copied(moments, moments[0].shape[1] - 1, 0, 0)
+
+
+def mixed_of_two(moments: Moments) -> Moments:
+    """The last asset is half of each of the first two: a copy of a portfolio."""
+    size = moments[0].shape[1]
+    held = np.eye(size)
+    if size > 2:
+        held[-1] = 0.0
+        held[-1, :2] = 0.5
+    return moments[0] @ held.T, held @ moments[1] @ held.T
+
+
+def same_states(moments: Moments) -> Moments:
+    which = np.arange(len(moments[0]))
+    which[-1] = 0
+    return moments[0][which], moments[1][which]
+
+
+def one_riskless(moments: Moments) -> Moments:
+    return riskless(moments, 0, 0.02)
+
+
+def two_riskless(moments: Moments) -> Moments:
+    return riskless(one_riskless(moments), moments[0].shape[1] - 1, 0.02)
+
+
+def riskless_in_one_state(moments: Moments) -> Moments:
+    return riskless(moments, 0, None, 0)
+
+
+def pair_and_same_states(moments: Moments) -> Moments:
+    return one_pair(same_states(moments))
+
+
+KINDS: list[Callable[[Moments], Moments]] = [
+    all_copies,
+    one_pair,
+    two_pairs,
+    pair_in_one_state,
+    mixed_of_two,
+    same_states,
+    one_riskless,
+    two_riskless,
+    riskless_in_one_state,
+    pair_and_same_states,
+]
+
+
+def market(
+    rng: np.random.Generator, n_states: int, n_assets: int, kind: Callable[[Moments], Moments]
+) -> MarkowitzProblem:
+    factors = 0.3 * rng.normal(size=(n_states, n_assets, n_assets + 2))
+    covariances = factors @ factors.transpose(0, 2, 1) / n_assets + 0.01 * np.eye(n_assets)
+    return MarkowitzProblem(*kind((rng.normal(0.05, 0.2, (n_states, n_assets)), covariances)), 2.0)
+
+
+def drawn_beliefs(rng: np.random.Generator, n_states: int) -> Array:
+    """An interior belief, a lopsided one, one with an impossible state, and a corner."""
+    impossible = rng.dirichlet(np.ones(n_states))
+    impossible[rng.integers(n_states)] = 0.0
+    corner = np.eye(n_states)[rng.integers(n_states)]
+    lopsided = rng.dirichlet(np.full(n_states, 0.2)) + 1e-9
+    return np.array(
+        [rng.dirichlet(np.ones(n_states)), lopsided / lopsided.sum(), impossible / impossible.sum(), corner]
+    )
+
+
+class Told:
+    """What a decision maker states of its decisions for some beliefs, to be compared with the decisions."""
+
+    def __init__(self, problem: MarkowitzProblem, measure: PrivacyMeasure, budget: float) -> None:
+        self.problem, self.measure, self.budget = problem, measure, budget
+        self.scale = max(float(np.abs(part).max()) for part in (problem.hessians, problem.linear))
+
+    def check(self, belief: Array, atoms: list[tuple[float, Array, float, float]]) -> float:
+        """Check atoms (probability, decision, privacy, regret) of one belief; returns the expected privacy."""
+        problem = self.problem
+        for _, action, privacy, regret in atoms:
+            assert problem.constraints.violation(action) <= 1e-9
+            found = consistent_beliefs(problem, action)
+            assert privacy == pytest.approx(self.measure(belief, found), abs=STATED)
+            assert regret == pytest.approx(float(problem.regret(belief, action)), abs=ROUNDING * self.scale)
+        limit = self.budget * abs(float(problem.optimal_cost(belief)))
+        assert sum(share * regret for share, _, _, regret in atoms) <= limit + ROUNDING * self.scale
+        return sum(share * privacy for share, _, privacy, _ in atoms)
+
+    def check_all(self, beliefs: Array, candidates: Candidates) -> None:
+        """Check single and mixed decisions, one by one and together: a lottery is never worse than one decision."""
+        chosen = (self.problem, self.measure, self.budget)
+        single = CounterAdversarialDecisionMaker(*chosen, candidates=candidates)
+        mixed = ProbabilisticDecisionMaker(*chosen, candidates=candidates)
+        singles, lotteries = single.decide_many(beliefs), mixed.decide_many(beliefs)
+        for t, belief in enumerate(beliefs):
+            alone = self.check(belief, [(1.0, d.action, d.privacy, d.regret) for d in [single.decide(belief)]])
+            self.check(belief, [(1.0, d.action, d.privacy, d.regret) for d in [singles[t]]])
+            one, many = mixed.decide(belief), lotteries[t]
+            assert one.expected_privacy >= alone - SAVED
+            for lottery in (one, many):
+                atoms = zip(lottery.probabilities, lottery.actions, lottery.privacies, lottery.regrets, strict=True)
+                expected = self.check(belief, list(atoms))
+                assert lottery.expected_privacy == pytest.approx(expected, abs=1e-12)
+
+
+def cases() -> Iterator[object]:
+    for number, kind in enumerate(KINDS):
+        for n_states in (2, 3, 4):
+            for n_assets in (2, 3, 5):
+                budget = BUDGETS[(number + n_states + n_assets) % len(BUDGETS)]
+                name = f"{kind.__name__}-{n_states}-{n_assets}-{budget}"
+                yield pytest.param(kind, n_states, n_assets, budget, id=name)
+
+
+@pytest.mark.parametrize(("kind", "n_states", "n_assets", "budget"), list(cases()))
+def test_what_is_stated_is_found_from_the_decision(
+    kind: Callable[[Moments], Moments], n_states: int, n_assets: int, budget: float
+) -> None:
+    rng = np.random.default_rng([n_states, n_assets, KINDS.index(kind)])
+    problem, beliefs = market(rng, n_states, n_assets, kind), drawn_beliefs(rng, n_states)
+    candidates = decoy_grid(problem, 6)
+    desired = DesiredObfuscation(rng.dirichlet(np.ones(n_states)))
+    few = 2 if n_states < 4 else 3  # every so many of the beliefs: more states take longer
+    Told(problem, MaximalObfuscation(), budget).check_all(beliefs[::few], candidates)
+    Told(problem, desired, budget).check_all(beliefs[1::few], candidates)
+
+
+@pytest.mark.parametrize("budget", BUDGETS)
+def test_assets_that_are_all_copies_hide_everything_and_nothing(budget: float) -> None:
+    """Every belief explains every decision: no distance from the truth, none to a target."""
+    means = np.repeat([[0.31275401], [0.40993904], [0.10545302]], 2, axis=1)
+    variances = np.array([0.02454563, 0.15438926, 0.16572241])
+    problem = MarkowitzProblem(means, variances[:, None, None] * np.ones((3, 2, 2)), 2.910885061964363)
+    belief, candidates = np.array([0.12244196, 0.5, 0.37755804]), decoy_grid(problem, 15)
+    for measure in (MaximalObfuscation(), DesiredObfuscation([0.6, 0.3, 0.1])):
+        Told(problem, measure, budget).check_all(belief[None], candidates)
+        mixed = ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates).decide(belief)
+        assert mixed.privacies == pytest.approx(0.0, abs=STATED)
+        assert consistent_beliefs(problem, mixed.actions[0]).dimension == 2
+
+
+def test_a_set_is_judged_from_the_decision_and_not_from_a_decoy_that_has_many() -> None:
+    """The general search is what these markets are searched by: no plane, and decisions that many beliefs explain."""
+    rng = np.random.default_rng(3)
+    problem = market(rng, 3, 2, all_copies)
+    atlas = atlas_of(problem, decoy_grid(problem, 6))
+    assert plane_of(atlas) is None
+    assert (atlas.table.kind == LARGER).all()
+    assert (atlas.arena.size[atlas.table.face] == 1).all()
+
+
+@pytest.mark.parametrize("n_states", [2, 3, 4])
+def test_a_lottery_keeps_the_very_decision_of_the_single_one(n_states: int) -> None:
+    """A decoy that has many decisions does not lead back to the one that was chosen: regrets follow the decision."""
+    for seed in range(3):
+        rng = np.random.default_rng([seed, n_states])
+        problem, beliefs = market(rng, n_states, 5, two_pairs), drawn_beliefs(rng, n_states)
+        Told(problem, MaximalObfuscation(), 0.02).check_all(beliefs[:1], decoy_grid(problem, 4))

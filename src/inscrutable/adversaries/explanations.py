@@ -171,4 +171,9 @@ def _contradiction(problem: DecisionProblem, u: Array) -> tuple[Array, float]:
     if answer.status != OPTIMAL or answer.x[-1] <= tolerances.LINEAR_PROGRAMME:
         return np.zeros(size), 0.0
     direction = answer.x[:size] - answer.x[size : 2 * size]
-    return direction / np.abs(direction).sum(), float(answer.x[-1] * scale)
+    direction = direction / np.abs(direction).sum()
+    # Where costs have kinks a gradient need not tell what a change does: believe the costs themselves.
+    probed = problem.state_costs(u + tolerances.EDGE_PROBE * direction)
+    if (probed >= problem.state_costs(u)).any():
+        return np.zeros(size), 0.0
+    return direction, float(answer.x[-1] * scale)

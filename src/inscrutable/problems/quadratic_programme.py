@@ -20,6 +20,7 @@ from inscrutable.validation import Array
 _CHUNK_ENTRIES = 8_000_000
 _MOST_REPAIRS = 50
 _EQUALITY = 5
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +101,12 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
         sense,
         primal_tol=tolerances.FEASIBILITY,
     )
-    if flag == -3 and _falls_without_end(hessian, linear, layout):
-        raise ModelError("the cost has no minimum over the feasible set: it falls without end along a direction of it")
+    endless = _endless_direction(hessian, linear, layout) if flag == -3 else None
+    if endless is not None:
+        raise ModelError(
+            f"the cost has no minimum over the feasible set: it falls without end along {_told(endless)}; "
+            "bound these, for instance with & box(lower, upper)"
+        )
     if flag < 1:
         # Near-singular programmes can defeat DAQP; the repair starts as well from any feasible point.
         return _feasible_point(layout), _Working(np.zeros(n_actions, dtype=np.int8), np.zeros(n_rows, dtype=bool))
@@ -111,14 +116,20 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
     return np.asarray(u), _Working(bounds, multiplier[n_actions : n_actions + n_rows] > 0)
 
 
-def _falls_without_end(hessian: Array, linear: Array, layout: Layout) -> bool:
-    """Whether the cost falls along a direction in which the set has no end and the Hessian no curvature."""
+def _endless_direction(hessian: Array, linear: Array, layout: Layout) -> Array | None:
+    """A direction in which the set has no end, the Hessian no curvature, and the cost falls; None where there is none."""
     open_sides = zip(np.isinf(layout.lower), np.isinf(layout.upper), strict=True)
     bounds = [(-1.0 if below else 0.0, 1.0 if above else 0.0) for below, above in open_sides]
     flat = np.vstack([layout.equalities, hessian])
     level = Rows(layout.general, np.zeros(layout.sides.size))
     steepest = minimum(linear, level, Rows(flat, np.zeros(len(flat))), bounds)
-    return bool(steepest.value < -tolerances.LINEAR_PROGRAMME)
+    return steepest.x if steepest.value < -tolerances.LINEAR_PROGRAMME else None
+
+
+def _told(direction: Array) -> str:
+    moved = np.flatnonzero(np.abs(direction) > tolerances.FEASIBILITY)
+    parts = ", ".join(f"u[{j}] {direction[j]:+.3g}" for j in moved[:_MOST_NAMED])
+    return f"{parts} …" if len(moved) > _MOST_NAMED else parts
 
 
 def _feasible_point(layout: Layout) -> Array:

@@ -26,7 +26,9 @@ region = (
     & group_caps(assets, {"financials": ["Banks", "Insurers"], "energy": ["Oil", "Gas"]}, 0.5)
 )
 # Monthly means and volatilities in growth, inflation and recession; one correlation for all.
-means = np.array([[1.0, 0.8, 0.6, 0.5, 1.3, 0.1], [0.2, 0.3, 1.2, 1.1, -0.2, -0.1], [-1.5, -0.9, -1.0, -0.7, -0.8, 0.6]])
+means = np.array(
+    [[1.0, 0.8, 0.6, 0.5, 1.3, 0.1], [0.2, 0.3, 1.2, 1.1, -0.2, -0.1], [-1.5, -0.9, -1.0, -0.7, -0.8, 0.6]]
+)
 spreads = np.array([[4.0, 3.5, 5.0, 4.5, 5.0, 1.0], [5.0, 4.5, 6.0, 5.5, 6.5, 2.0], [9.0, 7.5, 9.0, 8.0, 8.5, 1.5]])
 covariances = [np.outer(s, s) * (0.35 + 0.65 * np.eye(6)) / 1e4 for s in spreads]
 problem = MarkowitzProblem(means / 100, covariances, 0.8, region)

@@ -147,7 +147,7 @@ def explain_action(
         zeros = np.zeros(problem.n_states)
         return ActionExplanation(u, True, beliefs.center(), 0.0, u, zeros, nothing, 0.0, tight, labels)
     found = closed_planes(problem, u)
-    better = weights_of_planes(found.planes) @ problem.solve(found.beliefs)
+    better = weights_of_planes(found.planes) @ problem.solve_points(found.beliefs)
     savings = problem.state_costs(u) - problem.state_costs(better)
     direction, rate = _contradiction(problem, u)
     return ActionExplanation(u, False, found.belief, found.gap, better, savings, direction, rate, tight, labels)

@@ -116,7 +116,7 @@ class _Search:
         self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, candidates: Candidates
     ) -> None:
         self.problem, self.belief, self.measure, self.candidates = problem, belief, measure, candidates
-        self.optimal = problem.solve(belief)
+        self.optimal = problem.solve_points(belief)
         self.optimal_cost = float(problem.expected_cost(belief, self.optimal))
         self.least = 0.0
 
@@ -141,7 +141,7 @@ class _Search:
         found: list[tuple[float, Array]] = []
         if self.measure.is_indicator:  # the decision maker plays the cheapest that meets the goal
             case = Case(self.problem, self.candidates, self.belief, self.measure, Budget.regret(limit), "exclude")
-            action = best_decision(case).action
+            action = self.problem.as_points(best_decision(case).action)
             found += [(self._regret(action), action)] if self.reaches(action) else []
         for number in numbers[known][:_WAYS]:
             action = np.asarray(self.candidates.actions[int(number)])
@@ -161,7 +161,7 @@ class _Search:
         target, low, high, best = beliefs.center(), 0.0, 1.0, action
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            trial = self.problem.solve(self.belief + middle * (target - self.belief))
+            trial = self.problem.solve_points(self.belief + middle * (target - self.belief))
             if self.reaches(trial):
                 high, best = middle, trial
             else:

@@ -84,11 +84,18 @@ def test_a_restated_growth_problem_is_that_problem():
     functions = ConvexProblem.from_functions(plain.state_costs, plain.cost_gradients, simplex(3))
     for problem in (written, functions):
         np.testing.assert_allclose(problem.solve(BELIEFS), plain.solve(BELIEFS), atol=1e-9)
-        check_decision_problem(problem)
-        decided = CounterAdversarialDecisionMaker(
-            problem, budget=Budget.regret(0.01), candidates=plain.solve(simplex_grid(3, 6))
-        ).decide([0.2, 0.3, 0.5])
-        assert decided.regret <= 0.01
+    check_decision_problem(functions)
+    candidates = plain.solve(simplex_grid(3, 6))
+    reached = [
+        CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.01), candidates=candidates).decide(
+            [0.2, 0.3, 0.5]
+        )
+        for problem in (plain, functions)
+    ]
+    assert reached[1].privacy == pytest.approx(reached[0].privacy, abs=1e-6)
+    action = plain.solve([0.2, 0.3, 0.5])
+    np.testing.assert_allclose(written.cost_gradients(action), plain.cost_gradients(action), atol=1e-9)
+    assert consistent_beliefs(written, action).contains([0.2, 0.3, 0.5])
 
 
 def test_costs_with_kinks_are_explained_by_cutting_planes():
@@ -104,6 +111,13 @@ def test_costs_with_kinks_are_explained_by_cutting_planes():
         problem, budget=Budget.regret(2.0), candidates=[[1.0], [0.3], [-1.0]]
     ).decide([0.8, 0.2])
     assert decided.privacy == pytest.approx(0.3 * np.sqrt(2), abs=1e-4)
+
+
+def test_kinks_keep_their_promises():
+    u = cp.Variable(2)
+    costs = [cp.norm1(u - [1, 0]) + cp.sum_squares(u), cp.max(u) + cp.sum_squares(u - 1)]
+    problem = ConvexProblem(u, costs, box([-2, -2], [2, 2]), differentiable=False)
+    check_decision_problem(problem, tolerance=1e-6)  # as exact as an interior-point solver
 
 
 def test_what_cannot_be_read_is_named():

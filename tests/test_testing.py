@@ -78,6 +78,7 @@ BREACHES = {
     "many beliefs are solved as each alone": broken(
         solve=lambda self, beliefs: Broken.solve(self, beliefs if np.ndim(beliefs) == 1 else np.asarray(beliefs)[::-1])
     ),
+    "what a belief explains is optimal": broken(explaining_rows=lambda self, action: np.zeros((1, 2))),
     "a belief explains the decision": broken(
         solve=lambda self, beliefs: (1 - 1e-6) * Broken.solve(self, beliefs) + 1e-6 / 3
     ),

@@ -28,9 +28,12 @@ class _Sample(NamedTuple):
     actions: Array  # (m, U): feasible decisions, none of them optimal on purpose
     scale: float  # of the costs
     rng: np.random.Generator
+    allowed: float  # what a promise about costs may lack
 
 
-def check_decision_problem(problem: DecisionProblem, *, rng: np.random.Generator | None = None) -> None:
+def check_decision_problem(
+    problem: DecisionProblem, *, rng: np.random.Generator | None = None, tolerance: float = tolerances.CONTRACT
+) -> None:
     """Check on random beliefs and decisions that a problem keeps its promises; silent where it does.
 
     Checked are the shapes of one and many, costs that are finite and convex on segments, gradients against differences of
@@ -41,10 +44,12 @@ def check_decision_problem(problem: DecisionProblem, *, rng: np.random.Generator
     Args:
         problem: The decision problem, of this library or of a user's own.
         rng: Source of the beliefs and decisions; None is a fixed one, the same at every call.
+        tolerance: What a promise about costs may lack, relative to their scale, above 0; more than the default for a
+            solver that is less exact.
 
     Raises:
         AssertionError: A promise is broken; the message names it, with the belief or decision and the number.
-        InputError: `problem` is not a decision problem.
+        InputError: `problem` is not a decision problem, or `tolerance` is not above 0.
 
     Cost: some hundred forward solves. Source: the paper, eq. (3) and Theorem 1; what never falls along a ray is the
     Bregman divergence of the optimal cost.
@@ -55,7 +60,7 @@ def check_decision_problem(problem: DecisionProblem, *, rng: np.random.Generator
     """
     source = np.random.default_rng(0) if rng is None else validation.generator(rng)
     _check_shapes(checked_problem(problem))
-    sample = _sample_of(problem, source)
+    sample = _sample_of(problem, source, validation.positive(tolerance, "tolerance"))
     _check_costs(sample)
     if not problem.is_discrete:
         _check_convexity(sample)
@@ -87,7 +92,7 @@ def _check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> 
     _promise(found == wanted, f"the shape of {name}", f"found {found}, expected {wanted}")
 
 
-def _sample_of(problem: DecisionProblem, rng: np.random.Generator) -> _Sample:
+def _sample_of(problem: DecisionProblem, rng: np.random.Generator, tolerance: float) -> _Sample:
     n_states = problem.n_states
     flat = rng.dirichlet(np.ones(n_states), _BELIEFS)
     faces = np.where(rng.uniform(size=flat.shape) < 0.5, flat, 0.0)
@@ -99,7 +104,8 @@ def _sample_of(problem: DecisionProblem, rng: np.random.Generator) -> _Sample:
     else:
         actions = _inside(problem, solved, rng)
     scale = float(np.abs(problem.state_costs(np.vstack([solved[: len(flat)], actions]))).max())
-    return _Sample(problem, beliefs, solved, actions, max(scale, np.finfo(float).tiny), rng)
+    scale = max(scale, np.finfo(float).tiny)
+    return _Sample(problem, beliefs, solved, actions, scale, rng, tolerance * scale)
 
 
 def _inside(problem: DecisionProblem, solved: Array, rng: np.random.Generator) -> Array:
@@ -118,7 +124,7 @@ def _check_costs(sample: _Sample) -> None:
     apart = np.array([problem.state_costs(action) for action in sample.actions])
     off = float(np.abs(together - apart).max())
     _promise(
-        off <= tolerances.CONTRACT * sample.scale,
+        off <= sample.allowed,
         "many decisions cost what each costs alone",
         f"they differ by {off:.3g}",
     )
@@ -133,7 +139,7 @@ def _check_convexity(sample: _Sample) -> None:
     excess = middle - chord
     row, state = np.unravel_index(int(excess.argmax()), excess.shape)
     _promise(
-        float(excess.max()) <= tolerances.CONTRACT * sample.scale,
+        float(excess.max()) <= sample.allowed,
         "state costs are convex",
         f"the cost of state {state} lies {excess.max():.3g} above the chord between {first[row]} and {second[row]}",
     )
@@ -159,7 +165,7 @@ def _check_gradients(sample: _Sample) -> None:
 
 
 def _check_optimality(sample: _Sample) -> None:
-    problem, scale = sample.problem, sample.scale
+    problem = sample.problem
     beyond = problem.constraints.violation(sample.solved)
     worst = int(beyond.argmax())
     _promise(
@@ -170,7 +176,7 @@ def _check_optimality(sample: _Sample) -> None:
     alone = np.array([problem.solve_points(belief) for belief in sample.beliefs])
     off = np.abs(sample.beliefs * (problem.state_costs(alone) - problem.state_costs(sample.solved))).sum(axis=1)
     _promise(
-        float(off.max()) <= tolerances.CONTRACT * scale,
+        float(off.max()) <= sample.allowed,
         "many beliefs are solved as each alone",
         f"for belief {sample.beliefs[int(off.argmax())]} the costs differ by {off.max():.3g}",
     )
@@ -178,7 +184,7 @@ def _check_optimality(sample: _Sample) -> None:
     gain = optimal[:, None] - sample.beliefs @ problem.state_costs(np.vstack([sample.actions, sample.solved])).T
     row, other = np.unravel_index(int(gain.argmax()), gain.shape)
     _promise(
-        float(gain.max()) <= tolerances.CONTRACT * scale,
+        float(gain.max()) <= sample.allowed,
         "no feasible decision is cheaper than solve's",
         f"for belief {sample.beliefs[row]} decision {np.vstack([sample.actions, sample.solved])[other]} is cheaper by "
         f"{gain.max():.3g}",
@@ -207,7 +213,7 @@ def _check_explanations(sample: _Sample) -> None:
             # A slack below the least counts as none, so the set is a little larger than its decision deserves.
             slack = problem.constraints.min_slack * np.abs(problem.cost_gradients(action)).max() * action.size
             _promise(
-                regret <= slack + tolerances.CONTRACT * sample.scale,
+                regret <= slack + sample.allowed,
                 "what a belief explains is optimal for it",
                 f"{action} leaves belief {corner} a regret of {regret:.3g}",
             )
@@ -222,13 +228,13 @@ def _check_rays(sample: _Sample) -> None:
         values = (decoys * problem.state_costs(solved)).sum(axis=1)
         bend = 0.5 * (values[:-2] + values[2:]) - values[1:-1]
         _promise(
-            float(bend.max()) <= tolerances.CONTRACT * sample.scale,
+            float(bend.max()) <= sample.allowed,
             "the optimal cost is concave in the belief",
             f"between {belief} and {end} it lies {bend.max():.3g} below its chord",
         )
         costs = problem.state_costs(solved) @ belief
         falls = -np.diff(costs)
-        limit = tolerances.CONTRACT * max(sample.scale, float(np.abs(costs).max()))
+        limit = sample.allowed * max(1.0, float(np.abs(costs).max()) / sample.scale)
         _promise(
             float(falls.max()) <= limit,
             "regret never falls along a ray from the true belief",

@@ -47,7 +47,8 @@ class ConvexProblem(DecisionProblem):
             affine.
         ModelError: The feasible set is empty (its rows are named) or a cost has no minimum over it.
 
-    Cost: one product where costs are quadratic or affine; else some ten milliseconds per belief. Source: the paper, eq.
+    Cost: that of a quadratic or linear problem where costs are; else some ten milliseconds per belief, so ask for few
+    decoys, such as `decoy_grid(problem, 20)`. Source: the paper, eq.
     (3); Agrawal et al., A Rewriting System for Convex Optimization Problems (2018).
 
     Example:
@@ -58,6 +59,9 @@ class ConvexProblem(DecisionProblem):
         >>> print(problem.solve([0.3, 0.7]).round(6))
         [0.3 0.7]
     """
+
+    _stated: DecisionProblem | None
+    """The quadratic or linear problem that the expressions turn out to be."""
 
     def __init__(
         self,

@@ -253,9 +253,10 @@ def test_copied_assets_have_the_costs_of_one():
 def test_flat_costs_are_not_taken_for_unique():
     flat = MarkowitzProblem([[0.1, 0.2], [0.2, 0.1]], np.zeros((2, 2, 2)), 1.0)
     assert not flat.costs_are_unique
-    # Either asset is best, both only at one belief: mixtures of them show that belief, the farthest from a corner.
-    decision = proved(flat, 0.05, np.array([1.0, 0.0]))
-    assert decision.privacy_bound >= np.sqrt(0.5) - 1e-9
+    # Riskless in one state only: ties may be broken at that corner, by costs that differ in the other state.
+    half = MarkowitzProblem([[0.1, 0.1], [0.2, 0.1]], [np.zeros((2, 2)), np.eye(2)], 1.0)
+    assert not half.costs_are_unique
+    assert MarkowitzProblem([[0.1, 0.1], [0.2, 0.1]], [0.1 * np.eye(2), np.eye(2)], 1.0).costs_are_unique
 
 
 @pytest.mark.parametrize("seed", range(10))

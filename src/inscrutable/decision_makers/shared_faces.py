@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.adversaries import consistent_beliefs
 from inscrutable.decision_makers.oracle_points import OraclePoints
+from inscrutable.geometry import BeliefSet
 from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
@@ -22,12 +22,10 @@ _INWARD = (0.002, 0.01, 0.05, 0.2, 0.5)  # of the way from the nearest member to
 
 
 class _Face(NamedTuple):
-    """Rows that are tight: their multipliers are −pseudo (H u + g), free directions the columns of `free`."""
+    """Rows held as equalities: their multipliers are −pseudo (H u + g), free directions the columns of `free`."""
 
-    normals: Array  # (R, U)
-    pseudo: Array  # (R, U) of inequality rows only
+    pseudo: Array  # (R, U), of inequality rows only
     free: Array  # (U, F)
-    loose: np.ndarray  # inequality rows that are not tight
 
 
 class SharedFaces:
@@ -40,118 +38,131 @@ class SharedFaces:
         equal = region.A_eq
         self._inside = _complement(equal, problem.n_actions)
         self._actions: dict[int, Array] = {}
-        self._spans: dict[int, tuple[Array, Array]] = {}
         self._faces: dict[bytes, _Face | None] = {}
 
     def bounds(self, corners: np.ndarray) -> Array:
         """Return an upper bound of the distance for each cell (C,X), infinite where there is no proof."""
         self._solve(np.unique(corners))
-        return np.array([self._bound(cell) for cell in corners])
+        region = self.problem.constraints
+        found = np.full(len(corners), np.inf)
+        for row, cell in enumerate(corners):
+            actions = np.array([self._actions[int(index)] for index in cell])
+            tight = (region.slacks(actions) <= tolerances.FEASIBILITY).sum(axis=1)
+            # Without a corner on a small enough face there is hardly a shared one.
+            if self._inside.shape[1] - tight.max(initial=0) < self.problem.n_states - 1:
+                found[row] = self._bound(cell, actions.mean(axis=0))
+        return found
 
     def _solve(self, indices: np.ndarray) -> None:
         fresh = [index for index in indices.tolist() if index not in self._actions]
         if fresh:
             self._actions.update(zip(fresh, self.problem.solve(self.points.beliefs[fresh]), strict=True))
 
-    def _face(self, tight: np.ndarray) -> _Face | None:
-        key = tight.tobytes()
+    def _face(self, rows: np.ndarray) -> _Face | None:
+        """The face of some inequality rows; None where rows depend on each other."""
+        key = rows.tobytes()
         if key not in self._faces:
-            self._faces[key] = self._made(tight)
+            region = self.problem.constraints
+            normals = np.vstack([region.A_ub[rows], region.A_eq])
+            free = _complement(normals, self.problem.n_actions)
+            independent = free.shape[1] == self.problem.n_actions - len(normals)
+            pseudo = np.linalg.pinv(normals.T)[: int(rows.sum())] if len(normals) else normals
+            self._faces[key] = _Face(pseudo, free) if independent else None
         return self._faces[key]
 
-    def _made(self, tight: np.ndarray) -> _Face | None:
-        region = self.problem.constraints
-        normals = np.vstack([region.A_ub[tight], region.A_eq])
-        free = _complement(normals, self.problem.n_actions)
-        independent = free.shape[1] == self.problem.n_actions - len(normals)
-        if not independent or not 0 < free.shape[1] < self.problem.n_states - 1:
-            return None
-        pseudo = np.linalg.pinv(normals.T)[: int(tight.sum())]
-        return _Face(normals, pseudo, free, ~tight)
-
-    def _bound(self, cell: np.ndarray) -> float:
-        region = self.problem.constraints
-        actions = np.array([self._actions[int(index)] for index in cell])
-        slacks = region.slacks(actions) / region.row_scale
-        tight = slacks <= tolerances.FEASIBILITY
-        if (tight != tight[0]).any():
+    def _bound(self, cell: np.ndarray, action: Array) -> float:
+        found = self._reach(cell, action)
+        if found is None:
             return np.inf
-        face = self._face(tight[0])
-        if face is None:
+        face, reach = found
+        gradients = self.problem.cost_gradients(action)
+        scale = max(float(np.abs(gradients).max()), tolerances.TINY)
+        # What an observer sees of the decision in the middle; only a proposal.
+        seen = BeliefSet((gradients @ face.free).T / scale, -(gradients @ face.pseudo.T).T / scale)
+        if seen.is_empty:
             return np.inf
-        action = actions.mean(axis=0)
-        reach = self._reach(cell, face, action)
-        if reach is None:
-            return np.inf
-        spans = [self._span(int(index)) for index in cell]
-        near, centre = (np.mean([span[part] for span in spans], axis=0) for part in (0, 1))
+        near, centre = seen.nearest(self.points.belief), seen.center()
         for share in _INWARD:
             distance = self._distance(face, action, reach, near + share * (centre - near))
             if distance is not None:
                 return distance
         return np.inf
 
-    def _span(self, index: int) -> tuple[Array, Array]:
-        """Nearest member and centre of Π at a point's decision; only proposals."""
-        if index not in self._spans:
-            found = consistent_beliefs(self.problem, self._actions[index])
-            own = self.points.beliefs[index]
-            span = (own, own) if found.is_empty else (found.nearest(self.points.belief), found.center())
-            self._spans[index] = span
-        return self._spans[index]
+    def _reach(self, cell: np.ndarray, action: Array) -> tuple[_Face, float] | None:
+        """A face on which all decisions lie that are optimal on the cell, and how far from `action`; None if unproven.
 
-    def _reach(self, cell: np.ndarray, face: _Face, action: Array) -> float | None:
-        """How far from `action` any decision may lie that is optimal on the cell, all of them on the face; None if unproven.
-
-        First by the curvature inside C: ½ m ‖u − ū‖² ≤ y·s(ū) − V(y), linear at the corners. Then all multipliers of the
-        tight rows stay positive and no other row is met, so by stationarity on the face.
+        How far, first by the curvature inside C: ½ m ‖u − ū‖² ≤ y·s(ū) − V(y), linear at the corners. Only rows within
+        that reach can be tight; those of them whose multipliers are positive throughout are tight throughout. Then by the
+        slope on their face: m ‖u − ū‖ ≤ ‖slope of the cost at ū‖.
         """
-        problem, beliefs = self.problem, self.points.beliefs[cell]
+        problem, region, beliefs = self.problem, self.problem.constraints, self.points.beliefs[cell]
         hessians = np.tensordot(beliefs, problem.hessians, axes=1)
-        curved = self._inside.T @ hessians @ self._inside
-        least = float(np.linalg.eigvalsh(curved)[:, 0].min())
+        least = _least_curvature(hessians, self._inside)
         if least <= tolerances.CURVATURE * float(np.abs(problem.hessians).max()):
             return None
         excess = float((beliefs @ problem.state_costs(action) - self.points.values[cell]).max()) + self.points.allowance
-        wide = float(np.sqrt(2.0 * max(excess, 0.0) / least))
+        reach = float(np.sqrt(2.0 * max(excess, 0.0) / least))
         slopes = hessians @ action + beliefs @ problem.linear
-        multipliers = (-slopes @ face.pseudo.T) - wide * np.linalg.norm(face.pseudo @ hessians, axis=2)
-        region = problem.constraints
-        spare = region.slacks(action)[face.loose] - wide * np.linalg.norm(region.A_ub[face.loose] @ self._inside, axis=1)
-        if multipliers.min(initial=np.inf) <= 0.0 or spare.min(initial=np.inf) <= 0.0:
+        slacks = region.slacks(action)
+        lengths = np.linalg.norm(region.A_ub @ self._inside, axis=1) / np.maximum(region.row_scale, tolerances.TINY)
+        face = None
+        for _ in range(2):
+            met = slacks <= reach * lengths + tolerances.FEASIBILITY
+            possible = self._face(met)
+            if possible is None:
+                break
+            multipliers = -slopes @ possible.pseudo.T - reach * np.linalg.norm(possible.pseudo @ hessians, axis=2)
+            sure = met.copy()
+            sure[met] = (multipliers > 0.0).all(axis=0)
+            face = self._face(sure)
+            if face is None or not face.free.shape[1]:
+                reach = 0.0
+                break
+            bent = _least_curvature(hessians, face.free)
+            reach = min(reach, float(np.linalg.norm(slopes @ face.free, axis=1).max()) / bent)
+        if face is None or face.free.shape[1] >= problem.n_states - 1:
             return None
-        bent = float(np.linalg.eigvalsh(face.free.T @ hessians @ face.free)[:, 0].min())
-        return min(wide, float(np.linalg.norm(slopes @ face.free, axis=1).max()) / bent)
+        return face, reach
 
     def _distance(self, face: _Face, action: Array, reach: float, proposed: Array) -> float | None:
         """The distance to a belief near which Π of every decision within reach on the face has a member, and how near."""
         problem = self.problem
         gradients = problem.cost_gradients(action)
         turned = face.free.T @ problem.hessians @ face.free
+        sizes = _sizes(turned)
         scale = 1.0 / max(float(np.linalg.norm(gradients @ face.free)), tolerances.TINY)
         system = np.vstack([scale * (gradients @ face.free).T, np.ones(problem.n_states)])
         right = np.append(np.zeros(face.free.shape[1]), 1.0)
         belief = proposed - np.linalg.pinv(system) @ (system @ proposed - right)
         left = float(np.linalg.norm(system @ belief - right))
-        shift = scale * reach * float(np.sqrt((np.linalg.norm(turned, 2, axis=(1, 2)) ** 2).sum()))
+        shift = scale * reach * float(np.sqrt((sizes**2).sum()))
         regular = float(np.linalg.svd(system, compute_uv=False)[-1]) - shift
         if regular <= 0.0:
             return None
-        moved = scale * reach * float(np.linalg.norm(np.tensordot(belief, turned, axes=1), 2))
+        moved = scale * reach * float(_sizes(np.tensordot(belief, turned, axes=1)[None])[0])
         near = (left + moved) / regular
         if belief.min() < near:
             return None
         hessian = np.tensordot(belief, problem.hessians, axes=1)
-        bending = np.linalg.norm(face.pseudo @ problem.hessians @ face.free, 2, axis=(1, 2)) if len(face.pseudo) else np.zeros(0)
+        bending = np.linalg.norm(face.pseudo @ problem.hessians @ face.free, axis=2)
         multipliers = -(belief @ gradients) @ face.pseudo.T
         lost = (
             near * np.linalg.norm(face.pseudo @ gradients.T, axis=1)
             + reach * np.linalg.norm(face.pseudo @ hessian @ face.free, axis=1)
-            + near * reach * float(np.sqrt((bending**2).sum()))
+            + near * reach * np.sqrt((bending**2).sum(axis=0))
         )
         if (multipliers - lost).min(initial=np.inf) < 0.0:
             return None
         return float(np.linalg.norm(belief - self.points.belief)) + near
+
+
+def _least_curvature(hessians: Array, basis: Array) -> float:
+    return float(np.linalg.eigvalsh(basis.T @ hessians @ basis)[:, 0].min()) if basis.shape[1] else np.inf
+
+
+def _sizes(matrices: Array) -> Array:
+    """Spectral norms (K,) of matrices (K,F,F)."""
+    return np.linalg.norm(matrices, 2, axis=(1, 2)) if matrices.shape[1] else np.zeros(len(matrices))
 
 
 def _complement(rows: Array, size: int) -> Array:

@@ -19,10 +19,11 @@ from inscrutable import tolerances
 from inscrutable.adversaries import consistent_beliefs
 from inscrutable.decision_makers.cell_programmes import cell_bounds
 from inscrutable.decision_makers.oracle_points import N_LEVELS, OraclePoints
+from inscrutable.decision_makers.shared_faces import SharedFaces
 from inscrutable.errors import InscrutableError
 from inscrutable.geometry.simplicial import cones_from, directions_to, edges, halved
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _MOST_CELLS = 256  # halved in one round
@@ -62,6 +63,7 @@ class Prover:
         self.points = OraclePoints(problem, belief, cones.points[1:])
         self._cones = cones.corners
         self._shared: list[tuple[Array, float]] = []
+        self._faces = SharedFaces(problem, self.points) if isinstance(problem, QuadraticProblem) else None
 
     def answer(self, question: Question) -> Answer:
         """Return a bound for one question; again where the solver turned out less exact than allowed for."""
@@ -128,7 +130,17 @@ class Prover:
         levels = np.clip(np.rint(-np.log2(_EDGE_SHARE * longest / farthest)), 1, N_LEVELS - 1).astype(np.intp)
         self.points.look_on_the_way(corners, levels)
         regrets = self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
-        return cell_bounds(_gains(points, question.reference), regrets, question.budget, question.multiplier)
+        gains = _gains(points, question.reference)
+        bounds = cell_bounds(gains, regrets, question.budget, question.multiplier)
+        alive = np.flatnonzero(bounds > question.floor)
+        if self._faces is None or question.reference.sign < 0 or not alive.size:
+            return bounds
+        nearer = self._faces.bounds(corners[alive])
+        alive, nearer = alive[np.isfinite(nearer)], nearer[np.isfinite(nearer)]
+        constant = np.broadcast_to(nearer[:, None], gains[alive].shape)
+        shared = cell_bounds(constant, regrets[alive], question.budget, question.multiplier)
+        bounds[alive] = np.minimum(bounds[alive], shared)
+        return bounds
 
     def _shared_worth(self, corners: np.ndarray, question: Question) -> Array:
         """What cells are worth whose corners share one decision, −∞ where it is not affordable; NaN for other cells."""

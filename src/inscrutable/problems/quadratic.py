@@ -81,7 +81,7 @@ class QuadraticProblem(DecisionProblem):
         """Whether every state's cost bends in all directions inside C but those along which no state's cost changes."""
         size = self.n_actions
         scale = float(np.abs(self.hessians).max())
-        weight = scale / max(float(np.abs(self.linear).max()), tolerances.TINY)
+        weight = (scale or 1.0) / max(float(np.abs(self.linear).max()), tolerances.TINY)
         felt = np.vstack([*self.hessians, weight * self.linear])
         inside = _null_space(self.constraints.A_eq) if len(self.constraints.A_eq) else np.eye(size)
         idle = _null_space(felt @ inside)

@@ -80,6 +80,25 @@ def test_the_dispatch_equals_the_one_by_bus_angles(share):
     assert any(name.startswith("line") for name in reached) == (share < 1), reached
 
 
+def test_line_rows_are_flows_from_the_networks_equations():
+    network = load_ieee_30_bus()
+    region = dispatch_problem(network, WIND_BUSES, MEANS).constraints
+    schedule = network.loads.sum() * np.random.default_rng(0).dirichlet(np.ones(8))
+    injected = -network.loads.copy()
+    np.add.at(injected, np.concatenate([network.generator_buses, WIND_BUSES]), schedule)
+    ends = np.eye(30)[network.line_ends[:, 0]] - np.eye(30)[network.line_ends[:, 1]]
+    weights = np.diag(1 / network.line_data[:, 0])
+    flows = weights @ ends @ np.linalg.lstsq(ends.T @ weights @ ends, injected, rcond=None)[0]
+    spare = region.b_ub - region.A_ub @ schedule
+    for (first, second), flow, limit in zip(network.line_ends, flows, network.line_data[:, 1], strict=True):
+        for sign, name in (
+            (1, f"line {first}-{second} <= {limit:g} MW"),
+            (-1, f"line {first}-{second} >= -{limit:g} MW"),
+        ):
+            if name in region.names:
+                assert spare[region.names.index(name)] == pytest.approx(limit - sign * flow, abs=1e-9)
+
+
 def test_a_dispatch_hides_its_wind_forecast():
     problem = dispatch_problem(load_ieee_30_bus(), WIND_BUSES, MEANS, DEVIATIONS)
     belief = np.array([0.6, 0.2, 0.2])

@@ -248,6 +248,10 @@ def test_ties_fall_alike_in_any_company():
     alone = np.array([LinearProblem(problem.costs, simplex(3)).solve(belief) for belief in tied])
     np.testing.assert_array_equal(problem.solve(tied), alone)
     np.testing.assert_array_equal(problem.solve(tied[::-1])[::-1], alone)
+    for first in ([0.9, 0.1], [0.1, 0.9]):  # whichever of the tied vertices is known already
+        border = LinearProblem([[0.0, 1.0], [1.0, 0.0]], simplex(2))
+        border.solve(first)
+        np.testing.assert_array_equal(border.solve([0.5, 0.5]), [0.0, 1.0])
     nothing = LinearProblem(np.zeros((2, 3)), simplex(3))
     assert np.unique(nothing.solve(tied), axis=0).shape == (1, 3)
 

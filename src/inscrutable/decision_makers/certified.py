@@ -19,7 +19,7 @@ from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
-MOST_CALLS = 20_000
+MOST_CALLS = 10_000
 """Oracle calls of a proof unless said otherwise."""
 
 _MOST_ROUNDS = 30
@@ -33,14 +33,18 @@ def checked_gap(value: Any) -> float | None:
         return None
     gap = validation.non_negative(value, "certify")
     if not 0 < gap < 1:
-        raise InputError(f"certify must be a relative gap between 0 and 1 such as 0.01, or None for no proof, got {value!r}")
+        raise InputError(
+            f"certify must be a relative gap between 0 and 1 such as 0.01, or None for no proof, got {value!r}"
+        )
     return gap
 
 
 def check_provable(measure: PrivacyMeasure, on_empty: str) -> None:
     """Raise `InputError` where there is nothing that a proof could bound."""
     if type(measure) not in (MaximalObfuscation, DesiredObfuscation):
-        raise InputError(f"certify proves MaximalObfuscation() and DesiredObfuscation(...), not {measure!r}: give certify=None")
+        raise InputError(
+            f"certify proves MaximalObfuscation() and DesiredObfuscation(...), not {measure!r}: give certify=None"
+        )
     if on_empty != "exclude":
         raise InputError('certify needs on_empty="exclude": unexplained decisions of infinite privacy have no bound')
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from inscrutable import tolerances
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 

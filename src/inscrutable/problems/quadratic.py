@@ -82,7 +82,7 @@ class QuadraticProblem(DecisionProblem):
     cost_accuracy = tolerances.EXACT_COST
 
     @cached_property
-    def costs_are_unique(self) -> bool:  # type: ignore[override]
+    def costs_are_unique(self) -> bool:
         """Whether every state's cost bends in all directions inside C but those along which no state's cost changes."""
         size = self.n_actions
         scale = float(np.abs(self.hessians).max())

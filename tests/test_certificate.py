@@ -45,7 +45,7 @@ def drawn(seed, n_states=None):
     return market, belief, share * abs(enumeration.value(market, belief)[0])
 
 
-def proved(problem, budget, belief, measure=None, certify=0.01, calls=6000):
+def proved(problem, budget, belief, measure=None, certify=0.01, calls=1500):
     method = GlobalSearch(certify=certify, max_oracle_calls=calls)
     return CounterAdversarialDecisionMaker(problem, measure, Budget.regret(budget), method=method).decide(belief)
 
@@ -259,7 +259,7 @@ def test_flat_costs_are_not_taken_for_unique():
     assert MarkowitzProblem([[0.1, 0.1], [0.2, 0.1]], [0.1 * np.eye(2), np.eye(2)], 1.0).costs_are_unique
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("targeted", [False, True])
 def test_lotteries_stay_below_their_bound_on_a_finer_grid(seed, targeted):
     market, belief, budget = drawn(seed + 50, 3)
@@ -283,7 +283,7 @@ def test_gaps_are_small_where_several_assets_are_held():
             market = markets.random_market(rng, n_states, 6)
             belief = markets.random_belief(rng, n_states)
             problem = MarkowitzProblem(*market)
-            decision = proved(problem, 0.1 * abs(float(problem.optimal_cost(belief))), belief, calls=8000)
+            decision = proved(problem, 0.1 * abs(float(problem.optimal_cost(belief))), belief, calls=4000)
             found.append(decision.privacy_bound / max(decision.privacy, 0.01) - 1.0)
     assert np.median(gaps[3]) <= 0.0101
     assert np.median(gaps[4]) <= 0.0201
@@ -334,7 +334,6 @@ def test_a_solver_that_is_not_exact_loosens_the_bound():
 
     belief = np.array([0.2, 0.3, 0.5])
     points = OraclePoints(Careless(3), belief, np.eye(3))
-    corners = cones_from(belief).corners
     points.add(simplex_grid(3, 12))
     points.upper_costs(np.arange(4, 94)[None])
     assert points.allowance > Careless.cost_accuracy * points.scale

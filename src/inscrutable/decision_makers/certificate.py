@@ -28,7 +28,7 @@ from inscrutable.validation import Array
 
 _MOST_CELLS = 256  # halved in one round
 _EDGE_SHARE = 1.2  # a cell's edge over what is left of the way to it, 1 − τ: where both errors are alike
-_PULLS = np.array([0.0, 1e-2, 1e-1, 0.5])
+_PULLS = np.array([0.0, 0.01, 0.1, 0.5])
 _ATTEMPTS = 3
 
 

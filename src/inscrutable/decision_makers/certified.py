@@ -19,7 +19,7 @@ from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
-MOST_CALLS = 20_000
+MOST_CALLS = 10_000
 """Oracle calls of a proof unless said otherwise."""
 
 _MOST_ROUNDS = 30

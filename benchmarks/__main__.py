@@ -20,7 +20,7 @@ from benchmarks import ROOT
 from benchmarks.machine import described
 from benchmarks.table import Group, Row, Target, between, markdown, missed_rows, seconds_text, show, summary, wrong_rows
 
-GROUPS = ("forward", "decision", "many", "growth", "start", "large")
+GROUPS = ("forward", "decision", "proof", "many", "growth", "start", "large")
 SLOW = ("large",)
 RESULTS = ROOT / "benchmarks" / "results"
 README = ROOT / "README.md"

@@ -14,6 +14,7 @@ from inscrutable import (
     CounterAdversarialDecisionMaker,
     DesiredObfuscation,
     FiniteProblem,
+    GlobalSearch,
     Infeasibility,
     InputError,
     KellyProblem,
@@ -37,6 +38,7 @@ from inscrutable import (
     simplex,
     simplex_grid,
 )
+from oracles import enumeration
 from strategies import SEEDS
 
 TABLE = np.array([[0.0, 4.0, 6.0, 9.0], [8.0, 3.0, 2.0, 9.0], [9.0, 6.0, 1.0, 9.0]])
@@ -367,3 +369,45 @@ def test_growth_names_what_is_wrong():
         KellyProblem([[[2.0, 0.0], [0.0, 2.0]]], [[0.5, 0.5]], simplex(2) & Polyhedron(A_eq=[[1, 0]], b_eq=[0]))
     with pytest.raises(InputError, match="expected"):
         KellyProblem(np.ones((2, 3, 2)), np.ones((2, 2)) / 2)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_proofs_for_choices_are_enumerations(seed: int) -> None:
+    rng = np.random.default_rng([seed, 91])
+    problem, belief = FiniteProblem(rng.uniform(0, 5, (3, 9))), rng.dirichlet(np.ones(3))
+    limit = 1.0
+    sets = [consistent_beliefs(problem, choice) for choice in range(9)]
+    regrets = np.array([float(problem.regret(belief, choice)) for choice in range(9)])
+    privacies = np.array([-np.inf if each.is_empty else each.distance(belief) for each in sets])
+    few = np.eye(9)[[int(problem.solve(belief))]]
+    single = CounterAdversarialDecisionMaker(
+        problem, budget=Budget.regret(limit), candidates=few, method=GlobalSearch(certify=0.01)
+    ).decide(belief)
+    best = max(privacies[regrets <= limit].max(), 0.0)
+    assert single.privacy == pytest.approx(best, abs=1e-9)
+    assert single.privacy_bound == pytest.approx(best, abs=1e-9)
+    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(limit), candidates=few, certify=0.01).decide(
+        belief
+    )
+    known = np.isfinite(privacies)
+    expected = enumeration.upper_concave_envelope(regrets[known], privacies[known], limit)
+    assert mixed.expected_privacy == pytest.approx(expected, abs=1e-7)
+    assert mixed.privacy_bound >= expected - 1e-9
+    assert mixed.probabilities @ mixed.regrets <= limit * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("targeted", [False, True])
+def test_proofs_of_growth_are_above_a_scan_in_closed_form(targeted: bool) -> None:
+    belief = np.array([0.5, 0.3, 0.2])
+    problem = KellyProblem(np.diag([2.6, 3.2, 4.0])[:, None, :], np.ones((3, 1)))
+    measure = DesiredObfuscation([0.1, 0.1, 0.8]) if targeted else MaximalObfuscation()
+    decision = CounterAdversarialDecisionMaker(
+        problem, measure, Budget.regret(0.05), candidates=decoy_grid(problem, 12), method=GlobalSearch(certify=0.05)
+    ).decide(belief)
+    scan = simplex_grid(3, 300)
+    scan = scan[(scan > 0).all(axis=1)]
+    divergence = (belief * np.log(belief / scan)).sum(axis=1)
+    reached = scan[divergence <= 0.05]
+    away = np.linalg.norm(reached - (np.array([0.1, 0.1, 0.8]) if targeted else belief), axis=1)
+    assert decision.privacy_bound >= (-away.min() if targeted else away.max())
+    assert decision.privacy_bound >= decision.privacy

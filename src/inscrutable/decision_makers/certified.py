@@ -16,7 +16,7 @@ from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedD
 from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, FiniteProblem
 from inscrutable.validation import Array
 
 MOST_CALLS = 10_000
@@ -60,6 +60,8 @@ class Proofs:
 
     def single(self, belief: Array, measure: PrivacyMeasure, found: Decision) -> Decision:
         """Return a decision with a proven bound, and a better one where the proof came across it."""
+        if isinstance(self.problem, FiniteProblem):
+            return self._best_choice(belief, measure, found)
         reference = _reference(measure, belief)
         prover = Prover(self.problem, belief, self.most_calls)
         limit = self.budget.limit(found.optimal_cost)
@@ -82,6 +84,8 @@ class Proofs:
 
         Formula: for every μ ≥ 0 the value is at most max_u {Ψ(u) − μ ρ(π,u)} + μ · budget.
         """
+        if isinstance(self.problem, FiniteProblem):
+            return self._best_lottery(belief, measure, found)
         reference = _reference(measure, belief)
         limit = self.budget.limit(found.optimal_cost)
         prover = Prover(self.problem, belief, self.most_calls)
@@ -102,6 +106,47 @@ class Proofs:
         bound = max(bound, improved.expected_privacy)
         status = self._status(improved.expected_privacy, bound, improved.status)
         return replace(improved, privacy_bound=bound, status=status, oracle_calls=prover.points.calls)
+
+    def _choices(self, belief: Array, measure: PrivacyMeasure) -> list[Decision]:
+        """Every choice of a finite problem that a belief explains, judged: there are no other decisions."""
+        assert isinstance(self.problem, FiniteProblem)
+        points = np.eye(self.problem.n_choices)
+        status = DecisionStatus.BEST_CANDIDATE
+        judged = [decision_for(self.problem, belief, row, measure, status) for row in points]
+        return [each for each in judged if not each.belief_set.is_empty]
+
+    def _best_choice(self, belief: Array, measure: PrivacyMeasure, found: Decision) -> Decision:
+        limit = self.budget.limit(found.optimal_cost)
+        affordable = [each for each in self._choices(belief, measure) if each.regret <= limit]
+        best = max(affordable, key=lambda each: each.privacy, default=found)
+        if best.privacy > found.privacy + tolerances.NO_PRIVACY:
+            found = best
+        return replace(
+            found, privacy_bound=found.privacy, status=self._status(found.privacy, found.privacy, found.status)
+        )
+
+    def _best_lottery(self, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> MixedDecision:
+        limit, choices = self.budget.limit(found.optimal_cost), self._choices(belief, measure)
+        regrets = np.array([each.regret for each in choices])
+        privacies = np.array([each.privacy for each in choices])
+        mixture = mixture_on_envelope(regrets, privacies, concave_envelope(regrets, privacies), limit)
+        value = found.expected_privacy
+        if mixture is not None:
+            value = float(mixture.probabilities @ privacies[mixture.indices])
+        if mixture is not None and value > found.expected_privacy + tolerances.CHORD:
+            found = replace(
+                found,
+                actions=np.array([choices[index].action for index in mixture.indices]),
+                probabilities=mixture.probabilities,
+                regrets=regrets[mixture.indices],
+                privacies=privacies[mixture.indices],
+                expected_cost=found.optimal_cost + float(mixture.probabilities @ regrets[mixture.indices]),
+                expected_privacy=value,
+                price=mixture.price,
+                decoys=np.array([choices[index].decoy for index in mixture.indices]),
+            )
+        bound = max(value, found.expected_privacy)
+        return replace(found, privacy_bound=bound, status=self._status(bound, bound, found.status))
 
     def _allowed(self, privacy: float) -> float:
         return self.gap * max(abs(privacy), tolerances.PROOF_FLOOR)

@@ -84,6 +84,13 @@ class ConvexProblem(DecisionProblem):
         self._stated = None
         self._start = np.zeros(region.n_actions)
 
+    @property
+    def cost_accuracy(self) -> float:  # type: ignore[override]
+        """How far above V(π) the cost of `solve(π)` may lie: what the way in which the costs are solved leaves."""
+        if self._stated is not None:
+            return self._stated.cost_accuracy
+        return tolerances.COST_ACCURACY if self.differentiable else tolerances.KINKED
+
     @classmethod
     def from_functions(
         cls, values: Function, gradients: Function, constraints: Polyhedron, *, start: ArrayLike | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from inscrutable.kernels.options import bare_kernel, woven
 from inscrutable.kernels.three_states import CURVE_AT, N_ROWS, ROW_AT, SIZE, Ground, decide_three
 
-MOST_FACES = 64
+_MOST_FACES = 64
 
 
 @woven
@@ -38,7 +38,7 @@ def best_costs_three(
 ) -> None:
     """Fill the costs π·s(u*(y)) of decoys y and beliefs π order[low..high]; NaN where no face of the ground has u*(y)."""
     curves, face = ground.curves, 0
-    n_faces = min(len(ground.faces), MOST_FACES)
+    n_faces = min(len(ground.faces), _MOST_FACES)
     for i in range(low, high):
         t = order[i]
         y0, y1, y2 = decoys[t, 0], decoys[t, 1], decoys[t, 2]

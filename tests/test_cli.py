@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import re
@@ -18,6 +19,7 @@ import pytest
 import inscrutable
 from inscrutable import cli
 from inscrutable.budgets import Budget
+from inscrutable.cli_interrupts import interrupts_kept
 from inscrutable.cli_values import UsageError, budget_of, measure_of
 from inscrutable.errors import InputError, SolverError
 from inscrutable.privacy import DesiredObfuscation, NonUniqueness
@@ -388,6 +390,43 @@ def test_an_interrupted_run_says_so_and_leaves_nothing_half_written(tmp_path: Pa
     assert "interrupted" in err
     assert "Traceback" not in err
     assert not out_folder.exists()
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_interrupt_that_c_code_swallows_still_ends_the_command(
+    fails: bool, run, monkeypatch: pytest.MonkeyPatch
+) -> None:  # type: ignore[no-untyped-def]
+    @ctypes.CFUNCTYPE(None)
+    def called_from_c() -> None:
+        raise KeyboardInterrupt
+
+    def command(*_: object, **__: object) -> None:
+        called_from_c()
+        if fails:
+            raise RuntimeError("half a compilation")
+        time.sleep(30)
+
+    monkeypatch.setattr(cli, "app", command)
+    monkeypatch.setattr(command, "resolved_commands", dict, raising=False)
+    code, out, err = run("reproduce")
+    assert (code, out) == (130, "")
+    assert "interrupted" in err
+    assert "Traceback" not in err
+
+
+def test_what_else_python_cannot_raise_is_still_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda lost: shown.append(lost.exc_value))
+
+    @ctypes.CFUNCTYPE(None)
+    def called_from_c() -> None:
+        raise ValueError("lost")
+
+    with interrupts_kept() as interrupts:
+        called_from_c()
+    assert [str(each) for each in shown] == ["lost"]
+    assert not interrupts.lost
+    assert not interrupts.caused(ValueError())
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")

@@ -16,6 +16,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, library_log, results, show_table
+from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_values import MeasureName, UsageError, belief_of, budget_of, measure_of, writable_folder
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.labels import label_text
@@ -326,14 +327,6 @@ def _show_protection(found: Protection) -> None:
         results().print(f"An observer who also knows the regret you allow is left with: {low_high}.")
 
 
-def _from_interrupt(error: BaseException | None) -> bool:
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; errors are one line on stderr, never a traceback.
 
@@ -341,6 +334,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: What follows the command's name; None takes it from the process.
     """
     tokens = list(sys.argv[1:] if arguments is None else arguments)
+    with interrupts_kept() as interrupts:
+        return _exit_code(tokens, interrupts)
+
+
+def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
     try:
         with library_log(quiet="-q" in tokens or "--quiet" in tokens):
             app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
@@ -359,7 +357,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return FAILURE
     except Exception as error:
         # A compiled kernel reports an interrupt as an error of its own.
-        if _from_interrupt(error):
+        if interrupts.caused(error):
             return _said("interrupted; every file that was written is whole", INTERRUPTED)
         if "-v" in tokens or "--verbose" in tokens:
             raise

@@ -43,6 +43,7 @@ _EXPORTS: dict[str, str] = {
     "LocalSearch": "decision_makers",
     "MarkowitzProblem": "problems",
     "MaximalObfuscation": "privacy",
+    "Mechanism": "mechanisms",
     "MixedDecision": "decision_makers",
     "MixedDecisions": "decision_makers",
     "ModelError": "errors",
@@ -52,6 +53,7 @@ _EXPORTS: dict[str, str] = {
     "OriginalDecisionMaker": "decision_makers",
     "Polyhedron": "problems",
     "PowerNetwork": "problems",
+    "Prior": "mechanisms",
     "PrivacyMeasure": "privacy",
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
@@ -73,6 +75,7 @@ _EXPORTS: dict[str, str] = {
     "load_ieee_30_bus": "datasets.power",
     "long_short": "problems",
     "max_weights": "problems",
+    "mechanism": "mechanisms",
     "min_weights": "problems",
     "near_optimal_beliefs": "adversaries",
     "plausibility_gap": "adversaries",
@@ -80,7 +83,9 @@ _EXPORTS: dict[str, str] = {
     "random_candidates": "decision_makers",
     "simplex": "problems",
     "simplex_grid": "geometry",
+    "stationary_prior": "mechanisms",
     "turnover": "problems",
+    "uniform_prior": "mechanisms",
     "with_transaction_costs": "problems",
 }
 
@@ -122,6 +127,11 @@ if TYPE_CHECKING:
     from inscrutable.filtering import filter_beliefs as filter_beliefs
     from inscrutable.geometry import BeliefSet as BeliefSet
     from inscrutable.geometry import simplex_grid as simplex_grid
+    from inscrutable.mechanisms import Mechanism as Mechanism
+    from inscrutable.mechanisms import Prior as Prior
+    from inscrutable.mechanisms import mechanism as mechanism
+    from inscrutable.mechanisms import stationary_prior as stationary_prior
+    from inscrutable.mechanisms import uniform_prior as uniform_prior
     from inscrutable.privacy import DesiredObfuscation as DesiredObfuscation
     from inscrutable.privacy import Infeasibility as Infeasibility
     from inscrutable.privacy import MaximalObfuscation as MaximalObfuscation

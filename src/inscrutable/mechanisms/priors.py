@@ -1,0 +1,134 @@
+"""What an observer holds likely of the agent's belief before any decision is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable import validation
+from inscrutable.errors import InputError
+from inscrutable.filtering import filter_beliefs
+from inscrutable.geometry import simplex_grid
+from inscrutable.validation import Array
+from inscrutable.worlds import HiddenMarkovModel
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """A law of the private belief on finitely many points of the simplex.
+
+    Formula: p(π_b) = w_b, Σ w_b = 1.
+
+    Args:
+        beliefs: Points π_b, shape (B,X).
+        weights: Their probabilities w_b, shape (B,).
+
+    Raises:
+        InputError: A belief is no probability vector, a weight is negative, or the weights do not sum to one.
+
+    Source: Bayes' rule with the belief as the unknown; the paper's outlook in Section V.
+
+    Example:
+        >>> prior = Prior([[1.0, 0.0], [0.0, 1.0]], [0.25, 0.75])
+        >>> print(prior.entropy, prior.mean)
+        0.8112781244591328 [0.25 0.75]
+    """
+
+    beliefs: Array
+    weights: Array
+
+    def __post_init__(self) -> None:
+        beliefs = validation.stochastic_rows(self.beliefs, "prior beliefs")
+        weights = validation.stochastic_rows(self.weights, "prior weights", ndim=1)
+        if not len(beliefs) or len(beliefs) != len(weights):
+            raise InputError(
+                f"a prior needs one weight per belief, got {len(beliefs)} beliefs and {len(weights)} weights"
+            )
+        object.__setattr__(self, "beliefs", beliefs)
+        object.__setattr__(self, "weights", weights)
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    @property
+    def mean(self) -> Array:
+        """Σ w_b π_b, shape (X,)."""
+        return np.asarray(self.weights @ self.beliefs)
+
+    @property
+    def entropy(self) -> float:
+        """−Σ w_b log2 w_b, in bits."""
+        held = self.weights[self.weights > 0]
+        return float(-(held * np.log2(held)).sum()) + 0.0
+
+
+def uniform_prior(n_states: int, resolution: int) -> Prior:
+    """Return equal weights on the regular grid of beliefs.
+
+    Formula: w_b = 1/B on {k/r : k ∈ N^X, Σ k = r}, B = C(r+X−1, X−1).
+
+    Args:
+        n_states: X, at least 1.
+        resolution: r, at least 1: beliefs are multiples of 1/r, vertices included.
+
+    Raises:
+        InputError: A number is not whole or below 1.
+
+    Source: the prior of an observer who knows nothing of the world.
+
+    Example:
+        >>> len(uniform_prior(3, 30))
+        496
+    """
+    points = simplex_grid(n_states, resolution)
+    return Prior(points, np.full(len(points), 1.0 / len(points)))
+
+
+def stationary_prior(
+    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
+) -> Prior:
+    """Return the long-run law of the filtered belief of a world, binned on the regular grid of beliefs.
+
+    Formula: w_b = share of the steps t whose filtered belief π_t has π_b as the nearest point of the grid; grid points
+    never met are left out.
+
+    Args:
+        world: The hidden Markov model whose observations the agent filters.
+        resolution: r, at least 1: beliefs are multiples of 1/r.
+        rng: The source of the simulated path.
+        n_steps: Length of the simulated path, at least 1; the first tenth is left out.
+
+    Raises:
+        InputError: A number is not whole or below 1, or `rng` is no generator.
+
+    Cost: one simulated and filtered path.
+
+    Source: ergodic averages of the filter, the paper's eq. (2) run for long.
+
+    Example:
+        >>> from inscrutable import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
+        >>> prior = stationary_prior(world, 10, rng=np.random.default_rng(0), n_steps=1000)
+        >>> prior.beliefs.shape[1]
+        2
+    """
+    count = validation.count(n_steps, "n_steps")
+    resolution = validation.count(resolution, "resolution")
+    path = world.sample(count, rng=validation.generator(rng))
+    beliefs = filter_beliefs(world, path.observations).beliefs[count // 10 :]
+    points, met = np.unique(rounded_to_grid(beliefs, resolution), axis=0, return_counts=True)
+    return Prior(points / resolution, met / met.sum())
+
+
+def rounded_to_grid(beliefs: Array, resolution: int) -> np.ndarray:
+    """Return the nearest grid point of each belief as whole numbers k with Σ k = resolution, shape (T,X).
+
+    Largest remainders are rounded up, which is the Euclidean projection onto the grid.
+    """
+    scaled = beliefs * resolution
+    whole = np.floor(scaled).astype(np.int64)
+    missing = resolution - whole.sum(axis=1)
+    order = np.argsort(whole - scaled, axis=1, kind="stable")
+    rank = np.argsort(order, axis=1, kind="stable")
+    return np.asarray(whole + (rank < missing[:, None]))

@@ -30,6 +30,7 @@ from inscrutable.kernels.three_leaves import (
 from inscrutable.kernels.three_lotteries import climb_any, search_tools
 from inscrutable.kernels.three_sets import polygon_distance
 from inscrutable.kernels.three_states import Here, in_space
+from inscrutable.tolerances import CLIMB
 
 _MOST_CLIMBS = 16
 _SLACK = 1.5  # spacings that a candidate may lack to the best decision
@@ -127,7 +128,8 @@ def _climb_best(
         if face < 0:
             continue
         ok, z0, z1, regret, privacy, price = climb_any(plane.ground, face, rules, here, (limit, price), z0, z1, on)
-        if ok and privacy > best.privacy:
+        # An end as good as the candidate it began from is a decision that was climbed to: no better one was passed by.
+        if ok and (privacy > best.privacy or (best.name >= 0 and privacy > best.privacy - CLIMB)):
             best = Best(POLISHED, face, z0, z1, regret, privacy, price)
     for n in range(1, heap.filled[0] + 1):
         heap.slot[heap.filled[n]] = -1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from inscrutable import tolerances
@@ -11,7 +13,8 @@ from inscrutable.decision_makers.seams import seam_decoys
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.faces import settle
 from inscrutable.kernels.lotteries import Arena
-from inscrutable.kernels.search import LARGER, SEGMENT, Table
+from inscrutable.kernels.options import whole
+from inscrutable.kernels.search import LARGER, SEGMENT
 from inscrutable.kernels.three_leaves import POLISHED, SLOTS, Plane
 from inscrutable.kernels.three_states import Ground
 from inscrutable.validation import Array
@@ -34,7 +37,6 @@ def make_plane(atlas: Atlas) -> Plane | None:
     """
     if atlas.problem.n_states != 3:
         return None
-    decoys_given = atlas.candidates.decoys
     table, basis = atlas.table, sum_zero_basis(3)
     larger = np.flatnonzero(table.kind == LARGER)
     ours = np.flatnonzero(table.kind != LARGER)
@@ -46,38 +48,72 @@ def make_plane(atlas: Atlas) -> Plane | None:
         return None
     if not _has_unique_decisions(atlas):
         return None
-    parts = [(table, ours, table.face[ours], ours)]
-    seam = None if decoys_given is None else _seams(atlas, decoys_given)
-    if seam is not None:
-        parts.append(seam)
-    costs, decoys, start, along, kind = (
-        np.concatenate([getattr(part, name)[rows] for part, rows, _, _ in parts])
-        for name in ("costs", "decoys", "start", "along", "kind")
-    )
-    face, name = (np.concatenate([part[k] for part in parts]) for k in (2, 3))
-    order = _order(decoys @ basis)
-    # The last leaf is filled up with copies of a member.
-    slots = np.concatenate([order, np.repeat(order[-1:], -len(order) % SLOTS)])
-    segment = (kind == SEGMENT)[:, None]
-    start, along = np.where(segment, start, decoys)[slots], np.where(segment, along, 0.0)[slots]
-    costs, decoys = costs[slots], decoys[slots]
-    square = (along**2).sum(axis=1)
-    spread = np.maximum(*(np.linalg.norm(end - decoys, axis=1) for end in (start, start + along)))
+    found = _decisions(atlas, ours)
+    z, ends = found.decoys @ basis, np.stack([found.start, found.start + found.along], axis=1) @ basis
+    points, lines = _leaf_by_leaf(found, z)
+    slots = np.concatenate([points, lines])
+    square = (found.along**2).sum(axis=1)
     inverse = np.divide(1.0, square, out=np.zeros_like(square), where=square > 0.0)
-    slots_of = np.column_stack([costs, start @ basis, along @ basis, inverse])
+    slots_of = np.column_stack([found.costs, ends[:, 0], ends[:, 1] - ends[:, 0], inverse])[slots]
     return Plane(
         np.ascontiguousarray(slots_of.reshape(-1, SLOTS, 8).swapaxes(1, 2)),
-        np.ascontiguousarray((decoys @ basis).T),
-        face[slots],
-        name[slots],
-        _leaves(decoys @ basis, costs, spread),
-        np.array([_spacing(decoys @ basis)]),
+        np.ascontiguousarray(z[slots].T),
+        found.face[slots],
+        found.name[slots],
+        _leaves(z[points], found.costs[points]),
+        _bands(ends[lines], found.costs[lines]),
+        whole(len(points) // SLOTS),
+        np.array([_spacing(z[_filled(_order(z))])]),
         larger,
         np.ascontiguousarray(table.costs[larger].T),
         table.face[larger],
         np.ascontiguousarray((table.decoys[larger] @ basis).T),
         ground_of(atlas.arena),
     )
+
+
+class _Decisions(NamedTuple):
+    """The decisions of a plane that one belief, or a segment of them, explains; a point is its own start."""
+
+    costs: Array
+    decoys: Array
+    start: Array
+    along: Array
+    is_segment: np.ndarray
+    face: np.ndarray
+    name: np.ndarray
+    actions: Array
+
+
+def _decisions(atlas: Atlas, rows: np.ndarray) -> _Decisions:
+    """Rows of the atlas's table, and the decisions on the seams behind them."""
+    parts = [_part(atlas, rows, atlas.table.face[rows], rows)]
+    decoys = atlas.candidates.decoys
+    seams = np.empty((0, 3)) if decoys is None else seam_decoys(atlas.problem, decoys)
+    if len(seams):
+        beside = Atlas(atlas.problem, decided_by(atlas.problem, seams))
+        numbers = {tight.tobytes(): face for face, tight in enumerate(atlas.patterns)}
+        renumbered = np.array([numbers.get(tight.tobytes(), -1) for tight in beside.patterns], dtype=np.int64)
+        face = renumbered[beside.table.face]
+        known = np.flatnonzero((face >= 0) & (beside.table.kind != LARGER))
+        parts.append(_part(beside, known, face[known], np.full(len(known), POLISHED, dtype=np.int64)))
+    return _Decisions(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _part(atlas: Atlas, rows: np.ndarray, face: np.ndarray, name: np.ndarray) -> _Decisions:
+    table = atlas.table
+    decoys, is_segment = table.decoys[rows], table.kind[rows] == SEGMENT
+    start = np.where(is_segment[:, None], table.start[rows], decoys)
+    along = np.where(is_segment[:, None], table.along[rows], 0.0)
+    return _Decisions(table.costs[rows], decoys, start, along, is_segment, face, name, atlas.actions[rows])
+
+
+def _leaf_by_leaf(found: _Decisions, z: Array) -> tuple[np.ndarray, np.ndarray]:
+    """The decisions leaf by leaf: points that are near each other, and segments of one face, which lie side by side."""
+    points, lines = np.flatnonzero(~found.is_segment), np.flatnonzero(found.is_segment)
+    runs = [lines[found.face[lines] == face] for face in np.unique(found.face[lines])]
+    beside = [_filled(run[_along(found.actions[run])]) for run in runs]
+    return _filled(points[_order(z[points])]), np.concatenate([lines[:0], *beside])
 
 
 def _has_unique_decisions(atlas: Atlas) -> bool:
@@ -98,31 +134,46 @@ def ground_of(arena: Arena) -> Ground:
     return Ground(np.column_stack(columns), arena.curves, arena.rows)
 
 
-def _seams(atlas: Atlas, decoys: Array) -> tuple[Table, np.ndarray, np.ndarray, np.ndarray] | None:
-    """Table, rows, faces and names of the decisions on the seams, of faces that the atlas knows."""
-    found = seam_decoys(atlas.problem, decoys)
-    if not len(found):
-        return None
-    beside = Atlas(atlas.problem, decided_by(atlas.problem, found))
-    numbers = {tight.tobytes(): face for face, tight in enumerate(atlas.patterns)}
-    renumbered = np.array([numbers.get(tight.tobytes(), -1) for tight in beside.patterns], dtype=np.int64)
-    face = renumbered[beside.table.face]
-    rows = np.flatnonzero((face >= 0) & (beside.table.kind != LARGER))
-    return beside.table, rows, face[rows], np.full(len(rows), POLISHED, dtype=np.int64)
+def _filled(order: np.ndarray) -> np.ndarray:
+    """Fill the last leaf up with copies of a member."""
+    return np.concatenate([order, np.repeat(order[-1:], -len(order) % SLOTS)])
 
 
-def _leaves(z: Array, costs: Array, spread: Array) -> Array:
-    """The models of the leaves as `Plane` has them; their number is filled up to a multiple of the processor's lanes."""
+def _along(actions: Array) -> np.ndarray:
+    """The order of decisions (n,U) along the line on which they lie."""
+    away = actions - actions[0]
+    return np.argsort(away @ away[(away**2).sum(axis=1).argmax()], kind="stable")
+
+
+def _by_lanes(models: Array) -> Array:
+    """Models along the last axis, copies filling up to a multiple of the processor's lanes."""
+    return np.ascontiguousarray(np.concatenate([models, np.repeat(models[:1], -len(models) % _LANES, axis=0)]).T)
+
+
+def _leaves(z: Array, costs: Array) -> Array:
+    """The models of the leaves of points as `Plane` has them."""
     z, costs = z.reshape(-1, SLOTS, 2), costs.reshape(-1, SLOTS, 3)
     centre, middle = z.mean(axis=1), costs.mean(axis=1)
     away = z - centre[:, None]
     slope = np.linalg.pinv(away, rcond=tolerances.LEAF_SLOPE) @ (costs - middle[:, None])
     excess = np.maximum(middle[:, None] + away @ slope - costs, 0.0).max(axis=1)
     radius = np.linalg.norm(away, axis=2).max(axis=1)
-    reach = spread.reshape(-1, SLOTS).max(axis=1)
-    models = np.column_stack([centre, radius, reach, middle - excess, slope[:, 0], slope[:, 1]])
-    filled = np.concatenate([models, np.repeat(models[:1], -len(models) % _LANES, axis=0)])
-    return np.ascontiguousarray(filled.T)
+    return _by_lanes(np.column_stack([centre, radius, middle - excess, slope[:, 0], slope[:, 1]]))
+
+
+def _bands(ends: Array, costs: Array) -> Array:
+    """The models of the leaves of segments as `Plane` has them: a segment in their middle, and how far they are from it."""
+    ends, costs = ends.reshape(-1, SLOTS, 2, 2), costs.reshape(-1, SLOTS, 3)
+    along = ends[:, :, 1] - ends[:, :, 0]
+    turned = (along * along[:, :1]).sum(axis=2) < 0.0
+    ends = np.where(turned[:, :, None, None], ends[:, :, ::-1], ends)
+    middle = ends.mean(axis=1)
+    # Segments are no farther from each other than their ends.
+    away = np.linalg.norm(ends - middle[:, None], axis=3).max(axis=(1, 2))
+    run = middle[:, 1] - middle[:, 0]
+    square = (run**2).sum(axis=1)
+    inverse = np.divide(1.0, square, out=np.zeros_like(square), where=square > 0.0)
+    return _by_lanes(np.column_stack([middle[:, 0], run, inverse, away, costs.min(axis=1)]))
 
 
 def _spacing(z: Array) -> float:

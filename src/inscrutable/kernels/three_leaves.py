@@ -24,14 +24,17 @@ SLOTS = 32
 class Plane(NamedTuple):
     """Decisions in slots and their leaves, in the plane of beliefs; both run along the last axis.
 
-    What one loop reads is one array: the compiled loops check that arrays do not overlap, and many would take long.
+    Models of leaves are filled up to the processor's lanes. What one loop reads is one array: the compiled loops check
+    that arrays do not overlap, and many would take long.
     """
 
     slots: Any  # (L,8,SLOTS) 0–2 costs, 3–4 start of a segment or the one belief, 5–6 along a segment or 0, 7 1/length² or 0
     decoys: Any  # (2,S)
     face: Any  # (S,)
     name: Any  # (S,) number of the decision
-    leaves: Any  # (13,L) 0–1 centre, 2 radius, 3 reach, 4–6 least costs s_c − e, 7–9 and 10–12 their slopes; filled up
+    leaves: Any  # (12,L') of points: 0–1 centre, 2 radius, 3–5 least costs s_c − e, 6–8 and 9–11 their slopes
+    bands: Any  # (9,L'') of segments: 0–1 the middle one's start, 2–3 along it, 4 1/length², 5 how far off, 6–8 least costs
+    n_leaves: int  # how many leaves are of points; the rest is of segments
     spacing: Any  # (1,) typical distance between neighbouring decisions
     polygons: Any  # (N,) numbers of the decisions with a polygon of beliefs; they are in no leaf
     polygon_costs: Any  # (3,N)
@@ -62,35 +65,43 @@ def here_of(scene: Scene, t: int) -> Here:
 
 
 @woven
-def bound_leaves(leaves: Any, here: Here, price: float, out: Any) -> None:
-    """Upper bounds of Ψ − price·π·s, leaf by leaf."""
+def bound_leaves(leaves: Any, bands: Any, n_leaves: int, here: Here, price: float, out: Any) -> None:
+    """Upper bounds of Ψ − price·π·s, leaf by leaf; `n_leaves` of points, then those of segments."""
     p0, p1 = here.p0, here.p1
     b0, b1, b2 = here.b0, here.b1, here.b2
     sign = here.sign
     away = 0.5 if sign > 0.0 else 0.0
-    near = 0.0 if sign > 0.0 else 1.0
-    for n in range(out.size):
+    for n in range(leaves.shape[1]):
         x0, x1, r = leaves[0, n] - p0, leaves[1, n] - p1, leaves[2, n]
         distance = np.sqrt(x0 * x0 + x1 * x1)
         inverse = sign / max(distance, LENGTH)
-        cost = b0 * leaves[4, n] + b1 * leaves[5, n] + b2 * leaves[6, n]
-        e0 = x0 * inverse - price * (b0 * leaves[7, n] + b1 * leaves[8, n] + b2 * leaves[9, n])
-        e1 = x1 * inverse - price * (b0 * leaves[10, n] + b1 * leaves[11, n] + b2 * leaves[12, n])
+        cost = b0 * leaves[3, n] + b1 * leaves[4, n] + b2 * leaves[5, n]
+        e0 = x0 * inverse - price * (b0 * leaves[6, n] + b1 * leaves[7, n] + b2 * leaves[8, n])
+        e1 = x1 * inverse - price * (b0 * leaves[9, n] + b1 * leaves[10, n] + b2 * leaves[11, n])
         # What the distance may exceed its linear model by.
-        rest = away * r * r * inverse + near * leaves[3, n]
-        out[n] = sign * distance - price * cost + np.sqrt(e0 * e0 + e1 * e1) * r + rest
+        out[n] = sign * distance - price * cost + np.sqrt(e0 * e0 + e1 * e1) * r + away * r * r * inverse
+    for n in range(bands.shape[1]):
+        x0, x1 = p0 - bands[0, n], p1 - bands[1, n]
+        share = min(max((x0 * bands[2, n] + x1 * bands[3, n]) * bands[4, n], 0.0), 1.0)
+        x0 -= share * bands[2, n]
+        x1 -= share * bands[3, n]
+        cost = b0 * bands[6, n] + b1 * bands[7, n] + b2 * bands[8, n]
+        out[n_leaves + n] = sign * np.sqrt(x0 * x0 + x1 * x1) + bands[5, n] - price * cost
 
 
 @woven
-def bar_dear_leaves(leaves: Any, here: Here, most: float, out: Any) -> None:
+def bar_dear_leaves(leaves: Any, bands: Any, n_leaves: int, here: Here, most: float, out: Any) -> None:
     """A bound that nothing reaches where all decisions of a leaf cost more than `most` (π·s)."""
     b0, b1, b2 = here.b0, here.b1, here.b2
-    for n in range(out.size):
-        cost = b0 * leaves[4, n] + b1 * leaves[5, n] + b2 * leaves[6, n]
-        j0 = b0 * leaves[7, n] + b1 * leaves[8, n] + b2 * leaves[9, n]
-        j1 = b0 * leaves[10, n] + b1 * leaves[11, n] + b2 * leaves[12, n]
+    for n in range(n_leaves):
+        cost = b0 * leaves[3, n] + b1 * leaves[4, n] + b2 * leaves[5, n]
+        j0 = b0 * leaves[6, n] + b1 * leaves[7, n] + b2 * leaves[8, n]
+        j1 = b0 * leaves[9, n] + b1 * leaves[10, n] + b2 * leaves[11, n]
         # Without a branch, so that leaves are taken by the lane.
         out[n] -= max(cost - np.sqrt(j0 * j0 + j1 * j1) * leaves[2, n] - most, 0.0) / TINY
+    for n in range(bands.shape[1]):
+        cost = b0 * bands[6, n] + b1 * bands[7, n] + b2 * bands[8, n]
+        out[n_leaves + n] -= max(cost - most, 0.0) / TINY
 
 
 @woven
@@ -159,7 +170,16 @@ def live_leaves(bounds: Any, count: int, floor: float, live: Any) -> int:
 
 @bare
 def best_above(
-    slots: Any, leaves: Any, polygon_costs: Any, here: Here, price: float, floor: float, known: Any, scan: Any
+    slots: Any,
+    leaves: Any,
+    bands: Any,
+    n_leaves: int,
+    polygon_costs: Any,
+    here: Here,
+    price: float,
+    floor: float,
+    known: Any,
+    scan: Any,
 ) -> int:
     """The slot or polygon of largest Ψ − price·π·s above `floor`, or NONE. known: distances of the polygons."""
     bounds, values, live = scan
@@ -169,7 +189,7 @@ def best_above(
         cost = b0 * polygon_costs[0, n] + b1 * polygon_costs[1, n] + b2 * polygon_costs[2, n]
         if sign * known[n] - price * cost > floor:
             floor, best = sign * known[n] - price * cost, FIRST_POLYGON - n
-    bound_leaves(leaves, here, price, bounds)
+    bound_leaves(leaves, bands, n_leaves, here, price, bounds)
     for n in range(live_leaves(bounds, len(slots), floor, live)):
         leaf = live[n]
         if bounds[leaf] <= floor:

@@ -298,8 +298,9 @@ def _settle_lottery(
                 continue
         floor = pair.privacy[0] - price * pair.regret[0] + CHORD
         d = best_above(
-            plane.slots, plane.leaves, plane.polygon_costs, here, price, floor - price * here.optimal, known, scan
-        )
+            plane.slots, plane.leaves, plane.bands, plane.n_leaves, plane.polygon_costs, here, price,
+            floor - price * here.optimal, known, scan,
+        )  # fmt: skip
         if d == NONE:
             if not proposing:
                 return True, single, price
@@ -384,6 +385,6 @@ def lottery_tools(plane: Plane, n_budgets: int) -> tuple[Any, ...]:
 
 def search_tools(plane: Plane) -> tuple[Any, ...]:
     """Return memory for bounds, one leaf's values and the leaves alive; the polygons; and climbs."""
-    n = plane.leaves.shape[1]
+    n = max(plane.leaves.shape[1], plane.n_leaves + plane.bands.shape[1])
     scan = (np.empty(n), np.empty(2 * SLOTS), np.empty(n, np.int64))
     return scan, np.empty(plane.polygons.size), bench(plane.ground)

@@ -77,8 +77,8 @@ def _collect(plane: Plane, here: Here, limit: float, floor: float, scan: Any, he
     bounds, values, live = scan
     most, slack = here.optimal + limit, _SLACK * plane.spacing[0]
     belief = (here.b0, here.b1, here.b2)
-    bound_leaves(plane.leaves, here, 0.0, bounds)
-    bar_dear_leaves(plane.leaves, here, most, bounds)
+    bound_leaves(plane.leaves, plane.bands, plane.n_leaves, here, 0.0, bounds)
+    bar_dear_leaves(plane.leaves, plane.bands, plane.n_leaves, here, most, bounds)
     for n in range(live_leaves(bounds, len(plane.slots), floor - slack, live)):
         leaf = live[n]
         if bounds[leaf] > floor - slack:

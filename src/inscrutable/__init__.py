@@ -13,10 +13,12 @@ __version__ = "0.1.0"
 _EXPORTS: dict[str, str] = {
     "ActionExplanation": "adversaries",
     "Adversary": "adversaries",
+    "AffordableBeliefs": "adversaries",
     "BayesianAdversary": "adversaries",
     "BeliefFilter": "filtering",
     "BeliefSet": "geometry",
     "Budget": "budgets",
+    "BudgetAwareAdversary": "adversaries",
     "Candidates": "decision_makers",
     "CategoricalEmission": "worlds",
     "CheapestPrivacy": "decision_makers",
@@ -50,6 +52,8 @@ _EXPORTS: dict[str, str] = {
     "MixedDecision": "decision_makers",
     "MixedDecisions": "decision_makers",
     "ModelError": "errors",
+    "NaiveAdversary": "adversaries",
+    "NearOptimalAdversary": "adversaries",
     "NearOptimalBeliefs": "adversaries",
     "NonExistence": "privacy",
     "NonUniqueness": "privacy",
@@ -98,7 +102,11 @@ _EXPORTS: dict[str, str] = {
 if TYPE_CHECKING:
     from inscrutable.adversaries import ActionExplanation as ActionExplanation
     from inscrutable.adversaries import Adversary as Adversary
+    from inscrutable.adversaries import AffordableBeliefs as AffordableBeliefs
     from inscrutable.adversaries import BayesianAdversary as BayesianAdversary
+    from inscrutable.adversaries import BudgetAwareAdversary as BudgetAwareAdversary
+    from inscrutable.adversaries import NaiveAdversary as NaiveAdversary
+    from inscrutable.adversaries import NearOptimalAdversary as NearOptimalAdversary
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
     from inscrutable.adversaries import Posterior as Posterior
     from inscrutable.adversaries import PosteriorStatus as PosteriorStatus

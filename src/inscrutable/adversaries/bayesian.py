@@ -203,8 +203,8 @@ class BayesianAdversary:
 
     def _read(self, actions: ArrayLike, nearest: bool) -> tuple[np.ndarray, list[PosteriorStatus], Array]:
         """The nearest played decision of each, what it is to it, and how far it is."""
-        rank = np.asarray(self.mechanism.actions).ndim
-        points = validation.finite_array(actions, "actions", ndim=rank).reshape(len(np.asarray(actions)), -1)
+        given = validation.finite_array(actions, "actions", ndim=np.asarray(self.mechanism.actions).ndim)
+        points = given if given.ndim == 2 else given[:, None]
         if points.shape[1] != self._points.shape[1]:
             raise InputError(f"action has {points.shape[1]} coordinates, expected {self._points.shape[1]}")
         apart, exact = self._tree.query(points, p=np.inf)

@@ -12,9 +12,13 @@ __version__ = "0.1.0"
 
 _EXPORTS: dict[str, str] = {
     "ActionExplanation": "adversaries",
+    "Adversary": "adversaries",
+    "AffordableBeliefs": "adversaries",
+    "BayesianAdversary": "adversaries",
     "BeliefFilter": "filtering",
     "BeliefSet": "geometry",
     "Budget": "budgets",
+    "BudgetAwareAdversary": "adversaries",
     "Candidates": "decision_makers",
     "CategoricalEmission": "worlds",
     "CheapestPrivacy": "decision_makers",
@@ -38,6 +42,7 @@ _EXPORTS: dict[str, str] = {
     "InputError": "errors",
     "InscrutableError": "errors",
     "KellyProblem": "problems",
+    "Leakage": "privacy",
     "LinearProblem": "problems",
     "LinearProgramme": "decision_makers",
     "LocalSearch": "decision_makers",
@@ -47,11 +52,15 @@ _EXPORTS: dict[str, str] = {
     "MixedDecision": "decision_makers",
     "MixedDecisions": "decision_makers",
     "ModelError": "errors",
+    "NaiveAdversary": "adversaries",
+    "NearOptimalAdversary": "adversaries",
     "NearOptimalBeliefs": "adversaries",
     "NonExistence": "privacy",
     "NonUniqueness": "privacy",
     "OriginalDecisionMaker": "decision_makers",
     "Polyhedron": "problems",
+    "Posterior": "adversaries",
+    "PosteriorStatus": "adversaries",
     "PowerNetwork": "problems",
     "Prior": "mechanisms",
     "PrivacyMeasure": "privacy",
@@ -72,6 +81,7 @@ _EXPORTS: dict[str, str] = {
     "filter_beliefs": "filtering",
     "fit_gaussian_hmm": "worlds",
     "group_caps": "problems",
+    "leakage": "privacy",
     "load_ieee_30_bus": "datasets.power",
     "long_short": "problems",
     "max_weights": "problems",
@@ -91,7 +101,15 @@ _EXPORTS: dict[str, str] = {
 
 if TYPE_CHECKING:
     from inscrutable.adversaries import ActionExplanation as ActionExplanation
+    from inscrutable.adversaries import Adversary as Adversary
+    from inscrutable.adversaries import AffordableBeliefs as AffordableBeliefs
+    from inscrutable.adversaries import BayesianAdversary as BayesianAdversary
+    from inscrutable.adversaries import BudgetAwareAdversary as BudgetAwareAdversary
+    from inscrutable.adversaries import NaiveAdversary as NaiveAdversary
+    from inscrutable.adversaries import NearOptimalAdversary as NearOptimalAdversary
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
+    from inscrutable.adversaries import Posterior as Posterior
+    from inscrutable.adversaries import PosteriorStatus as PosteriorStatus
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
     from inscrutable.adversaries import explain_action as explain_action
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
@@ -134,10 +152,12 @@ if TYPE_CHECKING:
     from inscrutable.mechanisms import uniform_prior as uniform_prior
     from inscrutable.privacy import DesiredObfuscation as DesiredObfuscation
     from inscrutable.privacy import Infeasibility as Infeasibility
+    from inscrutable.privacy import Leakage as Leakage
     from inscrutable.privacy import MaximalObfuscation as MaximalObfuscation
     from inscrutable.privacy import NonExistence as NonExistence
     from inscrutable.privacy import NonUniqueness as NonUniqueness
     from inscrutable.privacy import PrivacyMeasure as PrivacyMeasure
+    from inscrutable.privacy import leakage as leakage
     from inscrutable.problems import ConvexProblem as ConvexProblem
     from inscrutable.problems import DecisionProblem as DecisionProblem
     from inscrutable.problems import FiniteProblem as FiniteProblem

@@ -69,6 +69,12 @@ def _encode(value: Any, arrays: dict[str, Any]) -> Any:
         name = f"array{len(arrays)}"
         arrays[name] = value
         return {"array": name}
+    if hasattr(value, "tocsr"):
+        rows = value.tocsr()
+        return {
+            "sparse": [_encode(part, arrays) for part in (rows.data, rows.indices, rows.indptr)],
+            "of": list(rows.shape),
+        }
     if isinstance(value, Enum):
         return {"member": value.name, "of": type(value).__name__}
     if isinstance(value, tuple):
@@ -88,6 +94,10 @@ def _decode(value: Any, stored: Any) -> Any:
         return value
     if "array" in value:
         return stored[value["array"]]
+    if "sparse" in value:
+        from scipy.sparse import csr_array
+
+        return csr_array(tuple(_decode(part, stored) for part in value["sparse"]), shape=tuple(value["of"]))
     if "member" in value:
         return Saved._known[value["of"]][value["member"]]  # type: ignore[index]
     if "tuple" in value:

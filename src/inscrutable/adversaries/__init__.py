@@ -1,14 +1,27 @@
 """Step 4: what an observer infers from a decision."""
 
+from inscrutable.adversaries.bayesian import BayesianAdversary, Posterior, PosteriorStatus
+from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_beliefs
 from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_sets
 from inscrutable.adversaries.explanations import ActionExplanation, explain_action
+from inscrutable.adversaries.interface import Adversary
 from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
+from inscrutable.adversaries.observers import BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
 
 __all__ = [
     "ActionExplanation",
+    "Adversary",
+    "AffordableBeliefs",
+    "BayesianAdversary",
+    "BudgetAwareAdversary",
     "ConsistentSets",
+    "NaiveAdversary",
+    "NearOptimalAdversary",
     "NearOptimalBeliefs",
+    "Posterior",
+    "PosteriorStatus",
+    "affordable_beliefs",
     "consistent_beliefs",
     "consistent_sets",
     "explain_action",

@@ -104,7 +104,16 @@ class NearOptimalBeliefs:
     def contains(self, belief: ArrayLike) -> bool:
         """Return whether the decision has a regret of at most ε under the belief."""
         point = validation.one_belief(belief, self.n_states)
-        return float(self.problem.regret(point, self.action)) <= self.regret + self.accuracy
+        return float(self._excess(point)) <= self.accuracy
+
+    @property
+    def _room(self) -> float:
+        """What the accuracy of shapes is relative to, in the cost's unit."""
+        return self.regret
+
+    def _excess(self, beliefs: Array) -> Array:
+        """By how much the regret under beliefs (X,) or (T,X) exceeds ε; negative inside."""
+        return np.asarray(self.problem.regret(beliefs, self.action) - self.regret)
 
     @cached_property
     def _outer(self) -> Reduced | None:
@@ -112,15 +121,14 @@ class NearOptimalBeliefs:
         if self.is_empty or self.n_states not in _SHAPE:
             return None
         self._seed()
-        allowed = max(_SHAPE[self.n_states] * self.regret, self.accuracy)
+        allowed = max(_SHAPE[self.n_states] * self._room, self.accuracy)
         while True:
             outer = self._polytope()
             if outer is None:
                 best = self._explanation[0]
                 return Reduced(best, np.zeros((0, self.n_states)), np.zeros((0, 0)), np.zeros(0), best[None])
             corners = onto_simplex(outer.vertices)
-            excess = self.problem.regret(corners, self.action) - self.regret
-            outside = corners[excess > allowed]
+            outside = corners[self._excess(corners) > allowed]
             if not len(outside) or len(self._planes) > MOST_PLANES:
                 return outer
             self._add(outside)
@@ -157,7 +165,7 @@ class NearOptimalBeliefs:
         centre = np.full(self.n_states, 1.0 / self.n_states)
         for _ in range(MOST_PLANES):
             point: Array = onto_simplex((centre + self._basis @ candidate(*self._rows()))[None])[0]
-            if float(self.problem.regret(point, self.action)) <= self.regret + self.accuracy:
+            if float(self._excess(point)) <= self.accuracy:
                 return point
             self._add(point[None])
         raise SolverError(f"cutting planes for the near-optimal beliefs at regret {self.regret:g} did not close")
@@ -250,7 +258,7 @@ class NearOptimalBeliefs:
             for _ in range(_MOST_SHRINKS):
                 step = rng.uniform(low[moving], high[moving])
                 trial = onto_simplex(points[moving] + step[:, None] * directions[moving] @ self._basis.T)
-                inside = self.problem.regret(trial, self.action) <= self.regret + self.accuracy
+                inside = self._excess(trial) <= self.accuracy
                 points[moving[inside]] = trial[inside]
                 out, step = moving[~inside], step[~inside]
                 high[out] = np.where(step > 0, step, high[out])

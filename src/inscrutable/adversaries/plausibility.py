@@ -45,7 +45,14 @@ class ClosedPlanes(NamedTuple):
 
 def closed_planes(problem: DecisionProblem, action: Array, margin: float = np.inf) -> ClosedPlanes:
     """Return the least regret over all beliefs with the planes that prove it, or a bound on its side of `margin`."""
-    own = problem.state_costs(action)
+    return planes_below(problem, problem.state_costs(action), margin)
+
+
+def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -> ClosedPlanes:
+    """Return min_π max(π·s − V(π), 0) for any state costs s (X,), with the planes that prove it, as `closed_planes`.
+
+    Where it may be zero because π·s < V(π), only a finite `margin` ends the search.
+    """
     n_states = problem.n_states
     points = np.vstack([np.full(n_states, 1.0 / n_states), np.eye(n_states)]) if n_states > 1 else np.ones((1, 1))
     planes = own - problem.state_costs(problem.solve(points))

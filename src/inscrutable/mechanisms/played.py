@@ -11,8 +11,9 @@ from scipy import sparse
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
-from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem
+from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
 _MOST_DENSE = 2**24
@@ -34,20 +35,22 @@ class HasActions(Protocol):
     actions: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Mechanism:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mechanism(Saved):
     """How often each decision is played under each belief, and what it costs there.
 
     Formula: K(u_m | π_b) ≥ 0, Σ_m K(u_m | π_b) = 1; regrets ρ(π_b, u_m).
 
     Args:
         beliefs: π_b, shape (B,X).
-        actions: u_m, shape (M,U); (M,) whole numbers where decisions are finite choices. No two are the same.
+        actions: u_m, shape (M,U); (M,) whole numbers where decisions are finite choices. Those an observer cannot tell apart,
+            to `tolerances.SAME_ACTION`, count as one wherever something is inferred from them.
         probabilities: K, shape (B,M); a sparse array where it is too large for a plain one.
         regrets: ρ(π_b, u_m), shape (B,M), in the cost's unit; at least 0.
 
     Raises:
-        InputError: The shapes do not agree, or a row of K is no probability vector.
+        InputError: The shapes do not agree, a number is not finite, a regret is negative, or a row of K is no probability
+            vector.
 
     Source: Kerckhoffs' principle: the observer knows K.
 
@@ -65,18 +68,25 @@ class Mechanism:
     def __post_init__(self) -> None:
         beliefs = validation.stochastic_rows(self.beliefs, "mechanism beliefs")
         actions = np.asarray(self.actions)
+        if actions.dtype.kind not in "iu":
+            actions = validation.finite_array(actions, "mechanism actions", ndim=2)
+        elif actions.ndim not in (1, 2):
+            raise InputError(f"mechanism actions must be of shape (M,) or (M,U), got {actions.shape}")
         regrets = validation.finite_array(self.regrets, "mechanism regrets", ndim=2)
         shape = (len(beliefs), len(actions))
+        if not all(shape):
+            raise InputError(f"a mechanism needs a belief and an action at least, got {shape[0]} and {shape[1]}")
         held: Any = self.probabilities if sparse.issparse(self.probabilities) else np.asarray(self.probabilities)
         if held.shape != shape or regrets.shape != shape:
             raise InputError(
                 f"{shape[0]} beliefs and {shape[1]} actions need probabilities and regrets of shape {shape}, "
                 f"got {held.shape} and {regrets.shape}"
             )
+        if regrets.min() < 0:
+            b, m = np.unravel_index(int(regrets.argmin()), shape)
+            raise InputError(f"regrets must be at least 0, got {regrets[b, m]:g} at index [{b}, {m}]")
         if sparse.issparse(held):
-            held = sparse.csr_array(held)  # type: ignore[call-overload]
-            if held.data.min(initial=0.0) < 0 or np.abs(held.sum(axis=1) - 1.0).max() > tolerances.TRANSITION_SUM:
-                raise InputError("probabilities must be at least 0, and each row must sum to 1")
+            held = _stochastic_table(sparse.csr_array(held))  # type: ignore[call-overload]
         else:
             held = validation.stochastic_rows(held, "mechanism probabilities")
         for name, value in (("beliefs", beliefs), ("actions", actions), ("probabilities", held), ("regrets", regrets)):
@@ -94,13 +104,46 @@ class Mechanism:
     @property
     def expected_regrets(self) -> Array:
         """Σ_m K(u_m|π_b) ρ(π_b,u_m) of every belief, shape (B,), in the cost's unit."""
-        return np.asarray(self.sparse.multiply(self.regrets).sum(axis=1)).reshape(-1)
+        table = self.probabilities
+        if not isinstance(table, np.ndarray):
+            return np.asarray(table.multiply(self.regrets).sum(axis=1)).reshape(-1)
+        return np.asarray(np.einsum("bm,bm->b", table, self.regrets))
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return one line for a person to read."""
+        entries = self.sparse.count_nonzero()
+        costs = self.expected_regrets
+        return (
+            f"{len(self.beliefs)} beliefs, {len(self.actions)} actions, {entries / len(self.beliefs):.1f} played a belief; "
+            f"expected regret at most {costs.max():.3g}, {costs.mean():.3g} on average over the beliefs"
+        )
+
+
+def _stochastic_table(table: Any) -> Any:
+    """A sparse array whose rows are probability vectors, renormalised within the tolerance as plain ones are."""
+    if not np.isfinite(table.data).all() or table.data.min(initial=0.0) < -tolerances.TRANSITION_SUM:
+        raise InputError("mechanism probabilities must be finite and at least 0")
+    table = table.astype(np.float64)
+    table.data = np.maximum(table.data, 0.0)
+    table.eliminate_zeros()
+    sums = np.asarray(table.sum(axis=1)).reshape(-1)
+    errors = np.abs(sums - 1.0)
+    worst = int(errors.argmax())
+    if errors[worst] > tolerances.TRANSITION_SUM:
+        raise InputError(f"mechanism probabilities row {worst} sums to {sums[worst]:.10g}, expected 1")
+    if errors[worst] > tolerances.SUM_ROUNDING:
+        table = sparse.csr_array(sparse.diags_array(1.0 / sums) @ table)
+    return table
 
 
 def mechanism(decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActions | None = None) -> Mechanism:
     """Return what a decision maker amounts to on some beliefs.
 
-    Formula: K(u|π_b) as `decide_many` plays it; decisions that agree to `tolerances.SAME_ACTION` are one.
+    Formula: K(u|π_b) as `decide_many` plays it; decisions that agree to `tolerances.SAME_ACTION` are one, the first of
+    them in the order of candidates and then of beliefs.
 
     Args:
         decision_maker: Anything with `problem` and `decide_many`, such as `OriginalDecisionMaker(problem)`.
@@ -108,7 +151,7 @@ def mechanism(decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActi
         candidates: Decisions to list first, in their order, played or not; None lists what is played alone.
 
     Raises:
-        InputError: The beliefs are no probability vectors, or the decision maker cannot decide.
+        InputError: The beliefs are no probability vectors, the decision maker cannot decide, or the candidates have no actions.
 
     Cost: one call of `decide_many`, and B·M regrets.
 
@@ -125,26 +168,27 @@ def mechanism(decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActi
         raise InputError(f"a decision maker with `problem` and `decide_many` is needed, got {decision_maker!r}")
     held = validation.many_beliefs(beliefs, problem.n_states)
     points, shares = _atoms(problem, decision_maker.decide_many(held))
-    n_beliefs, n_atoms = shares.shape
-    flat = points.reshape(n_beliefs * n_atoms, -1)
-    listed = np.empty((0, flat.shape[1])) if candidates is None else problem.as_points(candidates.actions)
-    everything = np.vstack([listed, flat])
-    same = first_equal(everything)
-    used = np.zeros(len(everything), dtype=bool)
-    used[: len(listed)] = True
-    used[len(listed) :] = shares.reshape(-1) > 0
-    kept = np.flatnonzero(np.bincount(same[used], minlength=len(same)) > 0)
-    column = np.searchsorted(kept, same[len(listed) :])
-    rows = np.repeat(np.arange(n_beliefs), n_atoms)
-    some = shares.reshape(-1) > 0
+    row, atom = np.nonzero(shares > 0)
+    listed = np.empty((0, points.shape[-1])) if candidates is None else _listed(problem, candidates)
+    everything = np.vstack([listed, points[row, atom]])
+    kept, column = np.unique(first_same(everything), return_inverse=True)
     table = sparse.csr_array(
-        (shares.reshape(-1)[some], (rows[some], column[some])), shape=(n_beliefs, len(kept))
-    )  # repeated places are summed
+        (shares[row, atom], (row, column.reshape(-1)[len(listed) :])), shape=(len(held), len(kept))
+    )
+    table.sum_duplicates()
     actions = everything[kept]
     regrets = np.maximum(held @ problem.state_costs(actions).T - problem.optimal_cost(held)[:, None], 0.0)
-    table.sum_duplicates()
-    probabilities = table if n_beliefs * len(kept) > _MOST_DENSE else table.toarray()
+    probabilities = table if len(held) * len(kept) > _MOST_DENSE else table.toarray()
     return Mechanism(held, problem.as_actions(actions), probabilities, regrets)
+
+
+def _listed(problem: DecisionProblem, candidates: HasActions) -> Array:
+    """Candidates as points (M,U)."""
+    if not hasattr(candidates, "actions"):
+        raise InputError(
+            f"candidates must be Candidates, as decoy_grid(problem, resolution) makes them, got {candidates!r}"
+        )
+    return np.atleast_2d(problem.as_points(candidates.actions))
 
 
 def _atoms(problem: DecisionProblem, decided: Any) -> tuple[Array, Array]:

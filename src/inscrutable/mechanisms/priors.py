@@ -10,12 +10,13 @@ from inscrutable import validation
 from inscrutable.errors import InputError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.geometry import simplex_grid
+from inscrutable.saved import Saved
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
 
-@dataclass(frozen=True, eq=False)
-class Prior:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prior(Saved):
     """A law of the private belief on finitely many points of the simplex.
 
     Formula: p(π_b) = w_b, Σ w_b = 1.
@@ -61,6 +62,19 @@ class Prior:
         """−Σ w_b log2 w_b, in bits."""
         held = self.weights[self.weights > 0]
         return float(-(held * np.log2(held)).sum()) + 0.0
+
+    @property
+    def error(self) -> float:
+        """√Σ w_b ‖π_b − mean‖², what an observer is off by who sees no decision (root mean square)."""
+        return float(np.sqrt(self.weights @ ((self.beliefs - self.mean) ** 2).sum(axis=1)))
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return one line for a person to read."""
+        mean = " ".join(f"{share:.4f}" for share in self.mean)
+        return f"{len(self)} beliefs, entropy {self.entropy:.4f} bits, mean [{mean}], error {self.error:.4f}"
 
 
 def uniform_prior(n_states: int, resolution: int) -> Prior:

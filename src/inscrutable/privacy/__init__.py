@@ -1,5 +1,6 @@
 """Step 5: how well a decision hides the belief behind it."""
 
+from inscrutable.privacy.leaks import Leakage, leakage
 from inscrutable.privacy.measures import (
     DesiredObfuscation,
     Infeasibility,
@@ -12,8 +13,10 @@ from inscrutable.privacy.measures import (
 __all__ = [
     "DesiredObfuscation",
     "Infeasibility",
+    "Leakage",
     "MaximalObfuscation",
     "NonExistence",
     "NonUniqueness",
     "PrivacyMeasure",
+    "leakage",
 ]

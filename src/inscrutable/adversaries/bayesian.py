@@ -1,0 +1,224 @@
+"""An observer who knows the mechanism and a prior: Bayes' rule, decision by decision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms.joint import Joint, joint_law, top_states
+from inscrutable.saved import Saved, saved_choice
+from inscrutable.validation import Array
+
+
+@saved_choice
+class PosteriorStatus(Enum):
+    """How a posterior came about; the text says what to do about it.
+
+    Example:
+        >>> PosteriorStatus.PLAYED.value
+        "Bayes' rule: the mechanism plays this decision"
+    """
+
+    PLAYED = "Bayes' rule: the mechanism plays this decision"
+    NEVER_PLAYED = (
+        "never played under any belief the prior holds possible, so Bayes' rule says nothing: "
+        "check the mechanism and the decision's digits, or ask for the nearest played decision with nearest=True"
+    )
+    NEAREST_PLAYED = "never played: read as the nearest decision that is; see `distance` before trusting it"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Posterior(Saved):
+    """What an observer holds likely of the belief after one decision.
+
+    Formula: p(π_b|u) = w_b K(u|π_b) / Σ_b' w_b' K(u|π_b').
+
+    Args:
+        weights: p(π_b|u), shape (B,); all NaN where the decision is never played.
+        mean: E[π|u] = Σ p(π_b|u) π_b, shape (X,); NaN where the decision is never played.
+        beliefs: π_b, shape (B,X), the mechanism's.
+        status: Whether the decision is played, and if not, what the numbers mean.
+        probability: p(u), how often the decision that was read is played under the prior; 0 for one never played.
+        distance: Euclidean distance from the decision to the nearest played one, in the decision's unit; 0 for a played one.
+
+    Source: Bayes' rule; the paper's outlook in Section V.
+
+    Example:
+        >>> from inscrutable import BayesianAdversary, Mechanism, Prior
+        >>> prior = Prior([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5])
+        >>> plain = Mechanism(prior.beliefs, [[0.0], [1.0]], [[0.75, 0.25], [0.25, 0.75]], [[0.0, 1.0], [1.0, 0.0]])
+        >>> print(BayesianAdversary(plain, prior).infer([0.0]).summary())
+        mean          [0.7500 0.2500], error 0.6124
+        most likely   state 0; entropy 0.8113 bits; 90% of the weight on 2 of 2 beliefs
+        status        Bayes' rule: the mechanism plays this decision
+    """
+
+    weights: Array
+    mean: Array
+    beliefs: Array
+    status: PosteriorStatus = PosteriorStatus.PLAYED
+    probability: float = float("nan")
+    distance: float = 0.0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the weights are numbers."""
+        return self.status is not PosteriorStatus.NEVER_PLAYED
+
+    @property
+    def top_state(self) -> int:
+        """The best guess at the most likely state: largest Σ_b p(π_b|u) [i is a most likely state of π_b]; −1 unknown."""
+        return int((self.weights @ top_states(self.beliefs)).argmax()) if self.is_known else -1
+
+    @property
+    def entropy(self) -> float:
+        """−Σ p(π_b|u) log2 p(π_b|u), in bits; NaN where the decision is never played."""
+        held = self.weights[self.weights > 0]
+        return float(-(held * np.log2(held)).sum()) + 0.0 if self.is_known else float("nan")
+
+    @property
+    def error(self) -> float:
+        """√Σ p(π_b|u) ‖π_b − mean‖², what the estimate is off by on average (root mean square); NaN where unknown."""
+        return float(np.sqrt(self.weights @ ((self.beliefs - self.mean) ** 2).sum(axis=1)))
+
+    def credible_indices(self, level: float = 0.9) -> np.ndarray:
+        """Return the indices of the fewest beliefs that hold at least `level` of the weight, heaviest first.
+
+        None for a decision that is never played. Raises `InputError` for a level outside (0, 1].
+        """
+        share = validation.positive(level, "level")
+        if share > 1:
+            raise InputError(f"level must be at most 1, got {share:g}")
+        if not self.is_known:
+            return np.zeros(0, dtype=np.intp)
+        order = np.argsort(-self.weights, kind="stable")
+        reached = np.cumsum(self.weights[order])
+        count = 1 + int(np.searchsorted(reached, share - tolerances.BELIEF_SUM))
+        return order[: min(count, int((self.weights > 0).sum()))]
+
+    def credible_region(self, level: float = 0.9) -> Array:
+        """Return the fewest beliefs that hold at least `level` of the weight, shape (k,X), heaviest first."""
+        return np.asarray(self.beliefs[self.credible_indices(level)])
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        lines = [f"status        {self.status.value}"]
+        if self.is_known:
+            mean = "[" + " ".join(f"{share:.4f}" for share in self.mean) + "]"
+            fewest = f"{len(self.credible_indices())} of {len(self.weights)} beliefs"
+            lines = [
+                f"mean          {mean}, error {self.error:.4f}",
+                f"most likely   state {self.top_state}; entropy {self.entropy:.4f} bits; 90% of the weight on {fewest}",
+                *lines,
+            ]
+        return "\n".join(lines)
+
+
+class BayesianAdversary:
+    """An observer who knows how decisions come about and what beliefs are likely.
+
+    Formula: p(π_b|u) ∝ w_b K(u|π_b).
+
+    Args:
+        mechanism: K(u|π), the rule of the game, random draws aside.
+        prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
+
+    Raises:
+        InputError: A belief of the prior is none of the mechanism's.
+
+    Cost: one pass over the entries of K that are not zero; then a search of a tree and a sparse column per decision.
+
+    Source: Kerckhoffs' principle with Bayes' rule.
+
+    Example:
+        >>> from inscrutable import FiniteProblem, OriginalDecisionMaker, mechanism, uniform_prior
+        >>> prior = uniform_prior(2, 3)
+        >>> played = mechanism(OriginalDecisionMaker(FiniteProblem([[0.0, 1.0], [1.0, 0.0]])), prior.beliefs)
+        >>> BayesianAdversary(played, prior).infer(0).mean.round(4)
+        array([0.8333, 0.1667])
+    """
+
+    def __init__(self, mechanism: Mechanism, prior: Prior) -> None:
+        self.mechanism = mechanism
+        self.prior = prior
+        self._joint: Joint = joint_law(mechanism, prior)
+        self._played = np.flatnonzero(self._joint.played > 0)
+        actions = np.asarray(mechanism.actions, dtype=np.float64)
+        self._points = actions.reshape(len(actions), -1)
+
+    def __repr__(self) -> str:
+        return f"BayesianAdversary({len(self._joint.weights)} beliefs, {len(self._played)} played decisions)"
+
+    @cached_property
+    def _tree(self) -> Any:
+        return cKDTree(self._points[self._played])
+
+    @cached_property
+    def _columns(self) -> Any:
+        return self._joint.table.tocsc()
+
+    def infer(self, action: ArrayLike, *, nearest: bool = False) -> Posterior:
+        """Return the posterior after one decision.
+
+        Args:
+            action: u, shape (U,), in the decision's unit; a whole number where decisions are finite choices.
+            nearest: Whether a decision that is never played is read as the nearest one that is.
+
+        Raises:
+            InputError: The decision has the wrong length or is not finite.
+        """
+        given = np.asarray(action)
+        wanted = np.asarray(self.mechanism.actions).ndim - 1
+        if given.ndim != wanted:
+            raise InputError(f"action must be one decision of rank {wanted}, got shape {given.shape}")
+        return self.infer_many(given[None], nearest=nearest)[0]
+
+    def infer_many(self, actions: ArrayLike, *, nearest: bool = False) -> tuple[Posterior, ...]:
+        """Return the posterior after each of many decisions (M,U), each seen alone; as `infer`."""
+        places, status, distances = self._read(actions, nearest)
+        return tuple(self._posterior(*each) for each in zip(places, status, distances, strict=True))
+
+    def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
+        """Return the posterior mean after one decision, shape (X,); NaN for one never played, unless `nearest`."""
+        return self.infer(action, nearest=nearest).mean
+
+    def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:
+        """Return the posterior means after many decisions (M,U), shape (M,X); NaN for those never played."""
+        places, status, _ = self._read(actions, nearest)
+        found = self._joint.means[places]
+        found[[each is PosteriorStatus.NEVER_PLAYED for each in status]] = np.nan
+        return np.asarray(found)
+
+    def _read(self, actions: ArrayLike, nearest: bool) -> tuple[np.ndarray, list[PosteriorStatus], Array]:
+        """The nearest played decision of each, what it is to it, and how far it is."""
+        given = validation.finite_array(actions, "actions", ndim=np.asarray(self.mechanism.actions).ndim)
+        points = given if given.ndim == 2 else given[:, None]
+        if points.shape[1] != self._points.shape[1]:
+            raise InputError(f"action has {points.shape[1]} coordinates, expected {self._points.shape[1]}")
+        apart, exact = self._tree.query(points, p=np.inf)
+        distances, place = self._tree.query(points)
+        same = apart <= tolerances.SAME_ACTION
+        otherwise = PosteriorStatus.NEAREST_PLAYED if nearest else PosteriorStatus.NEVER_PLAYED
+        status = [PosteriorStatus.PLAYED if each else otherwise for each in same]
+        return self._played[np.where(same, exact, place)], status, np.where(same, 0.0, distances)
+
+    def _posterior(self, place: int, status: PosteriorStatus, distance: float) -> Posterior:
+        beliefs = self._joint.beliefs
+        if status is PosteriorStatus.NEVER_PLAYED:
+            unknown = np.full(len(beliefs), np.nan), np.full(beliefs.shape[1], np.nan)
+            return Posterior(*unknown, beliefs, status, 0.0, float(distance))
+        column = self._columns[:, [int(place)]].toarray().reshape(-1)
+        total = float(self._joint.played[place])
+        return Posterior(column / total, self._joint.means[place], beliefs, status, total, float(distance))

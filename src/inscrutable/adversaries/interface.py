@@ -1,0 +1,34 @@
+"""What all adversaries share: a reading of one decision, and a point estimate of the belief for many."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+from numpy.typing import ArrayLike
+
+from inscrutable.validation import Array
+
+
+@runtime_checkable
+class Adversary(Protocol):
+    """An observer of single decisions.
+
+    Source: the paper, Section III-B; Kerckhoffs' principle for those who know more.
+
+    Example:
+        >>> from inscrutable import BayesianAdversary
+        >>> issubclass(BayesianAdversary, Adversary)
+        True
+    """
+
+    def infer(self, action: ArrayLike) -> Any:
+        """Return everything the observer concludes from one decision: a set of beliefs, or a posterior."""
+
+    def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
+        """Return the observer's guess at the belief, shape (X,); NaN where the decision makes no sense to it.
+
+        `nearest` asks for a guess even then: from the nearest decision, or belief, that does make sense.
+        """
+
+    def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:
+        """Return `estimate` for many decisions, shape (M,X)."""

@@ -1,0 +1,46 @@
+"""A prior's weights on a mechanism's beliefs, in the mechanism's order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from inscrutable import tolerances
+from inscrutable.errors import InputError
+from inscrutable.mechanisms.played import Mechanism
+from inscrutable.mechanisms.priors import Prior
+from inscrutable.validation import Array
+
+
+def checked_mechanism(mechanism: Any) -> Mechanism:
+    """Return a mechanism, or raise `InputError`."""
+    if not isinstance(mechanism, Mechanism):
+        raise InputError(f"expected a Mechanism, as mechanism(decision_maker, beliefs) makes it, got {mechanism!r}")
+    return mechanism
+
+
+def weights_on(mechanism: Mechanism, prior: Prior) -> Array:
+    """Return the prior's weights of the mechanism's beliefs, shape (B,).
+
+    The prior may list them in another order or leave some out, which then weigh nothing; points closer than
+    `tolerances.SAME_BELIEF` in every entry are one. A belief with weight that the mechanism does not know raises
+    `InputError`.
+    """
+    held = checked_mechanism(mechanism).beliefs
+    if not isinstance(prior, Prior):
+        raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
+    if prior.beliefs.shape[1] != held.shape[1]:
+        raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the mechanism {held.shape[1]}")
+    if prior.beliefs.shape == held.shape and np.abs(prior.beliefs - held).max() <= tolerances.SAME_BELIEF:
+        return prior.weights
+    some = np.flatnonzero(prior.weights > 0)
+    distance, place = cKDTree(held).query(prior.beliefs[some], p=np.inf)
+    missing = some[distance > tolerances.SAME_BELIEF]
+    if missing.size:
+        raise InputError(
+            f"{missing.size} of the prior's {len(prior)} beliefs are none of the mechanism's {len(held)}, the first at "
+            f"index {missing[0]}: {prior.beliefs[missing[0]]}; make the mechanism on prior.beliefs"
+        )
+    return np.asarray(np.bincount(place, weights=prior.weights[some], minlength=len(held)), dtype=np.float64)

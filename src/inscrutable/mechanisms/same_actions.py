@@ -1,0 +1,31 @@
+"""Which decisions an observer cannot tell apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from inscrutable import tolerances
+from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.validation import Array
+
+
+def first_same(actions: Array) -> np.ndarray:
+    """Return, for every decision of (M,U), the index of the first one that it cannot be told from, shape (M,).
+
+    Decisions within `tolerances.SAME_ACTION` of each other in every coordinate are the same, and so are chains of them;
+    those that rounding alone would call two are found by a tree.
+    """
+    first = first_equal(actions)
+    apart = np.unique(first)
+    pairs = cKDTree(actions[apart]).query_pairs(tolerances.SAME_ACTION, p=np.inf, output_type="ndarray")
+    if not len(pairs):
+        return first
+    ones = np.ones(len(pairs), dtype=bool)
+    links = sparse.coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(apart), len(apart)))
+    _, group = connected_components(links, directed=False)
+    earliest = np.full(group.max() + 1, len(actions))
+    np.minimum.at(earliest, group, apart)
+    return np.asarray(earliest[group[np.searchsorted(apart, first)]])

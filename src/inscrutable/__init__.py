@@ -35,6 +35,7 @@ _EXPORTS: dict[str, str] = {
     "GlobalSearch": "decision_makers",
     "HiddenMarkovModel": "worlds",
     "Infeasibility": "privacy",
+    "InferredBeliefs": "adversaries",
     "InputError": "errors",
     "InscrutableError": "errors",
     "KellyProblem": "problems",
@@ -58,6 +59,8 @@ _EXPORTS: dict[str, str] = {
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
     "RowConflict": "problems",
+    "SequenceStatus": "adversaries",
+    "SequentialAdversary": "adversaries",
     "SolverError": "errors",
     "TradingProblem": "problems",
     "Trajectory": "worlds",
@@ -81,6 +84,7 @@ _EXPORTS: dict[str, str] = {
     "plausibility_gap": "adversaries",
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
+    "reachable_beliefs": "mechanisms",
     "simplex": "problems",
     "simplex_grid": "geometry",
     "stationary_prior": "mechanisms",
@@ -91,7 +95,10 @@ _EXPORTS: dict[str, str] = {
 
 if TYPE_CHECKING:
     from inscrutable.adversaries import ActionExplanation as ActionExplanation
+    from inscrutable.adversaries import InferredBeliefs as InferredBeliefs
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
+    from inscrutable.adversaries import SequenceStatus as SequenceStatus
+    from inscrutable.adversaries import SequentialAdversary as SequentialAdversary
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
     from inscrutable.adversaries import explain_action as explain_action
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
@@ -130,6 +137,7 @@ if TYPE_CHECKING:
     from inscrutable.mechanisms import Mechanism as Mechanism
     from inscrutable.mechanisms import Prior as Prior
     from inscrutable.mechanisms import mechanism as mechanism
+    from inscrutable.mechanisms import reachable_beliefs as reachable_beliefs
     from inscrutable.mechanisms import stationary_prior as stationary_prior
     from inscrutable.mechanisms import uniform_prior as uniform_prior
     from inscrutable.privacy import DesiredObfuscation as DesiredObfuscation

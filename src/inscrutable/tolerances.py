@@ -70,6 +70,9 @@ SAME_ACTION = 1e-11
 SAME_BELIEF = 1e-9
 """Beliefs closer than this are one belief: distances are square roots, so noise of 1e-18 in squares."""
 
+REACHED_BELIEF = 1e-12
+"""Beliefs reached on different ways and closer than this are one: a few thousand roundings of a filter."""
+
 BUDGET = 1e-12
 """Least unit, relative to the cost's scale, in which the polish measures what is left of a budget: one near zero is
 then judged to the rounding of an inner product, not to its own size."""

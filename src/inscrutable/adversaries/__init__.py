@@ -4,11 +4,16 @@ from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_s
 from inscrutable.adversaries.explanations import ActionExplanation, explain_action
 from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
+from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
+from inscrutable.adversaries.sequential import SequentialAdversary
 
 __all__ = [
     "ActionExplanation",
     "ConsistentSets",
+    "InferredBeliefs",
     "NearOptimalBeliefs",
+    "SequenceStatus",
+    "SequentialAdversary",
     "consistent_beliefs",
     "consistent_sets",
     "explain_action",

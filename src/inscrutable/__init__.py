@@ -19,6 +19,8 @@ _EXPORTS: dict[str, str] = {
     "CategoricalEmission": "worlds",
     "CheapestPrivacy": "decision_makers",
     "ConvexProblem": "problems",
+    "CostLearningAdversary": "adversaries",
+    "CostStatus": "adversaries",
     "CounterAdversarialDecisionMaker": "decision_makers",
     "Decision": "decision_makers",
     "DecisionProblem": "problems",
@@ -39,6 +41,7 @@ _EXPORTS: dict[str, str] = {
     "InputError": "errors",
     "InscrutableError": "errors",
     "KellyProblem": "problems",
+    "LearnedCost": "adversaries",
     "LinearProblem": "problems",
     "LinearProgramme": "decision_makers",
     "LocalSearch": "decision_makers",
@@ -64,6 +67,7 @@ _EXPORTS: dict[str, str] = {
     "SolverError": "errors",
     "TradingProblem": "problems",
     "Trajectory": "worlds",
+    "UnionBeliefs": "adversaries",
     "action_grid": "decision_makers",
     "box": "problems",
     "cheapest_privacy": "decision_makers",
@@ -95,10 +99,14 @@ _EXPORTS: dict[str, str] = {
 
 if TYPE_CHECKING:
     from inscrutable.adversaries import ActionExplanation as ActionExplanation
+    from inscrutable.adversaries import CostLearningAdversary as CostLearningAdversary
+    from inscrutable.adversaries import CostStatus as CostStatus
     from inscrutable.adversaries import InferredBeliefs as InferredBeliefs
+    from inscrutable.adversaries import LearnedCost as LearnedCost
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
     from inscrutable.adversaries import SequenceStatus as SequenceStatus
     from inscrutable.adversaries import SequentialAdversary as SequentialAdversary
+    from inscrutable.adversaries import UnionBeliefs as UnionBeliefs
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
     from inscrutable.adversaries import explain_action as explain_action
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs

@@ -116,6 +116,13 @@ lost in the rounding of a cost (1e-16) allows about 1e-8."""
 POLISH = 1e-9
 """Accuracy asked of the local polish of a decision; its result is re-judged by the set's own distance."""
 
+PARAMETER = 1e-9
+"""Relative width below which a piece of an unknown cost parameter's range is not halved again: what residuals of 1e-10
+tell apart."""
+
+IDENTIFIED = 1e-6
+"""Relative width of a cost parameter's interval below which it is one value."""
+
 GAP_STEP = 1e-9
 """Relative accuracy of the plausibility gap: upper minus lower bound of its cutting planes; ten times what the linear
 programmes resolve, else they return the same corner for ever."""

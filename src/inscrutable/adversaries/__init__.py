@@ -1,8 +1,10 @@
 """Step 4: what an observer infers from a decision."""
 
 from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_sets
+from inscrutable.adversaries.cost_learning import CostLearningAdversary
 from inscrutable.adversaries.explanations import ActionExplanation, explain_action
 from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
+from inscrutable.adversaries.learned_costs import CostStatus, LearnedCost, UnionBeliefs
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.adversaries.sequential import SequentialAdversary
@@ -10,10 +12,14 @@ from inscrutable.adversaries.sequential import SequentialAdversary
 __all__ = [
     "ActionExplanation",
     "ConsistentSets",
+    "CostLearningAdversary",
+    "CostStatus",
     "InferredBeliefs",
+    "LearnedCost",
     "NearOptimalBeliefs",
     "SequenceStatus",
     "SequentialAdversary",
+    "UnionBeliefs",
     "consistent_beliefs",
     "consistent_sets",
     "explain_action",

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable.adversaries.agent_steps import AgentModel, scaled_likelihoods
-from inscrutable.adversaries.belief_points import BeliefPoints, Mixture
+from inscrutable.adversaries.belief_points import BeliefPoints, PointMixture
 from inscrutable.adversaries.sequence_evidence import UNSEEN, Evidence, impossible_step, played_shares
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.mechanisms import Mechanism
@@ -148,7 +148,7 @@ class BeliefParticles:
         track.states[t] = joint.sum(axis=0)
         return cloud._replace(joint=joint)
 
-    def _record(self, track: _Track, t: int, beliefs: Array, weights: Array, mixture: Mixture) -> None:
+    def _record(self, track: _Track, t: int, beliefs: Array, weights: Array, mixture: PointMixture) -> None:
         track.mean[t] = weights @ beliefs
         track.spread[t] = np.sqrt(weights @ ((beliefs - track.mean[t]) ** 2).sum(axis=1))
         spread_out = (weights[:, None] * mixture.shares).reshape(-1)

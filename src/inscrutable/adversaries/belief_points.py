@@ -15,7 +15,7 @@ _MOST_TRIANGULATED = 4
 """States up to which a triangulation is made; its size grows too fast beyond."""
 
 
-class Mixture(NamedTuple):
+class PointMixture(NamedTuple):
     """Beliefs as mixtures of points: π ≈ Σ_k shares_k points[places_k]."""
 
     places: np.ndarray  # (N, k)
@@ -38,7 +38,7 @@ class BeliefPoints:
     def __len__(self) -> int:
         return len(self.points)
 
-    def mixed(self, beliefs: Array) -> Mixture:
+    def mixed(self, beliefs: Array) -> PointMixture:
         """Return beliefs (N,X) as mixtures: a point itself stays whole, a belief outside every cell goes to the nearest."""
         gaps, nearest = self._tree.query(beliefs)
         width = beliefs.shape[1]
@@ -51,7 +51,7 @@ class BeliefPoints:
             self._mix(beliefs, between, places, shares)
             apart = np.linalg.norm(self.points[places[between]] - beliefs[between, None], axis=2)
             errors[between] = (apart * shares[between]).sum(axis=1)
-        return Mixture(places, shares, errors)
+        return PointMixture(places, shares, errors)
 
     @cached_property
     def _cells(self) -> Any:

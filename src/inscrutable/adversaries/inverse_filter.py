@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from inscrutable.adversaries.agent_steps import AgentModel
-from inscrutable.adversaries.belief_points import BeliefPoints, Mixture
+from inscrutable.adversaries.belief_points import BeliefPoints, PointMixture
 from inscrutable.adversaries.sequence_evidence import UNSEEN, Evidence, impossible_step, played_shares
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.mechanisms import Mechanism
@@ -110,7 +110,7 @@ class InverseFilter:
         )
 
 
-def _as_rows(mixture: Mixture, n_points: int) -> sparse.csr_array:
+def _as_rows(mixture: PointMixture, n_points: int) -> sparse.csr_array:
     """A sparse matrix (N,B) with one mixture a row."""
     count, width = mixture.places.shape
     rows = np.repeat(np.arange(count), width)

@@ -23,6 +23,8 @@ _EXPORTS: dict[str, str] = {
     "CategoricalEmission": "worlds",
     "CheapestPrivacy": "decision_makers",
     "ConvexProblem": "problems",
+    "CostLearningAdversary": "adversaries",
+    "CostStatus": "adversaries",
     "CounterAdversarialDecisionMaker": "decision_makers",
     "Decision": "decision_makers",
     "DecisionProblem": "problems",
@@ -39,10 +41,12 @@ _EXPORTS: dict[str, str] = {
     "GlobalSearch": "decision_makers",
     "HiddenMarkovModel": "worlds",
     "Infeasibility": "privacy",
+    "InferredBeliefs": "adversaries",
     "InputError": "errors",
     "InscrutableError": "errors",
     "KellyProblem": "problems",
     "Leakage": "privacy",
+    "LearnedCost": "adversaries",
     "LinearProblem": "problems",
     "LinearProgramme": "decision_makers",
     "LocalSearch": "decision_makers",
@@ -67,9 +71,12 @@ _EXPORTS: dict[str, str] = {
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
     "RowConflict": "problems",
+    "SequenceStatus": "adversaries",
+    "SequentialAdversary": "adversaries",
     "SolverError": "errors",
     "TradingProblem": "problems",
     "Trajectory": "worlds",
+    "UnionBeliefs": "adversaries",
     "action_grid": "decision_makers",
     "box": "problems",
     "cheapest_privacy": "decision_makers",
@@ -91,6 +98,7 @@ _EXPORTS: dict[str, str] = {
     "plausibility_gap": "adversaries",
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
+    "reachable_beliefs": "mechanisms",
     "simplex": "problems",
     "simplex_grid": "geometry",
     "stationary_prior": "mechanisms",
@@ -105,11 +113,18 @@ if TYPE_CHECKING:
     from inscrutable.adversaries import AffordableBeliefs as AffordableBeliefs
     from inscrutable.adversaries import BayesianAdversary as BayesianAdversary
     from inscrutable.adversaries import BudgetAwareAdversary as BudgetAwareAdversary
+    from inscrutable.adversaries import CostLearningAdversary as CostLearningAdversary
+    from inscrutable.adversaries import CostStatus as CostStatus
+    from inscrutable.adversaries import InferredBeliefs as InferredBeliefs
+    from inscrutable.adversaries import LearnedCost as LearnedCost
     from inscrutable.adversaries import NaiveAdversary as NaiveAdversary
     from inscrutable.adversaries import NearOptimalAdversary as NearOptimalAdversary
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
     from inscrutable.adversaries import Posterior as Posterior
     from inscrutable.adversaries import PosteriorStatus as PosteriorStatus
+    from inscrutable.adversaries import SequenceStatus as SequenceStatus
+    from inscrutable.adversaries import SequentialAdversary as SequentialAdversary
+    from inscrutable.adversaries import UnionBeliefs as UnionBeliefs
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
     from inscrutable.adversaries import explain_action as explain_action
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
@@ -148,6 +163,7 @@ if TYPE_CHECKING:
     from inscrutable.mechanisms import Mechanism as Mechanism
     from inscrutable.mechanisms import Prior as Prior
     from inscrutable.mechanisms import mechanism as mechanism
+    from inscrutable.mechanisms import reachable_beliefs as reachable_beliefs
     from inscrutable.mechanisms import stationary_prior as stationary_prior
     from inscrutable.mechanisms import uniform_prior as uniform_prior
     from inscrutable.privacy import DesiredObfuscation as DesiredObfuscation

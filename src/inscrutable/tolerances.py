@@ -70,6 +70,9 @@ SAME_ACTION = 1e-11
 SAME_BELIEF = 1e-9
 """Beliefs closer than this are one belief: distances are square roots, so noise of 1e-18 in squares."""
 
+REACHED_BELIEF = 1e-12
+"""Beliefs reached on different ways and closer than this are one: a few thousand roundings of a filter."""
+
 BUDGET = 1e-12
 """Least unit, relative to the cost's scale, in which the polish measures what is left of a budget: one near zero is
 then judged to the rounding of an inner product, not to its own size."""
@@ -112,6 +115,13 @@ lost in the rounding of a cost (1e-16) allows about 1e-8."""
 
 POLISH = 1e-9
 """Accuracy asked of the local polish of a decision; its result is re-judged by the set's own distance."""
+
+PARAMETER = 1e-9
+"""Relative width below which a piece of an unknown cost parameter's range is not halved again: what residuals of 1e-10
+tell apart."""
+
+IDENTIFIED = 1e-6
+"""Relative width of a cost parameter's interval below which it is one value."""
 
 GAP_STEP = 1e-9
 """Relative accuracy of the plausibility gap: upper minus lower bound of its cutting planes; ten times what the linear

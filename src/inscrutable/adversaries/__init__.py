@@ -3,11 +3,15 @@
 from inscrutable.adversaries.bayesian import BayesianAdversary, Posterior, PosteriorStatus
 from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_beliefs
 from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_sets
+from inscrutable.adversaries.cost_learning import CostLearningAdversary
 from inscrutable.adversaries.explanations import ActionExplanation, explain_action
 from inscrutable.adversaries.interface import Adversary
 from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
+from inscrutable.adversaries.learned_costs import CostStatus, LearnedCost, UnionBeliefs
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.adversaries.observers import BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
+from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
+from inscrutable.adversaries.sequential import SequentialAdversary
 
 __all__ = [
     "ActionExplanation",
@@ -16,11 +20,18 @@ __all__ = [
     "BayesianAdversary",
     "BudgetAwareAdversary",
     "ConsistentSets",
+    "CostLearningAdversary",
+    "CostStatus",
+    "InferredBeliefs",
+    "LearnedCost",
     "NaiveAdversary",
     "NearOptimalAdversary",
     "NearOptimalBeliefs",
     "Posterior",
     "PosteriorStatus",
+    "SequenceStatus",
+    "SequentialAdversary",
+    "UnionBeliefs",
     "affordable_beliefs",
     "consistent_beliefs",
     "consistent_sets",

@@ -2,5 +2,6 @@
 
 from inscrutable.mechanisms.played import Mechanism, mechanism
 from inscrutable.mechanisms.priors import Prior, stationary_prior, uniform_prior
+from inscrutable.mechanisms.reachable import reachable_beliefs
 
-__all__ = ["Mechanism", "Prior", "mechanism", "stationary_prior", "uniform_prior"]
+__all__ = ["Mechanism", "Prior", "mechanism", "reachable_beliefs", "stationary_prior", "uniform_prior"]

@@ -1,0 +1,57 @@
+"""How an agent's private belief moves with what it observes, for many beliefs and observations at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from inscrutable.validation import Array
+from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+
+
+class AgentModel:
+    """The agent's own filter π' = T(π,y), as its observer simulates it.
+
+    An observation that the agent's model rules out leaves it with its prediction.
+    """
+
+    def __init__(self, world: HiddenMarkovModel) -> None:
+        self.world = world
+
+    def symbols(self) -> Array:
+        """Return p(y | x) for every symbol of a categorical sensor, shape (Y,X)."""
+        emission = self.world.emission
+        assert isinstance(emission, CategoricalEmission)
+        return np.asarray(emission.probabilities.T)
+
+    def likelihoods(self, observations: Any) -> Array:
+        """Return p(y_n | x), each row scaled to a largest entry of one, shape (N,X)."""
+        return scaled_likelihoods(self.world, observations)
+
+    def first(self, likelihoods: Array) -> Array:
+        """Return the belief after the first observation, for likelihoods (Y,X): shape (1,Y,X)."""
+        return _updated(self.world.initial[None, None], likelihoods[None])
+
+    def next(self, beliefs: Array, likelihoods: Array) -> Array:
+        """Return T(π_n,y) for every pair of beliefs (N,X) and likelihoods (Y,X): shape (N,Y,X)."""
+        return _updated((beliefs @ self.world.transition)[:, None], likelihoods[None])
+
+    def next_paired(self, beliefs: Array | None, likelihoods: Array) -> Array:
+        """Return T(π_n,y_n) for beliefs (N,X), or from the initial law, and likelihoods (N,X): shape (N,X)."""
+        predicted = self.world.initial[None] if beliefs is None else beliefs @ self.world.transition
+        return _updated(predicted, likelihoods)
+
+
+def scaled_likelihoods(world: HiddenMarkovModel, observations: Any) -> Array:
+    """Return p(y_n | x), each row scaled to a largest entry of one, shape (N,X)."""
+    logs = np.asarray(world.emission.log_likelihoods(observations), dtype=np.float64)
+    largest = logs.max(axis=1, keepdims=True)
+    return np.exp(logs - np.where(np.isfinite(largest), largest, 0.0))
+
+
+def _updated(predicted: Array, likelihoods: Array) -> Array:
+    joint = predicted * likelihoods
+    total = joint.sum(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(total > 0, joint / total, np.broadcast_to(predicted, joint.shape)))

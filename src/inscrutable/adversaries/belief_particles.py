@@ -1,0 +1,218 @@
+"""The inverse filter by particles: beliefs that the agent may hold, each with the law of the state that goes with it.
+
+A particle is a private belief π_n and a joint weight a_n(x) over states, so the state is never drawn. Of a sensor with
+symbols every successor T(π_n,y) is followed, with weight Σ_x B[x',y] P[x,x'] a_n(x); of any other sensor observations are
+drawn from the observer's own prediction. Whatever was seen then weighs the candidates, and what exceeds the number of
+particles is thinned without bias and without doubles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable.adversaries.agent_steps import AgentModel, scaled_likelihoods
+from inscrutable.adversaries.belief_points import BeliefPoints, PointMixture
+from inscrutable.adversaries.sequence_evidence import UNSEEN, Evidence, impossible_step, played_shares
+from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
+from inscrutable.mechanisms import Mechanism
+from inscrutable.validation import Array
+from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+
+_DRAWN_PER_PARTICLE = 4
+
+
+class Cloud(NamedTuple):
+    """Particles of one step."""
+
+    beliefs: Array  # (N, X)
+    joint: Array  # (N, X), sums to one
+    likelihoods: Array  # (N, X): of this step's observation and evidence, up to a factor of the particle's own
+    parents: np.ndarray  # (N,) particles of the step before
+
+
+@dataclass
+class _Track:
+    """What is kept of every step."""
+
+    mean: Array
+    spread: Array
+    states: Array
+    weights: Array
+    size: Array
+    errors: Array
+    logs: Array
+    statuses: list[SequenceStatus]
+
+
+class BeliefParticles:
+    """A run of particles over a sequence of evidence."""
+
+    def __init__(
+        self,
+        world: HiddenMarkovModel,
+        agent: AgentModel,
+        mechanism: Mechanism,
+        points: BeliefPoints,
+        n_particles: int,
+    ) -> None:
+        self._world, self._agent, self._mechanism, self._points = world, agent, mechanism, points
+        self._n_particles = n_particles
+
+    def run(self, evidence: Evidence, rng: np.random.Generator, *, smooth: bool) -> InferredBeliefs:
+        """Filter a sequence, and smooth it if asked."""
+        known = played_shares(self._mechanism, evidence.columns)
+        track = _empty_track(len(evidence), self._world.n_states, len(self._points))
+        clouds: list[Cloud] = []
+        cloud = None
+        for t in range(len(evidence)):
+            cloud = self._candidates(cloud, evidence.states[t], rng)
+            if not cloud.joint.sum() > 0:
+                raise impossible_step(t)
+            cloud = self._weighed(cloud, evidence, t, known, track)
+            cloud = _thinned(cloud, self._n_particles, rng)
+            if smooth:
+                clouds.append(cloud)
+        if smooth:
+            self._smooth(clouds, track)
+        return InferredBeliefs(
+            self._points.points,
+            track.weights,
+            track.mean,
+            track.spread,
+            track.states,
+            track.logs,
+            tuple(track.statuses),
+            track.size,
+            track.errors,
+            self._n_particles,
+        )
+
+    def _candidates(self, cloud: Cloud | None, seen: Array, rng: np.random.Generator) -> Cloud:
+        predicted = self._world.initial[None] if cloud is None else cloud.joint @ self._world.transition
+        predicted = predicted * seen
+        if isinstance(self._world.emission, CategoricalEmission):
+            return self._every_symbol(cloud, predicted, seen)
+        return self._drawn(cloud, predicted, seen, rng)
+
+    def _every_symbol(self, cloud: Cloud | None, predicted: Array, seen: Array) -> Cloud:
+        agent = self._agent
+        reports = self._world.emission.probabilities.T  # type: ignore[attr-defined]  # (Y, X)
+        count, n_states = predicted.shape
+        beliefs = agent.first(agent.symbols()) if cloud is None else agent.next(cloud.beliefs, agent.symbols())
+        joint = (predicted[:, None] * reports).reshape(-1, n_states)
+        possible = np.flatnonzero(joint.sum(axis=1) > 0)
+        return Cloud(
+            beliefs.reshape(-1, n_states)[possible],
+            joint[possible],
+            np.tile(reports * seen, (count, 1))[possible],
+            np.repeat(np.arange(count), len(reports))[possible],
+        )
+
+    def _drawn(self, cloud: Cloud | None, predicted: Array, seen: Array, rng: np.random.Generator) -> Cloud:
+        """Observations from Σ_x p(y|x) predicted(x), so each of a particle's draws carries an equal share of its weight."""
+        whole = predicted.sum(axis=1)
+        possible = np.flatnonzero(whole > 0)
+        if not possible.size:
+            return Cloud(predicted[:0], predicted[:0], predicted[:0], possible)
+        each = -(-_DRAWN_PER_PARTICLE * self._n_particles // possible.size)
+        parents = np.repeat(possible, each)
+        sums = np.cumsum(predicted[parents], axis=1)
+        states = (rng.random(len(parents))[:, None] * sums[:, -1:] >= sums).sum(axis=1)
+        observations = self._world.emission.sample(np.minimum(states, sums.shape[1] - 1), rng=rng)
+        likelihoods = scaled_likelihoods(self._world, observations)
+        joint = predicted[parents] * likelihoods
+        joint *= (whole[parents] / each / joint.sum(axis=1))[:, None]
+        reported = self._agent.likelihoods(observations)
+        before = None if cloud is None else cloud.beliefs[parents]
+        return Cloud(self._agent.next_paired(before, reported), joint, likelihoods * seen, parents)
+
+    def _weighed(self, cloud: Cloud, evidence: Evidence, t: int, known: dict[int, Array], track: _Track) -> Cloud:
+        column = int(evidence.columns[t])
+        mixture = self._points.mixed(cloud.beliefs)
+        before = cloud.joint.sum(axis=1)
+        track.errors[t] = float(before @ mixture.errors / before.sum())
+        shares = mixture.averaged(known[column])
+        total = float(before @ shares)
+        with np.errstate(divide="ignore"):
+            track.logs[t] = np.log(total) + evidence.offsets[t]
+        track.statuses.append(evidence.status(t, total))
+        if not total > 0:
+            shares, total = mixture.averaged(known[UNSEEN]), float(before.sum())
+        joint = cloud.joint * (shares / total)[:, None]
+        weights = joint.sum(axis=1)
+        track.size[t] = 1.0 / (weights**2).sum()
+        self._record(track, t, cloud.beliefs, weights, mixture)
+        track.states[t] = joint.sum(axis=0)
+        return cloud._replace(joint=joint)
+
+    def _record(self, track: _Track, t: int, beliefs: Array, weights: Array, mixture: PointMixture) -> None:
+        track.mean[t] = weights @ beliefs
+        track.spread[t] = np.sqrt(weights @ ((beliefs - track.mean[t]) ** 2).sum(axis=1))
+        spread_out = (weights[:, None] * mixture.shares).reshape(-1)
+        track.weights[t] = np.bincount(mixture.places.reshape(-1), spread_out, minlength=len(self._points))
+
+    def _smooth(self, clouds: list[Cloud], track: _Track) -> None:
+        """Follow every last particle back to its ancestors; the state is smoothed along each of these paths exactly.
+
+        A belief's successors are the particles that stem from it and no others, so nothing is gained by other pairs.
+        """
+        weights = clouds[-1].joint.sum(axis=1)
+        place = np.arange(len(weights))
+        later = np.ones((len(weights), self._world.n_states))
+        for t in range(len(clouds) - 1, -1, -1):
+            cloud = clouds[t]
+            law = cloud.joint[place] * later
+            law /= law.sum(axis=1, keepdims=True)
+            track.states[t] = weights @ law
+            self._record(track, t, cloud.beliefs[place], weights, self._points.mixed(cloud.beliefs[place]))
+            track.size[t] = 1.0 / (np.bincount(place, weights) ** 2).sum()
+            later = (cloud.likelihoods[place] * later) @ self._world.transition.T
+            later /= later.max(axis=1, keepdims=True)
+            place = cloud.parents[place]
+
+
+def _empty_track(n_steps: int, n_states: int, n_points: int) -> _Track:
+    return _Track(
+        np.empty((n_steps, n_states)),
+        np.empty(n_steps),
+        np.empty((n_steps, n_states)),
+        np.empty((n_steps, n_points)),
+        np.empty(n_steps),
+        np.empty(n_steps),
+        np.empty(n_steps),
+        [],
+    )
+
+
+def _thinned(cloud: Cloud, n_particles: int, rng: np.random.Generator) -> Cloud:
+    """Keep `n_particles` at most: heavy ones as they are, of the others a systematic sample of equal weights.
+
+    A particle of weight w stays with probability min(1, c w) and then has weight max(w, 1/c), where Σ min(1, c w) is the
+    number kept (Fearnhead and Clifford, On-line Inference for Hidden Markov Models via Particle Filters, 2003).
+    """
+    weights = cloud.joint.sum(axis=1)
+    alive = np.flatnonzero(weights > 0)
+    if alive.size > n_particles:
+        chances = _inclusion(weights[alive], n_particles)
+        sure = chances >= 1.0
+        light = np.flatnonzero(~sure)
+        places = np.searchsorted(np.cumsum(chances[light]), rng.random() + np.arange(n_particles - int(sure.sum())))
+        kept = np.sort(np.concatenate([np.flatnonzero(sure), light[np.minimum(places, light.size - 1)]]))
+        alive, chances = alive[kept], chances[kept]
+        joint = cloud.joint[alive] / chances[:, None]
+        joint /= joint.sum()
+    else:
+        joint = cloud.joint[alive]
+    return Cloud(cloud.beliefs[alive], joint, cloud.likelihoods[alive], cloud.parents[alive])
+
+
+def _inclusion(weights: Array, n_kept: int) -> Array:
+    """Return min(1, c w) with sum `n_kept`, for more than `n_kept` positive weights."""
+    ordered = np.sort(weights)[::-1]
+    tails = np.cumsum(ordered[::-1])[::-1]
+    factors = (n_kept - np.arange(n_kept)) / tails[:n_kept]
+    first = int(np.argmax(factors * ordered[:n_kept] < 1.0)) if (factors * ordered[:n_kept] < 1.0).any() else n_kept - 1
+    return np.asarray(np.minimum(1.0, factors[first] * weights))

@@ -1,0 +1,136 @@
+"""The observer who does not know the agent's cost, and learns it from decisions made under beliefs it does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries.cost_family import ExplainedDecisions
+from inscrutable.adversaries.learned_costs import CostStatus, LearnedCost
+from inscrutable.errors import InputError
+from inscrutable.problems import DecisionProblem, MarkowitzProblem, Polyhedron, checked_problem
+from inscrutable.validation import Array
+
+
+class CostLearningAdversary:
+    """Learns one parameter of the agent's cost from decisions alone.
+
+    Formula: {θ : ∀t ∃ π_t ∈ Δ, λ ≥ 0, ν : G_θ(u_t)π_t + A_act'λ + A_eq'ν = 0}. A decision with more free coordinates than
+    states over-determines its belief and, as a rule, fixes θ; others leave an interval.
+
+    Args:
+        family: Returns the decision problem for a value of the parameter; gradients should be affine in it, as they are in
+            the risk aversion or in an error of the means along a direction. Elsewhere intervals are right up to the square
+            of a piece's width, a sixteenth of the bounds at the start.
+        bounds: The least and the greatest value considered.
+        tolerance: Largest KKT residual of an explained decision, relative to the gradient's scale.
+
+    Raises:
+        InputError: Bounds are not two ascending numbers, the family gives no decision problem, or one with costs that have
+            no gradient.
+
+    Cost: one to three milliseconds per decision and piece; some hundred pieces. Source: inverse optimisation, the paper's
+    Theorem 1 with the cost as one more unknown.
+
+    Example:
+        >>> means, covariances = [[0.3, 0.1, 0.0], [0.0, 0.1, 0.25]], [np.diag([1.0, 2.0, 3.0]), np.diag([3.0, 1.0, 1.0])]
+        >>> agent = MarkowitzProblem(means, covariances, 0.7)
+        >>> adversary = CostLearningAdversary.risk_aversion(means, covariances, (0.1, 10.0))
+        >>> learned = adversary.learn(agent.solve([[0.6, 0.4], [0.3, 0.7]]))
+        >>> learned.is_identified, round(learned.parameter, 6)
+        (True, 0.7)
+    """
+
+    def __init__(
+        self,
+        family: Callable[[float], DecisionProblem],
+        bounds: Sequence[float],
+        *,
+        tolerance: float = tolerances.EXPLAINED,
+    ) -> None:
+        limits = validation.finite_array(bounds, "bounds", ndim=1)
+        if limits.shape != (2,) or not limits[0] < limits[1]:
+            raise InputError(f"bounds must be two ascending numbers, got {limits.tolist()}")
+        self.family = family
+        self.bounds = float(limits[0]), float(limits[1])
+        self.tolerance = validation.positive(tolerance, "tolerance")
+        self._problem = checked_problem(family(self.bounds[0]))
+
+    @classmethod
+    def risk_aversion(
+        cls,
+        means: ArrayLike,
+        covariances: ArrayLike,
+        bounds: Sequence[float],
+        constraints: Polyhedron | None = None,
+    ) -> CostLearningAdversary:
+        """Return the adversary of a Markowitz investor whose risk aversion γ is unknown.
+
+        Args:
+            means: μ_i, shape (X,U).
+            covariances: Σ_i, shape (X,U,U).
+            bounds: The least and the greatest γ considered, above 0.
+            constraints: The feasible set; None is `simplex(U)`.
+
+        Raises:
+            InputError: As `MarkowitzProblem`.
+        """
+        return cls(lambda value: MarkowitzProblem(means, covariances, value, constraints), bounds)
+
+    def learn(self, actions: ArrayLike, *, rounding: float = 0.0) -> LearnedCost:
+        """Return the values of the parameter that explain every decision.
+
+        Args:
+            actions: u_0..u_{T-1}, shape (T,U); the belief behind each is unknown.
+            rounding: Largest error of a coordinate: 0.0005 for weights rounded to 0.001. The intervals then contain every
+                value that explains some decisions that round to these. Exact for quadratic costs, to first order otherwise.
+
+        Raises:
+            InputError: A decision is outside the feasible set by more than its rounding, or `rounding` is negative.
+        """
+        exactness = validation.non_negative(rounding, "rounding")
+        points = self.checked_actions(actions, exactness)
+        explained = ExplainedDecisions(self.family, points, exactness, self.tolerance)
+        intervals = explained.intervals(*self.bounds)
+        status = self._status(intervals)
+        if not len(intervals):
+            return LearnedCost(float("nan"), intervals, float("nan"), status, exactness, self)
+        widest = intervals[int(np.argmax(intervals[:, 1] - intervals[:, 0]))]
+        parameter = float(np.clip(widest.mean(), *self.bounds))
+        return LearnedCost(parameter, intervals, explained.residual(parameter), status, exactness, self)
+
+    def checked_actions(self, actions: ArrayLike, rounding: float) -> Array:
+        """Return decisions (T,U) that lie in the feasible set but for their rounding; raise `InputError` for others."""
+        problem = self._problem
+        if not rounding:
+            points = np.atleast_2d(problem.check_actions(actions))
+        else:
+            points = np.atleast_2d(validation.finite_array(problem.as_points(actions), "actions", ndim=(1, 2)))
+            region = problem.constraints
+            for rows, sides, both in ((region.A_ub, region.b_ub, False), (region.A_eq, region.b_eq, True)):
+                off = points @ rows.T - sides
+                beyond = (np.abs(off) if both else off) - rounding * np.abs(rows).sum(axis=1)
+                bad = np.argwhere(beyond > tolerances.FEASIBILITY * np.maximum(1.0, np.abs(rows).max(initial=0.0)))
+                if bad.size:
+                    raise InputError(f"action row {bad[0][0]} is outside the feasible set by more than its rounding")
+        if not len(points):
+            raise InputError("actions has no rows; expected at least one decision")
+        if problem.explaining_rows(points[0]) is not None:
+            raise InputError(f"costs without gradients cannot be learned: {problem!r}")
+        return points
+
+    def _status(self, intervals: Array) -> CostStatus:
+        if not len(intervals):
+            return CostStatus.UNEXPLAINED
+        low, high = intervals[0, 0], intervals[-1, 1]
+        if len(intervals) == 1 and high - low <= tolerances.IDENTIFIED * max(abs(low), abs(high)):
+            return CostStatus.IDENTIFIED
+        if low <= self.bounds[0] or high >= self.bounds[1]:
+            return CostStatus.AT_BOUND
+        return CostStatus.INTERVAL if len(intervals) == 1 else CostStatus.SEVERAL
+
+    def __repr__(self) -> str:
+        return f"CostLearningAdversary({self._problem!r}, bounds {self.bounds})"

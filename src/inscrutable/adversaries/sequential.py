@@ -1,0 +1,193 @@
+"""The observer who knows the agent's trick and its world, and watches it decide again and again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries.agent_steps import AgentModel
+from inscrutable.adversaries.belief_particles import BeliefParticles
+from inscrutable.adversaries.belief_points import BeliefPoints
+from inscrutable.adversaries.inverse_filter import InverseFilter
+from inscrutable.adversaries.sequence_evidence import (
+    UNSEEN,
+    Evidence,
+    checked_sensor,
+    decision_columns,
+    state_evidence,
+)
+from inscrutable.adversaries.sequence_results import InferredBeliefs
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Mechanism
+from inscrutable.validation import Array
+from inscrutable.worlds import CategoricalEmission, Emission, HiddenMarkovModel
+
+
+class SequentialAdversary:
+    """The inverse filter of an agent that filters its world and plays a known mechanism.
+
+    Formula: α_{t+1}(x',π') ∝ K(u_{t+1}|π') Σ P[x,x'] B[x',y] α_t(x,π) over all x, π, y with π' = T(π,y), from
+    α_0(x,π) ∝ K(u_0|π) Σ initial(x) B[x,y] over π = π_0(y): the joint law of state and private belief.
+
+    On the mechanism's beliefs, a belief between them is split among the corners of its cell of a triangulation; exact
+    where the mechanism lists every belief that the agent can reach, as `reachable_beliefs` does, and otherwise with the
+    error that the result states. By particles, the agent's beliefs are followed as they are, and only K is interpolated.
+
+    Args:
+        world: The world as the adversary knows it.
+        mechanism: What the agent plays under which belief.
+        agent_world: The world as the agent has it in its own filter; None: the same. An observation that it rules out
+            leaves the agent with its prediction.
+        sensor: The adversary's own sensor on the same states, an `Emission`; what it reports goes into `observations`.
+        interpolation: "linear", or "nearest": each belief is moved to the nearest of the mechanism's. From five states on
+            always the latter.
+        n_particles: How many particles follow the agent; 0 for the grid, which needs a `CategoricalEmission`.
+        rng: The source of the particles' draws.
+
+    Raises:
+        InputError: Numbers of states or symbols differ, or observations are real numbers and no particles are asked for.
+
+    Cost: on B beliefs with Y symbols X²·B·Y a step. By N particles N·Y beliefs are looked up a step, of other sensors 4 N.
+
+    Source: Mattila, Lourenço, Krishnamurthy, Rojas, Wahlberg, arXiv 1910.07332, where the state is known; here it need
+    not be. That the observer knows the mechanism is Kerckhoffs' principle.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import CategoricalEmission, FiniteProblem, HiddenMarkovModel, OriginalDecisionMaker, mechanism
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission([[0.9, 0.1], [0.2, 0.8]]))
+        >>> agent = OriginalDecisionMaker(FiniteProblem([[0.0, 1.0], [1.0, 0.0]]))
+        >>> adversary = SequentialAdversary(world, mechanism(agent, np.c_[np.linspace(0, 1, 101), np.linspace(1, 0, 101)]))
+        >>> print(adversary.filter([0, 1, 1]).mean.round(3))
+        [[0.9   0.1  ]
+         [0.379 0.621]
+         [0.098 0.902]]
+    """
+
+    def __init__(
+        self,
+        world: HiddenMarkovModel,
+        mechanism: Mechanism,
+        *,
+        agent_world: HiddenMarkovModel | None = None,
+        sensor: Emission | None = None,
+        interpolation: str = "linear",
+        n_particles: int = 0,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.world, self.mechanism = world, _checked_mechanism(mechanism, world)
+        self.agent_world = world if agent_world is None else agent_world
+        self.sensor = checked_sensor(sensor, world.n_states)
+        self.n_particles = validation.count(n_particles, "n_particles", least=0)
+        self._rng = None if not self.n_particles else validation.generator(rng)
+        if interpolation not in ("linear", "nearest"):
+            raise InputError(f"interpolation must be 'linear' or 'nearest', got {interpolation!r}")
+        _check_worlds(world, self.agent_world, needs_symbols=not self.n_particles)
+        agent = AgentModel(self.agent_world)
+        points = BeliefPoints(self.mechanism.beliefs, linear=interpolation == "linear")
+        self._grid = None if self.n_particles else InverseFilter(world, agent, self.mechanism, points)
+        self._particles = BeliefParticles(world, agent, self.mechanism, points, self.n_particles)
+
+    @property
+    def interpolation_error(self) -> Array:
+        """Expected distance of T(π_b,y) from the points that stand for it, shape (B,Y); of no use to particles.
+
+        Raises:
+            InputError: The adversary works by particles; the error is then in the result alone.
+        """
+        if self._grid is None:
+            raise InputError("particles have no fixed interpolation error: see the result's `interpolation_error`")
+        return self._grid.errors
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether every successor of every belief of the mechanism is one of its beliefs; a result knows of its own steps."""
+        return self._grid is not None and bool(self._grid.errors.max() <= tolerances.SAME_BELIEF)
+
+    def filter(
+        self,
+        actions: ArrayLike,
+        *,
+        states: ArrayLike | None = None,
+        observations: Any = None,
+        nearest: bool = False,
+    ) -> InferredBeliefs:
+        """Return what the adversary holds of each belief from the decisions up to it.
+
+        Args:
+            actions: u_0..u_{T-1}, shape (T,U), or (T,) choices; a row of NaN where no decision was seen.
+            states: x_0..x_{T-1}, where the adversary knows them.
+            observations: What its own sensor reported, T of them.
+            nearest: Whether a decision that the mechanism never plays counts as the nearest one that it plays;
+                otherwise it is passed over, with a status.
+
+        Raises:
+            InputError: Shapes or lengths disagree.
+            ModelError: States or observations are impossible in the adversary's world.
+        """
+        return self._inferred(actions, states, observations, nearest, smooth=False)
+
+    def smooth(
+        self,
+        actions: ArrayLike,
+        *,
+        states: ArrayLike | None = None,
+        observations: Any = None,
+        nearest: bool = False,
+    ) -> InferredBeliefs:
+        """Return what the adversary holds of each belief from all decisions, later ones included; arguments as `filter`.
+
+        Particles are followed back to their ancestors, of which few are left far from the end: `effective_size` says.
+        """
+        return self._inferred(actions, states, observations, nearest, smooth=True)
+
+    def unseen(self, n_steps: int, *, states: ArrayLike | None = None, observations: Any = None) -> InferredBeliefs:
+        """Return what the adversary holds of `n_steps` beliefs without seeing a decision: the ceiling of its error."""
+        count = validation.count(n_steps, "n_steps")
+        return self._run(np.full(count, UNSEEN), np.zeros(count, dtype=bool), states, observations, smooth=False)
+
+    def _inferred(
+        self, actions: ArrayLike, states: ArrayLike | None, observations: Any, nearest: bool, *, smooth: bool
+    ) -> InferredBeliefs:
+        columns, moved = decision_columns(self.mechanism, actions, nearest)
+        return self._run(columns, moved, states, observations, smooth=smooth)
+
+    def _run(
+        self, columns: np.ndarray, moved: np.ndarray, states: ArrayLike | None, observations: Any, *, smooth: bool
+    ) -> InferredBeliefs:
+        seen, offsets = state_evidence(len(columns), self.world.n_states, self.sensor, states, observations)
+        evidence = Evidence(columns, moved, seen, offsets)
+        if self._grid is None:
+            assert self._rng is not None
+            return self._particles.run(evidence, self._rng, smooth=smooth)
+        passed = self._grid.forward(evidence)
+        laws = self._grid.smoothed(evidence, passed) if smooth else passed.laws
+        return self._grid.result(laws, passed)
+
+    def __repr__(self) -> str:
+        by = f"{self.n_particles} particles" if self.n_particles else f"{len(self.mechanism.beliefs)} beliefs"
+        return f"SequentialAdversary({self.world!r}, by {by})"
+
+
+def _checked_mechanism(mechanism: Any, world: Any) -> Mechanism:
+    if not isinstance(world, HiddenMarkovModel):
+        raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
+    if not isinstance(mechanism, Mechanism):
+        raise InputError(f"a Mechanism is needed, such as mechanism(decision_maker, beliefs), got {mechanism!r}")
+    if mechanism.beliefs.shape[1] != world.n_states:
+        raise InputError(f"the mechanism has {mechanism.beliefs.shape[1]} states, the world {world.n_states}")
+    return mechanism
+
+
+def _check_worlds(world: HiddenMarkovModel, agent_world: Any, *, needs_symbols: bool) -> None:
+    if not isinstance(agent_world, HiddenMarkovModel) or agent_world.n_states != world.n_states:
+        raise InputError(f"agent_world must be a HiddenMarkovModel of {world.n_states} states, got {agent_world!r}")
+    sensors = world.emission, agent_world.emission
+    if needs_symbols and not all(isinstance(each, CategoricalEmission) for each in sensors):
+        raise InputError("real observations have no finite number of successors: pass n_particles and rng")
+    sizes = {each.n_symbols for each in sensors if isinstance(each, CategoricalEmission)}
+    if len(sizes) > 1 or len({type(each) for each in sensors}) > 1:
+        raise InputError(f"world and agent_world must report the same symbols, got {sensors[0]!r} and {sensors[1]!r}")

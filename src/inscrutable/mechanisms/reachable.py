@@ -1,0 +1,60 @@
+"""The finitely many private beliefs that an agent with a sensor of symbols can reach in a few steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError, ModelError
+from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.validation import Array
+from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+
+
+def reachable_beliefs(world: HiddenMarkovModel, n_steps: int, *, limit: int = 20_000) -> Array:
+    """Return every belief that the filter of a world can hold within its first observations.
+
+    Formula: {π_t : t < n_steps, y_0..t of positive probability}; beliefs that agree to `tolerances.REACHED_BELIEF` are one.
+    A mechanism on these beliefs makes `SequentialAdversary` exact.
+
+    Args:
+        world: A world whose sensor is a `CategoricalEmission` of Y symbols.
+        n_steps: How many observations the agent makes, at least 1.
+        limit: Most beliefs returned; Y + Y² + … + Y^n_steps of them may differ.
+
+    Returns:
+        Shape (B,X), in the order in which they are first reached.
+
+    Raises:
+        InputError: The sensor has no symbols, or a number is not whole or below 1.
+        ModelError: There are more than `limit`; the step is named.
+
+    Cost: proportional to the number of beliefs times Y.
+
+    Source: the filter's recursion, the paper's eq. (1).
+
+    Example:
+        >>> from inscrutable import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
+        >>> len(reachable_beliefs(world, 3))
+        14
+    """
+    if not isinstance(world, HiddenMarkovModel) or not isinstance(world.emission, CategoricalEmission):
+        raise InputError(f"a world with a CategoricalEmission is needed, got {world!r}")
+    reports = world.emission.probabilities.T
+    most = validation.count(limit, "limit")
+    found, fresh = np.empty((0, world.n_states)), world.initial[None]
+    for step in range(validation.count(n_steps, "n_steps")):
+        predicted = fresh if step == 0 else fresh @ world.transition
+        joint = (predicted[:, None] * reports).reshape(-1, world.n_states)
+        total = joint.sum(axis=1, keepdims=True)
+        reached = joint[total[:, 0] > 0] / total[total[:, 0] > 0]
+        everything = np.vstack([found, reached])
+        kept = np.unique(first_equal(everything, tolerances.REACHED_BELIEF))
+        fresh = everything[kept[kept >= len(found)]]
+        found = everything[kept]
+        if len(found) > most:
+            raise ModelError(f"more than {most} beliefs can be reached within {step + 1} steps: take fewer, or a grid")
+        if not len(fresh):
+            break
+    return np.asarray(found)

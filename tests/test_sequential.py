@@ -1,0 +1,388 @@
+"""The observer of a sequence of decisions, against enumeration of all paths of states and observations."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    CategoricalEmission,
+    GaussianEmission,
+    HiddenMarkovModel,
+    InputError,
+    Mechanism,
+    ModelError,
+    SequenceStatus,
+    SequentialAdversary,
+    filter_beliefs,
+    reachable_beliefs,
+    simplex_grid,
+)
+
+EXACT = 1e-12
+
+
+def random_world(rng: np.random.Generator, n_states: int = 2, n_symbols: int = 2) -> HiddenMarkovModel:
+    return HiddenMarkovModel(
+        rng.dirichlet(np.ones(n_states), n_states),
+        CategoricalEmission(rng.dirichlet(np.ones(n_symbols), n_states)),
+        rng.dirichlet(np.ones(n_states)),
+    )
+
+
+def random_mechanism(rng: np.random.Generator, beliefs: np.ndarray, n_actions: int, *, mixed: bool) -> Mechanism:
+    if mixed:
+        shares = rng.dirichlet(np.ones(n_actions), len(beliefs))
+    else:
+        shares = np.eye(n_actions)[np.arange(len(beliefs)) % n_actions]
+    return Mechanism(beliefs, rng.normal(size=(n_actions, 2)), shares, np.zeros_like(shares))
+
+
+def smallest_filter(world: HiddenMarkovModel, reports: tuple[int, ...]) -> np.ndarray:
+    """The agent's beliefs after each report, by Bayes' rule as written."""
+    law, held = world.initial, []
+    for t, y in enumerate(reports):
+        law = law if t == 0 else held[-1] @ world.transition
+        law = law * world.emission.probabilities[:, y]
+        held.append(law / law.sum())
+    return np.array(held)
+
+
+class Enumerated:
+    """Every path of states and observations, with its probability under what was seen."""
+
+    def __init__(
+        self,
+        world: HiddenMarkovModel,
+        mechanism: Mechanism,
+        columns: list[int],
+        *,
+        agent: HiddenMarkovModel | None = None,
+        states: np.ndarray | None = None,
+        extra: np.ndarray | None = None,
+    ) -> None:
+        n_steps = len(columns)
+        n_symbols = world.emission.n_symbols
+        self.paths = []
+        for reports in product(range(n_symbols), repeat=n_steps):
+            beliefs = smallest_filter(world if agent is None else agent, reports)
+            gaps = np.linalg.norm(mechanism.beliefs[None] - beliefs[:, None], axis=2)
+            places = gaps.argmin(axis=1)
+            assert gaps.min(axis=1).max() < 1e-9
+            for path in product(range(world.n_states), repeat=n_steps):
+                if states is not None and tuple(states) != path:
+                    continue
+                weights = np.empty(n_steps)
+                for t in range(n_steps):
+                    move = world.initial[path[0]] if t == 0 else world.transition[path[t - 1], path[t]]
+                    weights[t] = move * world.emission.probabilities[path[t], reports[t]]
+                    weights[t] *= mechanism.probabilities[places[t], columns[t]]
+                    weights[t] *= 1.0 if extra is None else extra[t, path[t]]
+                self.paths.append((path, beliefs, weights))
+
+    def law(self, step: int, last: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Mean belief and state law at `step` given steps up to `last`, and that probability."""
+        total, belief, state = 0.0, 0.0, np.zeros(len(self.paths[0][1][0]))
+        seen = {}
+        for path, beliefs, weights in self.paths:
+            # Paths that agree up to `last` are counted once.
+            seen[path[: last + 1], beliefs[: last + 1].tobytes()] = (path, beliefs, weights[: last + 1].prod())
+        for path, beliefs, weight in seen.values():
+            total += weight
+            belief = belief + weight * beliefs[step]
+            state[path[step]] += weight
+        return belief / total, state / total, total
+
+
+def check_against(found: object, truth: Enumerated, *, smoothed: bool) -> None:
+    n_steps = len(found)
+    before = 1.0
+    for t in range(n_steps):
+        mean, state, _ = truth.law(t, n_steps - 1 if smoothed else t)
+        assert np.abs(found.mean[t] - mean).max() < EXACT
+        assert np.abs(found.states[t] - state).max() < EXACT
+        total = truth.law(t, t)[2]
+        assert np.exp(found.log_likelihood[t]) == pytest.approx(total / before, rel=1e-11)
+        before = total
+
+
+def playable(truth_world: HiddenMarkovModel, mechanism: Mechanism, n_steps: int, rng: np.random.Generator) -> list[int]:
+    """Columns played along a sampled path."""
+    path = truth_world.sample(n_steps, rng=rng)
+    beliefs = filter_beliefs(truth_world, path.observations).beliefs
+    places = np.linalg.norm(mechanism.beliefs[None] - beliefs[:, None], axis=2).argmin(axis=1)
+    return [int(rng.choice(len(mechanism.actions), p=mechanism.probabilities[b])) for b in places]
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+@pytest.mark.parametrize(("n_states", "n_symbols", "n_steps"), [(2, 2, 4), (3, 2, 3), (2, 3, 3)])
+@pytest.mark.parametrize("seed", range(3))
+def test_filter_and_smoother_equal_enumeration(
+    seed: int, n_states: int, n_symbols: int, n_steps: int, mixed: bool
+) -> None:
+    rng = np.random.default_rng([seed, n_states, n_symbols])
+    world = random_world(rng, n_states, n_symbols)
+    plays = random_mechanism(rng, reachable_beliefs(world, n_steps), 3, mixed=mixed)
+    columns = playable(world, plays, n_steps, rng)
+    truth = Enumerated(world, plays, columns)
+    adversary = SequentialAdversary(world, plays)
+    filtered, smoothed = adversary.filter(plays.actions[columns]), adversary.smooth(plays.actions[columns])
+    assert filtered.is_exact
+    check_against(filtered, truth, smoothed=False)
+    check_against(smoothed, truth, smoothed=True)
+    assert set(filtered.statuses) == {SequenceStatus.USED}
+    # Where the models agree, the state given the belief has the belief as its law.
+    assert filtered.mean == pytest.approx(filtered.states, abs=EXACT)
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+def test_particles_enough_for_every_path_are_exact(mixed: bool) -> None:
+    rng = np.random.default_rng(5)
+    world = random_world(rng)
+    plays = random_mechanism(rng, reachable_beliefs(world, 4), 3, mixed=mixed)
+    columns = playable(world, plays, 4, rng)
+    truth = Enumerated(world, plays, columns)
+    adversary = SequentialAdversary(world, plays, n_particles=16, rng=rng)
+    check_against(adversary.filter(plays.actions[columns]), truth, smoothed=False)
+    check_against(adversary.smooth(plays.actions[columns]), truth, smoothed=True)
+
+
+@pytest.mark.parametrize("n_particles", [0, 16])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_agent_with_another_model(seed: int, n_particles: int) -> None:
+    rng = np.random.default_rng([7, seed])
+    world, agent = random_world(rng), random_world(rng)
+    plays = random_mechanism(rng, reachable_beliefs(agent, 4), 3, mixed=True)
+    columns = [int(c) for c in rng.integers(3, size=4)]
+    truth = Enumerated(world, plays, columns, agent=agent)
+    adversary = SequentialAdversary(
+        world, plays, agent_world=agent, n_particles=n_particles, rng=rng if n_particles else None
+    )
+    check_against(adversary.filter(plays.actions[columns]), truth, smoothed=False)
+    check_against(adversary.smooth(plays.actions[columns]), truth, smoothed=True)
+    same = SequentialAdversary(agent, plays).filter(plays.actions[columns])
+    assert np.abs(adversary.filter(plays.actions[columns]).mean - same.mean).max() > 1e-3
+
+
+@pytest.mark.parametrize("n_particles", [0, 16])
+def test_known_states_and_a_sensor_of_its_own(n_particles: int) -> None:
+    rng = np.random.default_rng(11)
+    world = random_world(rng)
+    worse = CategoricalEmission([[0.6, 0.4], [0.3, 0.7]])
+    plays = random_mechanism(rng, reachable_beliefs(world, 4), 3, mixed=True)
+    columns, states, reports = [0, 2, 1, 1], np.array([0, 1, 1, 0]), np.array([1, 0, 0, 1])
+    actions, extra = plays.actions[columns], worse.probabilities[:, reports].T
+    options = {"n_particles": n_particles, "rng": rng if n_particles else None}
+    plain = SequentialAdversary(world, plays, **options)
+    sensing = SequentialAdversary(world, plays, sensor=worse, **options)
+    for smoothed in (False, True):
+        ask = "smooth" if smoothed else "filter"
+        known = Enumerated(world, plays, columns, states=states)
+        check_against(getattr(plain, ask)(actions, states=states), known, smoothed=smoothed)
+        reported = Enumerated(world, plays, columns, extra=extra)
+        check_against(getattr(sensing, ask)(actions, observations=reports), reported, smoothed=smoothed)
+
+
+def test_beliefs_between_the_points_are_mixed_from_their_cell() -> None:
+    rng = np.random.default_rng(2)
+    for n_states in (2, 3):
+        world = random_world(rng, n_states, 3)
+        grid = simplex_grid(n_states, 12)
+        plays = random_mechanism(rng, grid, 4, mixed=True)
+        adversary = SequentialAdversary(world, plays)
+        found = adversary.filter(plays.actions[[0, 1, 2]])
+        assert not adversary.is_exact
+        assert not found.is_exact
+        assert 0 < found.interpolation_error.max() <= np.sqrt(2) / 12
+        # A mixture keeps the mean, so without decisions the estimate at the first step is the initial law.
+        assert adversary.unseen(1).mean[0] == pytest.approx(world.initial, abs=EXACT)
+        nearest = SequentialAdversary(world, plays, interpolation="nearest").filter(plays.actions[[0, 1, 2]])
+        assert np.abs(nearest.mean - found.mean).max() < 0.15
+
+
+def test_a_finer_grid_comes_nearer_to_the_exact_filter() -> None:
+    rng = np.random.default_rng(3)
+    world = HiddenMarkovModel([[0.8, 0.2], [0.3, 0.7]], CategoricalEmission([[0.7, 0.3], [0.4, 0.6]]))
+
+    def plays(beliefs: np.ndarray) -> Mechanism:
+        shares = np.column_stack([beliefs[:, 0] ** 2, 1.0 - beliefs[:, 0] ** 2])
+        return Mechanism(beliefs, np.array([0, 1]), shares, np.zeros_like(shares))
+
+    actions = rng.integers(2, size=9)
+    exact = SequentialAdversary(world, plays(reachable_beliefs(world, 9))).filter(actions)
+    assert exact.is_exact
+    gaps = [
+        np.abs(SequentialAdversary(world, plays(simplex_grid(2, r))).filter(actions).mean - exact.mean).max()
+        for r in (10, 40, 160)
+    ]
+    assert gaps[0] > gaps[1] > gaps[2]
+    assert gaps[2] < 2e-4
+
+
+@pytest.mark.parametrize("smoothed", [False, True])
+def test_particles_approach_the_exact_law(smoothed: bool) -> None:
+    rng = np.random.default_rng(17)
+    world = HiddenMarkovModel([[0.8, 0.2], [0.3, 0.7]], CategoricalEmission([[0.7, 0.3], [0.4, 0.6]]))
+    plays = random_mechanism(rng, reachable_beliefs(world, 8), 3, mixed=True)
+    columns = playable(world, plays, 8, rng)
+    ask = "smooth" if smoothed else "filter"
+    exact = getattr(SequentialAdversary(world, plays), ask)(plays.actions[columns])
+    runs = [
+        getattr(SequentialAdversary(world, plays, n_particles=20, rng=np.random.default_rng(s)), ask)(
+            plays.actions[columns]
+        )
+        for s in range(60)
+    ]
+    means = np.array([run.mean[:, 0] for run in runs])
+    # Estimates are ratios, so a bias of order 1/N stands beside the standard error.
+    allowed = 4.0 * means.std(axis=0, ddof=1) / np.sqrt(len(runs)) + 0.1 / 20
+    assert (np.abs(means.mean(axis=0) - exact.mean[:, 0]) <= allowed).all()
+    assert 0 < means.std(axis=0).max() < 0.1
+    likelihoods = np.array([np.exp(run.log_likelihood.sum()) for run in runs])
+    error = likelihoods.std(ddof=1) / np.sqrt(len(runs))
+    assert abs(likelihoods.mean() - np.exp(exact.log_likelihood.sum())) < 4.0 * error  # unbiased
+
+
+def test_real_observations_approach_quadrature() -> None:
+    """One step and two, with the observation integrated on a fine grid."""
+    world = HiddenMarkovModel([[0.8, 0.2], [0.3, 0.7]], GaussianEmission([[0.0], [1.5]], [[[1.0]], [[1.0]]]))
+    beliefs = simplex_grid(2, 400)
+    shares = np.column_stack([beliefs[:, 0], 1.0 - beliefs[:, 0]])
+    plays = Mechanism(beliefs, np.array([0, 1]), shares, np.zeros_like(shares))
+    y = np.linspace(-8, 10, 361)
+    density = np.exp(world.emission.log_likelihoods(y))  # (G, X)
+    first = world.initial * density
+    pi0 = first / first.sum(axis=1, keepdims=True)
+    alpha0 = first * pi0[:, [0]]  # u_0 = 0
+    predicted = (pi0 @ world.transition)[:, None] * density[None]
+    pi1 = predicted / predicted.sum(axis=2, keepdims=True)
+    alpha1 = ((alpha0 @ world.transition)[:, None] * density[None]) * pi1[:, :, [1]]  # u_1 = 1
+    means = [
+        np.einsum("gx,gz->z", alpha0, pi0) / alpha0.sum(),
+        np.einsum("ghx,ghz->z", alpha1, pi1) / alpha1.sum(),
+    ]
+    found = [
+        SequentialAdversary(world, plays, n_particles=500, rng=np.random.default_rng(s)).filter([0, 1])
+        for s in range(20)
+    ]
+    runs = np.array([each.mean[:, 0] for each in found])
+    error = runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    assert (np.abs(runs.mean(axis=0) - [means[0][0], means[1][0]]) < 4.0 * error + 1e-3).all()
+    states = np.mean([each.states[1] for each in found], axis=0)
+    assert states == pytest.approx(alpha1.sum(axis=(0, 1)) / alpha1.sum(), abs=0.01)
+
+
+def test_a_decision_never_played_is_a_status() -> None:
+    rng = np.random.default_rng(1)
+    world = random_world(rng)
+    beliefs = reachable_beliefs(world, 3)
+    shares = np.zeros((len(beliefs), 3))
+    shares[:, 0] = 1.0
+    plays = Mechanism(beliefs, np.array([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]]), shares, np.zeros_like(shares))
+    for options in ({}, {"n_particles": 50, "rng": rng}):
+        adversary = SequentialAdversary(world, plays, **options)
+        played, stray, listed = [0.0, 1.0], [0.1, 0.9], [1.0, 0.0]
+        found = adversary.filter([played, stray, listed])
+        assert found.statuses == (SequenceStatus.USED, SequenceStatus.NEVER_PLAYED, SequenceStatus.NEVER_PLAYED)
+        assert np.isneginf(found.log_likelihood[1:]).all()
+        unseen = adversary.filter([played, [np.nan, np.nan], [np.nan, np.nan]])
+        assert found.mean == pytest.approx(unseen.mean, abs=EXACT)
+        assert unseen.statuses[1] == SequenceStatus.UNSEEN
+        asked = adversary.filter([played, stray, listed], nearest=True)
+        assert asked.statuses == (SequenceStatus.USED, SequenceStatus.NEAREST, SequenceStatus.NEAREST)
+        assert "never plays it" in found.summary()
+
+
+def test_a_decision_that_contradicts_the_history_is_passed_over() -> None:
+    world = HiddenMarkovModel(np.eye(2), CategoricalEmission(np.eye(2)), [0.5, 0.5])
+    beliefs = reachable_beliefs(world, 2)
+    plays = Mechanism(beliefs, np.array([0, 1]), np.eye(2)[beliefs.argmax(axis=1)], np.zeros((2, 2)))
+    found = SequentialAdversary(world, plays).smooth([0, 1, 0])
+    assert [each.name for each in found.statuses] == ["USED", "CONTRADICTED", "USED"]
+    assert found.mean.tolist() == [[1.0, 0.0]] * 3
+
+
+def test_an_observation_the_agent_rules_out_leaves_its_prediction() -> None:
+    world = HiddenMarkovModel([[0.5, 0.5], [0.5, 0.5]], CategoricalEmission([[0.5, 0.5], [0.5, 0.5]]))
+    agent = HiddenMarkovModel(np.eye(2), CategoricalEmission(np.eye(2)), [1.0, 0.0])
+    plays = Mechanism(np.eye(2), np.array([0]), np.ones((2, 1)), np.zeros((2, 1)))
+    found = SequentialAdversary(world, plays, agent_world=agent).filter([0, 0, 0])
+    assert found.mean == pytest.approx(np.tile([1.0, 0.0], (3, 1)))
+    assert found.states == pytest.approx(np.full((3, 2), 0.5))
+
+
+def test_what_the_decisions_tell_lowers_the_error() -> None:
+    rng = np.random.default_rng(23)
+    world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
+    beliefs = reachable_beliefs(world, 8)
+    plays = random_mechanism(rng, beliefs, 4, mixed=True)
+    adversary = SequentialAdversary(world, plays)
+    squares = np.zeros((40, 3))
+    for run in range(40):
+        path = world.sample(8, rng=rng)
+        held = filter_beliefs(world, path.observations).beliefs
+        places = np.linalg.norm(beliefs[None] - held[:, None], axis=2).argmin(axis=1)
+        actions = plays.actions[[rng.choice(4, p=plays.probabilities[b]) for b in places]]
+        squares[run] = [
+            each.error_of(held) ** 2
+            for each in (adversary.unseen(8), adversary.filter(actions), adversary.smooth(actions))
+        ]
+    prior, filtered, smoothed = squares.mean(axis=0)
+    assert smoothed < filtered < prior
+    # What the observer expects of itself is what it finds.
+    assert filtered == pytest.approx(np.mean(adversary.filter(actions).spread ** 2), rel=0.5)
+
+
+def test_results_can_be_saved(tmp_path: object) -> None:
+    world = random_world(np.random.default_rng(0))
+    plays = random_mechanism(np.random.default_rng(0), reachable_beliefs(world, 2), 2, mixed=True)
+    found = SequentialAdversary(world, plays).filter(plays.actions[[0, 1]])
+    found.save(tmp_path / "found.npz")
+    again = type(found).load(tmp_path / "found.npz")
+    assert again.statuses == found.statuses
+    assert (again.weights == found.weights).all()
+
+
+def test_reachable_beliefs_are_those_of_the_filter() -> None:
+    rng = np.random.default_rng(9)
+    world = random_world(rng, 3, 2)
+    found = reachable_beliefs(world, 4)
+    assert len(found) == 2 + 4 + 8 + 16
+    for reports in product(range(2), repeat=4):
+        held = filter_beliefs(world, list(reports)).beliefs
+        assert np.linalg.norm(found[None] - held[:, None], axis=2).min(axis=1).max() < EXACT
+    silent = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission(np.ones((2, 1))))
+    assert len(reachable_beliefs(silent, 50)) == 1
+    with pytest.raises(ModelError, match="within 3 steps"):
+        reachable_beliefs(world, 4, limit=10)
+
+
+def test_what_cannot_be_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    world = random_world(rng)
+    plays = random_mechanism(rng, reachable_beliefs(world, 2), 2, mixed=True)
+    adversary = SequentialAdversary(world, plays)
+    gaussian = HiddenMarkovModel(world.transition, GaussianEmission([[0.0], [1.0]], [[[1.0]], [[1.0]]]))
+    with pytest.raises(InputError, match="n_particles and rng"):
+        SequentialAdversary(gaussian, plays)
+    with pytest.raises(InputError, match="same symbols"):
+        SequentialAdversary(world, plays, agent_world=gaussian, n_particles=5, rng=rng)
+    with pytest.raises(InputError, match="rng must be"):
+        SequentialAdversary(world, plays, n_particles=5)
+    with pytest.raises(InputError, match=r"expected \(T,2\)"):
+        adversary.filter([0, 1])
+    with pytest.raises(InputError, match="one per decision"):
+        adversary.filter(plays.actions, states=[0])
+    with pytest.raises(InputError, match="no sensor"):
+        adversary.filter(plays.actions, observations=[0, 1])
+    with pytest.raises(InputError, match="pass what it reported"):
+        SequentialAdversary(world, plays, sensor=world.emission).filter(plays.actions)
+    with pytest.raises(InputError, match="row 1"):
+        adversary.filter([[0.0, 1.0], [np.nan, 1.0]])
+    with pytest.raises(InputError, match="the world 3"):
+        SequentialAdversary(random_world(rng, 3), plays)
+    still = HiddenMarkovModel(np.eye(2), world.emission, [1.0, 0.0])
+    with pytest.raises(ModelError, match="step 1"):
+        SequentialAdversary(still, plays).filter(plays.actions, states=[0, 1])

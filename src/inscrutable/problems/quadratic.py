@@ -13,6 +13,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
+from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
 
 _CHUNK = 256
@@ -96,7 +97,16 @@ class QuadraticProblem(DecisionProblem):
 
     def solve_rows(self, held: Array) -> Array:
         """Return u*(π), shape (T,U), for the rows of a contiguous array (T,X) that are known to be beliefs."""
+        if self._vertices is not None:
+            return self._vertices.solve(held)
         return self._along_path(held) if self.solves_in_bulk else self._one_by_one(held)
+
+    @cached_property
+    def _vertices(self) -> VertexTable | None:
+        """The vertices among which linear costs choose, of ties always the same; None where some cost bends."""
+        if self.hessians.any() or not np.isfinite(self.constraints.bounding_box).all():
+            return None
+        return VertexTable(self.linear, self.constraints)
 
     @cached_property
     def solves_in_bulk(self) -> bool:

@@ -318,6 +318,9 @@ def test_many_beliefs_are_proved_one_by_one():
         singles = [one(belief) for belief in beliefs]
         assert many.privacy_bound == pytest.approx([each.privacy_bound for each in singles])
         assert list(many.status) == [each.status for each in singles]
+        assert many.oracle_calls.tolist() == [each.oracle_calls for each in singles]
+        assert [many[step].oracle_calls for step in range(2)] == [each.oracle_calls for each in singles]
+        assert min(many.oracle_calls) > 0
 
 
 def test_a_solver_that_is_not_exact_loosens_the_bound():

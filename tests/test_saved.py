@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from inscrutable import (
     CounterAdversarialDecisionMaker,
     Decision,
     Frontier,
+    GlobalSearch,
     InputError,
     MarkowitzProblem,
     MixedDecision,
@@ -52,6 +55,29 @@ def test_mixtures_and_frontiers_round_trip(problem, tmp_path):
     assert same(MixedDecision.load(tmp_path / "0.npz").probabilities, mixed.probabilities)
     assert same(MixedDecisions.load(tmp_path / "1.npz")[1].actions, many[1].actions)
     assert Frontier.load(tmp_path / "2.npz").randomized(0.01) == frontier.randomized(0.01)
+
+
+def test_calls_of_proofs_round_trip_and_older_files_have_none(problem, tmp_path):
+    beliefs = [[0.2, 0.3, 0.5], [1, 0, 0]]
+    proofs = CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=0.1)).decide_many(beliefs)
+    lotteries = ProbabilisticDecisionMaker(problem, certify=0.1).decide_many(beliefs)
+    path, older = tmp_path / "new.npz", tmp_path / "older.npz"
+    for many in (proofs, lotteries):
+        assert (many.oracle_calls > 0).all()
+        assert many.sample(rng=np.random.default_rng(0))[0].oracle_calls > 0 if many is lotteries else True
+        many.save(path)
+        again = type(many).load(path)
+        assert same(again.oracle_calls, many.oracle_calls)
+        assert again[1].oracle_calls == many[1].oracle_calls
+        with np.load(path) as stored:
+            kept = dict(stored)
+        described = json.loads(str(kept["description"]))
+        del described["result"]["fields"]["oracle_calls"]
+        np.savez(older, **{**kept, "description": np.array(json.dumps(described))})
+        assert type(many).load(older).oracle_calls.tolist() == [0, 0]
+        assert type(many).load(older)[1].oracle_calls == 0
+    plain = CounterAdversarialDecisionMaker(problem).decide_many(beliefs)
+    assert plain.oracle_calls.tolist() == [0, 0]
 
 
 def test_foreign_files_are_refused(problem, tmp_path):

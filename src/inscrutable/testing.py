@@ -11,7 +11,7 @@ from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.decision_makers.action_candidates import random_actions
 from inscrutable.errors import ModelError
-from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.problems import ConvexProblem, DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 _BELIEFS = 12
@@ -143,6 +143,14 @@ def _check_convexity(sample: _Sample) -> None:
         "state costs are convex",
         f"the cost of state {state} lies {excess.max():.3g} above the chord between {first[row]} and {second[row]}",
     )
+    if isinstance(problem, ConvexProblem) and problem.strictly_convex:
+        apart = np.abs(first - second).max(axis=1) > tolerances.MIN_SLACK
+        level = excess[apart].max(initial=-np.inf)
+        _promise(
+            float(level) < -tolerances.EXACT_COST * sample.scale,
+            "costs declared strictly convex lie below their chords",
+            f"one lies {-level:.3g} below",
+        )
 
 
 def _check_gradients(sample: _Sample) -> None:

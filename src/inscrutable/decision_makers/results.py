@@ -236,6 +236,7 @@ class MixedDecision(Saved):
             self.decoys[index],
             self.status,
             self.problem,
+            oracle_calls=self.oracle_calls,
         )
         if "belief_sets" in vars(self):
             vars(drawn)["belief_set"] = self.belief_sets[index]
@@ -281,7 +282,11 @@ class Decisions(Saved):
     status: tuple[DecisionStatus, ...]
     played: Played | None = field(default=None, metadata={"saved": False})
     price: Array | None = None
+    oracle_calls: np.ndarray | None = None  # (T,); None becomes zeros
     _derived: ClassVar[tuple[str, ...]] = ("action", "belief_set")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "oracle_calls", _counts(self.oracle_calls, len(self.status)))
 
     @cached_property
     def action(self) -> Array:
@@ -325,6 +330,7 @@ class Decisions(Saved):
             self.status[step],
             None if self.played is None else self.played.problem,
             float("nan") if self.price is None else float(self.price[step]),
+            int(_counts(self.oracle_calls, len(self))[step]),
         )
         if "belief_set" in vars(self):
             vars(found)["belief_set"] = self.belief_set[step]
@@ -360,7 +366,11 @@ class MixedDecisions(Saved):
     decoys: Array  # (T, k, X)
     status: tuple[DecisionStatus, ...]
     played: Played | None = field(default=None, metadata={"saved": False})
+    oracle_calls: np.ndarray | None = None  # (T,); None becomes zeros
     _derived: ClassVar[tuple[str, ...]] = ("actions",)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "oracle_calls", _counts(self.oracle_calls, len(self.status)))
 
     @cached_property
     def actions(self) -> Array:
@@ -404,6 +414,7 @@ class MixedDecisions(Saved):
             self.decoys[step][kept],
             self.status[step],
             None if self.played is None else self.played.problem,
+            int(_counts(self.oracle_calls, len(self))[step]),
         )
 
     def sample(self, *, rng: np.random.Generator | None = None) -> Decisions:
@@ -422,6 +433,7 @@ class MixedDecisions(Saved):
             self.decoys[rows, chosen],
             self.status,
             played,
+            oracle_calls=self.oracle_calls,
         )
         if played is None:
             vars(drawn)["action"] = self.actions[rows, chosen]
@@ -434,6 +446,10 @@ def _drawn(probabilities: Array, source: np.random.Generator) -> np.ndarray:
     places = (source.random(len(edges))[:, None] * edges[:, -1:] >= edges).sum(axis=1)
     last = probabilities.shape[1] - 1 - (probabilities[:, ::-1] > 0).argmax(axis=1)
     return np.asarray(np.minimum(places, last))
+
+
+def _counts(calls: np.ndarray | None, n_steps: int) -> np.ndarray:
+    return np.zeros(n_steps, dtype=np.int64) if calls is None else calls
 
 
 def _known(played: Played | None) -> Played:
@@ -473,6 +489,7 @@ def stack(decisions: list[Decision], problem: DecisionProblem) -> Decisions:
         tuple(d.status for d in decisions),
         Kept(problem, np.array([problem.as_points(d.action) for d in decisions])),
         np.array([d.price for d in decisions]),
+        np.array([d.oracle_calls for d in decisions]),
     )
 
 
@@ -499,6 +516,7 @@ def stack_mixed(decisions: list[MixedDecision], problem: DecisionProblem) -> Mix
         np.array([padded(d.decoys) for d in decisions]),
         tuple(d.status for d in decisions),
         Kept(problem, np.array([padded(problem.as_points(d.actions)) for d in decisions])),
+        np.array([d.oracle_calls for d in decisions]),
     )
 
 

@@ -41,6 +41,8 @@ class ConvexProblem(DecisionProblem):
         constraints: A `Polyhedron`, or a list of affine `cvxpy` constraints on the variable.
         differentiable: Whether the costs have gradients all over C. Where they have kinks say False: Π(u) is then
             found by cutting planes, as the beliefs that lose at most 1e-6 of the cost's scale.
+        strictly_convex: Whether every state's cost is strictly convex on C, as the user knows: optimal decisions are then
+            unique, and proofs become faster. Quadratic and affine costs are looked at instead.
 
     Raises:
         InputError: `cvxpy` is missing, a cost is not convex, scalar or depends on another variable, a constraint is not
@@ -70,19 +72,27 @@ class ConvexProblem(DecisionProblem):
         constraints: Polyhedron | Sequence[Any],
         *,
         differentiable: bool = True,
+        strictly_convex: bool = False,
     ) -> None:
         model = Modelled(variable, costs, constraints)
         self._model: Modelled | None = model
         self._set_up(model.values, model.gradients, checked_region(model.region, model.n_actions), len(costs))
         self.differentiable = bool(differentiable)
+        self.strictly_convex = bool(strictly_convex)
         self._stated: DecisionProblem | None = _recognised(model, self.constraints)
 
     def _set_up(self, values: Function, gradients: Function, region: Polyhedron, n_states: int) -> None:
         self._values, self._gradients = values, gradients
         self.constraints, self._n_states = region, n_states
         self.differentiable = True
+        self.strictly_convex = False
         self._stated = None
         self._start = np.zeros(region.n_actions)
+
+    @property
+    def costs_are_unique(self) -> bool:
+        """Whether all optimal decisions of a belief have the same state costs: looked up, or declared."""
+        return self.strictly_convex if self._stated is None else self._stated.costs_are_unique
 
     @property
     def cost_accuracy(self) -> float:  # type: ignore[override]
@@ -93,7 +103,13 @@ class ConvexProblem(DecisionProblem):
 
     @classmethod
     def from_functions(
-        cls, values: Function, gradients: Function, constraints: Polyhedron, *, start: ArrayLike | None = None
+        cls,
+        values: Function,
+        gradients: Function,
+        constraints: Polyhedron,
+        *,
+        start: ArrayLike | None = None,
+        strictly_convex: bool = False,
     ) -> ConvexProblem:
         """Return the problem of smooth costs given by functions of one decision (U,).
 
@@ -102,6 +118,7 @@ class ConvexProblem(DecisionProblem):
             gradients: Returns their gradients, shape (X,U).
             constraints: The feasible set C.
             start: A feasible decision inside the costs' domain, (U,); None is one as far from the rows as possible.
+            strictly_convex: As of the constructor.
 
         Raises:
             InputError: A function returns another shape.
@@ -126,6 +143,7 @@ class ConvexProblem(DecisionProblem):
             costs.size,
         )
         problem._start = middle
+        problem.strictly_convex = bool(strictly_convex)
         return problem
 
     @property

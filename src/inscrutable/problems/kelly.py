@@ -13,6 +13,7 @@ from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
 from inscrutable.problems.newton import Model, minimise_smooth
+from inscrutable.problems.quadratic import bent_alike
 from inscrutable.problems.quadratic_programme import Layout, layout_of
 from inscrutable.validation import Array
 
@@ -110,6 +111,23 @@ class KellyProblem(DecisionProblem):
         below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
         found = [minimise(-returns, below, equal) for returns in self.gross_returns.reshape(-1, self.n_actions)]
         return np.array([-each.value if each.status == OPTIMAL else 0.0 for each in found])
+
+    @cached_property
+    def costs_are_unique(self) -> bool:
+        """Whether the wealth in each single state's outcomes fixes it in all outcomes, and no decision can lose all of it.
+
+        The logarithm bends in wealth, so that all optimal decisions leave the same wealth in every outcome of positive
+        probability. A belief may rule out all states but one; what its outcomes do not feel, no outcome may feel.
+        """
+        bends = np.einsum("xs,xsu,xsv->xuv", self.probabilities, self.gross_returns, self.gross_returns)
+        possible = self.gross_returns[self.probabilities > 0]
+        if not bent_alike(bends, possible, self.constraints.A_eq):
+            return False
+        # Near ruin costs are so large that nothing else is seen beside them.
+        region = self.constraints
+        below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
+        found = (minimise(returns, below, equal) for returns in possible)
+        return all(each.status == OPTIMAL and each.value >= tolerances.LEAST_WEALTH for each in found)
 
     @cached_property
     def _layout(self) -> Layout:

@@ -13,6 +13,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
+from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
 
 _CHUNK = 256
@@ -79,15 +80,10 @@ class QuadraticProblem(DecisionProblem):
     @cached_property
     def costs_are_unique(self) -> bool:
         """Whether every state's cost bends in all directions inside C but those along which no state's cost changes."""
-        size = self.n_actions
         scale = float(np.abs(self.hessians).max())
         weight = (scale or 1.0) / max(float(np.abs(self.linear).max()), tolerances.TINY)
         felt = np.vstack([*self.hessians, weight * self.linear])
-        inside = _null_space(self.constraints.A_eq) if len(self.constraints.A_eq) else np.eye(size)
-        idle = _null_space(felt @ inside)
-        bent = inside @ _null_space(idle.T) if idle.shape[1] else inside
-        least = [np.linalg.eigvalsh(bent.T @ hessian @ bent).min(initial=np.inf) for hessian in self.hessians]
-        return bool(min(least) > tolerances.CURVATURE * scale)
+        return bent_alike(self.hessians, felt, self.constraints.A_eq)
 
     @cached_property
     def _layout(self) -> Layout:
@@ -101,7 +97,16 @@ class QuadraticProblem(DecisionProblem):
 
     def solve_rows(self, held: Array) -> Array:
         """Return u*(π), shape (T,U), for the rows of a contiguous array (T,X) that are known to be beliefs."""
+        if self._vertices is not None:
+            return self._vertices.solve(held)
         return self._along_path(held) if self.solves_in_bulk else self._one_by_one(held)
+
+    @cached_property
+    def _vertices(self) -> VertexTable | None:
+        """The vertices among which linear costs choose, of ties always the same; None where some cost bends."""
+        if self.hessians.any() or not np.isfinite(self.constraints.bounding_box).all():
+            return None
+        return VertexTable(self.linear, self.constraints)
 
     @cached_property
     def solves_in_bulk(self) -> bool:
@@ -189,10 +194,20 @@ class QuadraticProblem(DecisionProblem):
         return FaceSolution(action, slope[:size], answer[size : size + n], slope[size : size + n])
 
 
-def _null_space(matrix: Array) -> Array:
-    """An orthonormal basis (U,N) of what a matrix (R,U) maps to nothing."""
+def bent_alike(hessians: Array, felt: Array, equalities: Array) -> bool:
+    """Whether each of the hessians (X,U,U) bends in all directions that keep the equalities (e,U), but those that no row
+    of `felt` (n,U) feels."""
+    inside = _null_space(equalities) if len(equalities) else np.eye(hessians.shape[1])
+    idle = _null_space(felt @ inside, float(np.linalg.norm(felt)))
+    bent = inside @ _null_space(idle.T) if idle.shape[1] else inside
+    least = [np.linalg.eigvalsh(bent.T @ hessian @ bent).min(initial=np.inf) for hessian in hessians]
+    return bool(min(least) > tolerances.CURVATURE * float(np.abs(hessians).max()))
+
+
+def _null_space(matrix: Array, scale: float = 0.0) -> Array:
+    """An orthonormal basis (U,N) of what a matrix (R,U) maps to nothing, beside its largest singular value and a scale."""
     _, sizes, rows = np.linalg.svd(matrix, full_matrices=True)
-    rank = int((sizes > tolerances.CURVATURE * sizes.max(initial=0.0)).sum())
+    rank = int((sizes > tolerances.CURVATURE * max(sizes.max(initial=0.0), scale)).sum())
     return np.asarray(rows[rank:].T)
 
 

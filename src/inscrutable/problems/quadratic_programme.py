@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import daqp
 import numpy as np
+from scipy.linalg import null_space
 
 from inscrutable import tolerances
 from inscrutable.errors import ModelError, SolverError
@@ -103,10 +104,7 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
     )
     endless = _endless_direction(hessian, linear, layout) if flag == -3 else None
     if endless is not None:
-        raise ModelError(
-            f"the cost has no minimum over the feasible set: it falls without end along {_told(endless)}; "
-            "bound these, for instance with & box(lower, upper)"
-        )
+        raise _no_minimum(endless)
     if flag < 1:
         # Near-singular programmes can defeat DAQP; the repair starts as well from any feasible point.
         return _feasible_point(layout), _Working(np.zeros(n_actions, dtype=np.int8), np.zeros(n_rows, dtype=bool))
@@ -124,6 +122,13 @@ def _endless_direction(hessian: Array, linear: Array, layout: Layout) -> Array |
     level = Rows(layout.general, np.zeros(layout.sides.size))
     steepest = minimum(linear, level, Rows(flat, np.zeros(len(flat))), bounds)
     return steepest.x if steepest.value < -tolerances.LINEAR_PROGRAMME else None
+
+
+def _no_minimum(direction: Array) -> ModelError:
+    return ModelError(
+        f"the cost has no minimum over the feasible set: it falls without end along {_told(direction)}; "
+        "bound these, for instance with & box(lower, upper)"
+    )
 
 
 def _told(direction: Array) -> str:
@@ -205,8 +210,15 @@ def _repair(hessian: Array, linear: Array, layout: Layout, working: _Working, st
         free = np.flatnonzero(bounds == 0)
         normals = np.vstack([layout.general[rows], layout.equalities])
         sides = np.concatenate([layout.sides[rows], layout.equality_sides])
-        step, multipliers = _newton_step(hessian, linear, u, free, normals, sides)
-        length, blocking = _longest_step(u, step, layout, bounds, rows)
+        slide = _flat_descent(hessian, linear, u, free, normals)
+        if slide is None:
+            step, multipliers = _newton_step(hessian, linear, u, free, normals, sides)
+            length, blocking = _longest_step(u, step, layout, bounds, rows)
+        else:
+            step = slide
+            length, blocking = _longest_step(u, step, layout, bounds, rows, most=np.inf)
+            if blocking is None:
+                raise _no_minimum(step)
         u = np.clip(u + length * step, layout.lower, layout.upper)
         if blocking is not None:
             kind, j = blocking
@@ -235,6 +247,20 @@ def _repair(hessian: Array, linear: Array, layout: Layout, working: _Working, st
     return best
 
 
+def _flat_descent(hessian: Array, linear: Array, u: Array, free: np.ndarray, normals: Array) -> Array | None:
+    """The steepest direction along the working set in which the cost falls in a straight line; None where there is none."""
+    ways = null_space(normals[:, free], rcond=tolerances.STATIONARITY) if len(normals) else np.eye(free.size)
+    bends, axes = np.linalg.eigh(ways.T @ hessian[np.ix_(free, free)] @ ways)
+    flat = ways @ axes[:, bends <= tolerances.CURVATURE]
+    slope = flat @ (flat.T @ (hessian @ u + linear)[free])
+    steepness = np.abs(slope).max(initial=0.0)
+    if steepness <= tolerances.STATIONARITY:
+        return None
+    step = np.zeros(u.size)
+    step[free] = -slope / steepness
+    return step
+
+
 def _newton_step(
     hessian: Array, linear: Array, u: Array, free: np.ndarray, normals: Array, sides: Array
 ) -> tuple[Array, Array]:
@@ -252,9 +278,10 @@ def _newton_step(
 
 
 def _longest_step(
-    u: Array, step: Array, layout: Layout, bounds: np.ndarray, rows: np.ndarray
+    u: Array, step: Array, layout: Layout, bounds: np.ndarray, rows: np.ndarray, most: float = 1.0
 ) -> tuple[float, tuple[str, int] | None]:
-    length, blocking = 1.0, None
+    length: float = most
+    blocking = None
     tiny = tolerances.STATIONARITY
     for j in np.flatnonzero((bounds == 0) & (np.abs(step) > tiny)):
         limit = layout.lower[j] if step[j] < 0 else layout.upper[j]

@@ -133,6 +133,11 @@ class TradingProblem(DecisionProblem):
         """Number of states X."""
         return self.untraded.n_states
 
+    @property
+    def costs_are_unique(self) -> bool:
+        """Whether the costs without trading are: what trading adds is the same in all states, and convex."""
+        return self.untraded.costs_are_unique
+
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U); what is not traded is kept to the last digit."""
         actions = self.former + self._lifted.solve(beliefs) @ self._columns.T

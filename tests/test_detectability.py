@@ -102,6 +102,9 @@ def test_every_figure_is_its_definition(seed, kind):
         assert found.divergence == pytest.approx(expected, abs=1e-9)
     else:
         assert found.divergence == np.inf
+    # A coarser look never tells more.
+    assert 0.5 - 1e-9 <= found.read_auc <= found.auc + 1e-9
+    assert found.read_total_variation <= found.total_variation + 1e-9
     # A test by likelihood ratio: half of total variation at least, all of it at most, is area.
     assert 0.5 + 0.5 * found.total_variation - 1e-9 <= found.auc
     assert found.auc <= 0.5 + found.total_variation - 0.5 * found.total_variation**2 + 1e-9
@@ -121,6 +124,8 @@ def test_who_hides_nothing_shows_nothing(kind):
     assert found.total_variation == pytest.approx(0, abs=1e-12)
     assert found.divergence == pytest.approx(0, abs=1e-12)
     assert (found.expected_gap, found.implausible_share) == (0, 0)
+    assert found.read_auc == pytest.approx(0.5, abs=1e-9)
+    assert found.read_total_variation == pytest.approx(0, abs=1e-12)
     assert found.likelihood_ratios == pytest.approx(1)
 
 
@@ -145,6 +150,21 @@ def test_an_implausible_decision_by_hand():
     assert found.total_variation == 0.5
     assert found.auc == pytest.approx(0.5 * 1 + 0.5 * (0.5 * 0.5 + 0.5 * 1))
     assert found.divergence == np.inf
+    assert found.read_auc == found.auc
+    assert found.read_total_variation == 0.5
+
+
+def test_decisions_between_the_points_of_a_prior_are_read_as_the_nearest():
+    # Each decision tells its belief; playing for a belief a little off is seen at once, but not in what is read.
+    problem, prior = belief_problem(3), uniform_prior(3, 4)
+    moved = 0.95 * prior.beliefs + 0.05 / 3
+    actions = problem.solve(moved)
+    regrets = np.array([problem.regret(prior.beliefs, action) for action in actions]).T
+    found = detectability(problem, Mechanism(prior.beliefs, actions, np.eye(len(prior)), regrets), prior)
+    assert found.auc == pytest.approx(1)
+    assert found.total_variation == pytest.approx(1)
+    assert found.read_auc == pytest.approx(0.5)
+    assert found.read_total_variation == pytest.approx(0)
 
 
 def test_areas_by_hand():

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from inscrutable.adversaries.consistent_sets import consistent_sets
+from inscrutable.adversaries.observers import NaiveAdversary
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
@@ -32,11 +34,14 @@ class Detectability(Saved):
         total_variation: ½ Σ_u |p(u) − q(u)|: the best test is right in a share (1 + this)/2 of equally many of both.
         divergence: Σ_u p(u) log2(p(u)/q(u)), in bits a decision: how fast evidence grows over independent decisions; infinite
             where a decision is played that is optimal under no belief of the prior.
+        read_auc: The same area when the observer looks only at which belief of the prior is nearest to its naive reading of
+            the decision, the mean of the corners of Π(u); all decisions that no belief explains are one outcome.
+        read_total_variation: The total variation of these readings.
         gaps: r(u) of each of the mechanism's decisions, shape (M,); NaN for one never played.
         likelihood_ratios: λ of each of them, shape (M,): infinite where q is zero, NaN where both are.
 
-    Beliefs that stand for a continuum make the last four pessimistic: a decision that is optimal between two points of the
-    prior is told from all that are optimal at them. The gaps know no such artefact.
+    Beliefs that stand for a continuum make a comparison decision by decision pessimistic: one that is optimal between two
+    points of the prior is told from all that are optimal at them. The gaps and the readings know no such artefact.
 
     Source: Neyman and Pearson (1933) for the ratio; the area under the curve as a probability: Hanley and McNeil (1982).
 
@@ -55,6 +60,8 @@ class Detectability(Saved):
     auc: float
     total_variation: float
     divergence: float
+    read_auc: float
+    read_total_variation: float
     gaps: Array
     likelihood_ratios: Array
 
@@ -69,6 +76,8 @@ class Detectability(Saved):
                 f"plausibility gap {self.expected_gap:.3g} expected, {self.largest_gap:.3g} at most",
                 f"one decision against one optimal decision: AUC {self.auc:.4f}, "
                 f"total variation {self.total_variation:.4f}, {self.divergence:.4g} bits a decision",
+                f"the same by the belief it reads: AUC {self.read_auc:.4f}, "
+                f"total variation {self.read_total_variation:.4f}",
             ]
         )
 
@@ -111,12 +120,17 @@ def detectability(problem: DecisionProblem, mechanism: Mechanism, prior: Prior) 
     hiding = _by_decision(first[: len(points)], joint.played, total)
     open_ = _by_decision(first[len(points) :], joint.weights[some], total)
     shown = joint.played > 0
+    place = _readings(problem, np.vstack([points, honest]), joint.beliefs[some])
+    outcomes = int(some.sum()) + 1
+    read = _by_decision(place, hiding, outcomes), _by_decision(place, open_, outcomes)
     return Detectability(
         expected_gap=float(joint.played[shown] @ gaps[shown]),
         largest_gap=float(gaps[shown].max()),
         implausible_share=min(float(joint.played[~explained].sum()), 1.0),
         auc=area_under_curve(hiding, open_),
-        total_variation=min(0.5 * float(np.abs(hiding - open_).sum()), 1.0),
+        total_variation=_variation(hiding, open_),
+        read_auc=area_under_curve(*read),
+        read_total_variation=_variation(*read),
         divergence=_divergence(hiding, open_),
         gaps=gaps,
         likelihood_ratios=_ratios(hiding[first], open_[first])[: len(points)],
@@ -132,6 +146,19 @@ def area_under_curve(hiding: Array, honest: Array) -> float:
     by_p, by_q = np.bincount(group.reshape(-1), weights=p), np.bincount(group.reshape(-1), weights=q)
     below = np.cumsum(by_q) - by_q
     return min(float(by_p @ (below + 0.5 * by_q)), 1.0)
+
+
+def _readings(problem: DecisionProblem, decisions: Array, beliefs: Array) -> np.ndarray:
+    """The belief (of B) nearest to the naive reading of every decision, B for those that none explains, shape (N,)."""
+    estimates = NaiveAdversary(problem).estimates(decisions)
+    empty = np.isnan(estimates[:, 0])
+    place = np.full(len(decisions), len(beliefs))
+    place[~empty] = cKDTree(beliefs).query(estimates[~empty])[1]
+    return place
+
+
+def _variation(hiding: Array, honest: Array) -> float:
+    return min(0.5 * float(np.abs(hiding - honest).sum()), 1.0)
 
 
 def _by_decision(first: np.ndarray, shares: Array, total: int) -> Array:

@@ -22,6 +22,7 @@ _BLOCK = 2**21
 """Posterior weights held at once."""
 _MANY = 0.1
 """Share of entries above zero from which a table is multiplied as a plain one."""
+_LEAST_DRAWS = 10
 _SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 
@@ -46,8 +47,8 @@ class RepeatedLeakage(Saved):
         limit_error: The error that remains for ever.
         n_draws: Sampled sequences.
 
-    Source: Bayes' rule for independent draws; an average of conditional means has less variance than of draws
-    (Blackwell, 1947).
+    Source: Bayes' rule for independent draws; averages of conditional means have less variance than of draws (Blackwell,
+    1947), and still less beside figures of known mean (control variates): the mean posterior is the prior.
 
     Example:
         >>> from inscrutable import Mechanism, Prior
@@ -93,11 +94,13 @@ class RepeatedLeakage(Saved):
 
 
 class _Sampled(NamedTuple):
-    """Information, squared error and accuracy of every sampled sequence."""
+    """Information, squared error and accuracy of every sampled sequence, and two figures whose mean is known to be zero."""
 
     information: Array
     squared: Array
     accuracy: Array
+    surprise: Array
+    spread: Array
 
 
 def repeated_leakage(
@@ -117,7 +120,7 @@ def repeated_leakage(
         prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
         n_steps: One number of decisions or several, each at least 1, rising.
         rng: The source of beliefs and decisions.
-        n_draws: Sampled sequences, at least 2.
+        n_draws: Sampled sequences, at least 10.
 
     Raises:
         InputError: A belief of the prior is none of the mechanism's, or a number is malformed.
@@ -134,7 +137,7 @@ def repeated_leakage(
         array([1., 1.])
     """
     steps = _rising(n_steps)
-    source, count = validation.generator(rng), validation.count(n_draws, "n_draws", least=2)
+    source, count = validation.generator(rng), validation.count(n_draws, "n_draws", least=_LEAST_DRAWS)
     joint = joint_law(mechanism, prior)
     once = leakage(mechanism, prior)
     found = np.zeros((3, len(steps)))
@@ -144,9 +147,7 @@ def repeated_leakage(
         if n == 1:
             found[:, s] = once.mutual_information, once.bayes_error, once.top_state_accuracy
             continue
-        values = np.array(sampled[s])
-        found[:, s] = values.mean(axis=1)
-        errors[:, s] = values.std(axis=1, ddof=1) / np.sqrt(count)
+        found[:, s], errors[:, s] = _averages(sampled[s])
         root = np.sqrt(found[1, s])
         found[1, s], errors[1, s] = root, errors[1, s] / (2 * root) if root > 0 else 0.0
     limit_information, limit_error = _limits(joint)
@@ -164,6 +165,19 @@ def repeated_leakage(
         limit_error=limit_error,
         n_draws=count,
     )
+
+
+def _averages(sampled: _Sampled) -> tuple[Array, Array]:
+    """Means of the three figures and their standard errors, less what the figures of known mean explain of the luck."""
+    values, controls = np.array(sampled[:3]).T, np.array(sampled[3:]).T
+    adjusted = values.copy()
+    # Slopes of one half serve the other: fitted to the sample they adjust, they would bias its mean.
+    for own, other in ((slice(0, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(0, None, 2))):
+        centred = controls[other] - controls[other].mean(axis=0)
+        slopes = np.linalg.pinv(centred, rcond=tolerances.RANK) @ (values[other] - values[other].mean(axis=0))
+        adjusted[own] -= controls[own] @ slopes
+    spread = adjusted.std(axis=0, ddof=1)
+    return np.maximum(adjusted.mean(axis=0), 0.0), spread / np.sqrt(len(values))
 
 
 def _rising(n_steps: Any) -> list[int]:
@@ -185,7 +199,7 @@ def _sample(joint: Joint, steps: list[int], n_draws: int, rng: np.random.Generat
     # Entries of both parts by action; a logarithm of zero is no entry of the first, and missed in the second.
     plain = table.nnz > _MANY * len(held) * joint.n_actions
     by_action = [np.ascontiguousarray(each.toarray().T) if plain else each.T.tocsr() for each in (logs, possible)]
-    drawn = np.sort(rng.choice(len(held), size=n_draws, p=weights))
+    drawn = rng.choice(len(held), size=n_draws, p=weights)
     parts: list[list[_Sampled]] = [[] for _ in steps]
     for chosen in np.array_split(drawn, max(-(-n_draws * len(held) // _BLOCK), 1)):
         log_likelihood, seen = np.zeros((len(chosen), len(held))), np.zeros((len(chosen), len(held)))
@@ -198,7 +212,7 @@ def _sample(joint: Joint, steps: list[int], n_draws: int, rng: np.random.Generat
 
 
 def _counts(table: Any, chosen: np.ndarray, n: int, rng: np.random.Generator) -> Any:
-    """How often each action is played in n draws under each chosen belief (sorted), sparse (D,M)."""
+    """How often each action is played in n draws under each chosen belief, sparse (D,M)."""
     rows, columns, numbers = [], [], []
     for b in np.unique(chosen):
         place = np.flatnonzero(chosen == b)
@@ -225,10 +239,15 @@ def _judged(log_likelihood: Array, weights: Array, beliefs: Array, top: Array) -
     posterior /= posterior.sum(axis=1, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(posterior > 0, posterior * np.log2(posterior / weights), 0.0).sum(axis=1)
+    # In expectation over sequences a posterior is the prior.
+    middle = weights @ beliefs
+    apart = ((beliefs - middle) ** 2).sum(axis=1)
+    surprise = posterior @ -np.log2(weights) - entropy(weights)
     squared = np.zeros(len(posterior))
     for belief, mean in zip(beliefs.T, (posterior @ beliefs).T, strict=True):
         squared += (posterior * (belief - mean[:, None]) ** 2).sum(axis=1)
-    return _Sampled(np.maximum(gain, 0.0), squared, np.minimum((posterior @ top).max(axis=1), 1.0))
+    accuracy = np.minimum((posterior @ top).max(axis=1), 1.0)
+    return _Sampled(np.maximum(gain, 0.0), squared, accuracy, surprise, posterior @ apart - weights @ apart)
 
 
 def _limits(joint: Joint) -> tuple[float, float]:

@@ -71,6 +71,8 @@ _EXPORTS: dict[str, str] = {
     "PrivacyMeasure": "privacy",
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
+    "RateDistortionCurve": "decision_makers",
+    "RateDistortionDecisionMaker": "decision_makers",
     "RepeatedLeakage": "privacy",
     "RowConflict": "problems",
     "SequenceStatus": "adversaries",
@@ -101,6 +103,7 @@ _EXPORTS: dict[str, str] = {
     "plausibility_gap": "adversaries",
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
+    "rate_distortion_curve": "decision_makers",
     "reachable_beliefs": "mechanisms",
     "repeated_leakage": "privacy",
     "simplex": "problems",
@@ -150,11 +153,14 @@ if TYPE_CHECKING:
     from inscrutable.decision_makers import MixedDecisions as MixedDecisions
     from inscrutable.decision_makers import OriginalDecisionMaker as OriginalDecisionMaker
     from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
+    from inscrutable.decision_makers import RateDistortionCurve as RateDistortionCurve
+    from inscrutable.decision_makers import RateDistortionDecisionMaker as RateDistortionDecisionMaker
     from inscrutable.decision_makers import action_grid as action_grid
     from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy
     from inscrutable.decision_makers import decoy_grid as decoy_grid
     from inscrutable.decision_makers import privacy_frontier as privacy_frontier
     from inscrutable.decision_makers import random_candidates as random_candidates
+    from inscrutable.decision_makers import rate_distortion_curve as rate_distortion_curve
     from inscrutable.errors import InputError as InputError
     from inscrutable.errors import InscrutableError as InscrutableError
     from inscrutable.errors import ModelError as ModelError

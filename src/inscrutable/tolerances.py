@@ -223,3 +223,29 @@ apart at one per cent."""
 
 PROVED = 1e-6
 """A bound this little above the privacy, in units of belief, proves it: what the polish itself leaves."""
+
+NO_REGRET = 1e-12
+"""Regret, as a share of the mean over beliefs and candidates, that counts as none: a difference of two costs rounds to it.
+A smaller budget allows the candidates of least regret alone."""
+
+REGRET_MET = 1e-9
+"""How far below its budget an expected regret may stay, as a share of it: what a root search leaves."""
+
+REGRET_NEAR = 1e-6
+"""The same while the law of the decisions still moves: what it changes in the value is its square."""
+
+NEWTON_STEP = 1e-8
+"""Share of a Newton step below which a barrier function is taken to fall no further."""
+
+BARRIER_ROUNDING = 1e-13
+"""Relative rise of a barrier function that is rounding."""
+
+RARELY_PLAYED = 1e-10
+"""An atom of a lottery with hundreds of atoms that is played less often than this goes to the row's cheapest: what all of
+them can change in a rate is 1e-5 bits."""
+
+RATE_GAP = 1e-3
+"""Bits by which a rate and its bound may differ: far below what an observer could make use of."""
+
+SELDOM = 1e-3
+"""Share of an equal share below which a column is taken not to be needed, or with which a needed one begins."""

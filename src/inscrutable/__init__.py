@@ -19,9 +19,12 @@ _EXPORTS: dict[str, str] = {
     "BeliefSet": "geometry",
     "Budget": "budgets",
     "BudgetAwareAdversary": "adversaries",
+    "Calibration": "decision_makers.baselines",
+    "CalibrationStatus": "decision_makers.baselines",
     "Candidates": "decision_makers",
     "CategoricalEmission": "worlds",
     "CheapestPrivacy": "decision_makers",
+    "CoinDecisionMaker": "decision_makers.baselines",
     "ConvexProblem": "problems",
     "CostLearningAdversary": "adversaries",
     "CostStatus": "adversaries",
@@ -30,10 +33,13 @@ _EXPORTS: dict[str, str] = {
     "DecisionProblem": "problems",
     "DecisionStatus": "decision_makers",
     "Decisions": "decision_makers",
+    "DelayedDecisionMaker": "decision_makers.baselines",
     "DesiredObfuscation": "privacy",
     "Detectability": "privacy",
+    "DirichletDecisionMaker": "decision_makers.baselines",
     "Emission": "worlds",
     "Envelope": "decision_makers",
+    "ExponentialDecisionMaker": "decision_makers.baselines",
     "FilterResult": "filtering",
     "FiniteProblem": "problems",
     "FittedWorld": "worlds",
@@ -63,6 +69,7 @@ _EXPORTS: dict[str, str] = {
     "NonExistence": "privacy",
     "NonUniqueness": "privacy",
     "OriginalDecisionMaker": "decision_makers",
+    "PartialDecisionMaker": "decision_makers.baselines",
     "Polyhedron": "problems",
     "Posterior": "adversaries",
     "PosteriorStatus": "adversaries",
@@ -74,15 +81,18 @@ _EXPORTS: dict[str, str] = {
     "RateDistortionCurve": "decision_makers",
     "RateDistortionDecisionMaker": "decision_makers",
     "RepeatedLeakage": "privacy",
+    "RoundingDecisionMaker": "decision_makers.baselines",
     "RowConflict": "problems",
     "SequenceStatus": "adversaries",
     "SequentialAdversary": "adversaries",
     "SolverError": "errors",
     "TradingProblem": "problems",
     "Trajectory": "worlds",
+    "UniformDecisionMaker": "decision_makers.baselines",
     "UnionBeliefs": "adversaries",
     "action_grid": "decision_makers",
     "box": "problems",
+    "calibrate": "decision_makers.baselines",
     "cheapest_privacy": "decision_makers",
     "check_decision_problem": "testing",
     "consistent_beliefs": "adversaries",
@@ -161,6 +171,16 @@ if TYPE_CHECKING:
     from inscrutable.decision_makers import privacy_frontier as privacy_frontier
     from inscrutable.decision_makers import random_candidates as random_candidates
     from inscrutable.decision_makers import rate_distortion_curve as rate_distortion_curve
+    from inscrutable.decision_makers.baselines import Calibration as Calibration
+    from inscrutable.decision_makers.baselines import CalibrationStatus as CalibrationStatus
+    from inscrutable.decision_makers.baselines import CoinDecisionMaker as CoinDecisionMaker
+    from inscrutable.decision_makers.baselines import DelayedDecisionMaker as DelayedDecisionMaker
+    from inscrutable.decision_makers.baselines import DirichletDecisionMaker as DirichletDecisionMaker
+    from inscrutable.decision_makers.baselines import ExponentialDecisionMaker as ExponentialDecisionMaker
+    from inscrutable.decision_makers.baselines import PartialDecisionMaker as PartialDecisionMaker
+    from inscrutable.decision_makers.baselines import RoundingDecisionMaker as RoundingDecisionMaker
+    from inscrutable.decision_makers.baselines import UniformDecisionMaker as UniformDecisionMaker
+    from inscrutable.decision_makers.baselines import calibrate as calibrate
     from inscrutable.errors import InputError as InputError
     from inscrutable.errors import InscrutableError as InscrutableError
     from inscrutable.errors import ModelError as ModelError

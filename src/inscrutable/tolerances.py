@@ -133,6 +133,13 @@ NEAR_OPTIMAL = 1e-7
 PROBABILITY = 1e-9
 """Atoms of a mixture below this probability are dropped and the rest renormalised: HiGHS feasibility is 1e-9 here."""
 
+CALIBRATED = 1e-6
+"""How far, relative to the target, a calibrated expected regret may stay below it: differences between decision makers at
+equal regret are of the order of a per cent."""
+
+WHOLE_STEPS = 1e-9
+"""How far the number of steps in a unit may be from a whole number: 1/0.1 and 1/0.0333333333 pass, 1/0.07 does not."""
+
 NON_EXISTENCE_MARGIN = 1e-2
 """Default distance by which the true belief must miss the consistent set: one percentage point of belief,
 because an arbitrarily small change satisfies the paper's letter."""

@@ -70,6 +70,7 @@ _EXPORTS: dict[str, str] = {
     "NonUniqueness": "privacy",
     "OriginalDecisionMaker": "decision_makers",
     "PartialDecisionMaker": "decision_makers.baselines",
+    "PiecewiseLinearProblem": "problems",
     "Polyhedron": "problems",
     "Posterior": "adversaries",
     "PosteriorStatus": "adversaries",
@@ -81,6 +82,7 @@ _EXPORTS: dict[str, str] = {
     "RateDistortionCurve": "decision_makers",
     "RateDistortionDecisionMaker": "decision_makers",
     "RepeatedLeakage": "privacy",
+    "RevealedPreferences": "problems",
     "RoundingDecisionMaker": "decision_makers.baselines",
     "RowConflict": "problems",
     "SequenceStatus": "adversaries",
@@ -111,11 +113,13 @@ _EXPORTS: dict[str, str] = {
     "min_weights": "problems",
     "near_optimal_beliefs": "adversaries",
     "plausibility_gap": "adversaries",
+    "preference_problem": "problems",
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
     "rate_distortion_curve": "decision_makers",
     "reachable_beliefs": "mechanisms",
     "repeated_leakage": "privacy",
+    "revealed_preferences": "problems",
     "simplex": "problems",
     "simplex_grid": "geometry",
     "stationary_prior": "mechanisms",
@@ -214,9 +218,11 @@ if TYPE_CHECKING:
     from inscrutable.problems import KellyProblem as KellyProblem
     from inscrutable.problems import LinearProblem as LinearProblem
     from inscrutable.problems import MarkowitzProblem as MarkowitzProblem
+    from inscrutable.problems import PiecewiseLinearProblem as PiecewiseLinearProblem
     from inscrutable.problems import Polyhedron as Polyhedron
     from inscrutable.problems import PowerNetwork as PowerNetwork
     from inscrutable.problems import QuadraticProblem as QuadraticProblem
+    from inscrutable.problems import RevealedPreferences as RevealedPreferences
     from inscrutable.problems import RowConflict as RowConflict
     from inscrutable.problems import TradingProblem as TradingProblem
     from inscrutable.problems import box as box
@@ -225,6 +231,8 @@ if TYPE_CHECKING:
     from inscrutable.problems import long_short as long_short
     from inscrutable.problems import max_weights as max_weights
     from inscrutable.problems import min_weights as min_weights
+    from inscrutable.problems import preference_problem as preference_problem
+    from inscrutable.problems import revealed_preferences as revealed_preferences
     from inscrutable.problems import simplex as simplex
     from inscrutable.problems import turnover as turnover
     from inscrutable.problems import with_transaction_costs as with_transaction_costs

@@ -130,7 +130,8 @@ def _groups(patterns: np.ndarray, index: np.ndarray) -> list[tuple[np.ndarray, n
 def _systems(gradients: Array) -> tuple[Array, Array]:
     """Equations (C,J,f+1,X) of the consistent beliefs of the corners' decisions, and the scale (C,) of the first f."""
     equations = gradients.transpose(0, 1, 3, 2)
-    scale = 1.0 / np.maximum(np.linalg.norm(equations, axis=(2, 3)).mean(axis=1), tolerances.TINY)
+    sizes = np.linalg.norm(equations, axis=(2, 3)).mean(axis=1)
+    scale = np.where(sizes > 0.0, 1.0 / np.where(sizes > 0.0, sizes, 1.0), 0.0)
     ones = np.ones((*equations.shape[:2], 1, equations.shape[3]))
     return np.concatenate([scale[:, None, None, None] * equations, ones], axis=2), scale
 

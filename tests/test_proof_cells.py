@@ -80,6 +80,35 @@ def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
             assert (distances < np.linalg.norm(beliefs - belief, axis=1)).all()
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_cell_with_the_nearest_belief_of_a_decision_is_never_left_out(seed):
+    """At a corner, or inside; where fibres end at the simplex's border, at another face, or touch the sphere."""
+    rng = np.random.default_rng([20270403, seed])
+    n_states = 3 + seed % 2
+    problem = market_of(rng, n_states)
+    belief = rng.dirichlet(np.ones(n_states))
+    points = OraclePoints(problem, belief, np.eye(n_states))
+    cells = QuadraticCells(problem, points, whitened(problem))
+    fibres = Fibres(cells)
+    for _ in range(25):
+        decoy = rng.dirichlet(np.full(n_states, 0.7))
+        nearest = consistent_beliefs(problem, problem.solve(decoy)).nearest(belief)
+        nearest = np.maximum(nearest, 0.0) / np.maximum(nearest, 0.0).sum()
+        for size in 10 ** rng.uniform(-3.0, -0.3, 4):
+            others = rng.dirichlet(np.ones(n_states), n_states)
+            others[rng.random(n_states) < 0.5] = decoy
+            others[:, nearest < 1e-12] *= rng.random() < 0.5
+            others /= others.sum(axis=1, keepdims=True)
+            corners = (1 - size) * nearest + size * others
+            corners[0] = nearest
+            if rng.random() < 0.5 and (nearest > 0.0).all():
+                # As the mean of the corners, when they stay in the simplex.
+                moved = corners - corners.mean(axis=0) + nearest
+                corners = moved if moved.min() >= 0.0 else corners
+            index = points.add(corners)[None]
+            assert not fibres.passes(index, *cells.nearness(index))[0]
+
+
 def test_some_cells_are_passed_and_steps_along_fibres_bound_distances():
     rng = np.random.default_rng(9)
     problem = MarkowitzProblem(*markets.random_market(rng, 4, 3))

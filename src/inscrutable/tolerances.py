@@ -224,6 +224,9 @@ optimal there too: above the rounding of costs; between different decisions at b
 SHARED_WIDTH = 1e-3
 """Edge of a cell below which its corners are not asked whether they share a decision: neighbours nearly do anyway."""
 
+FINEST_CELL = 1e-6
+"""Cells narrower than this are not cut: what they may hold cannot be admissible, or is a limit that no decision reaches."""
+
 REDUCED_COST = 1e-11
 """Pivots and reduced costs of the tiny programmes that bound cells: their value is computed afresh, so no more than a
 little tightness hangs on it."""

@@ -55,7 +55,7 @@ class Answer:
 
 
 class _Cells(NamedTuple):
-    """Cells with bounds of the gain at their corners and of the regret; `final` ones hold a single decision."""
+    """Cells with bounds of the gain at their corners and of the regret; `final` ones are not cut."""
 
     corners: np.ndarray  # (C,X)
     gains: Array  # (C,X)
@@ -85,6 +85,7 @@ class Prover:
         self._cones = cones.corners
         self._shared: list[tuple[Array, float]] = []
         self._privacies = np.zeros(0)
+        self._exact = np.zeros(0, dtype=np.bool_)
         self._leaves: _Cells | None = None
         self._allowance = 0.0
         form = whitened(problem) if isinstance(problem, QuadraticProblem) else None
@@ -120,30 +121,34 @@ class Prover:
             leaves = leaves.pick(kept).joined(fresh)
             bounds = np.concatenate([bounds[kept], fresh.bounds(question)])
 
-    def seeming(self, reference: Reference) -> tuple[Array, Array]:
-        """Return regrets of the decisions at all points, and what the distance from or to the point itself makes of them."""
-        regrets = self.points.costs @ self.belief - self.points.optimal_cost
-        return regrets, reference.sign * np.linalg.norm(self.points.beliefs - reference.point, axis=1)
-
     def better(self, question: Question) -> np.ndarray:
         """Return points with admissible decisions known to be worth more than the floor, the best first; not the judged."""
-        regrets, worth = self.seeming(question.reference)
-        self._privacies = np.concatenate([self._privacies, np.full(len(worth) - len(self._privacies), np.nan)])
-        spent = np.where(regrets <= question.budget, 0.0, np.inf)
-        if question.multiplier is not None:
-            spent = question.multiplier * regrets
-        known = ~np.isnan(self._privacies)
-        worth[known] = self._privacies[known]
-        above = worth - spent - question.floor
+        self._look(question.reference)
+        spent = self.points.costs @ self.belief - self.points.optimal_cost
+        spent = (
+            np.where(spent <= question.budget, 0.0, np.inf)
+            if question.multiplier is None
+            else question.multiplier * spent
+        )
+        above = self._privacies - spent - question.floor
         above[list(question.judged)] = -np.inf
-        ask = np.flatnonzero((above > tolerances.CHORD) & ~known)
+        ask = np.flatnonzero((above > tolerances.CHORD) & ~self._exact)
         ask = ask[np.argsort(-above[ask], kind="stable")[:_JUDGED]]
         if ask.size:
-            self._privacies[ask] = self._judged(ask, question.reference)
+            self._privacies[ask], self._exact[ask] = self._judged(ask, question.reference), True
             above[ask] = self._privacies[ask] - spent[ask] - question.floor
-        above[np.isnan(self._privacies)] = -np.inf
-        found = np.flatnonzero(above > tolerances.CHORD)
+        found = np.flatnonzero((above > tolerances.CHORD) & self._exact)
         return np.asarray(found[np.argsort(-above[found], kind="stable")])
+
+    def _look(self, reference: Reference) -> None:
+        """Give new points the privacy that is seen at once, from above where there is to be much."""
+        fresh = np.arange(len(self._privacies), len(self.points.values))
+        if reference.sign > 0 and self._fibres is not None:
+            seen = self._fibres.distances(fresh)
+        else:
+            seen = reference.sign * np.linalg.norm(self.points.beliefs[fresh] - reference.point, axis=1)
+        self._privacies = np.concatenate([self._privacies, seen])
+        self._exact = np.concatenate([self._exact, np.zeros(len(fresh), dtype=np.bool_)])
 
     def _judged(self, index: np.ndarray, reference: Reference) -> Array:
         """The privacies of points' decisions, −∞ for those that are not admissible."""
@@ -175,7 +180,7 @@ class Prover:
             regrets = self._quadratic.regret_bounds(corners, near)
             if not self._quadratic.bends:
                 regrets = np.concatenate([regrets, self._by_values(corners)], axis=2)
-        cells = _Cells(corners, _gains(points, question.reference), regrets, np.zeros(len(corners), dtype=np.bool_))
+        cells = _Cells(corners, _gains(points, question.reference), regrets, self._tiny(points))
         alive = np.flatnonzero(cells.bounds(question) > question.floor)
         if outside and self._fibres is not None and self._quadratic is not None and alive.size:
             empty = self._fibres.passes(corners[alive], near[alive], broken[alive])
@@ -185,6 +190,10 @@ class Prover:
         if outside and self.problem.costs_are_unique:
             self._close_shared(cells)
         return cells
+
+    def _tiny(self, points: Array) -> np.ndarray:
+        """Which cells (C,X,X) are not worth cutting any more."""
+        return np.asarray((points.max(axis=1) - points.min(axis=1)).max(axis=1) <= tolerances.FINEST_CELL)
 
     def _by_values(self, corners: np.ndarray) -> Array:
         """Bounds of the regret that need no more than optimal costs."""

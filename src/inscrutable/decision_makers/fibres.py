@@ -36,7 +36,6 @@ class Fibres:
         self.cells = cells
         form = cells.form
         self._bending = float(np.sqrt((np.linalg.norm(form.hessians, 2, axis=(1, 2)) ** 2).sum()))
-        self._lengths = np.linalg.norm(form.rows, axis=1)
         self._free: dict[bytes, Array | None] = {}
 
     def passes(self, corners: np.ndarray, near: Array, broken: Array) -> np.ndarray:
@@ -44,7 +43,7 @@ class Fibres:
         found = np.zeros(len(corners), dtype=np.bool_)
         known = self.cells.known
         n_states, n_free = self.cells.problem.n_states, self.cells.form.basis.shape[1]
-        met = known.slacks[corners].min(axis=1) <= near[:, None] * self._lengths + tolerances.FEASIBILITY
+        met = known.slacks[corners].min(axis=1) <= near[:, None] + tolerances.FEASIBILITY
         # With too few rows there are decisions that one belief alone explains.
         hopeful = np.flatnonzero((met.sum(axis=1) > n_free - n_states + 1) & np.isfinite(near))
         sure = np.zeros_like(met)
@@ -68,6 +67,29 @@ class Fibres:
                     break
             found[left] = True
         return found
+
+    def distances(self, index: np.ndarray) -> Array:
+        """Upper bounds (N,) of the distance to what explains the decisions of points: one step along each one's fibre."""
+        known, points = self.cells.known, self.cells.points
+        beliefs = points.beliefs[index]
+        found = np.linalg.norm(beliefs - points.belief, axis=1)
+        for tight, at in _groups(known.slacks[index] <= tolerances.FEASIBILITY, np.arange(len(index))):
+            free = self._basis(tight)
+            if free is None or free.shape[1] >= points.belief.size - 1:
+                continue
+            held, gradients = beliefs[at], known.gradients[index[at]]
+            system, _ = _systems((gradients @ free)[:, None])
+            along = np.linalg.svd(system[:, 0], full_matrices=True)[2][:, free.shape[1] + 1 :]
+            way = np.einsum("nkx,nk->nx", along, np.einsum("nkx,nx->nk", along, points.belief - held))
+            rows = -np.einsum("rf,nxf->nrx", self.cells.pseudo(tight), gradients)
+            have = np.concatenate([held, np.einsum("nrx,nx->nr", rows, held)], axis=1)
+            falls = -np.concatenate([way, np.einsum("nrx,nx->nr", rows, way)], axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                room = np.where(falls > 0.0, np.maximum(have, 0.0) / falls, 1.0)
+            found[at] = np.linalg.norm(
+                held + np.clip(room.min(axis=1), 0.0, 1.0)[:, None] * way - points.belief, axis=1
+            )
+        return np.asarray(found)
 
     def _basis(self, tight: np.ndarray) -> Array | None:
         """Directions (F,f) that keep the rows `tight`; None where these depend on each other."""

@@ -18,16 +18,22 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.oracle_points import OraclePoints
+from inscrutable.geometry.equal_rows import first_equal
 from inscrutable.geometry.simplicial import edges
 from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
 
 class Whitened(NamedTuple):
-    """A problem in coordinates v of its decisions, u = B v + const, in which the mean of the states' curvatures is one."""
+    """A problem in coordinates v of its decisions, u = B v + const, in which the mean of the states' curvatures is one.
+
+    Inequality rows R v ≤ const have unit length; of equal ones the tightest is kept, and none that nothing moves.
+    """
 
     basis: Array  # B (U,F)
-    rows: Array  # A_ub B (R,F)
+    rows: Array  # R (r,F)
+    kept: np.ndarray  # (r,) which rows of A_ub they are
+    lengths: Array  # (r,) of A_ub B there
     hessians: Array  # B'H_i B (X,F,F)
 
 
@@ -55,7 +61,24 @@ def whitened(problem: QuadraticProblem) -> Whitened | None:
     if not values.size or values[0] <= tolerances.CURVATURE * values[-1]:
         return None
     basis = inside @ (vectors / np.sqrt(values))
-    return Whitened(basis, region.A_ub @ basis, basis.T @ problem.hessians @ basis)
+    kept, rows, lengths = _distinct_rows(
+        region.A_ub @ basis, region.slacks(problem.solve(_middle(problem))) * region.row_scale
+    )
+    return Whitened(basis, rows, kept, lengths, basis.T @ problem.hessians @ basis)
+
+
+def _middle(problem: QuadraticProblem) -> Array:
+    return np.full(problem.n_states, 1.0 / problem.n_states)
+
+
+def _distinct_rows(rows: Array, slacks: Array) -> tuple[np.ndarray, Array, Array]:
+    """The rows (R,F) that are not parallel to one with less slack, by number, unit rows and lengths."""
+    lengths = np.linalg.norm(rows, axis=1)
+    moved = np.flatnonzero(lengths > tolerances.CURVATURE * lengths.max(initial=0.0))
+    order = moved[np.argsort(slacks[moved] / lengths[moved], kind="stable")]
+    first = first_equal(rows[order] / lengths[order][:, None]) == np.arange(len(order))
+    kept = np.sort(order[first])
+    return kept, rows[kept] / lengths[kept][:, None], lengths[kept]
 
 
 class QuadraticCells:
@@ -87,9 +110,9 @@ class QuadraticCells:
         problem, region, form = self.problem, self.problem.constraints, self.form
         actions, beliefs = self.points.actions[index], self.points.beliefs[index]
         gradients = problem.cost_gradients(actions) @ form.basis
-        slacks = np.maximum(region.b_ub - actions @ region.A_ub.T, 0.0)
+        slacks = np.maximum((region.b_ub - actions @ region.A_ub.T)[:, form.kept] / form.lengths, 0.0)
         sums = np.einsum("nx,nxf->nf", beliefs, gradients)
-        tight = slacks <= tolerances.FEASIBILITY * np.maximum(region.row_scale, tolerances.TINY)
+        tight = slacks <= tolerances.FEASIBILITY * region.row_scale[form.kept] / form.lengths
         multipliers = np.zeros_like(slacks)
         patterns, which = np.unique(tight, axis=0, return_inverse=True)
         for number, pattern in enumerate(patterns):

@@ -10,7 +10,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.validation import Array
 
-_NEAREST_STEPS = 30
+_NEAREST_STEPS = 40
 
 
 class Cells(NamedTuple):
@@ -44,18 +44,25 @@ def halved(corners: np.ndarray, edge: np.ndarray, middles: np.ndarray) -> np.nda
 
 
 def directions_to(target: Array, simplices: Array) -> Array:
-    """Return unit directions (C, X) from a point (X,) to simplices (C, X, X), about to their nearest points; zero inside.
+    """Return unit directions (C,X) from a point (X,) to simplices (C,J,X), about to their nearest points; zero inside.
 
-    A few steps of Gilbert's method: any direction separates, a better one farther.
+    A few steps of the method of Mitchell, Demyanov and Malozemov, which moves weight from the farthest corner that has some
+    to the nearest: any direction separates, a better one farther.
     """
     offsets = simplices - target
+    count, n_corners = offsets.shape[:2]
+    weights = np.full((count, n_corners), 1.0 / n_corners)
     nearest = offsets.mean(axis=1)
-    rows = np.arange(len(offsets))
+    rows = np.arange(count)
     for _ in range(_NEAREST_STEPS):
-        lowest = offsets[rows, np.einsum("cjx,cx->cj", offsets, nearest).argmin(axis=1)]
-        away = lowest - nearest
-        length = (away * away).sum(axis=1)
-        share = np.clip(-(nearest * away).sum(axis=1) / np.maximum(length, tolerances.TINY), 0.0, 1.0)
-        nearest = nearest + share[:, None] * away
+        heights = np.einsum("cjx,cx->cj", offsets, nearest)
+        lowest = heights.argmin(axis=1)
+        highest = np.where(weights > 0.0, heights, -np.inf).argmax(axis=1)
+        way = offsets[rows, highest] - offsets[rows, lowest]
+        length = np.maximum((way * way).sum(axis=1), tolerances.TINY)
+        step = np.clip((heights[rows, highest] - heights[rows, lowest]) / length, 0.0, weights[rows, highest])
+        weights[rows, highest] -= step
+        weights[rows, lowest] += step
+        nearest = nearest - step[:, None] * way
     size = np.linalg.norm(nearest, axis=1)
     return np.where(size[:, None] > tolerances.KINK, nearest / np.maximum(size, tolerances.TINY)[:, None], 0.0)

@@ -1,0 +1,204 @@
+"""What a proof says of single cells, and of lotteries in four states, against sampled beliefs and linear programmes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    GlobalSearch,
+    MarkowitzProblem,
+    Polyhedron,
+    ProbabilisticDecisionMaker,
+    box,
+    consistent_beliefs,
+    simplex,
+)
+from inscrutable.adversaries import consistent_sets
+from inscrutable.decision_makers.fibres import Fibres
+from inscrutable.decision_makers.oracle_points import OraclePoints
+from inscrutable.decision_makers.quadratic_cells import QuadraticCells, whitened
+from inscrutable.geometry.simplicial import directions_to
+from oracles import markets
+
+
+def region(rng, n_assets):
+    """The simplex, capped or cut; a box. Copied rows among them."""
+    kind = int(rng.integers(4))
+    if kind == 0:
+        return simplex(n_assets)
+    if kind == 1:
+        return simplex(n_assets) & box(np.zeros(n_assets), np.full(n_assets, 0.5 + 0.5 / n_assets))
+    if kind == 2:
+        return box(np.full(n_assets, -0.3), np.full(n_assets, 0.6))
+    rows = rng.normal(size=(3, n_assets))
+    return simplex(n_assets) & Polyhedron(A_ub=rows, b_ub=rows.mean(axis=1) + 0.1)
+
+
+def market_of(rng, n_states, spread=0.0):
+    n_assets = int(rng.integers(2, 7))
+    market = markets.random_market(rng, n_states, n_assets, scale_spread=spread)
+    return MarkowitzProblem(*market, region(rng, n_assets))
+
+
+def random_cell(rng, n_states):
+    """Corners of a cell of any size, some on the simplex's border."""
+    size = 10 ** rng.uniform(-2.5, 0)
+    corners = (1 - size) * rng.dirichlet(np.full(n_states, 0.5)) + size * rng.dirichlet(
+        np.full(n_states, 0.5), n_states
+    )
+    if rng.random() < 0.3:
+        corners[:, rng.integers(n_states)] *= rng.random(n_states) < 0.5
+        corners /= corners.sum(axis=1, keepdims=True)
+    return corners
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
+    """Interpolated bounds are below every regret, and where no fibre ends all beliefs have a nearer one beside them."""
+    rng = np.random.default_rng([20270401, seed])
+    n_states = 2 + seed % 4
+    problem = market_of(rng, n_states, 2.0 * (seed % 3 == 0))
+    belief = rng.dirichlet(np.ones(n_states)) if seed % 5 else np.eye(n_states)[0]
+    points = OraclePoints(problem, belief, np.eye(n_states))
+    cells = QuadraticCells(problem, points, whitened(problem))
+    fibres = Fibres(cells)
+    for _ in range(12):
+        index = points.add(random_cell(rng, n_states))[None]
+        near, broken = cells.nearness(index)
+        bounds = cells.regret_bounds(index, near)[0]
+        shares = np.vstack([np.eye(n_states), rng.dirichlet(np.full(n_states, 0.6), 30)])
+        beliefs = shares @ points.beliefs[index[0]]
+        actions = problem.solve(beliefs)
+        regrets = problem.state_costs(actions) @ belief - points.optimal_cost
+        assert (regrets - (shares @ bounds).max(axis=1)).min() >= -1e-10 * points.scale
+        if fibres.passes(index, near, broken)[0]:
+            distances = consistent_sets(problem, actions, beliefs).distances(belief)
+            assert (distances < np.linalg.norm(beliefs - belief, axis=1)).all()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_cell_with_the_nearest_belief_of_a_decision_is_never_left_out(seed):
+    """At a corner, or inside; where fibres end at the simplex's border, at another face, or touch the sphere."""
+    rng = np.random.default_rng([20270403, seed])
+    n_states = 3 + seed % 2
+    problem = market_of(rng, n_states)
+    belief = rng.dirichlet(np.ones(n_states))
+    points = OraclePoints(problem, belief, np.eye(n_states))
+    cells = QuadraticCells(problem, points, whitened(problem))
+    fibres = Fibres(cells)
+    for _ in range(25):
+        decoy = rng.dirichlet(np.full(n_states, 0.7))
+        nearest = consistent_beliefs(problem, problem.solve(decoy)).nearest(belief)
+        nearest = np.maximum(nearest, 0.0) / np.maximum(nearest, 0.0).sum()
+        for size in 10 ** rng.uniform(-3.0, -0.3, 4):
+            others = rng.dirichlet(np.ones(n_states), n_states)
+            others[rng.random(n_states) < 0.5] = decoy
+            others[:, nearest < 1e-12] *= rng.random() < 0.5
+            others /= others.sum(axis=1, keepdims=True)
+            corners = (1 - size) * nearest + size * others
+            corners[0] = nearest
+            if rng.random() < 0.5 and (nearest > 0.0).all():
+                # As the mean of the corners, when they stay in the simplex.
+                moved = corners - corners.mean(axis=0) + nearest
+                corners = moved if moved.min() >= 0.0 else corners
+            index = points.add(corners)[None]
+            assert not fibres.passes(index, *cells.nearness(index))[0]
+
+
+def test_some_cells_are_passed_and_steps_along_fibres_bound_distances():
+    rng = np.random.default_rng(9)
+    problem = MarkowitzProblem(*markets.random_market(rng, 4, 3))
+    belief = np.full(4, 0.25)
+    points = OraclePoints(problem, belief, np.eye(4))
+    cells = QuadraticCells(problem, points, whitened(problem))
+    fibres, passed = Fibres(cells), 0
+    for _ in range(40):
+        middle = rng.dirichlet(np.ones(4))
+        index = points.add(0.98 * middle + 0.02 * np.eye(4))[None]
+        passed += int(fibres.passes(index, *cells.nearness(index))[0])
+    assert passed >= 10
+    index = np.arange(1, 60)
+    above = fibres.distances(index)
+    exact = [consistent_beliefs(problem, points.actions[each]).distance(belief) for each in index]
+    assert (above >= np.array(exact) - 1e-9).all()
+    assert (above < np.linalg.norm(points.beliefs[index] - belief, axis=1) - 1e-6).any()
+
+
+def sampled_optimum(problem, belief, limit, count, rng):
+    """The best lottery (HiGHS) and the best single decision among those of sampled beliefs."""
+    n_states = belief.size
+    corners, sparse = np.eye(n_states), rng.dirichlet(np.full(n_states, 0.3), count)
+    decoys = np.vstack([belief, corners, rng.dirichlet(np.ones(n_states), count), sparse])
+    actions = problem.solve(decoys)
+    regrets = problem.state_costs(actions) @ belief - float(problem.optimal_cost(belief))
+    privacies = consistent_sets(problem, actions).distances(belief)
+    rows = np.vstack([np.maximum(regrets, 0.0) / max(limit, 1e-12)])
+    answer = linprog(-privacies, A_ub=rows, b_ub=[1.0], A_eq=np.ones((1, len(decoys))), b_eq=[1.0])
+    return -answer.fun, float(privacies[regrets <= limit].max(initial=0.0))
+
+
+def proved_and_sampled(seed, count):
+    rng = np.random.default_rng([20270402, seed])
+    n_assets = int(rng.integers(3, 7))
+    problem = MarkowitzProblem(*markets.random_market(rng, 4, n_assets, scale_spread=float(seed % 4 == 0)))
+    belief = rng.dirichlet(np.full(4, 0.4 if seed % 3 == 0 else 2.0))
+    limit = float(rng.choice([0.01, 0.1, 0.3])) * abs(float(problem.optimal_cost(belief)))
+    mixed = ProbabilisticDecisionMaker(problem, None, Budget.regret(limit), certify=0.01).decide(belief)
+    method = GlobalSearch(certify=0.01)
+    single = CounterAdversarialDecisionMaker(problem, None, Budget.regret(limit), method=method).decide(belief)
+    return mixed, single, *sampled_optimum(problem, belief, limit, count, rng)
+
+
+@pytest.mark.parametrize("block", range(4))
+def test_no_sampled_lottery_of_four_states_is_above_its_bound(block):
+    gaps = []
+    for seed in range(15 * block, 15 * block + 15):
+        mixed, single, best_mixed, best_single = proved_and_sampled(seed, 250)
+        assert mixed.privacy_bound >= max(best_mixed, mixed.expected_privacy) - 1e-7
+        assert single.privacy_bound >= max(best_single, single.privacy) - 1e-9
+        assert mixed.privacy_bound >= single.privacy - 1e-9
+        gaps.append(mixed.privacy_bound / max(mixed.expected_privacy, 0.01) - 1.0)
+    assert np.median(gaps) <= 0.0101
+    assert np.mean(np.array(gaps) <= 0.0201) >= 0.8
+
+
+@pytest.mark.audit
+def test_no_sampled_lottery_of_four_states_is_above_its_bound_on_many_markets(capsys):
+    gaps, violations = [], []
+    for seed in range(1000, 1150):
+        mixed, single, best_mixed, best_single = proved_and_sampled(seed, 3000)
+        gaps.append(mixed.privacy_bound / max(mixed.expected_privacy, 0.01) - 1.0)
+        if mixed.privacy_bound < best_mixed - 1e-7 or single.privacy_bound < best_single - 1e-9:
+            violations.append((seed, best_mixed, mixed.privacy_bound, best_single, single.privacy_bound))
+    within = np.mean(np.array(gaps) <= 0.0201)
+    with capsys.disabled():
+        print(
+            f"\n{len(gaps)} lotteries of four states against sampled ones: median gap {np.median(gaps):.4f}, "
+            f"within 2 % {within:.3f}, largest {max(gaps):.4f}, violations {violations}"
+        )
+    assert not violations
+
+
+def test_a_row_that_is_written_twice_changes_nothing():
+    rng = np.random.default_rng(3)
+    market = markets.random_market(rng, 3, 4)
+    copied = simplex(4) & box(np.zeros(4), np.full(4, 5.0))
+    forms = [whitened(MarkowitzProblem(*market, each)) for each in (simplex(4), copied)]
+    # Caps of five are met nowhere on the simplex but are rows of their own.
+    assert [len(form.rows) for form in forms] == [4, 8]
+    assert forms[0].rows @ forms[0].rows.T == pytest.approx(forms[1].rows[:4] @ forms[1].rows[:4].T)
+
+
+def test_flat_costs_have_no_such_cells():
+    flat = MarkowitzProblem([[0.1, 0.2], [0.2, 0.1]], np.zeros((2, 2, 2)), 1.0)
+    assert whitened(flat) is None
+
+
+def test_directions_to_thin_hulls_are_exact():
+    """Two vectors that are nearly opposite: the nearest point of their hull is found all the same."""
+    thin = np.array([[[1.0, 0.01], [-1.0, 0.01], [0.5, 0.5]]])
+    assert directions_to(np.zeros(2), thin)[0] == pytest.approx([0.0, 1.0], abs=1e-6)

@@ -70,6 +70,10 @@ SAME_ACTION = 1e-11
 SAME_BELIEF = 1e-9
 """Beliefs closer than this are one belief: distances are square roots, so noise of 1e-18 in squares."""
 
+ROUGH_DISTANCE = 1e-8
+"""Distances by one projection nearer than this to a goal's are found again from the set's shape: a hundred times what the
+projection's rows are satisfied to, relative to beliefs."""
+
 BUDGET = 1e-12
 """Least unit, relative to the cost's scale, in which the polish measures what is left of a budget: one near zero is
 then judged to the rounding of an inner product, not to its own size."""

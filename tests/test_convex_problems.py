@@ -120,6 +120,63 @@ def test_kinks_keep_their_promises():
     check_decision_problem(problem, tolerance=1e-6)  # as exact as an interior-point solver
 
 
+def expressions(u):
+    """Convex expressions of many atoms in a variable of three coordinates."""
+    a = np.array([[1.0, -2.0, 0.5], [0.3, 0.4, 1.5]])
+    return [
+        cp.sum(cp.exp(a @ u)) + cp.square(u[0]),
+        -np.array([0.4, 0.6]) @ cp.log(np.abs(a) @ u),
+        cp.log_sum_exp(a @ u - 1) + 3,
+        cp.sum(cp.logistic(u)) - cp.geo_mean(u),
+        cp.quad_form(u, np.diag([1.0, 2, 3])) + cp.sum(cp.huber(u - 0.2, 0.1)),
+        cp.norm(a @ u + 1) + cp.max(u) + cp.norm1(u - 0.05),
+        cp.sum(cp.inv_pos(u + 1)) - 2 * cp.sum(cp.entr(u)),
+        cp.sum(cp.multiply([1.0, 2, 3], cp.power(u, 1.5))) + 0.5 * (u[1] - u[2]),
+        cp.maximum(u[0], 2 * u[1], 0.01) + cp.sum(cp.exp(cp.reshape(u[:2], (2, 1), order="F"))),
+        cp.kl_div(u[0], 0.3) + cp.quad_over_lin(u, 2.0),
+    ]
+
+
+@pytest.mark.parametrize("number", range(10))
+def test_values_and_gradients_are_those_that_cvxpy_gives(number):
+    """CVXPY's own, at points inside and, where a domain ends, outside."""
+    from inscrutable.problems.modelled import Modelled
+
+    u = cp.Variable(3)
+    cost = expressions(u)[number]
+    model = Modelled(u, [cost], simplex(3))
+    assert model._trees is not None
+    points = np.vstack([np.random.default_rng(number).uniform(0.1, 1, (4, 3)), [[-0.5, 0.2, -0.3]]])
+    with np.errstate(all="ignore"):
+        values, slopes = model.values(points), model.gradients(points)
+        for point, value, slope in zip(points, values, slopes, strict=True):
+            u.save_value(point)
+            try:
+                found = cost.grad[u]
+            except TypeError:  # outside a domain, CVXPY adds None to a matrix
+                found = None
+            np.testing.assert_allclose(value[0], np.float64(cost.value), rtol=1e-13)
+            wanted = np.full(3, np.nan) if found is None else np.ravel(found.toarray())
+            np.testing.assert_allclose(slope[0], wanted, rtol=1e-12, atol=1e-14)
+
+
+def test_an_atom_that_behaves_otherwise_is_left_to_cvxpy(monkeypatch):
+    from inscrutable.problems.modelled import Modelled
+
+    def refused(self, values):
+        return [np.zeros((3, 1))]
+
+    u = cp.Variable(3)
+    cost = cp.log_sum_exp(u)
+    plain = Modelled(u, [cost], simplex(3))._slow_gradients(np.eye(3))
+    odd = Modelled(u, [cost], simplex(3))
+    slow = odd._slow_gradients
+    monkeypatch.setattr(type(cost), "_grad", refused)
+    monkeypatch.setattr(odd, "_slow_gradients", lambda points: plain if len(points) == 3 else slow(points) + 1.0)
+    assert odd._trees is None
+    np.testing.assert_array_equal(odd.gradients(np.eye(3)), plain)
+
+
 def test_what_cannot_be_read_is_named():
     u, v = cp.Variable(2), cp.Variable(2)
     with pytest.raises(InputError, match="state 1 must be an expression that is convex"):

@@ -25,6 +25,7 @@ from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.decision_makers.candidates import near_decoys
 from inscrutable.decision_makers.indicators import Indicator, IndicatorTable
+from inscrutable.geometry import BeliefSet
 from oracles import markets
 from strategies import long_only
 
@@ -239,3 +240,28 @@ def test_nothing_affordable_is_said():
         assert found.status is DecisionStatus.NO_AFFORDABLE_PRIVACY
         actions = np.atleast_2d(found.action if hasattr(found, "action") else found.actions)
         np.testing.assert_allclose(actions[0], problem.solve(belief), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_projections_enclose_the_distance_of_a_set(seed):
+    """By Clarabel, for sets of several dimensions, among them cones cut by the border of the simplex and empty ones."""
+    cp = pytest.importorskip("cvxpy")
+    rng = np.random.default_rng([seed, 3])
+    n_states = int(rng.integers(3, 8))
+    equalities = rng.normal(size=(int(rng.integers(0, 2)), n_states))
+    inequalities = rng.normal(size=(int(rng.integers(0, 4)), n_states))
+    found = BeliefSet(equalities, inequalities)
+    belief = rng.dirichlet(np.ones(n_states))
+    x = cp.Variable(n_states, nonneg=True)
+    rows = [cp.sum(x) == 1, inequalities @ x >= 0, equalities @ x == 0]
+    rows = [row for row, many in zip(rows, (1, len(inequalities), len(equalities)), strict=True) if many]
+    programme = cp.Problem(cp.Minimize(cp.norm(x - belief)), rows)
+    programme.solve(solver=cp.CLARABEL)
+    least, greatest = found.rough_distances(belief)
+    if programme.status == "infeasible":
+        assert found.is_empty
+        assert np.isnan(greatest)
+    else:
+        assert least - 1e-8 <= found.distance(belief) <= greatest + 1e-8
+        assert greatest - least <= 1e-8
+        assert greatest == pytest.approx(programme.value, abs=1e-6)

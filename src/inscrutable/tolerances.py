@@ -72,6 +72,9 @@ SAME_BELIEF = 1e-9
 
 REACHED_BELIEF = 1e-12
 """Beliefs reached on different ways and closer than this are one: a few thousand roundings of a filter."""
+ROUGH_DISTANCE = 1e-8
+"""Distances by one projection nearer than this to a goal's are found again from the set's shape: a hundred times what the
+projection's rows are satisfied to, relative to beliefs."""
 
 BUDGET = 1e-12
 """Least unit, relative to the cost's scale, in which the polish measures what is left of a budget: one near zero is

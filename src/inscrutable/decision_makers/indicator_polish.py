@@ -66,7 +66,7 @@ class _Shortening:
         left = everyone
         while left.size:
             middle = (low[left] + high[left]) // 2
-            meets = self._meets(left, self._trials(left, middle))
+            meets = self._meets(left, middle)
             high[left[meets]], low[left[~meets]] = middle[meets], middle[~meets]
             left = left[high[left] - low[left] > 1]
         found = self._trials(everyone, high)
@@ -91,8 +91,8 @@ class _Shortening:
             return low, high
         beyond = np.ceil(guess[hopeful]).astype(np.int64) + _NEAR
         before = np.maximum(beyond - 2 * _NEAR, 0)
-        fits = self._meets(hopeful, self._trials(hopeful, beyond))
-        fits &= (before == 0) | ~self._meets(hopeful, self._trials(hopeful, before))
+        fits = self._meets(hopeful, beyond)
+        fits &= (before == 0) | ~self._meets(hopeful, before)
         low[hopeful[fits]], high[hopeful[fits]] = before[fits], beyond[fits]
         return low, high
 
@@ -100,15 +100,20 @@ class _Shortening:
         part, shares = self._block.pick(which), (parts / _PARTS)[:, None]
         trials: Array = part.optimal + shares * (part.actions - part.optimal)
         if part.explained.any():
-            decoys = (part.beliefs + shares * (part.members - part.beliefs))[part.explained]
-            trials[part.explained] = self._goal.problem.solve_points(decoys)
+            trials[part.explained] = self._goal.problem.solve_points(self._decoys(which, parts)[part.explained])
         return trials
+
+    def _decoys(self, which: np.ndarray, parts: np.ndarray) -> Array:
+        part = self._block.pick(which)
+        return np.asarray(part.beliefs + (parts / _PARTS)[:, None] * (part.members - part.beliefs))
 
     def _regrets(self, which: np.ndarray, actions: Array) -> Array:
         return _regrets(self._goal, self._block.pick(which), actions)
 
-    def _meets(self, which: np.ndarray, trials: Array) -> np.ndarray:
-        meets = _admitted(self._goal, self._block.beliefs[which], trials, self._regrets(which, trials))
+    def _meets(self, which: np.ndarray, parts: np.ndarray) -> np.ndarray:
+        trials = self._trials(which, parts)
+        decoys = self._decoys(which, parts) if self._block.explained[which].all() else None
+        meets = _admitted(self._goal, self._block.beliefs[which], trials, self._regrets(which, trials), decoys)
         for place in np.flatnonzero(meets) if self._tests else ():
             meets[place] = self._tests[which[place]].reaches(trials[place], proved=False)
         return meets
@@ -119,9 +124,11 @@ def _regrets(goal: Indicator, block: Block, actions: Array) -> Array:
     return np.asarray(np.maximum(costs - block.optimal_costs, 0.0))
 
 
-def _admitted(goal: Indicator, beliefs: Array, actions: Array, regrets: Array) -> np.ndarray:
+def _admitted(
+    goal: Indicator, beliefs: Array, actions: Array, regrets: Array, decoys: Array | None = None
+) -> np.ndarray:
     admissible: np.ndarray = goal.problem.constraints.is_admissible(actions)
-    return np.asarray(admissible & goal.met_by(beliefs, actions, regrets))
+    return np.asarray(admissible & goal.met_by(beliefs, actions, regrets, decoys))
 
 
 def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: float) -> Array:
@@ -137,7 +144,8 @@ def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: f
     of = np.concatenate(owner)
     if not of.size:
         return block.actions
-    tried = goal.problem.solve_points(block.beliefs[of] + radius * np.concatenate(directions))
+    decoys = block.beliefs[of] + radius * np.concatenate(directions)
+    tried = goal.problem.solve_points(decoys)
     regrets = _regrets(goal, block.pick(of), tried)
     # The optimal decision is known to miss the goal, and what costs more than the best is not wanted.
     own = np.abs(tried - block.optimal[of]).max(axis=1) <= tolerances.SAME_ACTION
@@ -151,7 +159,7 @@ def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: f
     while any(len(queue) > taken for queue in queues):
         looked = [queue[taken : taken + width] for queue in queues]
         chosen = np.concatenate(looked)
-        meets = _admitted(goal, block.beliefs[of[chosen]], tried[chosen], regrets[chosen])
+        meets = _admitted(goal, block.beliefs[of[chosen]], tried[chosen], regrets[chosen], decoys[chosen])
         for t in np.unique(of[chosen[meets]]):
             best[t] = tried[chosen[meets & (of[chosen] == t)][0]]
             queues[t] = queues[t][:0]

@@ -15,6 +15,7 @@ from inscrutable.adversaries import ConsistentSets, consistent_sets
 from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.distinct import distinct_of
+from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import Infeasibility, NonExistence, NonUniqueness, PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -41,10 +42,11 @@ class Indicator:
         distance = measure.least_distance()
         self.least = tolerances.SAME_BELIEF if distance is None else distance
 
-    def met_by(self, beliefs: Array, actions: Array, regrets: Array) -> np.ndarray:
+    def met_by(self, beliefs: Array, actions: Array, regrets: Array, members: Array | None = None) -> np.ndarray:
         """Return whether decisions (n,U) of known regret meet the goal under beliefs (n,X), one by one; gaps of
-        unexplained ones are not compared."""
-        sets = consistent_sets(self.problem, actions)
+        unexplained ones are not compared. `members` (n,X) are beliefs that they are optimal for, where known."""
+        by_distance = isinstance(self.measure, NonExistence)
+        sets = consistent_sets(self.problem, actions, members if by_distance else None)
         if isinstance(self.measure, Infeasibility):
             return np.asarray(sets.dimension < 0)
         if isinstance(self.measure, NonUniqueness):
@@ -54,8 +56,15 @@ class Indicator:
         slack = tolerances.FEASIBILITY * np.abs(self.problem.state_costs(actions)).max(axis=1)
         close = regrets <= slack
         for t in np.flatnonzero(met & ((sets.dimension >= 2) | (close & (sets.dimension >= 0)))):
-            met[t] = self.measure(beliefs[t], sets[int(t)]) == 0.0
+            met[t] = self._is_far(beliefs[t], sets[int(t)])
         return met
+
+    def _is_far(self, belief: Array, found: BeliefSet) -> bool:
+        """Whether a set keeps the distance; projections decide, and the described set only where they are close to it."""
+        least, greatest = found.rough_distances(belief)
+        if greatest < self.least - tolerances.ROUGH_DISTANCE:
+            return False
+        return least > self.least + tolerances.ROUGH_DISTANCE or self.measure(belief, found) == 0.0
 
     def _by_corners(self, beliefs: Array, sets: ConsistentSets) -> np.ndarray:
         apart = np.maximum(np.abs(sets.start - beliefs).max(axis=1), np.abs(sets.end - beliefs).max(axis=1))

@@ -12,7 +12,13 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.geometry.hulls import affine_hulls, described_sets
-from inscrutable.geometry.polytopes import Reduced, nearest_point, reduce_polytope, sample_polytope
+from inscrutable.geometry.polytopes import (
+    Reduced,
+    nearest_point,
+    projected_distance,
+    reduce_polytope,
+    sample_polytope,
+)
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
@@ -137,6 +143,19 @@ class BeliefSet(Saved):
         if self._shape is None:
             return float("inf")
         return float(np.linalg.norm(point - self.nearest(point)))
+
+    def rough_distances(self, belief: Array) -> tuple[float, float]:
+        """Return distances between which the distance to `belief` lies, by projections on the rows, loose by the
+        tolerance and strict, without looking at the set's shape; NaN where the rows are too degenerate for it."""
+        size, n_equal = self.n_states, len(self.equalities)
+        rows = np.vstack([self.equalities, self.inequalities, np.ones((1, size))])
+        found = []
+        for slack in (self.tolerance, 0.0):
+            lower, upper = np.full(size + len(rows), -slack), np.full(size + len(rows), np.inf)
+            upper[size : size + n_equal] = slack
+            lower[-1] = upper[-1] = 1.0
+            found.append(projected_distance(belief, rows, lower, upper))
+        return found[0], found[1]
 
     def vertices(self) -> Array:
         """Return the corners, shape (V, X); V = 0 where the set is empty."""

@@ -20,7 +20,10 @@ from inscrutable.geometry.held_coordinates import held_coordinates
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.validation import Array
 
-_MOST_FACETS = 200_000
+_MOST_FACETS = 500_000
+"""A cone that may have more facets is refused: its hull could take minutes, and gigabytes."""
+_MOST_TRIED = 20_000
+_HALF = 0.5
 _MANY_CHOICES = 1_000
 """Sets of rows from which facets of a cone that has a corner are not tried one by one but found by a hull."""
 _LEAST_CUT = 0.001
@@ -94,17 +97,76 @@ def _facets(active: Array, equalities: Array) -> Array:
     points = generators @ span
     points = points / np.linalg.norm(points, axis=1, keepdims=True)
     rank = span.shape[1]
-    choices = comb(points.shape[0], rank - 1)
-    sides = _hull_facets(points) if choices > _MANY_CHOICES and rank > 2 else None
-    if sides is not None:
-        return np.asarray(sides @ span.T @ free.T)
-    if choices > _MOST_FACETS:
-        raise SolverError(
-            f"{points.shape[0]} active rows span only {rank} directions: too many faces of the multiplier cone; "
-            "remove redundant constraints"
+    return np.asarray(_cone_facets(points, rank) @ span.T @ free.T)
+
+
+def _cone_facets(points: Array, rank: int) -> Array:
+    """Facets (f,d), outward, of the cone of unit vectors (n,d) that span their space."""
+    count = len(points)
+    if count > rank and comb(count, rank - 1) <= _MANY_CHOICES:
+        return _tried_facets(points, rank)
+    lines = _lineality(points)
+    if lines.any():
+        across = null_space(points[lines], rcond=tolerances.ON_FACE)
+        rest = points[~lines] @ across
+        length = np.linalg.norm(rest, axis=1)
+        rest = rest[length > tolerances.ON_FACE] / length[length > tolerances.ON_FACE, None]
+        # Across its lines the cone has a corner.
+        return _cone_facets(_without_repeats(rest), across.shape[1]) @ across.T if len(rest) else points[:0]
+    points = points[_extreme(points)]
+    count = len(points)
+    if count == rank:
+        sides = -np.linalg.inv(points.T)
+        return np.asarray(sides / np.linalg.norm(sides, axis=1, keepdims=True))
+    if _most_facets(count, rank - 1) <= _MOST_FACETS:
+        found = _hull_facets(points) if rank > 2 else None
+        if found is not None:
+            return found
+        if comb(count, rank - 1) <= _MOST_TRIED:
+            return _tried_facets(points, rank)
+    raise SolverError(
+        f"{count} active rows that none of the others imply span only {rank} directions: their cone of multipliers may "
+        f"have {_most_facets(count, rank - 1):.2g} faces; remove constraints that meet in this decision, or move their "
+        "limits apart"
+    )
+
+
+def _most_facets(count: int, dimension: int) -> int:
+    """The most facets that a polytope of so many corners can have (McMullen's upper bound)."""
+    half, rest = dimension // 2, dimension - dimension // 2
+    return comb(count - rest, half) + comb(count - half - 1, rest - 1)
+
+
+def _lineality(points: Array) -> np.ndarray:
+    """Which unit vectors (n,d) have their opposite in the cone of all."""
+    n, d = points.shape
+    answer = minimise(
+        np.concatenate([np.zeros(n), -np.ones(n)]),
+        Rows(np.hstack([-np.eye(n), np.eye(n)]), np.zeros(n)),
+        Rows(np.hstack([points.T, np.zeros((d, n))]), np.zeros(d)),
+        [(0.0, None)] * n + [(0.0, 1.0)] * n,
+    )
+    if answer.status != OPTIMAL:
+        raise SolverError(f"the lines in a cone of multipliers were not found: {answer.message}")
+    return np.asarray(answer.x[n:] > _HALF)
+
+
+def _extreme(points: Array) -> np.ndarray:
+    """Which unit vectors (n,d) of a cone with a corner the others do not combine to."""
+    kept = np.ones(len(points), dtype=bool)
+    for j, point in enumerate(points):
+        kept[j] = False
+        others = points[kept]
+        kept[j] = not len(others) or (
+            minimise(np.zeros(len(others)), None, Rows(others.T, point), (0.0, None)).status != OPTIMAL
         )
+    return kept
+
+
+def _tried_facets(points: Array, rank: int) -> Array:
+    """Facets (f,d) of a cone found by trying every set of so many vectors (n,d) that they span a side."""
     facets: list[Array] = []
-    for chosen in combinations(range(points.shape[0]), rank - 1):
+    for chosen in combinations(range(len(points)), rank - 1):
         normal = null_space(points[list(chosen)], rcond=tolerances.ON_FACE) if rank > 1 else np.eye(1)
         if normal.shape[1] != 1:
             continue
@@ -112,9 +174,7 @@ def _facets(active: Array, equalities: Array) -> Array:
             below = np.all(points @ side <= tolerances.ON_FACE)
             if below and not any(np.allclose(side, known, atol=tolerances.ON_FACE, rtol=0) for known in facets):
                 facets.append(side)
-    if not facets:
-        return np.zeros((0, n_actions))
-    return np.asarray(np.array(facets) @ span.T @ free.T)
+    return np.array(facets) if facets else np.zeros((0, points.shape[1]))
 
 
 def _hull_facets(points: Array) -> Array | None:

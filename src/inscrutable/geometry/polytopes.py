@@ -15,6 +15,8 @@ from inscrutable.geometry.polygons import clip_polygon, is_surely_empty
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
+_EQUALITY = 5
+
 
 class Reduced(NamedTuple):
     """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets."""
@@ -144,6 +146,20 @@ def project_on_rows(rows: Array, offsets: Array, wanted: Array) -> Array:
     if flag < 1:
         raise SolverError(f"projection on a belief set failed with DAQP exit flag {flag}")
     return np.asarray(z)
+
+
+def projected_distance(target: Array, rows: Array, lower: Array, upper: Array) -> float:
+    """Return the distance of `target` (d,) from {x : lower ≤ (x, rows x) ≤ upper}; NaN where DAQP finds no such point."""
+    x, _, flag, _ = daqp.solve(
+        np.eye(target.size),
+        -np.asarray(target),
+        np.ascontiguousarray(rows),
+        upper,
+        lower,
+        np.where(upper == lower, _EQUALITY, 0).astype(np.int32),
+        primal_tol=tolerances.LINEAR_PROGRAMME,
+    )
+    return float(np.linalg.norm(x - target)) if flag >= 1 else float("nan")
 
 
 def sample_polytope(polytope: Reduced, n: int, rng: np.random.Generator) -> Array:

@@ -31,6 +31,7 @@ _EXPORTS: dict[str, str] = {
     "DecisionStatus": "decision_makers",
     "Decisions": "decision_makers",
     "DesiredObfuscation": "privacy",
+    "Detectability": "privacy",
     "Emission": "worlds",
     "Envelope": "decision_makers",
     "FilterResult": "filtering",
@@ -70,6 +71,7 @@ _EXPORTS: dict[str, str] = {
     "PrivacyMeasure": "privacy",
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
+    "RepeatedLeakage": "privacy",
     "RowConflict": "problems",
     "SequenceStatus": "adversaries",
     "SequentialAdversary": "adversaries",
@@ -83,6 +85,7 @@ _EXPORTS: dict[str, str] = {
     "check_decision_problem": "testing",
     "consistent_beliefs": "adversaries",
     "decoy_grid": "decision_makers",
+    "detectability": "privacy",
     "dispatch_problem": "problems",
     "explain_action": "adversaries",
     "filter_beliefs": "filtering",
@@ -99,6 +102,7 @@ _EXPORTS: dict[str, str] = {
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
     "reachable_beliefs": "mechanisms",
+    "repeated_leakage": "privacy",
     "simplex": "problems",
     "simplex_grid": "geometry",
     "stationary_prior": "mechanisms",
@@ -167,13 +171,17 @@ if TYPE_CHECKING:
     from inscrutable.mechanisms import stationary_prior as stationary_prior
     from inscrutable.mechanisms import uniform_prior as uniform_prior
     from inscrutable.privacy import DesiredObfuscation as DesiredObfuscation
+    from inscrutable.privacy import Detectability as Detectability
     from inscrutable.privacy import Infeasibility as Infeasibility
     from inscrutable.privacy import Leakage as Leakage
     from inscrutable.privacy import MaximalObfuscation as MaximalObfuscation
     from inscrutable.privacy import NonExistence as NonExistence
     from inscrutable.privacy import NonUniqueness as NonUniqueness
     from inscrutable.privacy import PrivacyMeasure as PrivacyMeasure
+    from inscrutable.privacy import RepeatedLeakage as RepeatedLeakage
+    from inscrutable.privacy import detectability as detectability
     from inscrutable.privacy import leakage as leakage
+    from inscrutable.privacy import repeated_leakage as repeated_leakage
     from inscrutable.problems import ConvexProblem as ConvexProblem
     from inscrutable.problems import DecisionProblem as DecisionProblem
     from inscrutable.problems import FiniteProblem as FiniteProblem

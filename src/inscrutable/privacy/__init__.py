@@ -1,5 +1,6 @@
 """Step 5: how well a decision hides the belief behind it."""
 
+from inscrutable.privacy.detection import Detectability, detectability
 from inscrutable.privacy.leaks import Leakage, leakage
 from inscrutable.privacy.measures import (
     DesiredObfuscation,
@@ -9,14 +10,19 @@ from inscrutable.privacy.measures import (
     NonUniqueness,
     PrivacyMeasure,
 )
+from inscrutable.privacy.repeated import RepeatedLeakage, repeated_leakage
 
 __all__ = [
     "DesiredObfuscation",
+    "Detectability",
     "Infeasibility",
     "Leakage",
     "MaximalObfuscation",
     "NonExistence",
     "NonUniqueness",
     "PrivacyMeasure",
+    "RepeatedLeakage",
+    "detectability",
     "leakage",
+    "repeated_leakage",
 ]

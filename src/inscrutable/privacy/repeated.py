@@ -1,0 +1,269 @@
+"""What repeated decisions of one belief give away: draws compound, and what a mechanism mixes, repetition unmixes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms.joint import Joint, joint_law
+from inscrutable.privacy.leaks import entropy, leakage
+from inscrutable.saved import Saved
+from inscrutable.validation import Array
+
+_BLOCK = 2**21
+"""Posterior weights held at once."""
+_MANY = 0.1
+"""Share of entries above zero from which a table is multiplied as a plain one."""
+_LEAST_DRAWS = 10
+_SIDE = 1.96
+"""Standard errors to either side of a 95 % interval."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RepeatedLeakage(Saved):
+    """What n independent decisions made under one and the same belief tell an observer who knows the mechanism.
+
+    Formula: p(π_b|u_1..u_n) ∝ w_b Π_t K(u_t|π_b).
+
+    Args:
+        n_steps: Numbers of decisions n, shape (S,).
+        mutual_information: I(π;u_1..u_n), in bits, shape (S,).
+        bayes_error: √E‖π − E[π|u_1..u_n]‖², Euclidean, in units of belief, shape (S,).
+        top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
+        information_se: Standard errors of the sampled figures, shape (S,); 0 at n = 1, which is exact.
+        error_se: The same of the Bayes error.
+        accuracy_se: The same of the accuracy.
+        prior_entropy: Of the belief before any decision, in bits.
+        prior_error: The error before any decision.
+        limit_information: What infinitely many decisions tell, in bits: which lottery is played, and no more.
+        limit_error: The error that remains for ever.
+        n_draws: Sampled sequences.
+
+    Source: Bayes' rule for independent draws; averages of conditional means have less variance than of draws (Blackwell,
+    1947), and still less beside figures of known mean (control variates): the mean posterior is the prior.
+
+    Example:
+        >>> from inscrutable import Mechanism, Prior
+        >>> prior = Prior([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5])
+        >>> coin = Mechanism(prior.beliefs, [[0.0], [1.0]], [[0.7, 0.3], [0.3, 0.7]], [[0.0, 1.0], [1.0, 0.0]])
+        >>> found = repeated_leakage(coin, prior, (1, 100), rng=np.random.default_rng(0))
+        >>> found.mutual_information.round(3), found.limit_information
+        (array([0.119, 1.   ]), 1.0)
+    """
+
+    n_steps: np.ndarray
+    mutual_information: Array
+    bayes_error: Array
+    top_state_accuracy: Array
+    information_se: Array
+    error_se: Array
+    accuracy_se: Array
+    prior_entropy: float
+    prior_error: float
+    limit_information: float
+    limit_error: float
+    n_draws: int
+
+    @property
+    def per_step(self) -> Array:
+        """Bits that each further decision adds between one n and the next, from n = 0 on, shape (S,)."""
+        added = np.diff(self.mutual_information, prepend=0.0)
+        return np.asarray(added / np.diff(self.n_steps, prepend=0))
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a line for each n, with 95 % intervals."""
+        lines = [f"before any decision: error {self.prior_error:.4f}, {self.prior_entropy:.4f} bits to be learnt"]
+        for s, n in enumerate(self.n_steps):
+            lines.append(
+                f"after {n:4d}: {self.mutual_information[s]:.4f} ± {_SIDE * self.information_se[s]:.4f} bits, "
+                f"error {self.bayes_error[s]:.4f} ± {_SIDE * self.error_se[s]:.4f}, "
+                f"top state {self.top_state_accuracy[s]:.1%} ± {_SIDE * self.accuracy_se[s]:.1%}"
+            )
+        return "\n".join([*lines, f"for ever: {self.limit_information:.4f} bits, error {self.limit_error:.4f}"])
+
+
+class _Sampled(NamedTuple):
+    """Information, squared error and accuracy of every sampled sequence, and two figures whose mean is known to be zero."""
+
+    information: Array
+    squared: Array
+    accuracy: Array
+    surprise: Array
+    spread: Array
+
+
+def repeated_leakage(
+    mechanism: Mechanism,
+    prior: Prior,
+    n_steps: int | Sequence[int] = (1, 10, 100),
+    *,
+    rng: np.random.Generator,
+    n_draws: int = 1000,
+) -> RepeatedLeakage:
+    """Return what repeated decisions under one and the same belief tell an observer who knows the mechanism.
+
+    Formula: those of `RepeatedLeakage`, as averages over sampled beliefs and decisions; the same sequences serve every n.
+
+    Args:
+        mechanism: K(u|π), drawn afresh at every step.
+        prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
+        n_steps: One number of decisions or several, each at least 1, rising.
+        rng: The source of beliefs and decisions.
+        n_draws: Sampled sequences, at least 10.
+
+    Raises:
+        InputError: A belief of the prior is none of the mechanism's, or a number is malformed.
+
+    Cost: n_draws·B likelihoods for every n; 2 s for B = 500, three n and a thousand draws.
+
+    Source: see `RepeatedLeakage`.
+
+    Example:
+        >>> from inscrutable import FiniteProblem, OriginalDecisionMaker, mechanism, uniform_prior
+        >>> prior = uniform_prior(2, 3)
+        >>> played = mechanism(OriginalDecisionMaker(FiniteProblem([[0.0, 1.0], [1.0, 0.0]])), prior.beliefs)
+        >>> repeated_leakage(played, prior, (1, 5), rng=np.random.default_rng(0), n_draws=10).mutual_information
+        array([1., 1.])
+    """
+    steps = _rising(n_steps)
+    source, count = validation.generator(rng), validation.count(n_draws, "n_draws", least=_LEAST_DRAWS)
+    joint = joint_law(mechanism, prior)
+    once = leakage(mechanism, prior)
+    found = np.zeros((3, len(steps)))
+    errors = np.zeros((3, len(steps)))
+    sampled = _sample(joint, steps, count, source) if steps[-1] > 1 else []
+    for s, n in enumerate(steps):
+        if n == 1:
+            found[:, s] = once.mutual_information, once.bayes_error, once.top_state_accuracy
+            continue
+        found[:, s], errors[:, s] = _averages(sampled[s])
+        root = np.sqrt(found[1, s])
+        found[1, s], errors[1, s] = root, errors[1, s] / (2 * root) if root > 0 else 0.0
+    limit_information, limit_error = _limits(joint)
+    return RepeatedLeakage(
+        n_steps=np.array(steps),
+        mutual_information=found[0],
+        bayes_error=found[1],
+        top_state_accuracy=found[2],
+        information_se=errors[0],
+        error_se=errors[1],
+        accuracy_se=errors[2],
+        prior_entropy=once.prior_entropy,
+        prior_error=once.prior_error,
+        limit_information=limit_information,
+        limit_error=limit_error,
+        n_draws=count,
+    )
+
+
+def _averages(sampled: _Sampled) -> tuple[Array, Array]:
+    """Means of the three figures and their standard errors, less what the figures of known mean explain of the luck."""
+    values, controls = np.array(sampled[:3]).T, np.array(sampled[3:]).T
+    adjusted = values.copy()
+    # Slopes of one half serve the other: fitted to the sample they adjust, they would bias its mean.
+    for own, other in ((slice(0, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(0, None, 2))):
+        centred = controls[other] - controls[other].mean(axis=0)
+        slopes = np.linalg.pinv(centred, rcond=tolerances.RANK) @ (values[other] - values[other].mean(axis=0))
+        adjusted[own] -= controls[own] @ slopes
+    spread = adjusted.std(axis=0, ddof=1)
+    return np.maximum(adjusted.mean(axis=0), 0.0), spread / np.sqrt(len(values))
+
+
+def _rising(n_steps: Any) -> list[int]:
+    given = [n_steps] if np.ndim(n_steps) == 0 else list(n_steps)
+    steps = [validation.count(n, "n_steps") for n in given]
+    if not steps or any(later <= earlier for earlier, later in pairwise(steps)):
+        raise InputError(f"n_steps must be whole numbers that rise, got {n_steps!r}")
+    return steps
+
+
+def _sample(joint: Joint, steps: list[int], n_draws: int, rng: np.random.Generator) -> list[_Sampled]:
+    """Sampled sequences, judged after every number of steps."""
+    held = np.flatnonzero(joint.weights > 0)
+    shape = (len(joint.weights), joint.n_actions)
+    table: Any = sparse.csr_array((joint.conditional, (joint.row, joint.column)), shape=shape)[held]
+    weights, beliefs, top = joint.weights[held], joint.beliefs[held], joint.top_states[held]
+    logs, possible = table.copy(), table.copy()
+    logs.data, possible.data = np.log(table.data), np.ones(table.nnz)
+    # Entries of both parts by action; a logarithm of zero is no entry of the first, and missed in the second.
+    plain = table.nnz > _MANY * len(held) * joint.n_actions
+    by_action = [np.ascontiguousarray(each.toarray().T) if plain else each.T.tocsr() for each in (logs, possible)]
+    drawn = rng.choice(len(held), size=n_draws, p=weights)
+    parts: list[list[_Sampled]] = [[] for _ in steps]
+    for chosen in np.array_split(drawn, max(-(-n_draws * len(held) // _BLOCK), 1)):
+        log_likelihood, seen = np.zeros((len(chosen), len(held))), np.zeros((len(chosen), len(held)))
+        for s, n in enumerate(steps):
+            counts = _counts(table, chosen, n - (steps[s - 1] if s else 0), rng)
+            log_likelihood += _plain(counts @ by_action[0])
+            seen += _plain(counts @ by_action[1])
+            parts[s].append(_judged(np.where(seen == n, log_likelihood, -np.inf), weights, beliefs, top))
+    return [_Sampled(*(np.concatenate(each) for each in zip(*part, strict=True))) for part in parts]
+
+
+def _counts(table: Any, chosen: np.ndarray, n: int, rng: np.random.Generator) -> Any:
+    """How often each action is played in n draws under each chosen belief, sparse (D,M)."""
+    rows, columns, numbers = [], [], []
+    for b in np.unique(chosen):
+        place = np.flatnonzero(chosen == b)
+        support = slice(table.indptr[b], table.indptr[b + 1])
+        shares = table.data[support]
+        drawn = rng.multinomial(n, shares / shares.sum(), size=len(place))
+        row, column = np.nonzero(drawn)
+        rows.append(place[row])
+        columns.append(table.indices[support][column])
+        numbers.append(drawn[row, column])
+    entries = (np.concatenate(rows), np.concatenate(columns))
+    return sparse.csr_array((np.concatenate(numbers).astype(np.float64), entries), shape=(len(chosen), table.shape[1]))
+
+
+def _plain(product: Any) -> Array:
+    return np.asarray(product if isinstance(product, np.ndarray) else product.toarray())
+
+
+def _judged(log_likelihood: Array, weights: Array, beliefs: Array, top: Array) -> _Sampled:
+    """What each posterior knows, errs by and guesses, in expectation given its sequence."""
+    log_posterior = log_likelihood + np.log(weights)
+    log_posterior -= log_posterior.max(axis=1, keepdims=True)
+    posterior = np.exp(log_posterior)
+    posterior /= posterior.sum(axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gain = np.where(posterior > 0, posterior * np.log2(posterior / weights), 0.0).sum(axis=1)
+    # In expectation over sequences a posterior is the prior.
+    middle = weights @ beliefs
+    apart = ((beliefs - middle) ** 2).sum(axis=1)
+    surprise = posterior @ -np.log2(weights) - entropy(weights)
+    squared = np.zeros(len(posterior))
+    for belief, mean in zip(beliefs.T, (posterior @ beliefs).T, strict=True):
+        squared += (posterior * (belief - mean[:, None]) ** 2).sum(axis=1)
+    accuracy = np.minimum((posterior @ top).max(axis=1), 1.0)
+    return _Sampled(np.maximum(gain, 0.0), squared, accuracy, surprise, posterior @ apart - weights @ apart)
+
+
+def _limits(joint: Joint) -> tuple[float, float]:
+    """Information and error when the lottery is known: beliefs that share one are never told apart."""
+    shape = (len(joint.weights), joint.n_actions)
+    table: Any = sparse.csr_array((joint.conditional, (joint.row, joint.column)), shape=shape)
+    table.sort_indices()
+    numbers = np.round(table.data / tolerances.PROBABILITY).astype(np.int64)
+    known: dict[tuple[bytes, bytes], int] = {}
+    group = np.zeros(len(joint.weights), dtype=np.intp)
+    for b in np.flatnonzero(joint.weights > 0):
+        support = slice(table.indptr[b], table.indptr[b + 1])
+        group[b] = known.setdefault((table.indices[support].tobytes(), numbers[support].tobytes()), len(known))
+    share: Array = np.bincount(group, weights=joint.weights, minlength=len(known)).astype(np.float64)
+    means = np.zeros((len(known), joint.beliefs.shape[1]))
+    np.add.at(means, group, joint.weights[:, None] * joint.beliefs)
+    means /= share[:, None]
+    squared = ((joint.beliefs - means[group]) ** 2).sum(axis=1)
+    return entropy(share), float(np.sqrt(joint.weights @ squared))

@@ -1,0 +1,188 @@
+"""Repeated decisions of one belief: against enumeration of all sequences, closed forms, and the limit."""
+
+from __future__ import annotations
+
+from itertools import product
+from math import comb, prod
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from inscrutable import (
+    InputError,
+    Mechanism,
+    OriginalDecisionMaker,
+    Prior,
+    RepeatedLeakage,
+    leakage,
+    mechanism,
+    repeated_leakage,
+    uniform_prior,
+)
+from oracles import leakages as oracle
+from strategies import belief_problem
+from test_leakage import drawn
+
+FIGURES = ("mutual_information", "bayes_error", "top_state_accuracy")
+ERRORS = ("information_se", "error_se", "accuracy_se")
+
+
+def all_sequences(table, n):
+    """The mechanism of n independent draws: one column for every sequence."""
+    return [[prod(row[m] for m in seen) for seen in product(range(len(row)), repeat=n)] for row in table]
+
+
+def coin(share=0.7):
+    """Two vertex beliefs, each with its own coin."""
+    prior = Prior([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5])
+    return Mechanism(prior.beliefs, [[0.0], [1.0]], [[share, 1 - share], [1 - share, share]], np.eye(2)), prior
+
+
+@settings(max_examples=25)
+@given(drawn())
+def test_sampled_figures_agree_with_all_sequences(case):
+    weights, beliefs = case.prior.weights.tolist(), case.mechanism.beliefs.tolist()
+    found = repeated_leakage(case.mechanism, case.prior, (1, 2, 3), rng=case.rng, n_draws=400)
+    for s, n in enumerate((1, 2, 3)):
+        table = all_sequences(case.mechanism.probabilities.tolist(), n)
+        expected = (
+            oracle.mutual_information(weights, table),
+            oracle.bayes_error(weights, table, beliefs),
+            oracle.top_state_accuracy(weights, table, beliefs),
+        )
+        for name, error, value in zip(FIGURES, ERRORS, expected, strict=True):
+            deviation = getattr(found, error)[s]
+            # Five standard errors; where all samples agree by luck, what a few unlike them would change.
+            allowed = 1e-7 if n == 1 else 5 * deviation + 0.02
+            assert getattr(found, name)[s] == pytest.approx(value, abs=allowed), (name, n)
+            assert deviation >= 0
+            assert n > 1 or deviation == 0
+
+
+def test_standard_errors_are_those_of_the_samples():
+    played, prior = coin()
+    exact = oracle.mutual_information(
+        [0.5, 0.5], [[comb(4, k) * p**k * (1 - p) ** (4 - k) for k in range(5)] for p in (0.3, 0.7)]
+    )
+    many = [repeated_leakage(played, prior, 4, rng=np.random.default_rng(seed), n_draws=50) for seed in range(200)]
+    values = np.array([each.mutual_information[0] for each in many])
+    stated = np.mean([each.information_se[0] for each in many])
+    assert values.mean() == pytest.approx(exact, abs=4 * stated / np.sqrt(200))
+    assert values.std() == pytest.approx(stated, rel=0.25)
+
+
+def test_standard_errors_hold_for_an_uneven_prior():
+    rng = np.random.default_rng(0)
+    beliefs, weights = rng.dirichlet(np.ones(3), 6), rng.dirichlet(np.ones(6))
+    played = Mechanism(beliefs, np.arange(3.0)[:, None], rng.dirichlet(np.ones(3), 6), np.zeros((6, 3)))
+    table = all_sequences(played.probabilities.tolist(), 4)
+    exact = (
+        oracle.mutual_information(weights.tolist(), table),
+        oracle.bayes_error(weights.tolist(), table, beliefs.tolist()),
+        oracle.top_state_accuracy(weights.tolist(), table, beliefs.tolist()),
+    )
+    many = [
+        repeated_leakage(played, Prior(beliefs, weights), 4, rng=np.random.default_rng(seed), n_draws=60)
+        for seed in range(200)
+    ]
+    for name, error, value in zip(FIGURES, ERRORS, exact, strict=True):
+        values = np.array([getattr(each, name)[0] for each in many])
+        stated = np.mean([getattr(each, error)[0] for each in many])
+        assert values.mean() == pytest.approx(value, abs=0.2 * stated), name
+        assert values.std() == pytest.approx(stated, rel=0.25), name
+
+
+def test_one_decision_is_exact_whatever_the_seed():
+    problem, prior = belief_problem(3), uniform_prior(3, 4)
+    rng = np.random.default_rng(0)
+    table = rng.dirichlet(np.ones(6), len(prior))
+    actions = problem.solve(rng.dirichlet(np.ones(3), 6))
+    played = Mechanism(prior.beliefs, actions, table, np.zeros(table.shape))
+    once = leakage(played, prior)
+    found = repeated_leakage(played, prior, 1, rng=rng, n_draws=10)
+    for name in FIGURES:
+        assert getattr(found, name).tolist() == [getattr(once, name)]
+    assert found.per_step.tolist() == [once.mutual_information]
+
+
+def test_what_is_mixed_is_unmixed_and_no_more():
+    # Beliefs 0 and 1 play one lottery, belief 2 another: for ever that is all there is to know.
+    prior = Prior([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]], [0.25, 0.25, 0.5])
+    played = Mechanism(prior.beliefs, [[0.0], [1.0]], [[0.8, 0.2], [0.8, 0.2], [0.2, 0.8]], np.zeros((3, 2)))
+    found = repeated_leakage(played, prior, (1, 5, 200), rng=np.random.default_rng(0), n_draws=500)
+    assert found.limit_information == 1
+    assert found.limit_error == pytest.approx(np.sqrt(0.5 * 0.125))
+    assert found.mutual_information[-1] == pytest.approx(1, abs=1e-9)
+    assert found.bayes_error[-1] == pytest.approx(found.limit_error, abs=1e-6)  # luck in the classes is known
+    assert (np.diff(found.mutual_information) > 0).all()
+    assert (np.diff(found.bayes_error) < 0).all()
+    assert found.per_step.sum() < 1
+    assert found.per_step @ np.diff([0, 1, 5, 200]) == pytest.approx(found.mutual_information[-1])
+
+
+def test_repetition_adds_nothing_to_a_deterministic_or_a_silent_mechanism():
+    problem, prior = belief_problem(3), uniform_prior(3, 3)
+    telling = mechanism(OriginalDecisionMaker(problem), prior.beliefs)
+    found = repeated_leakage(telling, prior, (1, 7), rng=np.random.default_rng(0), n_draws=20)
+    assert found.mutual_information == pytest.approx(prior.entropy, abs=1e-12)
+    assert found.bayes_error == pytest.approx(0, abs=1e-12)
+    assert found.limit_information == pytest.approx(prior.entropy)
+    silent = Mechanism(prior.beliefs, [[0.0], [1.0]], np.full((10, 2), 0.5), np.zeros((10, 2)))
+    found = repeated_leakage(silent, prior, (1, 50), rng=np.random.default_rng(0), n_draws=20)
+    assert found.mutual_information == pytest.approx(0, abs=1e-12)
+    assert found.bayes_error == pytest.approx(prior.error, abs=1e-12)
+    assert found.limit_information == pytest.approx(0, abs=1e-12)
+    assert found.limit_error == pytest.approx(prior.error)
+    assert found.information_se == pytest.approx(0, abs=1e-12)
+    assert found.error_se == pytest.approx(0, abs=1e-12)
+
+
+def test_blocks_do_not_change_what_is_found(monkeypatch):
+    prior = uniform_prior(3, 5)
+    table = np.random.default_rng(0).dirichlet(np.full(4, 0.3), len(prior))
+    played = Mechanism(prior.beliefs, np.arange(4.0)[:, None], table, np.zeros(table.shape))
+    whole = repeated_leakage(played, prior, (2, 20), rng=np.random.default_rng(1), n_draws=300)
+    monkeypatch.setattr("inscrutable.privacy.repeated._BLOCK", 500)
+    parts = repeated_leakage(played, prior, (2, 20), rng=np.random.default_rng(1), n_draws=300)
+    monkeypatch.setattr("inscrutable.privacy.repeated._MANY", 2.0)
+    thin = repeated_leakage(played, prior, (2, 20), rng=np.random.default_rng(1), n_draws=300)
+    assert thin.mutual_information == pytest.approx(parts.mutual_information, abs=1e-12)
+    assert thin.bayes_error == pytest.approx(parts.bayes_error, abs=1e-12)
+    assert parts.mutual_information == pytest.approx(whole.mutual_information, abs=5 * whole.information_se.max())
+
+
+def test_very_unlikely_and_impossible_decisions():
+    prior = Prior([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]], [0.5, 0.5, 0.0])
+    table = [[1.0, 0.0, 0.0], [1.0 - 1e-300, 1e-300, 0.0], [0.0, 0.0, 1.0]]
+    played = Mechanism(prior.beliefs, np.arange(3.0)[:, None], table, np.zeros((3, 3)))
+    found = repeated_leakage(played, prior, (1, 1000), rng=np.random.default_rng(0), n_draws=50)
+    assert found.mutual_information == pytest.approx(0, abs=1e-9)
+    assert np.isfinite(found.bayes_error).all()
+
+
+def test_it_is_repeatable_saved_and_printed(tmp_path):
+    played, prior = coin()
+    one, other = (repeated_leakage(played, prior, (1, 10), rng=np.random.default_rng(3)) for _ in range(2))
+    assert np.array_equal(one.mutual_information, other.mutual_information)
+    one.save(tmp_path / "found.npz")
+    assert RepeatedLeakage.load(tmp_path / "found.npz").summary() == one.summary() == repr(one)
+    assert "for ever: 1.0000 bits, error 0.0000" in one.summary()
+    assert "± 0.0000 bits" in one.summary().splitlines()[1]
+
+
+@pytest.mark.parametrize("n_steps", [0, -1, 2.5, (), (10, 1), (1, 1), "many"])
+def test_numbers_of_steps_are_checked(n_steps):
+    played, prior = coin()
+    with pytest.raises(InputError, match="n_steps"):
+        repeated_leakage(played, prior, n_steps, rng=np.random.default_rng(0))
+
+
+def test_input_is_checked():
+    played, prior = coin()
+    with pytest.raises(InputError, match="n_draws"):
+        repeated_leakage(played, prior, 2, rng=np.random.default_rng(0), n_draws=9)
+    with pytest.raises(InputError, match="rng must be"):
+        repeated_leakage(played, prior, 2, rng=0)
+    with pytest.raises(InputError, match="none of the mechanism's"):
+        repeated_leakage(played, uniform_prior(2, 3), 2, rng=np.random.default_rng(0))

@@ -6,6 +6,8 @@ holds the belief about row t+1 given the returns up to row t, publishes a portfo
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pandas as pd
 
@@ -95,11 +97,7 @@ def run_backtest(
     market = checked_market(returns, chosen, riskless)
     seeds = np.random.SeedSequence(chosen.seed).spawn(3)
     fit_rng, draw_rng, bootstrap_rng = (np.random.default_rng(seed) for seed in seeds)
-    n_restarts = _enough_restarts(market, chosen) if restarts is None else validation.count(restarts, "restarts")
-    fit = fit_gaussian_hmm(market.training, chosen.regimes, rng=fit_rng, n_restarts=n_restarts)
-    world = _named(fit)
-    emission = _gaussian(world)
-    problem = MarkowitzProblem(emission.means, emission.covariances, chosen.risk_aversion)
+    fit, world, problem = fitted_investor(market, chosen, restarts, rng=fit_rng)
     held = _held_beliefs(world, market, beliefs)
     measure, budget = chosen.measure, chosen.budget
     candidates = candidates_for(problem, measure, None)
@@ -112,6 +110,26 @@ def run_backtest(
     performance = _performance(episode, market, chosen)
     comparisons = {name: _comparison(earned, performance["ODM"], bootstrap_rng) for name, earned in performance.items()}
     return Backtest(chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons)
+
+
+class FittedInvestor(NamedTuple):
+    """What the training sample makes of an investor."""
+
+    fit: FittedWorld
+    world: HiddenMarkovModel
+    problem: MarkowitzProblem
+
+
+def fitted_investor(
+    market: ReturnsSample, settings: BacktestSettings, restarts: int | None, *, rng: np.random.Generator
+) -> FittedInvestor:
+    """Return the regimes fitted to the training sample, with their names, and the portfolio problem in them."""
+    n_restarts = _enough_restarts(market, settings) if restarts is None else validation.count(restarts, "restarts")
+    fit = fit_gaussian_hmm(market.training, settings.regimes, rng=rng, n_restarts=n_restarts)
+    world = _named(fit)
+    emission = _gaussian(world)
+    problem = MarkowitzProblem(emission.means, emission.covariances, settings.risk_aversion)
+    return FittedInvestor(fit, world, problem)
 
 
 def _enough_restarts(market: ReturnsSample, settings: BacktestSettings) -> int:

@@ -152,7 +152,7 @@ def backtest(
     """
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
-    from inscrutable.reports.backtest import headline, text_of, write_backtest
+    from inscrutable.reports.backtest import headline, text_of, verdict, write_backtest
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
@@ -174,7 +174,7 @@ def backtest(
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
-    speech.sentence(f"{text_of(result)}\n\n{headline(result)}\n")
+    speech.sentence("\n\n".join(filter(None, [text_of(result), headline(result), verdict(result)])) + "\n")
     speech.files(files)
 
 

@@ -20,9 +20,10 @@ from inscrutable.decision_makers import (
 from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import ModelError
+from inscrutable.experiments.backtest_aware import read_knowingly
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
 from inscrutable.experiments.backtest_results import Backtest, Comparison
-from inscrutable.experiments.episodes import DecisionMaker, Episode, run_episode
+from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
 from inscrutable.filtering import filter_beliefs
 from inscrutable.problems import MarkowitzProblem
@@ -42,6 +43,7 @@ large have one optimum: on 4,160 days of 20 stocks all of 20 starts came to it."
 
 _NAMES = {2: ("calm", "turbulent"), 3: ("calm", "normal", "turbulent")}
 _BASIS_POINTS = 10_000.0
+_KnownMaker = OriginalDecisionMaker | CounterAdversarialDecisionMaker | ProbabilisticDecisionMaker
 
 
 def run_backtest(
@@ -57,8 +59,8 @@ def run_backtest(
 
     Timing: at the end of row t the investor holds p(x_{t+1} | returns up to t) under the training sample's world,
     decides as ODM, CDM and PDM, and earns the return of row t+1. The first decision is made at the end of the
-    training sample. The rival is the paper's: it knows means, covariances and γ, and takes what is published (of a
-    lottery, the draw) at face value.
+    training sample. One rival is the paper's: it knows means, covariances and γ, and takes what is published (of a
+    lottery, the draw) at face value. Another knows the decision makers, too, and how often which belief is held.
 
     Args:
         returns: (N,U) simple returns as fractions, U >= 2, with increasing dates and one labelled column per asset;
@@ -95,13 +97,13 @@ def run_backtest(
     """
     chosen = BacktestSettings() if settings is None else settings
     market = checked_market(returns, chosen, riskless)
-    seeds = np.random.SeedSequence(chosen.seed).spawn(3)
-    fit_rng, draw_rng, bootstrap_rng = (np.random.default_rng(seed) for seed in seeds)
+    seeds = np.random.SeedSequence(chosen.seed).spawn(4)
+    fit_rng, draw_rng, bootstrap_rng, aware_rng = (np.random.default_rng(seed) for seed in seeds)
     fit, world, problem = fitted_investor(market, chosen, restarts, rng=fit_rng)
     held = _held_beliefs(world, market, beliefs)
     measure, budget = chosen.measure, chosen.budget
     candidates = candidates_for(problem, measure, None)
-    decision_makers: dict[str, DecisionMaker] = {
+    decision_makers: dict[str, _KnownMaker] = {
         "ODM": OriginalDecisionMaker(problem),
         "CDM": CounterAdversarialDecisionMaker(problem, measure, budget, candidates=candidates),
         "PDM": ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates),
@@ -109,7 +111,8 @@ def run_backtest(
     episode = run_episode(problem, held.to_numpy(), decision_makers, rng=draw_rng, progress=progress)
     performance = _performance(episode, market, chosen)
     comparisons = {name: _comparison(earned, performance["ODM"], bootstrap_rng) for name, earned in performance.items()}
-    return Backtest(chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons)
+    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng)
+    return Backtest(chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware)
 
 
 class FittedInvestor(NamedTuple):

@@ -158,7 +158,7 @@ class Comparison(Saved):
         if self.repeats[last] > 1:
             later = f"sees {self.repeats[last]} decisions on one belief"
             named[later] = [(row.maker, float(row.repeated_errors[last])) for row in rows]
-        parts = [f"against one who {who}, {_holding(errors, floor)}" for who, errors in named.items()]
+        parts = [f"against one who {who}, {holding(errors, floor)}" for who, errors in named.items()]
         return (
             f"At an expected regret of {worth}, a protection holds if it leaves an observer at least {HOLDS:.0%} of the "
             f"error of {self.prior_error:.3f} that the prior alone leaves: " + "; ".join(parts) + "."
@@ -168,8 +168,8 @@ class Comparison(Saved):
         return f"{self.header()}\n{self.summary()}"
 
 
-def _holding(errors: list[tuple[str, float]], floor: float) -> str:
-    """Who reaches the floor, best first; or who comes nearest."""
+def holding(errors: list[tuple[str, float]], floor: float) -> str:
+    """Return who leaves an observer at least an error of `floor`, best first; or who comes nearest to it."""
     ranked = sorted(errors, key=lambda each: -each[1])
     held = [f"{name} ({error:.2f})" for name, error in ranked if error >= floor]
     if not held:

@@ -10,13 +10,12 @@ import numpy as np
 from inscrutable import validation
 from inscrutable.datasets import load_industry_returns
 from inscrutable.experiments.backtest import fitted_investor
+from inscrutable.experiments.backtest_aware import predicted_prior
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.random_markets import random_market
-from inscrutable.mechanisms import Prior, stationary_prior, uniform_prior
+from inscrutable.mechanisms import Prior, uniform_prior
 from inscrutable.problems import MarkowitzProblem
-from inscrutable.validation import Array
-from inscrutable.worlds import HiddenMarkovModel
 
 PAPER, RETURNS = "paper", "returns"
 
@@ -28,33 +27,6 @@ class ComparedMarket:
     problem: MarkowitzProblem
     prior: Prior
     note: str
-
-
-def predicted_prior(world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator) -> Prior:
-    """Return the long-run law of the belief about the next state given all observations so far.
-
-    Formula: weights of the filtered belief π on a grid, each point moved to P'π: `stationary_prior` one step ahead.
-
-    Args:
-        world: The hidden Markov model.
-        resolution: Of the grid of filtered beliefs: multiples of 1/resolution.
-        rng: The source of the simulated path.
-
-    Raises:
-        InputError: As `stationary_prior`.
-
-    Example:
-        >>> from inscrutable import CategoricalEmission
-        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
-        >>> print(predicted_prior(world, 10, rng=np.random.default_rng(0)).beliefs[:, 0].min().round(3))
-        0.18
-    """
-    return moved_ahead(stationary_prior(world, resolution, rng=rng), world.transition)
-
-
-def moved_ahead(prior: Prior, transition: Array) -> Prior:
-    """Return the law of P'π for π of a prior."""
-    return Prior(prior.beliefs @ transition, prior.weights)
 
 
 def paper_market(resolution: int, seed: int) -> ComparedMarket:

@@ -20,7 +20,8 @@ from inscrutable.files import whole_file
 from inscrutable.reports.comparison_plots import draw_comparison
 
 _PERCENT = 100.0
-_TITLE_WIDTH = 9
+_TITLE_WIDTH = 10
+_NOT_ON_TERMINAL = ("% of |c*|", "privacy, naive", "error, near-optimal", "told from honest, AUC")
 
 
 class _Column(NamedTuple):
@@ -76,6 +77,7 @@ def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataF
 def terminal_table(comparison: Comparison, budget: float) -> pd.DataFrame:
     """Return the short table of one budget with titles broken into lines, for a terminal."""
     table = short_table(comparison, budget)
+    table = table.drop(columns=[title for title in _NOT_ON_TERMINAL if title in table.columns])
     table.index.name = None
     return table.rename(columns=lambda title: "\n".join(wrap(title, _TITLE_WIDTH, break_long_words=False)))
 
@@ -139,7 +141,7 @@ def _first_upper(text: str) -> str:
 def write_comparison(
     comparison: Comparison, folder: str | os.PathLike[str], *, title: str = "Comparison"
 ) -> list[Path]:
-    """Write everything about a comparison into a folder; the same comparison gives the same bytes.
+    """Write everything about a comparison into a folder; the same comparison gives the same bytes, comparison.npz apart.
 
     Args:
         comparison: From `compare`.

@@ -15,7 +15,7 @@ from inscrutable.validation import Array
 _PAGE_WIDTH = 7.0
 _PANEL_HEIGHT = 2.3
 _COLUMNS = 2
-_HEADER_WIDTH = 120
+_HEADER_WIDTH = 150
 _PERCENT = 100.0
 _SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""

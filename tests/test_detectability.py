@@ -197,3 +197,13 @@ def test_input_output(tmp_path):
         detectability("problem", played, prior)
     with pytest.raises(InputError, match="none of the mechanism's"):
         detectability(problem, played, uniform_prior(2, 2))
+
+
+def test_equal_decisions_share_their_figures():
+    problem, prior = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), uniform_prior(2, 1)
+    once = Mechanism(prior.beliefs, [0, 1], [[1.0, 0.0], [0.5, 0.5]], np.zeros((2, 2)))
+    twice = Mechanism(prior.beliefs, [0, 0, 1], [[0.75, 0.25, 0.0], [0.0, 0.5, 0.5]], np.zeros((2, 3)))
+    one, other = detectability(problem, once, prior), detectability(problem, twice, prior)
+    assert (other.auc, other.total_variation) == (one.auc, one.total_variation)
+    assert other.likelihood_ratios.tolist() == [1.5, 1.5, 0.5]
+    assert other.gaps.tolist() == [0, 0, 0]

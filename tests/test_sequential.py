@@ -202,6 +202,21 @@ def test_beliefs_between_the_points_are_mixed_from_their_cell() -> None:
         assert np.abs(nearest.mean - found.mean).max() < 0.15
 
 
+def test_many_states_use_the_nearest_belief() -> None:
+    rng = np.random.default_rng(4)
+    world = random_world(rng, 5, 3)
+    plays = random_mechanism(rng, simplex_grid(5, 4), 3, mixed=True)
+    for options in ({}, {"n_particles": 200, "rng": rng}):
+        found = SequentialAdversary(world, plays, **options).smooth(plays.actions[[0, 2, 1, 1]])
+        assert found.weights.sum(axis=1) == pytest.approx(1.0)
+        assert found.states.sum(axis=1) == pytest.approx(1.0)
+        assert 0 < found.interpolation_error.max() < 0.3
+    # Weights that favour no belief tell nothing: the state keeps its law, however coarse the beliefs.
+    flat = Mechanism(plays.beliefs, np.array([0]), np.ones((len(plays.beliefs), 1)), np.zeros((len(plays.beliefs), 1)))
+    law = world.initial @ np.linalg.matrix_power(world.transition, 2)
+    assert SequentialAdversary(world, flat).filter([0, 0, 0]).states[2] == pytest.approx(law, abs=EXACT)
+
+
 def test_a_finer_grid_comes_nearer_to_the_exact_filter() -> None:
     rng = np.random.default_rng(3)
     world = HiddenMarkovModel([[0.8, 0.2], [0.3, 0.7]], CategoricalEmission([[0.7, 0.3], [0.4, 0.6]]))

@@ -19,9 +19,12 @@ _EXPORTS: dict[str, str] = {
     "BeliefSet": "geometry",
     "Budget": "budgets",
     "BudgetAwareAdversary": "adversaries",
+    "Calibration": "decision_makers.baselines",
+    "CalibrationStatus": "decision_makers.baselines",
     "Candidates": "decision_makers",
     "CategoricalEmission": "worlds",
     "CheapestPrivacy": "decision_makers",
+    "CoinDecisionMaker": "decision_makers.baselines",
     "ConvexProblem": "problems",
     "CostLearningAdversary": "adversaries",
     "CostStatus": "adversaries",
@@ -30,10 +33,13 @@ _EXPORTS: dict[str, str] = {
     "DecisionProblem": "problems",
     "DecisionStatus": "decision_makers",
     "Decisions": "decision_makers",
+    "DelayedDecisionMaker": "decision_makers.baselines",
     "DesiredObfuscation": "privacy",
     "Detectability": "privacy",
+    "DirichletDecisionMaker": "decision_makers.baselines",
     "Emission": "worlds",
     "Envelope": "decision_makers",
+    "ExponentialDecisionMaker": "decision_makers.baselines",
     "FilterResult": "filtering",
     "FiniteProblem": "problems",
     "FittedWorld": "worlds",
@@ -63,6 +69,8 @@ _EXPORTS: dict[str, str] = {
     "NonExistence": "privacy",
     "NonUniqueness": "privacy",
     "OriginalDecisionMaker": "decision_makers",
+    "PartialDecisionMaker": "decision_makers.baselines",
+    "PiecewiseLinearProblem": "problems",
     "Polyhedron": "problems",
     "Posterior": "adversaries",
     "PosteriorStatus": "adversaries",
@@ -71,16 +79,22 @@ _EXPORTS: dict[str, str] = {
     "PrivacyMeasure": "privacy",
     "ProbabilisticDecisionMaker": "decision_makers",
     "QuadraticProblem": "problems",
+    "RateDistortionCurve": "decision_makers",
+    "RateDistortionDecisionMaker": "decision_makers",
     "RepeatedLeakage": "privacy",
+    "RevealedPreferences": "problems",
+    "RoundingDecisionMaker": "decision_makers.baselines",
     "RowConflict": "problems",
     "SequenceStatus": "adversaries",
     "SequentialAdversary": "adversaries",
     "SolverError": "errors",
     "TradingProblem": "problems",
     "Trajectory": "worlds",
+    "UniformDecisionMaker": "decision_makers.baselines",
     "UnionBeliefs": "adversaries",
     "action_grid": "decision_makers",
     "box": "problems",
+    "calibrate": "decision_makers.baselines",
     "cheapest_privacy": "decision_makers",
     "check_decision_problem": "testing",
     "consistent_beliefs": "adversaries",
@@ -99,10 +113,13 @@ _EXPORTS: dict[str, str] = {
     "min_weights": "problems",
     "near_optimal_beliefs": "adversaries",
     "plausibility_gap": "adversaries",
+    "preference_problem": "problems",
     "privacy_frontier": "decision_makers",
     "random_candidates": "decision_makers",
+    "rate_distortion_curve": "decision_makers",
     "reachable_beliefs": "mechanisms",
     "repeated_leakage": "privacy",
+    "revealed_preferences": "problems",
     "simplex": "problems",
     "simplex_grid": "geometry",
     "stationary_prior": "mechanisms",
@@ -150,11 +167,24 @@ if TYPE_CHECKING:
     from inscrutable.decision_makers import MixedDecisions as MixedDecisions
     from inscrutable.decision_makers import OriginalDecisionMaker as OriginalDecisionMaker
     from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
+    from inscrutable.decision_makers import RateDistortionCurve as RateDistortionCurve
+    from inscrutable.decision_makers import RateDistortionDecisionMaker as RateDistortionDecisionMaker
     from inscrutable.decision_makers import action_grid as action_grid
     from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy
     from inscrutable.decision_makers import decoy_grid as decoy_grid
     from inscrutable.decision_makers import privacy_frontier as privacy_frontier
     from inscrutable.decision_makers import random_candidates as random_candidates
+    from inscrutable.decision_makers import rate_distortion_curve as rate_distortion_curve
+    from inscrutable.decision_makers.baselines import Calibration as Calibration
+    from inscrutable.decision_makers.baselines import CalibrationStatus as CalibrationStatus
+    from inscrutable.decision_makers.baselines import CoinDecisionMaker as CoinDecisionMaker
+    from inscrutable.decision_makers.baselines import DelayedDecisionMaker as DelayedDecisionMaker
+    from inscrutable.decision_makers.baselines import DirichletDecisionMaker as DirichletDecisionMaker
+    from inscrutable.decision_makers.baselines import ExponentialDecisionMaker as ExponentialDecisionMaker
+    from inscrutable.decision_makers.baselines import PartialDecisionMaker as PartialDecisionMaker
+    from inscrutable.decision_makers.baselines import RoundingDecisionMaker as RoundingDecisionMaker
+    from inscrutable.decision_makers.baselines import UniformDecisionMaker as UniformDecisionMaker
+    from inscrutable.decision_makers.baselines import calibrate as calibrate
     from inscrutable.errors import InputError as InputError
     from inscrutable.errors import InscrutableError as InscrutableError
     from inscrutable.errors import ModelError as ModelError
@@ -188,9 +218,11 @@ if TYPE_CHECKING:
     from inscrutable.problems import KellyProblem as KellyProblem
     from inscrutable.problems import LinearProblem as LinearProblem
     from inscrutable.problems import MarkowitzProblem as MarkowitzProblem
+    from inscrutable.problems import PiecewiseLinearProblem as PiecewiseLinearProblem
     from inscrutable.problems import Polyhedron as Polyhedron
     from inscrutable.problems import PowerNetwork as PowerNetwork
     from inscrutable.problems import QuadraticProblem as QuadraticProblem
+    from inscrutable.problems import RevealedPreferences as RevealedPreferences
     from inscrutable.problems import RowConflict as RowConflict
     from inscrutable.problems import TradingProblem as TradingProblem
     from inscrutable.problems import box as box
@@ -199,6 +231,8 @@ if TYPE_CHECKING:
     from inscrutable.problems import long_short as long_short
     from inscrutable.problems import max_weights as max_weights
     from inscrutable.problems import min_weights as min_weights
+    from inscrutable.problems import preference_problem as preference_problem
+    from inscrutable.problems import revealed_preferences as revealed_preferences
     from inscrutable.problems import simplex as simplex
     from inscrutable.problems import turnover as turnover
     from inscrutable.problems import with_transaction_costs as with_transaction_costs

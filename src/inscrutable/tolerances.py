@@ -116,6 +116,10 @@ lost in the rounding of a cost (1e-16) allows about 1e-8."""
 POLISH = 1e-9
 """Accuracy asked of the local polish of a decision; its result is re-judged by the set's own distance."""
 
+SAME_SPENDING = 1e-12
+"""A bundle whose cost differs from the budget by less than this share of it lies on the budget line: rounding of a sum of
+products, far below any price that is written down."""
+
 PARAMETER = 1e-9
 """Relative width below which a piece of an unknown cost parameter's range is not halved again: what residuals of 1e-10
 tell apart."""
@@ -132,6 +136,13 @@ NEAR_OPTIMAL = 1e-7
 
 PROBABILITY = 1e-9
 """Atoms of a mixture below this probability are dropped and the rest renormalised: HiGHS feasibility is 1e-9 here."""
+
+CALIBRATED = 1e-6
+"""How far, relative to the target, a calibrated expected regret may stay below it: differences between decision makers at
+equal regret are of the order of a per cent."""
+
+WHOLE_STEPS = 1e-9
+"""How far the number of steps in a unit may be from a whole number: 1/0.1 and 1/0.0333333333 pass, 1/0.07 does not."""
 
 NON_EXISTENCE_MARGIN = 1e-2
 """Default distance by which the true belief must miss the consistent set: one percentage point of belief,
@@ -223,3 +234,29 @@ apart at one per cent."""
 
 PROVED = 1e-6
 """A bound this little above the privacy, in units of belief, proves it: what the polish itself leaves."""
+
+NO_REGRET = 1e-12
+"""Regret, as a share of the mean over beliefs and candidates, that counts as none: a difference of two costs rounds to it.
+A smaller budget allows the candidates of least regret alone."""
+
+REGRET_MET = 1e-9
+"""How far below its budget an expected regret may stay, as a share of it: what a root search leaves."""
+
+REGRET_NEAR = 1e-6
+"""The same while the law of the decisions still moves: what it changes in the value is its square."""
+
+NEWTON_STEP = 1e-8
+"""Share of a Newton step below which a barrier function is taken to fall no further."""
+
+BARRIER_ROUNDING = 1e-13
+"""Relative rise of a barrier function that is rounding."""
+
+RARELY_PLAYED = 1e-10
+"""An atom of a lottery with hundreds of atoms that is played less often than this goes to the row's cheapest: what all of
+them can change in a rate is 1e-5 bits."""
+
+RATE_GAP = 1e-3
+"""Bits by which a rate and its bound may differ: far below what an observer could make use of."""
+
+SELDOM = 1e-3
+"""Share of an equal share below which a column is taken not to be needed, or with which a needed one begins."""

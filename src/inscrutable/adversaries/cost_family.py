@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -15,10 +15,14 @@ from inscrutable.validation import Array
 
 Family = Callable[[float], DecisionProblem]
 
+Piece = tuple[float, float]
+
 _PIECES = 16
+_FEWEST = 2
 _FINEST = 256
 _MOST_KEPT = 4096
-"""Costs remembered, and a multiple of the pieces an interval is cut into."""
+"""Pieces of the bounds at the start, and of an interval at the least; share of an interval that its edges are known to;
+costs remembered."""
 
 
 class ExplainedDecisions:
@@ -27,7 +31,7 @@ class ExplainedDecisions:
     def __init__(self, family: Family, actions: Array, rounding: float, tolerance: float) -> None:
         self._actions, self._rounding = actions, rounding
         self.tolerance = tolerance + tolerances.LINEAR_PROGRAMME
-        self._order = list(range(len(actions)))
+        self._count = len(actions)
 
         @lru_cache(maxsize=_MOST_KEPT)
         def conditions(parameter: float) -> list[Conditions]:
@@ -41,62 +45,78 @@ class ExplainedDecisions:
 
     def residual(self, parameter: float) -> float:
         """Return the largest of the decisions' least residuals under one cost."""
-        return max(self.programme(parameter, parameter, number).residual() for number in self._order)
-
-    def is_possible(self, low: float, high: float) -> bool:
-        """Return whether no decision rules out all parameters between two; the last to do so is asked first."""
-        for place, number in enumerate(self._order):
-            if self.programme(low, high, number).residual() > self.tolerance:
-                self._order.insert(0, self._order.pop(place))
-                return False
-        return True
+        return max(self.programme(parameter, parameter, number).residual() for number in range(self._count))
 
     def intervals(self, low: float, high: float) -> Array:
-        """Return intervals (K,2) outside of which no parameter explains every decision, by branching on the parameter.
+        """Return intervals (K,2) outside of which no parameter explains every decision, one decision after another.
 
-        A piece is dropped where even the relaxed conditions fail, kept where both its ends explain everything, and halved
+        A second round narrows what a decision saw as a small part of a larger interval of its own.
+        """
+        whole = _length(low, high)
+        found = np.array([[low, high]])
+        freest_first = np.argsort([each.normals.shape[1] for each in self._conditions(low)], kind="stable")
+        for number in (*freest_first, *freest_first):
+            left: list[Piece] = []
+            for first, last in found.tolist():
+                count = max(_FEWEST, int(np.ceil(_PIECES * _length(first, last) / whole)))
+                left += self._explaining(int(number), _spaced(first, last, count))
+            found = _merged(left)
+        return found
+
+    def _explaining(self, number: int, ends: list[float]) -> list[Piece]:
+        """Pieces outside of which no parameter between the ends explains one decision, by branching on the parameter.
+
+        A piece is kept where both its ends explain the decision, dropped where even the relaxed conditions fail, and halved
         otherwise, until it is small beside the interval it belongs to or beside the parameter itself.
         """
-        ends = _spaced(low, high, _PIECES).tolist()
-        kept: list[tuple[float, float]] = []
-        open_pieces = [piece for piece in pairwise(ends) if self.is_possible(*piece)]
-        while open_pieces:
-            still = []
-            for piece in open_pieces:
-                if self.is_possible(piece[0], piece[0]) and self.is_possible(piece[1], piece[1]):
+
+        @cache
+        def holds(parameter: float) -> bool:
+            return self.programme(parameter, parameter, number).residual() <= self.tolerance
+
+        kept: list[Piece] = []
+        waiting = list(pairwise(ends))
+        while waiting:
+            still: list[Piece] = []
+            for piece in waiting:
+                if holds(piece[0]) and holds(piece[1]):
                     kept.append(piece)
-                else:
+                elif self.programme(*piece, number).residual() <= self.tolerance:
                     still.append(piece)
             clusters = _merged([*kept, *still])
-            fine = [piece for piece in still if _is_fine(piece, clusters)]
-            kept += fine
-            halves = [half for piece in still if piece not in fine for half in _halved(piece)]
-            open_pieces = [half for half in halves if self.is_possible(*half)]
-        return _merged(kept)
+            fine = [_is_fine(piece, clusters) for piece in still]
+            kept += [piece for piece, done in zip(still, fine, strict=True) if done]
+            waiting = [half for piece, done in zip(still, fine, strict=True) if not done for half in _halved(piece)]
+        return kept
 
 
-def pieces_of(intervals: Array) -> list[tuple[float, float]]:
+def pieces_of(intervals: Array) -> list[Piece]:
     """Return the intervals (K,2) cut into pieces on which a relaxation is tight."""
-    found: list[tuple[float, float]] = []
+    found: list[Piece] = []
     for low, high in intervals:
-        ends = _spaced(low, high, _PIECES).tolist() if high > low else [low, high]
-        found += list(pairwise(ends))
+        found += list(pairwise(_spaced(low, high, _PIECES)))
     return found
 
 
-def _spaced(low: float, high: float, count: int) -> Array:
-    ends = np.geomspace(low, high, count + 1) if low > 0 else np.linspace(low, high, count + 1)
-    ends[0], ends[-1] = low, high
-    return np.asarray(ends)
+def _spaced(low: float, high: float, count: int) -> list[float]:
+    """Ends of pieces of equal ratio where the parameter is positive, else of equal length; one piece of a single value."""
+    if not high - low > tolerances.PARAMETER * max(abs(low), abs(high)):
+        return [low, high]
+    inner = np.geomspace(low, high, count + 1) if low > 0 else np.linspace(low, high, count + 1)
+    return [low, *inner[1:-1].tolist(), high]
 
 
-def _halved(piece: tuple[float, float]) -> list[tuple[float, float]]:
+def _length(low: float, high: float) -> float:
+    return float(np.log(high / low)) if low > 0 else high - low
+
+
+def _halved(piece: Piece) -> list[Piece]:
     low, high = piece
     middle = float(np.sqrt(low * high)) if low > 0 else 0.5 * (low + high)
     return [(low, middle), (middle, high)]
 
 
-def _merged(pieces: list[tuple[float, float]]) -> Array:
+def _merged(pieces: list[Piece]) -> Array:
     """Pieces that touch as one, shape (K,2)."""
     found: list[list[float]] = []
     for low, high in sorted(pieces):
@@ -107,7 +127,7 @@ def _merged(pieces: list[tuple[float, float]]) -> Array:
     return np.array(found, dtype=np.float64).reshape(-1, 2)
 
 
-def _is_fine(piece: tuple[float, float], clusters: Array) -> bool:
+def _is_fine(piece: Piece, clusters: Array) -> bool:
     low, high = piece
     own = clusters[(clusters[:, 0] <= low) & (high <= clusters[:, 1])][0]
     size = max(abs(low), abs(high))

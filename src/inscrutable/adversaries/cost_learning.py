@@ -32,8 +32,8 @@ class CostLearningAdversary:
         InputError: Bounds are not two ascending numbers, the family gives no decision problem, or one with costs that have
             no gradient.
 
-    Cost: one to three milliseconds per decision and piece; some hundred pieces. Source: inverse optimisation, the paper's
-    Theorem 1 with the cost as one more unknown.
+    Cost: about fifty linear programmes of one or two milliseconds for each decision. Source: inverse optimisation, the
+    paper's Theorem 1 with the cost as one more unknown.
 
     Example:
         >>> means, covariances = [[0.3, 0.1, 0.0], [0.0, 0.1, 0.25]], [np.diag([1.0, 2.0, 3.0]), np.diag([3.0, 1.0, 1.0])]

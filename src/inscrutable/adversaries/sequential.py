@@ -34,7 +34,8 @@ class SequentialAdversary:
 
     On the mechanism's beliefs, a belief between them is split among the corners of its cell of a triangulation; exact
     where the mechanism lists every belief that the agent can reach, as `reachable_beliefs` does, and otherwise with the
-    error that the result states. By particles, the agent's beliefs are followed as they are, and only K is interpolated.
+    error that the result states. By particles, the agent's beliefs are followed as they are, and only K is interpolated:
+    the better choice where the mechanism hardly mixes, because the beliefs that a grid adds then contradict what is played.
 
     Args:
         world: The world as the adversary knows it.

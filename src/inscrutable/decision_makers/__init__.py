@@ -7,6 +7,11 @@ from inscrutable.decision_makers.frontier import Frontier, privacy_frontier
 from inscrutable.decision_makers.local_search import LocalSearch
 from inscrutable.decision_makers.original import OriginalDecisionMaker
 from inscrutable.decision_makers.probabilistic import Envelope, LinearProgramme, ProbabilisticDecisionMaker
+from inscrutable.decision_makers.rate_distortion import (
+    RateDistortionCurve,
+    RateDistortionDecisionMaker,
+    rate_distortion_curve,
+)
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecision, MixedDecisions
 
 __all__ = [
@@ -25,9 +30,12 @@ __all__ = [
     "MixedDecisions",
     "OriginalDecisionMaker",
     "ProbabilisticDecisionMaker",
+    "RateDistortionCurve",
+    "RateDistortionDecisionMaker",
     "action_grid",
     "cheapest_privacy",
     "decoy_grid",
     "privacy_frontier",
     "random_candidates",
+    "rate_distortion_curve",
 ]

@@ -44,7 +44,7 @@ def action_grid(problem: DecisionProblem, resolution: int) -> Candidates:
     """
     validation.count(resolution, "resolution")
     n = checked_problem(problem).n_actions
-    if _is_simplex(problem):
+    if is_simplex(problem):
         if grid_size(n, resolution) > _MOST_GRID_POINTS:
             raise InputError(
                 f"a grid of resolution {resolution} over {n} coordinates exceeds {_MOST_GRID_POINTS} points"
@@ -59,7 +59,8 @@ def action_grid(problem: DecisionProblem, resolution: int) -> Candidates:
     return candidates
 
 
-def _is_simplex(problem: DecisionProblem) -> bool:
+def is_simplex(problem: DecisionProblem) -> bool:
+    """Return whether the feasible set is written as the simplex, {u ≥ 0 : Σu = 1}."""
     region = problem.constraints
     n = region.n_actions
     return bool(
@@ -140,7 +141,7 @@ def random_actions(problem: DecisionProblem, n: int, *, rng: np.random.Generator
     """Return decisions (n,U) drawn uniformly from a bounded feasible set."""
     validation.count(n, "n")
     validation.generator(rng)
-    if _is_simplex(problem):
+    if is_simplex(problem):
         return rng.dirichlet(np.ones(problem.n_actions), size=n)
     return _hit_and_run(problem, n, rng)
 

@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.adversaries import consistent_beliefs
+from inscrutable.adversaries import consistent_beliefs, consistent_sets
 from inscrutable.decision_makers.cell_programmes import cell_bounds
+from inscrutable.decision_makers.fibres import Fibres
 from inscrutable.decision_makers.oracle_points import N_LEVELS, OraclePoints
-from inscrutable.decision_makers.shared_faces import SharedFaces
+from inscrutable.decision_makers.quadratic_cells import QuadraticCells, whitened
 from inscrutable.errors import InscrutableError
 from inscrutable.geometry.simplicial import cones_from, directions_to, edges, halved
 from inscrutable.privacy.measures import Reference
@@ -30,6 +31,7 @@ _MOST_CELLS = 256  # halved in one round
 _EDGE_SHARE = 1.2  # a cell's edge over what is left of the way to it, 1 − τ: where both errors are alike
 _PULLS = np.array([0.0, 0.01, 0.1, 0.5])
 _ATTEMPTS = 3
+_JUDGED = 64  # points whose decisions are judged in one round
 
 
 class Question(NamedTuple):
@@ -40,8 +42,8 @@ class Question(NamedTuple):
     multiplier: float | None
     floor: float
     judged: frozenset[int] = frozenset()
-    """Points whose decisions are known to be worth less than they seem; another one that seems worth more than the floor
-    ends the search where there is a multiplier, because a better one then exists."""
+    """Points whose decisions are known already; another one that is worth more than the floor ends the search where
+    there is a multiplier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +54,27 @@ class Answer:
     complete: bool
 
 
+class _Cells(NamedTuple):
+    """Cells with bounds of the gain at their corners and of the regret; `final` ones hold a single decision."""
+
+    corners: np.ndarray  # (C,X)
+    gains: Array  # (C,X)
+    regrets: Array  # (C,X,K)
+    final: np.ndarray  # (C,)
+
+    def pick(self, which: np.ndarray) -> _Cells:
+        return _Cells(*(part[which] for part in self))
+
+    def joined(self, other: _Cells) -> _Cells:
+        return _Cells(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+    def bounds(self, question: Question) -> Array:
+        return cell_bounds(self.gains, self.regrets, question.budget, question.multiplier)
+
+
 class Prover:
-    """Branch and bound for one problem and belief; what the oracle said is kept for the next question."""
+    """Branch and bound for one problem, belief and reference; cells and what the oracle said are kept for the next
+    question."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, most_calls: int) -> None:
         self.problem = problem
@@ -63,52 +84,73 @@ class Prover:
         self.points = OraclePoints(problem, belief, cones.points[1:])
         self._cones = cones.corners
         self._shared: list[tuple[Array, float]] = []
-        self._faces = SharedFaces(problem, self.points) if isinstance(problem, QuadraticProblem) else None
+        self._privacies = np.zeros(0)
+        self._leaves: _Cells | None = None
+        self._allowance = 0.0
+        form = whitened(problem) if isinstance(problem, QuadraticProblem) else None
+        self._quadratic = None if form is None else QuadraticCells(problem, self.points, form)  # type: ignore[arg-type]
+        self._fibres = None if self._quadratic is None else Fibres(self._quadratic)
 
     def answer(self, question: Question) -> Answer:
         """Return a bound for one question; again where the solver turned out less exact than allowed for."""
         for _ in range(_ATTEMPTS):
-            allowance = self.points.allowance
+            if self._leaves is None or self.points.allowance > 2.0 * self._allowance:
+                self._allowance = self.points.allowance
+                self._leaves = self._described(self._cones, question)
             found = self._search(question)
-            if self.points.allowance <= 2.0 * allowance:
+            if self.points.allowance <= 2.0 * self._allowance:
                 return found
         return Answer(float("inf"), False)
 
     def _search(self, question: Question) -> Answer:
-        corners = self._cones
-        bounds = self._bounds(corners, question)
-        closed = -np.inf
+        assert self._leaves is not None
+        leaves, bounds = self._leaves, self._leaves.bounds(question)
         while True:
-            judged = bounds <= question.floor
-            closed = max(closed, float(bounds[judged].max(initial=-np.inf)))
-            corners, bounds = corners[~judged], bounds[~judged]
-            if len(corners) and question.reference.sign > 0 and self.problem.costs_are_unique:
-                worth = self._shared_worth(corners, question)
-                closed = max(closed, float(worth[~np.isnan(worth)].max(initial=-np.inf)))
-                corners, bounds = corners[np.isnan(worth)], bounds[np.isnan(worth)]
-            if not len(corners):
-                return Answer(closed, True)
-            if self.points.calls >= self.most_calls or self._beaten(question):
-                return Answer(max(closed, float(bounds.max())), False)
-            worst = np.argsort(-bounds, kind="stable")
-            halves = self._halved(corners[worst[:_MOST_CELLS]])
-            corners = np.concatenate([halves, corners[worst[_MOST_CELLS:]]])
+            open_ = np.flatnonzero((bounds > question.floor) & ~leaves.final)
+            over = not open_.size or self.points.calls >= self.most_calls
+            if over or (question.multiplier is not None and self.better(question).size):
+                self._leaves = leaves
+                bound = float(bounds.max(initial=-np.inf))
+                return Answer(bound, bound <= question.floor)
+            worst = open_[np.argsort(-bounds[open_], kind="stable")[:_MOST_CELLS]]
+            fresh = self._described(self._halved(leaves.corners[worst]), question)
             # A part is bounded by the whole it comes from.
-            whole = np.tile(bounds[worst[:_MOST_CELLS]], 2)
-            fresh = np.minimum(self._bounds(halves, question), whole)
-            bounds = np.concatenate([fresh, bounds[worst[_MOST_CELLS:]]])
+            kept = np.ones(len(bounds), dtype=np.bool_)
+            kept[worst] = False
+            leaves = leaves.pick(kept).joined(fresh)
+            bounds = np.concatenate([bounds[kept], fresh.bounds(question)])
 
     def seeming(self, reference: Reference) -> tuple[Array, Array]:
         """Return regrets of the decisions at all points, and what the distance from or to the point itself makes of them."""
         regrets = self.points.costs @ self.belief - self.points.optimal_cost
         return regrets, reference.sign * np.linalg.norm(self.points.beliefs - reference.point, axis=1)
 
-    def _beaten(self, question: Question) -> bool:
-        if question.multiplier is None:
-            return False
+    def better(self, question: Question) -> np.ndarray:
+        """Return points with admissible decisions known to be worth more than the floor, the best first; not the judged."""
         regrets, worth = self.seeming(question.reference)
-        above = np.flatnonzero(worth - question.multiplier * regrets > question.floor + tolerances.CHORD)
-        return not question.judged.issuperset(above.tolist())
+        self._privacies = np.concatenate([self._privacies, np.full(len(worth) - len(self._privacies), np.nan)])
+        spent = np.where(regrets <= question.budget, 0.0, np.inf)
+        if question.multiplier is not None:
+            spent = question.multiplier * regrets
+        known = ~np.isnan(self._privacies)
+        worth[known] = self._privacies[known]
+        above = worth - spent - question.floor
+        above[list(question.judged)] = -np.inf
+        ask = np.flatnonzero((above > tolerances.CHORD) & ~known)
+        ask = ask[np.argsort(-above[ask], kind="stable")[:_JUDGED]]
+        if ask.size:
+            self._privacies[ask] = self._judged(ask, question.reference)
+            above[ask] = self._privacies[ask] - spent[ask] - question.floor
+        above[np.isnan(self._privacies)] = -np.inf
+        found = np.flatnonzero(above > tolerances.CHORD)
+        return np.asarray(found[np.argsort(-above[found], kind="stable")])
+
+    def _judged(self, index: np.ndarray, reference: Reference) -> Array:
+        """The privacies of points' decisions, −∞ for those that are not admissible."""
+        actions, beliefs = self.points.actions[index], self.points.beliefs[index]
+        distances = consistent_sets(self.problem, actions, beliefs).distances(reference.point)
+        usable = self.problem.constraints.is_admissible(actions) & np.isfinite(distances)
+        return np.where(usable, reference.sign * np.where(usable, distances, 0.0), -np.inf)
 
     def _halved(self, corners: np.ndarray) -> np.ndarray:
         """Cut along the edge that is long and on which V bends."""
@@ -122,42 +164,50 @@ class Prover:
         rows = np.arange(len(corners))[:, None]
         return halved(corners, chosen, self.points.middles(corners[rows, chosen]))
 
-    def _bounds(self, corners: np.ndarray, question: Question) -> Array:
+    def _described(self, corners: np.ndarray, question: Question) -> _Cells:
+        """Bounds of gains and regrets on cells, without cells in which there is nothing to find."""
+        outside = question.reference.sign > 0
         points = self.points.beliefs[corners]
-        pairs = edges(corners.shape[1])
+        if self._quadratic is None:
+            regrets = self._by_values(corners)
+        else:
+            near, broken = self._quadratic.nearness(corners)
+            regrets = self._quadratic.regret_bounds(corners, near)
+            if not self._quadratic.bends:
+                regrets = np.concatenate([regrets, self._by_values(corners)], axis=2)
+        cells = _Cells(corners, _gains(points, question.reference), regrets, np.zeros(len(corners), dtype=np.bool_))
+        alive = np.flatnonzero(cells.bounds(question) > question.floor)
+        if outside and self._fibres is not None and self._quadratic is not None and alive.size:
+            empty = self._fibres.passes(corners[alive], near[alive], broken[alive])
+            kept = np.ones(len(corners), dtype=np.bool_)
+            kept[alive[empty]] = False
+            cells = cells.pick(kept)
+        if outside and self.problem.costs_are_unique:
+            self._close_shared(cells)
+        return cells
+
+    def _by_values(self, corners: np.ndarray) -> Array:
+        """Bounds of the regret that need no more than optimal costs."""
+        points, pairs = self.points.beliefs[corners], edges(corners.shape[1])
         longest = np.linalg.norm(points[:, pairs[:, 0]] - points[:, pairs[:, 1]], axis=2).max(axis=1)
         farthest = np.linalg.norm(points - self.belief, axis=2).max(axis=1)
         levels = np.clip(np.rint(-np.log2(_EDGE_SHARE * longest / farthest)), 1, N_LEVELS - 1).astype(np.intp)
         self.points.look_on_the_way(corners, levels)
-        regrets = self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
-        gains = _gains(points, question.reference)
-        bounds = cell_bounds(gains, regrets, question.budget, question.multiplier)
-        alive = np.flatnonzero(bounds > question.floor)
-        if self._faces is None or question.reference.sign < 0 or not alive.size:
-            return bounds
-        nearer = self._faces.bounds(corners[alive])
-        alive, nearer = alive[np.isfinite(nearer)], nearer[np.isfinite(nearer)]
-        constant = np.broadcast_to(nearer[:, None], gains[alive].shape)
-        shared = cell_bounds(constant, regrets[alive], question.budget, question.multiplier)
-        bounds[alive] = np.minimum(bounds[alive], shared)
-        return bounds
+        return self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
 
-    def _shared_worth(self, corners: np.ndarray, question: Question) -> Array:
-        """What cells are worth whose corners share one decision, −∞ where it is not affordable; NaN for other cells."""
+    def _close_shared(self, cells: _Cells) -> None:
+        """Write into cells whose corners share one decision what it is worth."""
+        corners = cells.corners
         upper = self.points.upper_costs(corners)
         slack = tolerances.SHARED_DECISION * self.points.scale
         optimal = (upper <= self.points.values[corners][:, :, None] + slack).all(axis=1)
         width = np.abs(self.points.beliefs[corners] - self.points.beliefs[corners[:, :1]]).max(axis=(1, 2))
-        shares = optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)
-        worth = np.full(len(corners), np.nan)
-        for cell in np.flatnonzero(shares):
+        for cell in np.flatnonzero(optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)):
             costs = self.points.costs[corners[cell, optimal[cell].argmax()]]
             regret = float(costs @ self.belief) - self.points.optimal_cost - self.points.allowance
-            if question.multiplier is not None:
-                worth[cell] = self._distance(costs, corners[cell]) - question.multiplier * max(regret, 0.0)
-            else:
-                worth[cell] = self._distance(costs, corners[cell]) if regret <= question.budget else -np.inf
-        return worth
+            cells.gains[cell] = self._distance(costs, corners[cell])
+            cells.regrets[cell] = max(regret, 0.0)
+            cells.final[cell] = True
 
     def _distance(self, costs: Array, corners: np.ndarray) -> float:
         """An upper bound of the distance to the beliefs for which a decision of these state costs is optimal."""

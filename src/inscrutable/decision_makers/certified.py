@@ -22,8 +22,8 @@ from inscrutable.validation import Array
 MOST_CALLS = 10_000
 """Oracle calls of a proof unless said otherwise."""
 
-_MOST_ROUNDS = 30
-_JUDGED = 24  # beliefs found by a proof whose decisions are judged
+_MOST_ROUNDS = 100
+_JUDGED = 8  # beliefs found by a proof whose decisions are judged
 _REPLACED = (DecisionStatus.OPTIMAL, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDIDATE)
 
 
@@ -67,14 +67,12 @@ class Proofs:
         limit = self.budget.limit(found.optimal_cost)
         answer = prover.answer(Question(reference, _spent(limit), None, found.privacy + self._allowed(found.privacy)))
         bound = max(min(answer.bound, found.privacy_bound), found.privacy)
-        for belief_met in _promising(prover, reference, limit, found.privacy):
-            if belief_met[1] <= found.privacy:
-                break
-            action = self.problem.solve(prover.points.beliefs[belief_met[0]])
+        for index in prover.better(Question(reference, limit, None, found.privacy))[:_JUDGED]:
+            action = prover.points.actions[index]
             met = decision_for(self.problem, belief, action, measure, DecisionStatus.BEST_CANDIDATE)
-            admissible = bool(self.problem.constraints.is_admissible(action))
-            if admissible and met.regret <= limit and met.privacy > found.privacy + tolerances.NO_PRIVACY:
+            if met.regret <= limit and met.privacy > found.privacy + tolerances.NO_PRIVACY:
                 found = met
+                break
         bound = max(bound, found.privacy)
         status = self._status(found.privacy, bound, found.status)
         return replace(found, privacy_bound=bound, status=status, oracle_calls=prover.points.calls)
@@ -101,7 +99,10 @@ class Proofs:
             bound = min(bound, answer.bound + (0.0 if multiplier is None else offset))
             if bound <= value + self._allowed(value) or prover.points.calls >= self.most_calls:
                 break
-            atoms.extend(prover, reference, price, value - offset)
+            line = value - offset if multiplier is not None else value
+            fresh = prover.better(Question(reference, _spent(limit), multiplier, line, judged))
+            if not atoms.extend(prover, fresh[:_JUDGED], price, line) and answer.complete:
+                break
         improved = atoms.lottery(found, limit)
         bound = max(bound, improved.expected_privacy)
         status = self._status(improved.expected_privacy, bound, improved.status)
@@ -190,23 +191,19 @@ class _Atoms:
             price = self.first_price if np.isfinite(self.first_price) else price
         return float(mixture.probabilities @ self.privacies[mixture.indices]), max(price, 0.0)
 
-    def extend(self, prover: Prover, reference: Reference, price: float, line: float) -> None:
-        """Judge decisions met above the line Ψ = line + price · regret, and take in those that are."""
-        regrets, worth = prover.seeming(reference)
-        above = worth - price * regrets - line
-        above[list(self.met)] = -np.inf
-        fresh = [index for index in np.argsort(-above, kind="stable")[:_JUDGED].tolist() if above[index] > 0]
-        self.met.update(fresh)
+    def extend(self, prover: Prover, fresh: np.ndarray, price: float, line: float) -> bool:
+        """Take in the decisions of points that lie above the line Ψ = line + price · regret; return whether one does."""
+        self.met.update(fresh.tolist())
+        before = len(self.actions)
         for index in fresh:
-            action = self.problem.solve(prover.points.beliefs[index])
-            if not self.problem.constraints.is_admissible(action):
-                continue
+            action = prover.points.actions[index]
             met = decision_for(self.problem, self.belief, action, self.measure, DecisionStatus.BEST_CANDIDATE)
             if met.privacy - price * met.regret > line:
                 self.actions.append(action)
                 self.decoys.append(met.decoy)
                 self.regrets = np.append(self.regrets, met.regret)
                 self.privacies = np.append(self.privacies, met.privacy)
+        return len(self.actions) > before
 
     def lottery(self, found: MixedDecision, limit: float) -> MixedDecision:
         """Return the best lottery; the one found first where nothing better was met."""
@@ -238,11 +235,3 @@ def _reference(measure: PrivacyMeasure, belief: Array) -> Reference:
     found = measure.reference(belief)
     assert found is not None
     return found
-
-
-def _promising(prover: Prover, reference: Reference, limit: float, privacy: float) -> list[tuple[int, float]]:
-    """Affordable beliefs met in a proof that could be more private, best first."""
-    regrets, worth = prover.seeming(reference)
-    better = np.flatnonzero((regrets <= limit) & (worth > privacy))
-    best = better[np.argsort(-worth[better], kind="stable")][:_JUDGED]
-    return [(int(index), float(worth[index])) for index in best]

@@ -22,6 +22,7 @@ class OraclePoints:
         self.beliefs = np.zeros((0, n_states))
         self.values = np.zeros(0)
         self.costs = np.zeros((0, n_states))
+        self.actions = np.zeros((0, problem.n_actions))
         self.on_the_way = np.zeros((0, N_LEVELS))
         self._middles: dict[tuple[int, int], int] = {}
         self._shortfall = 0.0
@@ -41,17 +42,23 @@ class OraclePoints:
 
     def ask(self, beliefs: Array) -> tuple[Array, Array]:
         """Return optimal costs (T,) and state costs (T,X) of beliefs (T,X): T calls of the oracle."""
+        values, costs, _ = self._solved(beliefs)
+        return values, costs
+
+    def _solved(self, beliefs: Array) -> tuple[Array, Array, Array]:
         self.calls += len(beliefs)
-        costs = np.atleast_2d(self.problem.state_costs(self.problem.solve(beliefs)))
-        return (beliefs * costs).sum(axis=1), costs
+        actions = self.problem.solve(beliefs)
+        costs = np.atleast_2d(self.problem.state_costs(actions))
+        return (beliefs * costs).sum(axis=1), costs, actions
 
     def add(self, beliefs: Array) -> np.ndarray:
         """Return the indices of new points."""
-        values, costs = self.ask(beliefs)
+        values, costs, actions = self._solved(beliefs)
         first = len(self.values)
         self.beliefs = np.concatenate([self.beliefs, beliefs])
         self.values = np.concatenate([self.values, values])
         self.costs = np.concatenate([self.costs, costs])
+        self.actions = np.concatenate([self.actions, actions])
         self.on_the_way = np.concatenate([self.on_the_way, np.full((len(beliefs), N_LEVELS), np.nan)])
         return np.arange(first, len(self.values))
 

@@ -84,6 +84,7 @@ class DecisionStatus(Enum):
         "nothing affordable reaches the goal, so the optimal is played: raise the budget; cheapest_privacy says how far"
     )
     NO_PLAUSIBLE_START = "no affordable start that a belief explains was found: use the global search"
+    RULE_OF_THUMB = "a rule of thumb: nothing was searched, so the privacy is whatever the rule leaves"
     UNBOUNDED = (
         "unexplained decisions count as infinitely private and are affordable: the paper's letter has no optimum"
     )

@@ -29,6 +29,13 @@ class PlaysMany(Protocol):
         """Return decisions or lotteries for beliefs (B,X)."""
 
 
+class PlaysTable(PlaysMany, Protocol):
+    """A decision maker that draws from a list and says so, which spares a mechanism the making of every lottery."""
+
+    def table(self, beliefs: ArrayLike) -> tuple[Array, np.ndarray, Array]:
+        """Return points (M,U), and for beliefs (B,X) the numbers (B,k) of those in the lottery and their shares (B,k)."""
+
+
 class HasActions(Protocol):
     """Candidates as far as a mechanism needs them."""
 
@@ -151,7 +158,8 @@ def mechanism(decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActi
         candidates: Decisions to list first, in their order, played or not; None lists what is played alone.
 
     Raises:
-        InputError: The beliefs are no probability vectors, the decision maker cannot decide, or the candidates have no actions.
+        InputError: The beliefs are no probability vectors, the decision maker cannot decide, or decides by what came before,
+            or the candidates have no actions.
 
     Cost: one call of `decide_many`, and B·M regrets.
 
@@ -166,15 +174,18 @@ def mechanism(decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActi
     problem = getattr(decision_maker, "problem", None)
     if not isinstance(problem, DecisionProblem) or not hasattr(decision_maker, "decide_many"):
         raise InputError(f"a decision maker with `problem` and `decide_many` is needed, got {decision_maker!r}")
+    if not getattr(decision_maker, "is_memoryless", True):
+        raise InputError(
+            f"{type(decision_maker).__name__} decides by what came before, not by the belief alone, so that it is no "
+            "mechanism K(u|π); call its decide_many on a path of beliefs"
+        )
     held = validation.many_beliefs(beliefs, problem.n_states)
-    points, shares = _atoms(problem, decision_maker.decide_many(held))
-    row, atom = np.nonzero(shares > 0)
+    points, row, number, share = _atoms(problem, decision_maker, held)
     listed = np.empty((0, points.shape[-1])) if candidates is None else _listed(problem, candidates)
-    everything = np.vstack([listed, points[row, atom]])
+    everything = np.vstack([listed, points])
     kept, column = np.unique(first_same(everything), return_inverse=True)
-    table = sparse.csr_array(
-        (shares[row, atom], (row, column.reshape(-1)[len(listed) :])), shape=(len(held), len(kept))
-    )
+    place = column.reshape(-1)[len(listed) :][number]
+    table = sparse.csr_array((share, (row, place)), shape=(len(held), len(kept)))
     table.sum_duplicates()
     actions = everything[kept]
     regrets = np.maximum(held @ problem.state_costs(actions).T - problem.optimal_cost(held)[:, None], 0.0)
@@ -191,9 +202,21 @@ def _listed(problem: DecisionProblem, candidates: HasActions) -> Array:
     return np.atleast_2d(problem.as_points(candidates.actions))
 
 
-def _atoms(problem: DecisionProblem, decided: Any) -> tuple[Array, Array]:
-    """Played points (B,k,U) and their probabilities (B,k)."""
+def _atoms(
+    problem: DecisionProblem, decision_maker: Any, beliefs: Array
+) -> tuple[Array, np.ndarray, np.ndarray, Array]:
+    """Played points in the order in which they come up, and for every atom its belief, its point and its probability."""
+    if hasattr(decision_maker, "table"):
+        points, numbers, shares = decision_maker.table(beliefs)
+        row, atom = np.nonzero(shares > 0)
+        used, first, number = np.unique(numbers[row, atom], return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        return points[used[order]], row, np.argsort(order)[number.reshape(-1)], shares[row, atom]
+    decided = decision_maker.decide_many(beliefs)
     if hasattr(decided, "probabilities"):
-        return problem.as_points(decided.actions), np.asarray(decided.probabilities, dtype=np.float64)
-    points = problem.as_points(decided.action)
-    return points[:, None, :], np.ones((len(points), 1))
+        points, shares = problem.as_points(decided.actions), np.asarray(decided.probabilities, dtype=np.float64)
+    else:
+        points = problem.as_points(decided.action)[:, None, :]
+        shares = np.ones(points.shape[:2])
+    row, atom = np.nonzero(shares > 0)
+    return points[row, atom], row, np.arange(len(row)), shares[row, atom]

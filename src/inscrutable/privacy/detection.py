@@ -132,7 +132,7 @@ def detectability(problem: DecisionProblem, mechanism: Mechanism, prior: Prior) 
         read_auc=area_under_curve(*read),
         read_total_variation=_variation(*read),
         divergence=_divergence(hiding, open_),
-        gaps=gaps,
+        gaps=gaps[first[: len(points)]],
         likelihood_ratios=_ratios(hiding[first], open_[first])[: len(points)],
     )
 

@@ -1,5 +1,10 @@
 """Step 3: what the agent decides, at what cost, under which constraints."""
 
+from inscrutable.problems.afriat import (
+    RevealedPreferences,
+    preference_problem,
+    revealed_preferences,
+)
 from inscrutable.problems.base import DecisionProblem, checked_problem
 from inscrutable.problems.conflicts import RowConflict
 from inscrutable.problems.constraints import Polyhedron, box, simplex
@@ -9,6 +14,7 @@ from inscrutable.problems.finite import FiniteProblem
 from inscrutable.problems.kelly import KellyProblem
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.markowitz import MarkowitzProblem
+from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.problems.portfolios import group_caps, long_short, max_weights, min_weights, turnover
 from inscrutable.problems.quadratic import QuadraticProblem
 from inscrutable.problems.transaction_costs import TradingProblem, with_transaction_costs
@@ -20,9 +26,11 @@ __all__ = [
     "KellyProblem",
     "LinearProblem",
     "MarkowitzProblem",
+    "PiecewiseLinearProblem",
     "Polyhedron",
     "PowerNetwork",
     "QuadraticProblem",
+    "RevealedPreferences",
     "RowConflict",
     "TradingProblem",
     "box",
@@ -32,6 +40,8 @@ __all__ = [
     "long_short",
     "max_weights",
     "min_weights",
+    "preference_problem",
+    "revealed_preferences",
     "simplex",
     "turnover",
     "with_transaction_costs",

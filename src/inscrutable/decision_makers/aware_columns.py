@@ -1,0 +1,140 @@
+"""What a decision maker that hides from an aware observer chooses from: distinct decisions, and what each costs whom."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.candidates import Candidates, make_candidates
+from inscrutable.decision_makers.distinct import Distinct, distinct_of
+from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
+from inscrutable.privacy import MaximalObfuscation
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Distinct admissible decisions of some candidates."""
+
+    problem: DecisionProblem
+    candidates: Candidates
+    found: Distinct
+
+    def __len__(self) -> int:
+        return len(self.found.number)
+
+    @property
+    def points(self) -> Array:
+        """The decisions as points, shape (M,U)."""
+        return np.asarray(self.candidates.actions[self.found.number])
+
+    def regrets(self, beliefs: Array, optimal_costs: Array) -> Array:
+        """Return ρ(π_b, u_m), shape (B,M)."""
+        return np.asarray(np.maximum(beliefs @ self.found.costs.T - optimal_costs[:, None], 0.0))
+
+    def pick(self, which: np.ndarray) -> Columns:
+        """Return some of them."""
+        return Columns(self.problem, self.candidates, self.found.pick(which))
+
+    def joined(self, beliefs: Array) -> Columns:
+        """Return them with the optimal decisions of some beliefs (n,X) behind."""
+        own = self.problem.solve_points(beliefs)
+        decoys = None
+        if self.candidates.decoys is not None:
+            decoys = np.vstack([self.candidates.decoys[self.found.number], beliefs])
+        both = make_candidates(self.problem, np.vstack([self.points, own]), decoys)
+        return Columns(self.problem, both, distinct_of(both))
+
+    def privacies(self, beliefs: Array, places: np.ndarray) -> Array:
+        """Return dist(π_t, Π(u)) of the decisions at `places` (T,k), shape (T,k)."""
+        start, along = self.found.start[places], self.found.along[places]
+        toward = beliefs[:, None, :] - start
+        length = (along**2).sum(axis=2)
+        share = np.clip((toward * along).sum(axis=2) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+        found = np.linalg.norm(toward - share[:, :, None] * along, axis=2)
+        kind = self.found.kind[places]
+        found[kind < 0] = np.inf
+        measure = MaximalObfuscation()
+        for step, atom in zip(*np.nonzero(kind >= 2), strict=True):
+            belief_set = self.candidates.sets[int(self.found.number[places[step, atom]])]
+            found[step, atom] = measure(beliefs[step], belief_set)
+        return np.asarray(found)
+
+
+def columns_of(problem: DecisionProblem, candidates: Candidates, plausible_only: bool) -> Columns:
+    """Return the distinct admissible candidates, without those that no belief explains where asked."""
+    found = distinct_of(candidates)
+    if plausible_only:
+        found = found.pick(np.flatnonzero(found.kind >= 0))
+    return Columns(problem, candidates, found)
+
+
+def allowed_places(regrets: Array, cap: Budget | None, optimal_costs: Array) -> np.ndarray | None:
+    """Return where a decision's regret is within the cap, shape (B,M); None where there is no cap."""
+    if cap is None:
+        return None
+    limits = cap.limits(optimal_costs)[:, None]
+    return np.asarray(regrets <= limits * (1.0 + tolerances.REGRET_MET) + rounding_of(optimal_costs)[:, None])
+
+
+def rounding_of(optimal_costs: Array) -> Array:
+    """Regret that is the rounding of costs, per belief (B,)."""
+    return np.asarray(tolerances.NO_REGRET * np.maximum(np.abs(optimal_costs), tolerances.TINY))
+
+
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """Decisions kept as places among points."""
+
+    problem: DecisionProblem
+    points: Array
+    places: np.ndarray
+
+    def actions(self, step: int | slice) -> Array:
+        """Return the decisions of a step or of many."""
+        return np.asarray(self.points[self.places[step]])
+
+
+def without_small(rows: Array, regrets: Array) -> Array:
+    """Return rows of probabilities (T,m) without tiny atoms; what they held goes to the row's cheapest atom.
+
+    So no row's expected regret rises by it.
+    """
+    played = rows > 0
+    cheapest = np.where(played, regrets, np.inf).argmin(axis=1)
+    kept = np.where(rows >= tolerances.RARELY_PLAYED, rows, 0.0)
+    kept[np.arange(len(rows)), cheapest] += 1.0 - kept.sum(axis=1)
+    return np.maximum(kept, 0.0)
+
+
+def lotteries(
+    columns: Columns, beliefs: Array, optimal_costs: Array, rows: Array, status: DecisionStatus
+) -> MixedDecisions:
+    """Return rows of probabilities (T,M) over columns as lotteries, likelier atoms first."""
+    most = max(1, int((rows > 0).sum(axis=1).max()))
+    places = np.argsort(-rows, axis=1, kind="stable")[:, :most]
+    probabilities = np.take_along_axis(rows, places, axis=1)
+    places = np.where(probabilities > 0, places, places[:, :1])
+    costs = np.einsum("tx,tax->ta", beliefs, columns.found.costs[places])
+    regrets = np.maximum(costs - optimal_costs[:, None], 0.0)
+    privacies = columns.privacies(beliefs, places)
+    expected = (probabilities * np.where(probabilities > 0, privacies, 0.0)).sum(axis=1)
+    corners = np.sqrt(((beliefs[:, None, :] - np.eye(beliefs.shape[1])) ** 2).sum(axis=2)).max(axis=1)
+    decoys = columns.found.start[places] + 0.5 * columns.found.along[places]
+    return MixedDecisions(
+        probabilities,
+        regrets,
+        privacies,
+        optimal_costs + (probabilities * regrets).sum(axis=1),
+        expected,
+        optimal_costs,
+        np.maximum(corners, expected),
+        np.full(len(rows), np.nan),
+        decoys,
+        (status,) * len(rows),
+        _Chosen(columns.problem, columns.points, places),
+    )

@@ -1,0 +1,223 @@
+"""Decision makers brought to the same expected regret, so that what they hide can be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Prior, mechanism
+
+_MOST_TRIALS = 80
+_SCAN = 7
+"""Values between the ends that are tried where the ends lie on the same side of the target."""
+
+
+class CalibrationStatus(Enum):
+    """How a calibration ended; the text says what to do about it.
+
+    Example:
+        >>> CalibrationStatus.REACHED.value
+        'reached: the expected regret is the target'
+    """
+
+    REACHED = "reached: the expected regret is the target"
+    JUMPED = "the family jumps over the target: the nearest expected regret found below it is used"
+    ALL_CHEAPER = "all tried cost less than the target: the dearest is used; widen the range of the parameter"
+    ALL_DEARER = "all tried cost more than the target: the cheapest is used; widen the range of the parameter"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration:
+    """A decision maker of a family with an expected regret as near below a target as was found.
+
+    Iterating gives the decision maker and its expected regret.
+
+    Args:
+        decision_maker: The decision maker.
+        parameter: What it was made from.
+        regret: Its expected regret, in the cost's unit.
+        target: The expected regret asked for.
+        status: How the search ended.
+        n_trials: Decision makers made and judged.
+
+    Example:
+        >>> from inscrutable import CoinDecisionMaker, FiniteProblem, uniform_prior
+        >>> problem = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+        >>> maker, regret = calibrate(lambda p: CoinDecisionMaker(problem, p), 0.1, uniform_prior(2, 10), 0.0, 1.0)
+        >>> round(regret, 4)
+        0.1
+    """
+
+    decision_maker: Any
+    parameter: float
+    regret: float
+    target: float
+    status: CalibrationStatus
+    n_trials: int
+
+    def __iter__(self) -> Iterator[Any]:
+        yield self.decision_maker
+        yield self.regret
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return one line for a person to read."""
+        name = type(self.decision_maker).__name__
+        return (
+            f"{name} at {self.parameter:.6g}: expected regret {self.regret:.6g}, target {self.target:.6g}; "
+            f"{self.status.value}"
+        )
+
+
+def calibrate(
+    make: Callable[[float], Any], regret: float, prior: Prior | ArrayLike, low: float, high: float
+) -> Calibration:
+    """Return the decision maker of a family whose expected regret comes nearest to a target from below.
+
+    Formula: the parameter a ∈ [low, high] with the largest found R(a) ≤ regret, R(a) = Σ_b w_b Σ_u K_a(u|π_b) ρ(π_b,u) under
+    a prior, and the mean of ρ(π_t,u_t) along a path.
+
+    R may rise or fall in a. The ends are tried, and seven values between them where both lie on one side of the target; a
+    bracket is then narrowed to a crossing, by secants and halvings of the parameter (of its logarithm where `low` is above
+    0). Where R is not monotone this is one crossing of several; a jump ends at its lower side.
+
+    Args:
+        make: Parameter → decision maker, such as `lambda p: CoinDecisionMaker(problem, p)`. Give it candidates made once,
+            else every trial makes its own. For whole numbers round inside.
+        regret: The target, above 0, in the cost's unit.
+        prior: A `Prior`, or a path of beliefs (T,X) in the order of time, where each step weighs the same; decision makers
+            with a memory, delayed or partial, need a path.
+        low: Least value of the parameter.
+        high: Largest value of the parameter, above `low`.
+
+    Returns:
+        A `Calibration`: the target is reached to a relative 1e-6 from below, or the status says why not.
+
+    Raises:
+        InputError: The target is not above 0, the range is empty, the beliefs are malformed, or a decision maker with a
+            memory meets a prior.
+
+    Cost: some ten to forty decision makers, each on all beliefs.
+
+    Source: bisection with secant steps (the Illinois rule of Dowell and Jarratt, 1971).
+
+    Example:
+        >>> from inscrutable import CoinDecisionMaker, FiniteProblem, uniform_prior
+        >>> problem = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+        >>> calibrate(lambda p: CoinDecisionMaker(problem, p), 10.0, uniform_prior(2, 10), 0.0, 1.0).status.name
+        'ALL_CHEAPER'
+    """
+    target = validation.positive(regret, "regret")
+    low, high = validation.number_of(low, "low"), validation.number_of(high, "high")
+    if not low < high:
+        raise InputError(f"low must be below high, got {low:g} and {high:g}")
+    if not callable(make):
+        raise InputError(f"make must give a decision maker for a number, got {make!r}")
+    search = _Search(make, prior, target, low, high)
+    status = search.run()
+    found = search.best
+    return Calibration(found.decision_maker, found.parameter, found.regret, target, status, search.n_trials)
+
+
+def expected_regret(decision_maker: Any, prior: Prior | ArrayLike) -> float:
+    """Return the expected regret of a decision maker under a prior, or its mean along a path of beliefs (T,X)."""
+    if getattr(decision_maker, "is_memoryless", True):
+        beliefs, weights = (prior.beliefs, prior.weights) if isinstance(prior, Prior) else (prior, None)
+        regrets = mechanism(decision_maker, beliefs).expected_regrets
+        return float(regrets.mean() if weights is None else weights @ regrets)
+    if isinstance(prior, Prior):
+        raise InputError(
+            f"{type(decision_maker).__name__} decides by what came before: give a path of beliefs (T,X), not a prior"
+        )
+    return float(np.mean(decision_maker.decide_many(prior).regret))
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    decision_maker: Any
+    parameter: float
+    place: float  # the parameter, or its logarithm
+    regret: float
+
+
+class _Search:
+    def __init__(
+        self, make: Callable[[float], Any], prior: Prior | ArrayLike, target: float, low: float, high: float
+    ) -> None:
+        self.make, self.prior, self.target = make, prior, target
+        self.is_log = low > 0
+        self.ends = (low, high)
+        self.n_trials = 0
+        self.best: _Trial
+
+    def run(self) -> CalibrationStatus:
+        first, last = (self._tried(end, self._place(end)) for end in self.ends)
+        trials = [first, last]
+        if self._is_below(first) == self._is_below(last) and not self._is_reached():
+            places = np.linspace(first.place, last.place, _SCAN + 2)[1:-1]
+            trials[1:1] = [self._at(place) for place in places]
+        for one, other in pairwise(trials):
+            if self._is_below(one) != self._is_below(other):
+                self._narrow(one, other)
+                return CalibrationStatus.REACHED if self._is_reached() else CalibrationStatus.JUMPED
+        if self._is_reached():
+            return CalibrationStatus.REACHED
+        return CalibrationStatus.ALL_CHEAPER if self._is_below(first) else CalibrationStatus.ALL_DEARER
+
+    def _narrow(self, one: _Trial, other: _Trial) -> None:
+        """Narrow a bracket until the target is reached or nothing lies between its ends."""
+        aim = self.target * (1.0 - 0.5 * tolerances.CALIBRATED)  # the middle of what counts as reached
+        weights = [1.0, 1.0]
+        ends = [one, other]
+        for round_ in range(_MOST_TRIALS):
+            if self._is_reached():
+                return
+            gaps = [weight * (end.regret - aim) for weight, end in zip(weights, ends, strict=True)]
+            share = gaps[0] / (gaps[0] - gaps[1])
+            if round_ % 3 == 2 or not 0 < share < 1:
+                share = 0.5
+            place = ends[0].place + share * (ends[1].place - ends[0].place)
+            if place in (ends[0].place, ends[1].place):
+                place = 0.5 * (ends[0].place + ends[1].place)
+                if place in (ends[0].place, ends[1].place):
+                    return
+            trial = self._at(place)
+            moved = 0 if self._is_below(trial) == self._is_below(ends[0]) else 1
+            ends[moved], weights[moved] = trial, 1.0
+            weights[1 - moved] *= 0.5  # an end that stays counts less: the next secant leans towards it
+
+    def _at(self, place: float) -> _Trial:
+        low, high = self.ends
+        parameter = float(np.clip(np.exp(place) if self.is_log else place, low, high))
+        return self._tried(parameter, place)
+
+    def _place(self, parameter: float) -> float:
+        return float(np.log(parameter)) if self.is_log else parameter
+
+    def _tried(self, parameter: float, place: float) -> _Trial:
+        maker = self.make(parameter)
+        trial = _Trial(maker, parameter, float(place), expected_regret(maker, self.prior))
+        if self.n_trials == 0 or self._rank(trial) > self._rank(self.best):
+            self.best = trial
+        self.n_trials += 1
+        return trial
+
+    def _rank(self, trial: _Trial) -> tuple[bool, float]:
+        """Below the target before above it; nearer before farther."""
+        return self._is_below(trial), -abs(trial.regret - self.target)
+
+    def _is_below(self, trial: _Trial) -> bool:
+        return trial.regret <= self.target
+
+    def _is_reached(self) -> bool:
+        return self._is_below(self.best) and self.target - self.best.regret <= tolerances.CALIBRATED * self.target

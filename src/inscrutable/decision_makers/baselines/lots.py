@@ -1,0 +1,95 @@
+"""Lotteries over a list of decisions: cleaned, judged against the naive observer, and handed on as results."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.adversaries.consistent_sets import LARGER, ConsistentSets
+from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
+from inscrutable.privacy import MaximalObfuscation
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Lots:
+    """For each of T beliefs a lottery of at most k candidates; what is padded has share 0 and repeats the first."""
+
+    problem: DecisionProblem
+    candidates: Candidates
+    beliefs: Array  # (T,X)
+    numbers: np.ndarray  # (T,k), which candidate
+    shares: Array  # (T,k), summing to one
+    regrets: Array  # (T,k)
+    optimal_costs: Array  # (T,)
+    statuses: tuple[DecisionStatus, ...]
+
+    def actions(self, step: int | slice) -> Array:
+        """Return the atoms of a step (k,U) or of many (T,k,U)."""
+        return np.asarray(self.candidates.actions[self.numbers[step]])
+
+    def results(self) -> MixedDecisions:
+        """Return the lotteries as a result, with what an observer makes of each atom at face value."""
+        sets, measure = self.candidates.sets, MaximalObfuscation()
+        privacies = np.array([_distances(sets, *each) for each in zip(self.numbers, self.beliefs, strict=True)])
+        drawn = self.shares > 0
+        # Nothing explains some decisions: their privacy is infinite, and zero times that is no number.
+        expected = np.where(drawn, self.shares * np.where(drawn, privacies, 0.0), 0.0).sum(axis=1)
+        bounds = np.array([measure.upper_bound(belief) for belief in self.beliefs])
+        return MixedDecisions(
+            self.shares,
+            self.regrets,
+            privacies,
+            self.optimal_costs + (self.shares * self.regrets).sum(axis=1),
+            expected,
+            self.optimal_costs,
+            np.maximum(bounds, expected),
+            np.full(len(self.beliefs), np.nan),
+            _explanations(sets)[self.numbers],
+            self.statuses,
+            self,
+        )
+
+
+def cleaned(lots: Lots) -> Lots:
+    """Return lotteries without atoms below `tolerances.PROBABILITY`, renormalised, and no wider than the widest."""
+    kept = lots.shares >= tolerances.PROBABILITY
+    order = np.argsort(~kept, axis=1, kind="stable")[:, : int(kept.sum(axis=1).max())]
+    kept = np.take_along_axis(kept, order, axis=1)
+    order = np.where(kept, order, order[:, :1])
+    numbers, shares, regrets = (
+        np.take_along_axis(each, order, axis=1) for each in (lots.numbers, lots.shares, lots.regrets)
+    )
+    shares = np.where(kept, shares, 0.0)
+    return Lots(
+        lots.problem,
+        lots.candidates,
+        lots.beliefs,
+        numbers,
+        shares / shares.sum(axis=1, keepdims=True),
+        regrets,
+        lots.optimal_costs,
+        lots.statuses,
+    )
+
+
+def _distances(sets: ConsistentSets, numbers: np.ndarray, belief: Array) -> Array:
+    """Distance from a belief to the consistent sets of some candidates (k,)."""
+    kinds = sets.dimension[numbers]
+    same = sets.distinct[numbers]
+    found = ConsistentSets(
+        sets.problem, sets.actions[numbers], kinds, sets.start[numbers], sets.end[numbers], same
+    ).bounds(belief)
+    for first in np.unique(same[kinds >= LARGER]):
+        found[same == first] = sets[int(first)].distance(belief)
+    return found
+
+
+def _explanations(sets: ConsistentSets) -> Array:
+    """A belief that each candidate is optimal for (M,X), NaN where there is none."""
+    middle = np.where(sets.dimension[:, None] >= LARGER, sets.start, 0.5 * (sets.start + sets.end))
+    return np.where(sets.dimension[:, None] < 0, np.nan, middle)

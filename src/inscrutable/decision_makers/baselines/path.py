@@ -1,0 +1,90 @@
+"""Late and half-hearted trading: what the paper's introduction names as usual ways to hide investments."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.decision_makers.baselines.rule import PathRule, checked_fraction, repeated
+from inscrutable.errors import InputError
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+class DelayedDecisionMaker(PathRule):
+    """The optimal decision of some steps ago.
+
+    Formula: u_t = u*(π_{t−d}); before step d, `start`.
+
+    `decide_many` takes a path of beliefs in the order of time. Nothing is kept between calls, so `decide` is the first step
+    of a path. What is played depends on the past: it is no mechanism K(u|π), and `mechanism` refuses it.
+
+    Args:
+        problem: The decision problem.
+        n_steps: d, at least 0; 0 is the original decision maker.
+        start: What is played before step d, shape (U,); None is the optimal decision of the first belief.
+
+    Raises:
+        InputError: `n_steps` is not a whole number of at least 0, or `start` is no feasible decision.
+
+    Cost: one forward solve per belief. Source: the paper, Section I: "delay information".
+
+    Example:
+        >>> from inscrutable import FiniteProblem
+        >>> maker = DelayedDecisionMaker(FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), 1)
+        >>> print(maker.decide_many([[0.9, 0.1], [0.1, 0.9], [0.1, 0.9]]).action)
+        [0 0 1]
+    """
+
+    def __init__(self, problem: DecisionProblem, n_steps: int, *, start: ArrayLike | None = None) -> None:
+        super().__init__(problem, start)
+        self.n_steps = validation.count(n_steps, "n_steps", least=0)
+
+    def _points(self, beliefs: Array) -> Array:
+        optimal = np.atleast_2d(self.problem.solve_points(beliefs))
+        waiting = min(self.n_steps, len(beliefs))
+        return np.vstack([repeated(self._started(optimal), waiting), optimal[: len(beliefs) - waiting]])
+
+
+class PartialDecisionMaker(PathRule):
+    """A fraction of the trade towards the optimal decision, step by step.
+
+    Formula: u_t = u_{t−1} + f (u*(π_t) − u_{t−1}), from u_{−1} = `start`.
+
+    `decide_many` takes a path of beliefs in the order of time. Nothing is kept between calls, so `decide` is the first step
+    of a path. What is played depends on the past: it is no mechanism K(u|π), and `mechanism` refuses it. Decisions stay
+    feasible, as the set is convex; weights that are sold off shrink without end and may fall below `min_slack`, which an
+    observer counts as zero.
+
+    Args:
+        problem: The decision problem, with decisions between choices.
+        fraction: f in (0, 1]; 1 is the original decision maker.
+        start: u_{−1}, shape (U,); None is the optimal decision of the first belief, which is then played first.
+
+    Raises:
+        InputError: The fraction is not in (0, 1], `start` is no feasible decision, or decisions are finite choices.
+
+    Cost: one forward solve per belief. Source: the paper, Section I: "fractional investments".
+
+    Example:
+        >>> from inscrutable import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> print(PartialDecisionMaker(problem, 0.5).decide_many([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]).action[:, 0])
+        [0.55   0.5    0.475]
+    """
+
+    def __init__(self, problem: DecisionProblem, fraction: float, *, start: ArrayLike | None = None) -> None:
+        super().__init__(problem, start)
+        if self.problem.is_discrete:
+            raise InputError(f"nothing lies between two choices of {problem!r}: there is no fraction of a trade")
+        self.fraction = checked_fraction(fraction)
+
+    def _points(self, beliefs: Array) -> Array:
+        optimal = np.atleast_2d(self.problem.solve_points(beliefs))
+        held, points = self._started(optimal), np.empty(optimal.shape)
+        for step, target in enumerate(optimal):
+            # The convex form: a full trade reaches its target digit for digit.
+            held = (1.0 - self.fraction) * held + self.fraction * target
+            points[step] = held
+        return points

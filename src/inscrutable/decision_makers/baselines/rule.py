@@ -1,0 +1,74 @@
+"""Decision makers that follow a rule and draw nothing."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
+from inscrutable.errors import InputError
+from inscrutable.privacy import MaximalObfuscation
+from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.validation import Array
+
+
+class RuleDecisionMaker(ABC):
+    """A rule from beliefs to decisions; a subclass gives the decisions, the rest follows."""
+
+    is_memoryless = True
+    """Whether the decision depends on the present belief alone, so that it is a mechanism."""
+
+    def __init__(self, problem: DecisionProblem) -> None:
+        self.problem = checked_problem(problem)
+
+    @abstractmethod
+    def _points(self, beliefs: Array) -> Array:
+        """Return the decisions for beliefs (T,X) as points (T,U)."""
+
+    def decide(self, belief: ArrayLike) -> Decision:
+        """Return the decision for one belief (X,); of a rule with memory the first one of a path, since none is kept."""
+        return self.decide_many(validation.one_belief(belief, self.problem.n_states))[0]
+
+    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
+        """Return the decisions for beliefs (T,X), in the order of time where the rule has a memory.
+
+        Privacy is the paper's measure (e), against the naive observer.
+        """
+        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        points, measure, status = self._points(held), MaximalObfuscation(), DecisionStatus.RULE_OF_THUMB
+        decided = [
+            decision_for(self.problem, belief, points[step], measure, status)
+            for step, belief in counted(held, progress)
+        ]
+        return stack(decided, self.problem)
+
+
+class PathRule(RuleDecisionMaker):
+    """A rule whose decision depends on earlier beliefs of the path as well, and on a decision before the first."""
+
+    is_memoryless = False
+
+    def __init__(self, problem: DecisionProblem, start: ArrayLike | None) -> None:
+        super().__init__(problem)
+        self.start = None if start is None else self.problem.check_action(self.problem.as_points(start))
+
+    def _started(self, optimal: Array) -> Array:
+        """The decision before the first step."""
+        return optimal[0] if self.start is None else self.start
+
+
+def checked_fraction(value: object) -> float:
+    """Return a number in (0, 1], or raise `InputError`."""
+    fraction = validation.positive(value, "fraction")
+    if fraction > 1:
+        raise InputError(f"fraction must be at most 1, got {fraction:g}")
+    return fraction
+
+
+def repeated(start: Array, count: int) -> Array:
+    """Return a decision (U,) `count` times."""
+    return np.tile(start, (count, 1))

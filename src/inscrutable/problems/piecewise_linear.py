@@ -1,0 +1,104 @@
+"""Convex piecewise linear costs, as utilities recovered from choices are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.errors import InputError
+from inscrutable.problems.base import DecisionProblem, SmoothForm
+from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.linear import LinearProblem
+from inscrutable.validation import Array
+
+
+class PiecewiseLinearProblem(DecisionProblem):
+    """A decision whose cost in each state is the largest of several affine functions.
+
+    Formula: c(i,u) = max_k (a_ik + b_ik'u) over u ∈ C; with levels z_i ≥ a_ik + b_ik'u it is the linear problem of cost z_i,
+    whose tight rows are the pieces that are active. A piece within the feasible set's `min_slack` counts as active.
+
+    Args:
+        slopes: b_i, one array (K_i,U) per state.
+        offsets: a_i, one array (K_i,) per state.
+        constraints: The feasible set C.
+
+    Raises:
+        InputError: Shapes disagree, or an entry is not finite.
+        ModelError: C is empty, or a cost has no minimum over it.
+
+    Cost: that of a `LinearProblem` with Σ K_i more rows and X more coordinates. Source: the epigraph form of linear
+    programming; the paper, eq. (3).
+
+    Example:
+        >>> from inscrutable.problems import simplex
+        >>> problem = PiecewiseLinearProblem([[[1.0, 0.0], [0.0, 1.0]], [[2.0, 0.0]]], [[0.0, 0.0], [0.0]], simplex(2))
+        >>> print(problem.solve([[1.0, 0.0], [0.0, 1.0]]), problem.state_costs([0.25, 0.75]))
+        [[0.5 0.5]
+         [0.  1. ]] [0.75 0.5 ]
+    """
+
+    def __init__(self, slopes: Sequence[ArrayLike], offsets: Sequence[ArrayLike], constraints: Polyhedron) -> None:
+        self.slopes = [validation.finite_array(each, f"slopes[{i}]", ndim=2) for i, each in enumerate(slopes)]
+        self.offsets = [validation.finite_array(each, f"offsets[{i}]", ndim=1) for i, each in enumerate(offsets)]
+        if not self.slopes or len(self.slopes) != len(self.offsets):
+            raise InputError(
+                f"slopes has {len(self.slopes)} states and offsets {len(self.offsets)}; expected as many, >= 1"
+            )
+        size = self.slopes[0].shape[1]
+        for i, (slope, offset) in enumerate(zip(self.slopes, self.offsets, strict=True)):
+            if slope.shape != (offset.size, size) or not offset.size:
+                raise InputError(
+                    f"state {i} has slopes {slope.shape} and {offset.size} offsets; expected (K,{size}) and K"
+                )
+        self.constraints = checked_region(constraints, size)
+        levels = np.hstack([np.zeros((len(self.slopes), size)), np.eye(len(self.slopes))])
+        self._lifted = LinearProblem(levels, self._region())
+
+    def _region(self) -> Polyhedron:
+        region, n_states = self.constraints, len(self.slopes)
+        state = np.repeat(np.arange(n_states), [offset.size for offset in self.offsets])
+        pieces = np.hstack([np.vstack(self.slopes), -np.eye(n_states)[state]])
+        names = [f"piece {k} of state {i}" for i, offset in enumerate(self.offsets) for k in range(offset.size)]
+        n = len(region.b_ub)
+        return Polyhedron(
+            np.vstack([np.hstack([region.A_ub, np.zeros((n, n_states))]), pieces]),
+            np.concatenate([region.b_ub, -np.concatenate(self.offsets)]),
+            np.hstack([region.A_eq, np.zeros((len(region.b_eq), n_states))]),
+            region.b_eq,
+            names=[*region.names[:n], *names, *region.names[n:]],
+            min_slack=region.min_slack,
+        )
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return len(self.slopes)
+
+    def solve(self, beliefs: ArrayLike) -> Array:
+        """Return an optimal decision for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
+        return np.asarray(self._lifted.solve(beliefs)[..., : self.n_actions])
+
+    def state_costs(self, actions: ArrayLike) -> Array:
+        """Return c(i,u) for decisions (…,U): shape (…,X)."""
+        points = self.as_points(actions)
+        pairs = zip(self.slopes, self.offsets, strict=True)
+        return np.stack([(points @ slope.T + offset).max(axis=-1) for slope, offset in pairs], axis=-1)
+
+    def cost_gradients(self, action: ArrayLike) -> Array:
+        """Return the slope of an active piece for decisions (…,U): shape (…,X,U)."""
+        points = self.as_points(action)
+        pairs = zip(self.slopes, self.offsets, strict=True)
+        return np.stack([slope[(points @ slope.T + offset).argmax(axis=-1)] for slope, offset in pairs], axis=-2)
+
+    def smooth_form(self, actions: Array) -> SmoothForm:
+        """Return the linear problem of the levels, in which an observer counts active pieces as tight rows."""
+        points = np.asarray(actions, dtype=np.float64)
+        lifted = np.concatenate([points, self.state_costs(points)], axis=-1)
+        return SmoothForm(self._lifted.constraints, lifted, self._lifted.cost_gradients)
+
+    def __repr__(self) -> str:
+        return f"PiecewiseLinearProblem({self.n_states} states, {self.n_actions} coordinates)"

@@ -1,0 +1,201 @@
+"""Choices at prices: consistency and its index against enumeration of cycles, utilities against the choices themselves."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    InputError,
+    ModelError,
+    PiecewiseLinearProblem,
+    Polyhedron,
+    RevealedPreferences,
+    check_decision_problem,
+    consistent_beliefs,
+    preference_problem,
+    revealed_preferences,
+    simplex,
+)
+
+
+def by_cycles(prices: np.ndarray, choices: np.ndarray, efficiency: float) -> tuple[bool, float]:
+    """Consistency and the index, by every cycle of different observations."""
+    spent = prices @ choices.T
+    ratios = spent / np.diag(spent)[:, None]
+    consistent, index = True, 1.0
+    for length in range(2, len(prices) + 1):
+        for cycle in permutations(range(len(prices)), length):
+            steps = [ratios[t, s] for t, s in zip(cycle, cycle[1:] + cycle[:1], strict=True)]
+            index = min(index, max(steps))
+            consistent &= not (max(steps) <= efficiency and min(steps) < efficiency)
+    return consistent, index
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_consistency_and_index_equal_enumeration(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count, goods = int(rng.integers(1, 6)), int(rng.integers(2, 4))
+    prices, choices = rng.uniform(0.5, 2.0, (count, goods)), rng.uniform(0.1, 3.0, (count, goods))
+    for efficiency in (1.0, 0.9, 0.7):
+        found = revealed_preferences(prices, choices, efficiency=efficiency)
+        consistent, index = by_cycles(prices, choices, efficiency)
+        assert found.is_consistent == consistent
+        assert found.efficiency_index == pytest.approx(index, rel=1e-12)
+        spent = prices @ choices.T
+        steps = [spent[t, s] / spent[t, t] for t, s in zip(found.cycle, found.cycle[1:] + found.cycle[:1], strict=True)]
+        if consistent:
+            assert not found.cycle
+        else:
+            assert len(set(found.cycle)) == len(found.cycle)
+            assert max(steps) <= efficiency
+            assert min(steps) < efficiency
+
+
+def test_the_samples_hold_both_kinds() -> None:
+    found = [
+        revealed_preferences(rng.uniform(0.5, 2.0, (5, 2)), rng.uniform(0.1, 3.0, (5, 2))).is_consistent
+        for rng in map(np.random.default_rng, range(40))
+    ]
+    assert 5 < sum(found) < 35
+
+
+def test_a_textbook_violation() -> None:
+    """Each bundle is bought although the other was cheaper: p¹x² = 4 < 5 = p¹x¹ and p²x¹ = 4 < 5 = p²x²."""
+    found = revealed_preferences([[2.0, 1.0], [1.0, 2.0]], [[2.0, 1.0], [1.0, 2.0]])
+    assert not found.is_consistent
+    assert set(found.cycle) == {0, 1}
+    assert found.efficiency_index == pytest.approx(0.8)
+    with pytest.raises(ModelError, match=r"below 0\.8"):
+        found.utility([1.0, 1.0])
+    assert "no: " in found.summary()
+    assert revealed_preferences([[2.0, 1.0], [1.0, 2.0]], [[2.0, 1.0], [1.0, 2.0]], efficiency=0.79).is_consistent
+
+
+def test_a_cycle_of_three_without_one_of_two() -> None:
+    prices = [[1.0, 1.0, 2.0], [2.0, 1.0, 1.0], [1.0, 2.0, 1.0]]
+    choices = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    weak = revealed_preferences(prices, choices)
+    assert weak.is_consistent  # every step of the cycle is an indifference
+    assert weak.efficiency_index == 1.0
+    prices = [[1.0, 0.9, 2.0], [2.0, 1.0, 0.8], [0.7, 2.0, 1.0]]
+    strict = revealed_preferences(prices, choices)
+    assert strict.cycle in {(0, 1, 2), (1, 2, 0), (2, 0, 1)}
+    assert strict.efficiency_index == pytest.approx(0.9)
+
+
+def test_indifference_and_a_strict_step_violate_at_index_one() -> None:
+    found = revealed_preferences([[1.0, 1.0], [1.0, 2.0]], [[1.0, 1.0], [2.0, 0.0]])
+    assert found.is_consistent
+    found = revealed_preferences([[1.0, 1.0], [1.0, 0.5]], [[2.0, 0.0], [1.0, 1.0]])
+    assert found.is_consistent
+    found = revealed_preferences([[1.0, 1.0], [1.0, 2.0]], [[2.0, 0.0], [1.0, 1.0]])
+    assert not found.is_consistent
+    assert found.efficiency_index == 1.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cobb_douglas_choices_are_rational(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shares, prices = rng.dirichlet(np.ones(3)), rng.uniform(0.5, 2.0, (30, 3))
+    choices = shares * rng.uniform(1.0, 4.0, (30, 1)) / prices
+    found = revealed_preferences(prices, choices)
+    assert found.is_consistent
+    assert found.efficiency_index == 1.0
+    check_rationalises(found, prices, choices, rng)
+    # Observed choices are ranked as the true utility ranks them wherever one budget holds both.
+    truth = (shares * np.log(choices)).sum(axis=1)
+    affordable = prices @ choices.T <= (prices * choices).sum(axis=1)[:, None]
+    t, s = np.nonzero(affordable)
+    assert (truth[t] >= truth[s] - 1e-12).all()
+    assert (found.utility(choices)[t] >= found.utility(choices)[s] - 1e-8).all()
+
+
+def check_rationalises(
+    found: RevealedPreferences, prices: np.ndarray, choices: np.ndarray, rng: np.random.Generator
+) -> None:
+    best = found.utility(choices)
+    assert best == pytest.approx(found.utilities, abs=1e-8) or found.efficiency < 1.0
+    for t, price in enumerate(prices):
+        spent = found.efficiency * (price @ choices[t])
+        others = rng.dirichlet(np.ones(len(price)), 50) * spent / price
+        assert (found.utility(others) <= best[t] + 1e-8).all()
+    low, high = rng.uniform(0.0, 3.0, (2, 50, prices.shape[1]))
+    assert (found.utility(0.5 * (low + high)) >= 0.5 * (found.utility(low) + found.utility(high)) - 1e-9).all()
+    assert (found.utility(low + 0.1) > found.utility(low)).all()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_choices_are_rationalised_below_their_index(seed: int) -> None:
+    rng = np.random.default_rng([3, seed])
+    prices, choices = rng.uniform(0.5, 2.0, (8, 3)), rng.uniform(0.1, 3.0, (8, 3))
+    index = revealed_preferences(prices, choices).efficiency_index
+    found = revealed_preferences(prices, choices, efficiency=0.999 * index)
+    assert found.is_consistent
+    check_rationalises(found, prices, choices, rng)
+    if index < 1.0:
+        assert not revealed_preferences(prices, choices, efficiency=min(1.0, 1.001 * index)).is_consistent
+
+
+def preferences_of(shares: np.ndarray, rng: np.random.Generator) -> RevealedPreferences:
+    prices = rng.uniform(0.5, 2.0, (12, len(shares)))
+    return revealed_preferences(prices, shares * 3.0 / prices)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_consistent_beliefs_of_a_choice_hold_the_belief_behind_it(seed: int) -> None:
+    rng = np.random.default_rng([5, seed])
+    states = [preferences_of(rng.dirichlet(np.ones(3)), rng) for _ in range(3)]
+    prices = rng.uniform(0.5, 2.0, 3)
+    budget = Polyhedron(np.vstack([-np.eye(3), prices]), [0.0, 0.0, 0.0, 3.0])
+    problem = preference_problem(states, budget)
+    held = rng.dirichlet(np.ones(3), 12)
+    choices = problem.solve(held)
+    costs = problem.state_costs(choices)
+    for i, state in enumerate(states):
+        assert costs[:, i] == pytest.approx(-state.utility(choices))
+    # No other affordable bundle is better under the belief.
+    others = rng.dirichlet(np.ones(3), 300) * 3.0 / prices
+    assert ((held * costs).sum(axis=1) <= (held @ problem.state_costs(others).T).min(axis=1) + 1e-9).all()
+    for belief, choice in zip(held, choices, strict=True):
+        found = consistent_beliefs(problem, choice)
+        assert found.contains(belief)
+        # The corners explain the choice too.
+        for corner in found.vertices():
+            assert problem.regret(corner / corner.sum(), choice) < 1e-3
+    told = {tuple(consistent_beliefs(problem, c).bounds().round(6).ravel()) for c in choices}
+    assert len(told) > 1
+
+
+def test_piecewise_linear_costs_keep_the_promises_of_a_problem() -> None:
+    rng = np.random.default_rng(8)
+    slopes = [rng.normal(size=(4, 3)), rng.normal(size=(2, 3))]
+    problem = PiecewiseLinearProblem(slopes, [rng.normal(size=4), rng.normal(size=2)], simplex(3))
+    check_decision_problem(problem, rng=rng)
+
+
+def test_what_cannot_be_is_refused(tmp_path: object) -> None:
+    good = [[1.0, 1.0]]
+    with pytest.raises(InputError, match="same"):
+        revealed_preferences(good, [[1.0]])
+    with pytest.raises(InputError, match=r"prices has -1 at index \[0, 1\]"):
+        revealed_preferences([[1.0, -1.0]], good)
+    with pytest.raises(InputError, match="costs nothing"):
+        revealed_preferences(good, [[0.0, 0.0]])
+    with pytest.raises(InputError, match="at most 1"):
+        revealed_preferences(good, good, efficiency=1.5)
+    with pytest.raises(InputError, match="one per state"):
+        preference_problem([], simplex(2))
+    with pytest.raises(InputError, match="expected 2 goods"):
+        revealed_preferences(good, good).utility([1.0, 2.0, 3.0])
+    with pytest.raises(InputError, match="as many"):
+        PiecewiseLinearProblem([[[1.0, 0.0]]], [], simplex(2))
+    with pytest.raises(InputError, match="state 0"):
+        PiecewiseLinearProblem([[[1.0, 0.0]]], [[0.0, 1.0]], simplex(2))
+    one = revealed_preferences(good, good)
+    with pytest.raises(ModelError, match="no minimum"):
+        preference_problem([one], Polyhedron(-np.eye(2), [0.0, 0.0]))
+    one.save(tmp_path / "one.npz")
+    assert RevealedPreferences.load(tmp_path / "one.npz").utility([2.0, 2.0]) == one.utility([2.0, 2.0])

@@ -24,7 +24,7 @@ from inscrutable.decision_makers import privacy_frontier
 from inscrutable.experiments.backtest import RESTARTS, Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.reports.backtest import headline, table_of, text_of, timing_of, write_backtest
+from inscrutable.reports.backtest import headline, table_of, text_of, timing_of, verdict, write_backtest
 
 TRAINING, DECISIONS = 120, 9
 TRAIN_UNTIL = "2009-12"
@@ -206,6 +206,62 @@ def test_another_seed_draws_others(found: Backtest) -> None:
     if np.allclose(one.world.transition, other.world.transition, atol=1e-6):
         np.testing.assert_allclose(one.weights("CDM"), other.weights("CDM"), atol=1e-4)
     assert not np.allclose(one.weights("PDM"), other.weights("PDM"), atol=1e-3)
+
+
+def test_the_rival_who_knows_the_method_by_loops(found: Backtest) -> None:
+    """Bayes' rule over the grid for the played decision nearest to each published one."""
+    assert found.aware is not None
+    prior = found.aware.prior
+    maker = CounterAdversarialDecisionMaker(found.problem, found.settings.measure, found.budget, candidates=found.candidates)
+    played = mechanism(maker, prior.beliefs)
+    table = np.asarray(played.probabilities)
+    squared = []
+    for action, belief, read in zip(
+        found.weights("CDM").to_numpy(), found.beliefs.to_numpy(), found.aware.estimates["CDM"], strict=True
+    ):
+        ever = prior.weights @ table > 0
+        apart = np.where(ever, ((played.actions - action) ** 2).sum(axis=1), np.inf)
+        joint = prior.weights * table[:, apart.argmin()]
+        guess = joint @ prior.beliefs / joint.sum()
+        np.testing.assert_allclose(read, guess, atol=1e-9)
+        squared.append(((guess - belief) ** 2).sum())
+    figures = found.figures["CDM"]
+    assert figures["error_aware"] == pytest.approx(np.sqrt(np.mean(squared)))
+    without = [((prior.mean - belief) ** 2).sum() for belief in found.beliefs.to_numpy()]
+    assert figures["error_without"] == pytest.approx(np.sqrt(np.mean(without)))
+    assert 0.0 <= figures["bits_aware"] <= figures["bits_prior"]
+    # The grid is some 500 beliefs: what is not hidden is read to its width.
+    assert found.figures["ODM"]["error_aware"] < 0.03
+
+
+def test_the_prior_of_the_rival_is_about_the_next_row(found: Backtest) -> None:
+    """One step ahead no belief is surer than the transition allows."""
+    assert found.aware is not None
+    moved = found.aware.prior.beliefs
+    low, high = found.world.transition.min(axis=0), found.world.transition.max(axis=0)
+    assert (moved >= low - 1e-12).all()
+    assert (moved <= high + 1e-12).all()
+
+
+def test_one_sentence_says_which_protection_holds_against_whom(found: Backtest, tmp_path: Path) -> None:
+    said = verdict(found)
+    assert said.count(".") - said.count("0.") == 1
+    for part in ("takes the weights at face value", "knows how they are made", "without seeing any weights"):
+        assert part in said
+    write_backtest(found, tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_text("utf-8"))["verdict"] == said
+    read = pd.read_csv(tmp_path / "aware_PDM.csv", index_col=0)
+    np.testing.assert_allclose(read, found.aware_estimates("PDM"))
+
+
+def test_a_target_for_every_step_has_no_mechanism() -> None:
+    returns = market()
+    targets = np.tile([0.3, 0.7], (len(returns) - TRAINING, 1))
+    found = run(returns, replace(SETTINGS, measure=DesiredObfuscation(targets)))
+    assert found.aware is None
+    assert verdict(found) == ""
+    assert np.isnan(found.aware_estimates("CDM")).all(axis=None)
+    assert "changes from step to step" in text_of(found)
 
 
 def test_beliefs_of_the_users_own() -> None:

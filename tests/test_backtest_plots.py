@@ -68,7 +68,14 @@ def test_labels_are_escaped_in_svg(found: Backtest, tmp_path: Path) -> None:
 def test_panels_show_the_investor_and_every_reading(found: Backtest, kept: list[Any]) -> None:
     draw_beliefs(found, Path())
     titles = [axis.get_title(loc="left") for axis in kept[0].axes]
-    assert titles == ["investor's belief", "read from the ODM", "read from the CDM", "read from the PDM, drawn"]
+    assert titles == [
+        "investor's belief",
+        "read from the ODM",
+        "read from the CDM",
+        "read from the PDM, drawn",
+        "CDM, read by one who knows the method",
+        "PDM, drawn, read by one who knows the method",
+    ]
     for axis in kept[0].axes:
         assert axis.get_ylim() == (0.0, 1.0)
         assert axis.get_ylabel() == "probability"

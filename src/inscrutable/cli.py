@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest an investor, attack published weights, protect a decision.
+"""The command `inscrutable`: reproduce the paper, backtest an investor, attack weights, protect decisions, compare ways.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data,
 4 no solution, 130 interrupted.
@@ -17,7 +17,15 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
-from inscrutable.cli_values import MeasureName, UsageError, belief_of, budget_of, measure_of, writable_folder
+from inscrutable.cli_values import (
+    MeasureName,
+    UsageError,
+    belief_of,
+    budget_of,
+    budgets_of,
+    measure_of,
+    writable_folder,
+)
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.labels import label_text
 
@@ -144,7 +152,7 @@ def backtest(
     """
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
-    from inscrutable.reports.backtest import headline, text_of, write_backtest
+    from inscrutable.reports.backtest import headline, text_of, verdict, write_backtest
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
@@ -166,7 +174,7 @@ def backtest(
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
-    speech.sentence(f"{text_of(result)}\n\n{headline(result)}\n")
+    speech.sentence("\n\n".join(filter(None, [text_of(result), headline(result), verdict(result)])) + "\n")
     speech.files(files)
 
 
@@ -325,6 +333,58 @@ def _show_protection(found: Protection) -> None:
             for regime, (low, high) in zip(found.model.regimes, found.aware_bounds[0], strict=True)
         )
         results().print(f"An observer who also knows the regret you allow is left with: {low_high}.")
+
+
+@app.command
+def compare(
+    *,
+    market: Annotated[str, Parameter(group=_DATA)] = "paper",
+    resolution: Annotated[int, Parameter(group=_DATA)] = 30,
+    budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.1,0.25,0.5,0.75,1",
+    seed: Seed = 0,
+    out: Out = Path("comparison"),
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Set ways of hiding side by side, against a rival who takes decisions at face value and one who knows how they are made.
+
+    Every way spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
+
+    Args:
+        market: paper (a random market, every belief equally likely), returns (the 12 US industries that come with the
+            package, and how often its investor holds which belief), or the model.json of a backtest.
+        resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
+        budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
+            regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
+        seed: The same seed gives the same numbers.
+        out: Folder for the table (CSV, Markdown), the figure and summary.json.
+    """
+    unit, shares = budgets_of(budgets)
+
+    import numpy as np
+
+    from inscrutable.experiments.comparison import ComparisonSettings
+    from inscrutable.experiments.comparison import compare as compared
+    from inscrutable.experiments.comparison_markets import market_of
+    from inscrutable.reports.comparison import terminal_table, write_comparison
+
+    settings = ComparisonSettings(shares, unit)
+    folder = writable_folder(out)
+    speech.detail(f"Settings: {settings}")
+    chosen = market_of(market, resolution, seed)
+    speech.log(f"{chosen.note}; {len(chosen.prior)} beliefs")
+    with speech.progress("Decision makers at budgets") as move:
+        result = compared(
+            chosen.problem, chosen.prior, settings, rng=np.random.default_rng([seed, len(shares)]), progress=move
+        )
+    speech.log("Drawing the figure")
+    files = write_comparison(result, folder, title=chosen.note)
+    if speech.json:
+        speech.summary_file(folder / "summary.json")
+        return
+    middle = result.budgets[len(result.budgets) // 2]
+    show_table(terminal_table(result, middle), f"Expected regret of {middle:.3g} ({result.header()})")
+    speech.sentence(result.summary())
+    speech.files(files)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -28,6 +28,17 @@ def budget_of(text: str) -> Budget:
     return Budget(_number(amount, "--budget"), kind != "regret")
 
 
+def budgets_of(text: str) -> tuple[str, tuple[float, ...]]:
+    """Return the unit and the numbers of "0.05,0.1" (shares of |c*|), "silence:0.5,1" or "regret:0.002"."""
+    kind, separator, amounts = text.rpartition(":")
+    units = {"": "cost", "relative": "cost", "silence": "silence", "regret": "regret"}
+    if kind not in units or (separator and not kind):
+        raise UsageError(
+            f"--budgets {text}: expected shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, or regret:0.001,0.002"
+        )
+    return units[kind], tuple(_number(part, "--budgets") for part in amounts.split(","))
+
+
 def belief_of(text: str, option: str) -> list[float]:
     """Return the belief that "0.2,0.3,0.5" stands for; its sum is judged by the library."""
     return [_number(part, option) for part in text.split(",")]

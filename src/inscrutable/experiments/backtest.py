@@ -6,6 +6,8 @@ holds the belief about row t+1 given the returns up to row t, publishes a portfo
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pandas as pd
 
@@ -18,9 +20,10 @@ from inscrutable.decision_makers import (
 from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import ModelError
+from inscrutable.experiments.backtest_aware import read_knowingly
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
 from inscrutable.experiments.backtest_results import Backtest, Comparison
-from inscrutable.experiments.episodes import DecisionMaker, Episode, run_episode
+from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
 from inscrutable.filtering import filter_beliefs
 from inscrutable.problems import MarkowitzProblem
@@ -40,6 +43,7 @@ large have one optimum: on 4,160 days of 20 stocks all of 20 starts came to it."
 
 _NAMES = {2: ("calm", "turbulent"), 3: ("calm", "normal", "turbulent")}
 _BASIS_POINTS = 10_000.0
+_KnownMaker = OriginalDecisionMaker | CounterAdversarialDecisionMaker | ProbabilisticDecisionMaker
 
 
 def run_backtest(
@@ -55,8 +59,8 @@ def run_backtest(
 
     Timing: at the end of row t the investor holds p(x_{t+1} | returns up to t) under the training sample's world,
     decides as ODM, CDM and PDM, and earns the return of row t+1. The first decision is made at the end of the
-    training sample. The rival is the paper's: it knows means, covariances and γ, and takes what is published (of a
-    lottery, the draw) at face value.
+    training sample. One rival is the paper's: it knows means, covariances and γ, and takes what is published (of a
+    lottery, the draw) at face value. Another knows the decision makers, too, and how often which belief is held.
 
     Args:
         returns: (N,U) simple returns as fractions, U >= 2, with increasing dates and one labelled column per asset;
@@ -93,17 +97,13 @@ def run_backtest(
     """
     chosen = BacktestSettings() if settings is None else settings
     market = checked_market(returns, chosen, riskless)
-    seeds = np.random.SeedSequence(chosen.seed).spawn(3)
-    fit_rng, draw_rng, bootstrap_rng = (np.random.default_rng(seed) for seed in seeds)
-    n_restarts = _enough_restarts(market, chosen) if restarts is None else validation.count(restarts, "restarts")
-    fit = fit_gaussian_hmm(market.training, chosen.regimes, rng=fit_rng, n_restarts=n_restarts)
-    world = _named(fit)
-    emission = _gaussian(world)
-    problem = MarkowitzProblem(emission.means, emission.covariances, chosen.risk_aversion)
+    seeds = np.random.SeedSequence(chosen.seed).spawn(4)
+    fit_rng, draw_rng, bootstrap_rng, aware_rng = (np.random.default_rng(seed) for seed in seeds)
+    fit, world, problem = fitted_investor(market, chosen, restarts, rng=fit_rng)
     held = _held_beliefs(world, market, beliefs)
     measure, budget = chosen.measure, chosen.budget
     candidates = candidates_for(problem, measure, None)
-    decision_makers: dict[str, DecisionMaker] = {
+    decision_makers: dict[str, _KnownMaker] = {
         "ODM": OriginalDecisionMaker(problem),
         "CDM": CounterAdversarialDecisionMaker(problem, measure, budget, candidates=candidates),
         "PDM": ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates),
@@ -111,7 +111,28 @@ def run_backtest(
     episode = run_episode(problem, held.to_numpy(), decision_makers, rng=draw_rng, progress=progress)
     performance = _performance(episode, market, chosen)
     comparisons = {name: _comparison(earned, performance["ODM"], bootstrap_rng) for name, earned in performance.items()}
-    return Backtest(chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons)
+    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng)
+    return Backtest(chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware)
+
+
+class FittedInvestor(NamedTuple):
+    """What the training sample makes of an investor."""
+
+    fit: FittedWorld
+    world: HiddenMarkovModel
+    problem: MarkowitzProblem
+
+
+def fitted_investor(
+    market: ReturnsSample, settings: BacktestSettings, restarts: int | None, *, rng: np.random.Generator
+) -> FittedInvestor:
+    """Return the regimes fitted to the training sample, with their names, and the portfolio problem in them."""
+    n_restarts = _enough_restarts(market, settings) if restarts is None else validation.count(restarts, "restarts")
+    fit = fit_gaussian_hmm(market.training, settings.regimes, rng=rng, n_restarts=n_restarts)
+    world = _named(fit)
+    emission = _gaussian(world)
+    problem = MarkowitzProblem(emission.means, emission.covariances, settings.risk_aversion)
+    return FittedInvestor(fit, world, problem)
 
 
 def _enough_restarts(market: ReturnsSample, settings: BacktestSettings) -> int:

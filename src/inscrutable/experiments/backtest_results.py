@@ -13,6 +13,7 @@ import pandas as pd
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import Candidates, DecisionStatus
 from inscrutable.errors import InputError
+from inscrutable.experiments.backtest_aware import AwareReading
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample
 from inscrutable.experiments.episodes import Episode, Record, relative_increase
 from inscrutable.experiments.performance import Performance, SharpeDifference
@@ -43,6 +44,7 @@ class Backtest:
         episode: What each decision maker published and what the rival made of it.
         performance: What each decision maker earned.
         comparisons: Sharpe ratios against the ODM's.
+        aware: What a rival reads who knows how the weights are made; None where a target is given per step.
 
     Source: the paper's Section V-A on data instead of a simulation. Example: see `run_backtest`.
     """
@@ -57,6 +59,7 @@ class Backtest:
     episode: Episode
     performance: Mapping[str, Performance]
     comparisons: Mapping[str, Comparison]
+    aware: AwareReading | None = None
 
     @property
     def assets(self) -> tuple[str, ...]:
@@ -92,6 +95,12 @@ class Backtest:
     def weights(self, name: str) -> pd.DataFrame:
         """Return the portfolios that a decision maker published, (T,U) by date of decision; of a lottery, the draw."""
         return self._frame(self._of(name).decisions.action, self.assets)
+
+    def aware_estimates(self, name: str) -> pd.DataFrame:
+        """Return what the rival concludes who knows how the weights are made, (T,X) by date of decision; NaN without one."""
+        self._of(name)
+        unknown = np.full(self.beliefs.shape, np.nan)
+        return self._frame(unknown if self.aware is None else self.aware.estimates[name], self.regimes)
 
     def estimates(self, name: str) -> pd.DataFrame:
         """Return the centres of the rival's consistent beliefs, (T,X) by date of decision; NaN for an empty set."""
@@ -169,6 +178,7 @@ def _figures(result: Backtest, name: str) -> dict[str, float]:
         "assets_held": float((record.decisions.action >= result.problem.constraints.min_slack).sum(axis=1).mean()),
         **_cost_figures(result, record),
         **_privacy_figures(result, name),
+        **_aware_figures(result, name),
     }
 
 
@@ -206,5 +216,23 @@ def _privacy_figures(result: Backtest, name: str) -> dict[str, float]:
         "share_regime_named": float(named.mean()) if read.any() else float("nan"),
         "base_rate": float(counts.max() / counts.sum()),
         "n_empty_sets": float((~read).sum()),
+        "error_face_value": _error(estimates[read], result.beliefs.to_numpy()[read]) if read.any() else float("nan"),
         "n_nothing_affordable": float(sum(nothing)),
     }
+
+
+def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
+    """What a rival reads who knows how the weights are made, beside one who sees no weights."""
+    keys = ("share_regime_named_aware", "error_aware", "error_without", "bits_aware", "bits_prior")
+    if result.aware is None:
+        return dict.fromkeys(keys, float("nan"))
+    beliefs, estimates = result.beliefs.to_numpy(), result.aware.estimates[name]
+    named = float((estimates.argmax(axis=1) == beliefs.argmax(axis=1)).mean())
+    told = result.aware.leakages[name]
+    errors = _error(estimates, beliefs), _error(result.aware.prior.mean, beliefs)
+    return dict(zip(keys, (named, *errors, told.mutual_information, told.prior_entropy), strict=True))
+
+
+def _error(estimates: Array, beliefs: Array) -> float:
+    """Root mean square of the Euclidean distance."""
+    return float(np.sqrt(((estimates - beliefs) ** 2).sum(axis=1).mean()))

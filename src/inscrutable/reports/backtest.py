@@ -14,6 +14,7 @@ import pandas as pd
 from inscrutable import __version__
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.backtest_results import Backtest
+from inscrutable.experiments.comparison import HOLDS, holding
 from inscrutable.experiments.performance import LEVEL, REPLICATES
 from inscrutable.reports.backtest_plots import draw_backtest
 from inscrutable.worlds import GaussianEmission
@@ -109,6 +110,11 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("share_regime_named", f"{word}s in which the rival names the likeliest regime, %", _PERCENT, ".1f"),
         _Row("base_rate", "  by always naming the commonest one, %", _PERCENT, ".1f"),
         _Row("n_empty_sets", f"  {word}s left out: no belief explains the weights", style=".0f"),
+        _Row("error_face_value", "error of the rival's estimate, r.m.s.", style=".3f"),
+        _Row("share_regime_named_aware", f"{word}s in which a rival who knows the method names it, %", _PERCENT, ".1f"),
+        _Row("error_aware", "  error of that rival's estimate, r.m.s.", style=".3f"),
+        _Row("error_without", "  the same without seeing any weights", style=".3f"),
+        _Row("bits_aware", "  what one decision tells that rival, bits"),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
     ]
 
@@ -121,12 +127,43 @@ def notes_of(result: Backtest) -> list[str]:
         f"Regimes fitted on {market.n_training} {word}s to {market.training.index[-1]:%Y-%m-%d} and never again; "
         f"risk aversion γ = {settings.risk_aversion:g} in γu'Σu − μ'u, no ½; budget {settings.budget}.",
         "The rival knows means, covariances and γ, takes the published weights (of a lottery, the draw) at face value, "
-        "and guesses the centre of the beliefs that explain them. One who knows how they were altered reads more.",
+        "and guesses the centre of the beliefs that explain them.",
+        *_aware_notes(result),
         "Turnover counts from the last published weights after they drifted with returns; the first purchase is left out.",
         f"Intervals: studentised circular block bootstrap, {REPLICATES} samples (Ledoit and Wolf 2008).",
         f"Silence regret: {result.silence_regret * _BASIS_POINTS:.2f} bp per {word}, the mean regret of the one constant "
         "portfolio that suits these beliefs best, known only in hindsight; it would give away nothing but their mean.",
     ]
+
+
+def _aware_notes(result: Backtest) -> list[str]:
+    if result.aware is None:
+        return ["The target changes from step to step, so no rival who knows the method is modelled."]
+    prior = result.aware.prior
+    return [
+        "The rival who knows the method knows each decision maker, budget included, and how often the fitted regimes lead to "
+        f"which belief (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits, error {prior.error:.3f} without weights); "
+        "it reads the nearest decision that is played on that grid, each alone, and guesses the posterior mean."
+    ]
+
+
+def verdict(result: Backtest) -> str:
+    """Return in one sentence which protection holds against whom; empty where no rival knows the method."""
+    figures, (_, *hiding) = result.figures, result.names
+    if result.aware is None or not hiding:
+        return ""
+    without = figures[hiding[0]]["error_without"]
+    said = [
+        f"against one who {who}, {holding([(name, figures[name][key]) for name in hiding], HOLDS * without)}"
+        for who, key in (
+            ("takes the weights at face value", "error_face_value"),
+            ("knows how they are made", "error_aware"),
+        )
+    ]
+    return (
+        f"A protection holds against a rival whose estimate errs by at least {HOLDS:.0%} of what it would without seeing "
+        f"any weights ({without:.2f}): {'; '.join(said)}."
+    )
 
 
 def headline(result: Backtest) -> str:
@@ -184,8 +221,9 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
     """Write everything about a backtest into a folder: tables, paths, pictures, and a summary that is all text.
 
     `table.csv`; `beliefs.csv` (fit to be read again as a user's beliefs); per decision maker `weights_*.csv`,
-    `estimates_*.csv` (what the rival concludes) and `path_*.csv` (regret, privacy, return per decision); five figures
-    as PNG and SVG; `summary.json`. Each file appears whole or not at all; the same backtest gives the same bytes.
+    `estimates_*.csv` (what the rival concludes), `aware_*.csv` (what one concludes who knows the method) and `path_*.csv`
+    (regret, privacy, return per decision); five figures as PNG and SVG; `summary.json`. Each file appears whole or not at
+    all; the same backtest gives the same bytes.
 
     Args:
         result: A backtest.
@@ -214,6 +252,9 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
     for name in result.names:
         table(result.weights(name), f"weights_{name}.csv", f"published at the end of (held over the next {word})")
         table(result.estimates(name), f"estimates_{name}.csv", f"read from the weights of (about the next {word})")
+        if result.aware is not None:
+            header = f"read by a rival who knows the method from the weights of (about the next {word})"
+            table(result.aware_estimates(name), f"aware_{name}.csv", header)
         table(result.path(name), f"path_{name}.csv", f"decided at the end of (earns the next {word})")
     written += draw_backtest(result, target, month=month)
     write_json(summary_data(result), target / "summary.json")
@@ -228,6 +269,7 @@ def summary_data(result: Backtest) -> dict[str, Any]:
     return {
         "version": __version__,
         "headline": headline(result),
+        "verdict": verdict(result),
         "cautions": cautions(result),
         "timing": timing_of(result),
         "notes": notes_of(result),

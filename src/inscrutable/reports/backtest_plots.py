@@ -61,6 +61,12 @@ def draw_beliefs(result: Backtest, folder: Path) -> list[Path]:
     """Draw the investor's belief above what the rival reads from each decision maker's weights, as `beliefs`."""
     panels = {"investor's belief": result.beliefs}
     panels |= {f"read from the {_published(result, name)}": result.estimates(name) for name in result.names}
+    if result.aware is not None:
+        hiding = result.names[1:]
+        panels |= {
+            f"{_published(result, name)}, read by one who knows the method": result.aware_estimates(name)
+            for name in hiding
+        }
     word = result.market.frequency.word
     rows = {"nrows": len(panels), "sharex": True, "sharey": True}
     with drawing(PAGE_WIDTH, 1.2 * len(panels) + 0.5, **rows) as (figure, axes):

@@ -1,0 +1,278 @@
+"""A comparison: every way of deciding against every observer, at equal expected regret."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import validation
+from inscrutable.decision_makers import Candidates, decoy_grid
+from inscrutable.decision_makers.results import Progress
+from inscrutable.errors import InputError
+from inscrutable.experiments.comparison_makers import SPENDS_NOTHING, Maker, Setting, checked_makers
+from inscrutable.experiments.comparison_measures import ComparisonRow, measured
+from inscrutable.mechanisms import Prior
+from inscrutable.privacy.leaks import silence_regret
+from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.saved import Saved
+
+UNITS = ("silence", "cost", "regret")
+HOLDS = 0.5
+"""A protection is said to hold against an observer whose error is at least this share of the one without any decision."""
+
+_SIDE = 1.96
+"""Standard errors to either side of a 95 % interval."""
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """At which budgets decision makers are compared, and after how many decisions.
+
+    Args:
+        budgets: Expected regrets, at least 0, rising.
+        unit: What they are counted in: "silence", shares of the silence regret r₀, at which one constant decision
+            suffices and nothing need leak; "cost", shares of E|c*|; "regret", the cost's own unit.
+        repeats: Numbers of decisions made under one and the same belief, rising, the first at least 1.
+        n_draws: Sequences sampled for each, at least 10.
+
+    Raises:
+        InputError: A number is malformed, or the unit unknown.
+
+    Example:
+        >>> ComparisonSettings((0.1, 0.2), "cost").unit
+        'cost'
+    """
+
+    budgets: tuple[float, ...] = (0.1, 0.25, 0.5, 0.75, 1.0)
+    unit: str = "silence"
+    repeats: tuple[int, ...] = (1, 10, 100)
+    n_draws: int = 500
+
+    def __post_init__(self) -> None:
+        if self.unit not in UNITS:
+            raise InputError(f"unit must be one of {UNITS}, got {self.unit!r}")
+        budgets = tuple(validation.non_negative(each, "budget") for each in self.budgets)
+        repeats = tuple(validation.count(each, "repeats") for each in self.repeats)
+        for name, values in (("budgets", budgets), ("repeats", repeats)):
+            if not values or any(later <= earlier for earlier, later in pairwise(values)):
+                raise InputError(f"{name} must be numbers that rise, one at least, got {values}")
+        object.__setattr__(self, "budgets", budgets)
+        object.__setattr__(self, "repeats", repeats)
+        object.__setattr__(self, "n_draws", validation.count(self.n_draws, "n_draws", least=10))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Saved):
+    """Decision makers against observers at equal expected regret.
+
+    Args:
+        rows: One for every decision maker and budget; a decision maker that spends nothing has one.
+        budgets: Expected regrets asked for, in the cost's unit.
+        unit: What they were given in.
+        repeats: Numbers of decisions made under one belief.
+        n_draws: Sequences sampled for them.
+        n_beliefs: B, beliefs of the prior.
+        n_candidates: M, distinct decisions to choose from.
+        prior_entropy: In bits: no more can leak.
+        prior_error: Error of one who sees no decision (root mean square): the ceiling.
+        prior_top_state: How often that one names a most likely state.
+        silence_regret: r₀, in the cost's unit.
+        mean_cost: E|c*| under the prior, in the cost's unit.
+        per_belief_unit: What budgets per belief are shares of: "|c*|", or "regret" where c* comes near zero.
+
+    Source: for each measure the function that computes it; the paper, Section V-B, for the trade-off.
+    """
+
+    rows: tuple[ComparisonRow, ...]
+    budgets: tuple[float, ...]
+    unit: str
+    repeats: tuple[int, ...]
+    n_draws: int
+    n_beliefs: int
+    n_candidates: int
+    prior_entropy: float
+    prior_error: float
+    prior_top_state: float
+    silence_regret: float
+    mean_cost: float
+    per_belief_unit: str
+
+    @property
+    def makers(self) -> tuple[str, ...]:
+        """The decision makers' names, in order."""
+        return tuple(dict.fromkeys(row.maker for row in self.rows))
+
+    def of(self, maker: str) -> tuple[ComparisonRow, ...]:
+        """Return the rows of one decision maker, by rising budget; raise `InputError` for an unknown one."""
+        found = tuple(row for row in self.rows if row.maker == maker)
+        if not found:
+            raise InputError(f"no decision maker {maker!r}; there are {list(self.makers)}")
+        return found
+
+    def frame(self) -> pd.DataFrame:
+        """Return all figures, one row per decision maker and budget, in the units of `ComparisonRow`."""
+        return pd.DataFrame([self._flat(row) for row in self.rows])
+
+    def _flat(self, row: ComparisonRow) -> dict[str, object]:
+        values: dict[str, object] = {
+            each.name: getattr(row, each.name) for each in fields(row) if not each.name.startswith("repeated_")
+        }
+        for s, n in enumerate(self.repeats):
+            values[f"bayes_error_after_{n}"] = float(row.repeated_errors[s])
+            values[f"bayes_error_after_{n}_se"] = float(row.repeated_error_se[s])
+            values[f"information_after_{n}"] = float(row.repeated_information[s])
+            values[f"top_state_after_{n}"] = float(row.repeated_top_state[s])
+        return values
+
+    def header(self) -> str:
+        """Return one sentence that every figure of the comparison needs beside it."""
+        share = f", {self.silence_regret / self.mean_cost:.1%} of E|c*|" if self.mean_cost > 0 else ""
+        return (
+            f"prior of {self.n_beliefs} beliefs, {self.prior_entropy:.2f} bits; {self.n_candidates} candidate decisions; "
+            f"error without any decision {self.prior_error:.3f}; silence regret {self.silence_regret:.3g}{share}"
+        )
+
+    def at(self, budget: float) -> tuple[ComparisonRow, ...]:
+        """Return the rows of one budget, in the cost's unit, of those who spend anything."""
+        return tuple(row for row in self.rows if row.budget == budget and row.maker not in SPENDS_NOTHING)
+
+    def summary(self) -> str:
+        """Return which protection holds against whom, at the middle budget."""
+        budget = self.budgets[len(self.budgets) // 2]
+        rows = self.at(budget)
+        floor = HOLDS * self.prior_error
+        if not rows or not self.prior_error > 0:
+            return "Nothing can be hidden: the prior leaves no doubt about the belief, or nobody spends anything."
+        worth = (
+            f"{budget / self.silence_regret:.0%} of the silence regret" if self.silence_regret > 0 else f"{budget:.3g}"
+        )
+        last = len(self.repeats) - 1
+        named = {
+            "takes decisions at face value": [(row.maker, row.naive_error) for row in rows],
+            "knows the mechanism and the prior": [(row.maker, row.bayes_error) for row in rows],
+        }
+        if self.repeats[last] > 1:
+            later = f"sees {self.repeats[last]} decisions on one belief"
+            named[later] = [(row.maker, float(row.repeated_errors[last])) for row in rows]
+        parts = [f"against one who {who}, {holding(errors, floor)}" for who, errors in named.items()]
+        return (
+            f"At an expected regret of {worth}, a protection holds if it leaves an observer at least {HOLDS:.0%} of the "
+            f"error of {self.prior_error:.3f} that the prior alone leaves: " + "; ".join(parts) + "."
+        )
+
+    def __repr__(self) -> str:
+        return f"{self.header()}\n{self.summary()}"
+
+
+def holding(errors: list[tuple[str, float]], floor: float) -> str:
+    """Return who leaves an observer at least an error of `floor`, best first; or who comes nearest to it."""
+    ranked = sorted(errors, key=lambda each: -each[1])
+    held = [f"{name} ({error:.2f})" for name, error in ranked if error >= floor]
+    if not held:
+        return f"none does (best: {ranked[0][0]}, {ranked[0][1]:.2f})"
+    verb = "does" if len(held) == 1 else "do"
+    return " and ".join(filter(None, [", ".join(held[:-1]), held[-1]])) + f" {verb}"
+
+
+def compare(
+    problem: DecisionProblem,
+    prior: Prior,
+    settings: ComparisonSettings | None = None,
+    *,
+    makers: Mapping[str, Maker] | None = None,
+    candidates: Candidates | None = None,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Compare decision makers against observers at equal expected regret under a prior.
+
+    Every decision maker is made to spend the same expected regret under the prior, to 0.5 %; one with a budget per belief
+    has that budget scaled. One that finds nothing more private to buy spends less, and its row says so.
+
+    Args:
+        problem: The decision problem.
+        prior: The law of the private belief, known to the observers who use one.
+        settings: Budgets and numbers of repeated decisions; None is the default ones.
+        makers: Functions (setting, regret) -> Play by name; None is `comparison_makers.MAKERS`.
+        candidates: Decisions to choose from; None is a grid of decoys about as many as the prior has beliefs.
+        rng: Source of the sampled sequences of repeated decisions.
+        progress: Called with (rows done, rows in all).
+
+    Returns:
+        A `Comparison`; the same arguments and seed give the same numbers.
+
+    Raises:
+        InputError: An argument is malformed, or the prior has another number of states than the problem.
+
+    Cost: for 500 beliefs and as many candidates some seconds per decision maker and budget.
+
+    Source: each measure's own; see `ComparisonRow`.
+
+    Example:
+        >>> from inscrutable import MarkowitzProblem, uniform_prior
+        >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> settings = ComparisonSettings((0.5,), repeats=(1,), n_draws=10)
+        >>> found = compare(problem, uniform_prior(2, 4), settings, rng=np.random.default_rng(0))
+        >>> found.makers[:3], found.of("ODM")[0].bayes_error
+        (('ODM', 'CDM', 'PDM'), 0.0)
+    """
+    chosen = ComparisonSettings() if settings is None else settings
+    source, by_name = validation.generator(rng), checked_makers(makers)
+    setting = _setting(problem, prior, candidates)
+    silent = silence_regret(problem, prior.beliefs, prior.weights)
+    unit = {"silence": silent, "cost": setting.mean_cost, "regret": 1.0}[chosen.unit]
+    budgets = tuple(unit * share for share in chosen.budgets)
+    tasks = [
+        (name, make, budget)
+        for name, make in by_name.items()
+        for budget in ((0.0,) if name in SPENDS_NOTHING else budgets)
+    ]
+    rows = []
+    for done, (name, make, budget) in enumerate(tasks):
+        play = make(setting, budget)
+        rows.append(measured(setting, name, budget, play, (chosen.repeats, chosen.n_draws), rng=source.spawn(1)[0]))
+        if progress is not None:
+            progress(done + 1, len(tasks))
+    top = (prior.beliefs >= prior.beliefs.max(axis=1, keepdims=True)).astype(np.float64)
+    return Comparison(
+        rows=tuple(rows),
+        budgets=budgets,
+        unit=chosen.unit,
+        repeats=chosen.repeats,
+        n_draws=chosen.n_draws,
+        n_beliefs=int(np.count_nonzero(prior.weights)),
+        n_candidates=len(setting.candidates.distinct),
+        prior_entropy=prior.entropy,
+        prior_error=prior.error,
+        prior_top_state=min(float((prior.weights @ top).max()), 1.0),
+        silence_regret=silent,
+        mean_cost=setting.mean_cost,
+        per_belief_unit="|c*|" if setting.is_relative else "regret",
+    )
+
+
+def _setting(problem: DecisionProblem, prior: Prior, candidates: Candidates | None) -> Setting:
+    if not isinstance(prior, Prior):
+        raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
+    n_states = checked_problem(problem).n_states
+    if prior.beliefs.shape[1] != n_states:
+        raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {n_states}")
+    if candidates is None:
+        candidates = decoy_grid(problem, _resolution(n_states, len(prior)))
+    elif not isinstance(candidates, Candidates) or candidates.sets.problem is not problem:
+        raise InputError("candidates must be Candidates of this problem, such as decoy_grid(problem, 30)")
+    return Setting(problem, prior, candidates)
+
+
+def _resolution(n_states: int, wanted: int) -> int:
+    """The least resolution whose grid has as many points as wanted."""
+    from inscrutable.geometry.grids import grid_size
+
+    resolution = 1
+    while n_states > 1 and grid_size(n_states, resolution) < wanted:
+        resolution += 1
+    return resolution

@@ -1,0 +1,81 @@
+"""What a comparison is made on: a decision problem with a law of the private belief, for three kinds of market."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from inscrutable import validation
+from inscrutable.datasets import load_industry_returns
+from inscrutable.experiments.backtest import fitted_investor
+from inscrutable.experiments.backtest_aware import predicted_prior
+from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.random_markets import random_market
+from inscrutable.mechanisms import Prior, uniform_prior
+from inscrutable.problems import MarkowitzProblem
+
+PAPER, RETURNS = "paper", "returns"
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedMarket:
+    """A problem, the law of the belief it is solved for, and one line on where both come from."""
+
+    problem: MarkowitzProblem
+    prior: Prior
+    note: str
+
+
+def paper_market(resolution: int, seed: int) -> ComparedMarket:
+    """Return a random market as the paper draws them, with every belief of a grid equally likely."""
+    validation.count(resolution, "resolution")
+    problem = random_market(rng=np.random.default_rng(seed)).problem
+    prior = uniform_prior(problem.n_states, resolution)
+    return ComparedMarket(
+        problem, prior, f"random market of three regimes and three assets, seed {seed}; uniform prior"
+    )
+
+
+def returns_market(resolution: int, seed: int) -> ComparedMarket:
+    """Return the investor of the backtest on the embedded returns, with the long-run law of its predicted belief."""
+    validation.count(resolution, "resolution")
+    settings = BacktestSettings(seed=seed)
+    fit_rng, prior_rng = (np.random.default_rng(each) for each in np.random.SeedSequence(seed).spawn(4)[::3])
+    sample = checked_market(load_industry_returns().returns, settings, None)
+    investor = fitted_investor(sample, settings, None, rng=fit_rng)
+    prior = predicted_prior(investor.world, resolution, rng=prior_rng)
+    note = f"12 US industries, regimes fitted up to {settings.train_until}; stationary prior of the predicted belief"
+    return ComparedMarket(investor.problem, prior, note)
+
+
+def model_market(path: Path, resolution: int, seed: int) -> ComparedMarket:
+    """Return the investor of a model.json, with the long-run law of its predicted belief."""
+    validation.count(resolution, "resolution")
+    model = InvestorModel.load(path)
+    prior = predicted_prior(model.world, resolution, rng=np.random.default_rng(seed))
+    return ComparedMarket(model.problem, prior, f"{path.name}; stationary prior of the predicted belief")
+
+
+def market_of(name: str, resolution: int, seed: int) -> ComparedMarket:
+    """Return "paper", "returns", or what a model.json describes.
+
+    Args:
+        name: One of the two, or the path of a model.json of a backtest.
+        resolution: Of the grid of beliefs: multiples of 1/resolution.
+        seed: Of the market, the fit and the simulated path.
+
+    Raises:
+        InputError: The file is no model, or a number is out of range.
+
+    Example:
+        >>> len(market_of("paper", 30, 0).prior)
+        496
+    """
+    if name == PAPER:
+        return paper_market(resolution, seed)
+    if name == RETURNS:
+        return returns_market(resolution, seed)
+    return model_market(Path(name), resolution, seed)

@@ -1,0 +1,163 @@
+"""What every observer makes of one mechanism: errors of their estimates, leakage, detectability, repetition."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
+from inscrutable.adversaries.consistent_sets import consistent_sets
+from inscrutable.budgets import Budget
+from inscrutable.experiments.comparison_makers import Play, Setting
+from inscrutable.mechanisms.joint import Joint, joint_law
+from inscrutable.privacy import detectability, leakage, repeated_leakage
+from inscrutable.saved import Saved
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ComparisonRow(Saved):
+    """One decision maker at one budget, against every observer.
+
+    Errors are root mean squares under the prior and the mechanism, Euclidean, in units of belief; where a decision makes
+    no sense to an observer, its guess is the belief of least regret.
+
+    Args:
+        maker: The decision maker's name.
+        budget: The expected regret asked for, in the cost's unit.
+        expected_regret: The one spent, in the cost's unit; less than asked where nothing more private can be bought.
+        worst_regret: The largest regret of any decision played.
+        cost_share: Expected regret as a share of E|c*|.
+        silence_share: Expected regret as a share of the silence regret r₀.
+        naive_privacy: Mean distance of the belief from Π(u), over decisions that some belief explains.
+        naive_error: Of the naive observer: the mean of the corners of Π(u).
+        near_optimal_error: Of one who allows for the expected regret asked for, with the prior.
+        budget_aware_error: Of one who knows the largest regret of any decision, with the prior.
+        bayes_error: Of one who knows the mechanism and the prior.
+        mutual_information: In bits.
+        min_entropy_leakage: In bits.
+        maximal_leakage: In bits.
+        naive_top_state: How often the naive observer names a most likely state.
+        top_state_accuracy: How often the one who knows the mechanism does.
+        read_auc: Area under the curve of telling hiding from not hiding by naive readings of single decisions; ½ is nothing.
+        expected_gap: Expected plausibility gap of the decisions, in the cost's unit.
+        implausible_share: How often a decision is played that no belief explains.
+        n_actions: Decisions that are played.
+        repeated_errors: Bayes error after each number of repeated decisions, shape (S,).
+        repeated_error_se: Their standard errors, shape (S,); 0 where exact.
+        repeated_information: Bits after each number of repeated decisions, shape (S,).
+        repeated_top_state: How often the most likely state is then named, shape (S,).
+    """
+
+    maker: str
+    budget: float
+    expected_regret: float
+    worst_regret: float
+    cost_share: float
+    silence_share: float
+    naive_privacy: float
+    naive_error: float
+    near_optimal_error: float
+    budget_aware_error: float
+    bayes_error: float
+    mutual_information: float
+    min_entropy_leakage: float
+    maximal_leakage: float
+    naive_top_state: float
+    top_state_accuracy: float
+    read_auc: float
+    expected_gap: float
+    implausible_share: float
+    n_actions: int
+    repeated_errors: Array
+    repeated_error_se: Array
+    repeated_information: Array
+    repeated_top_state: Array
+
+
+def measured(
+    setting: Setting,
+    name: str,
+    regret: float,
+    play: Play,
+    repeats: tuple[tuple[int, ...], int],
+    *,
+    rng: np.random.Generator,
+) -> ComparisonRow:
+    """Return every measure of a mechanism; `repeats` are the numbers of repeated decisions and the sampled sequences."""
+    problem, prior, played = setting.problem, setting.prior, play.mechanism
+    joint = joint_law(played, prior)
+    told = leakage(played, prior, problem)
+    steps, n_draws = repeats
+    again = repeated_leakage(played, prior, steps, rng=rng, n_draws=n_draws)
+    seen = detectability(problem, played, prior)
+    promise = Budget.regret(told.worst_regret) if play.promise is None else play.promise
+    observers: dict[str, Adversary] = {
+        "naive": NaiveAdversary(problem),
+        "near": NearOptimalAdversary(problem, regret, prior=prior),
+        "budget": BudgetAwareAdversary(problem, promise, prior=prior),
+    }
+    guesses = {key: _guesses(each, played.actions, joint) for key, each in observers.items()}
+    mean_cost = setting.mean_cost
+    return ComparisonRow(
+        maker=name,
+        budget=regret,
+        expected_regret=told.expected_regret,
+        worst_regret=told.worst_regret,
+        cost_share=told.expected_regret / mean_cost if mean_cost > 0 else float("nan"),
+        silence_share=told.silence_share,
+        naive_privacy=naive_privacy(setting, played.actions, joint),
+        naive_error=guess_error(joint, guesses["naive"]),
+        near_optimal_error=guess_error(joint, guesses["near"]),
+        budget_aware_error=guess_error(joint, guesses["budget"]),
+        bayes_error=told.bayes_error,
+        mutual_information=told.mutual_information,
+        min_entropy_leakage=told.min_entropy_leakage,
+        maximal_leakage=told.maximal_leakage,
+        naive_top_state=_top_state(joint, guesses["naive"]),
+        top_state_accuracy=told.top_state_accuracy,
+        read_auc=seen.read_auc,
+        expected_gap=seen.expected_gap,
+        implausible_share=seen.implausible_share,
+        n_actions=told.n_actions,
+        repeated_errors=again.bayes_error,
+        repeated_error_se=again.error_se,
+        repeated_information=again.mutual_information,
+        repeated_top_state=again.top_state_accuracy,
+    )
+
+
+def _guesses(observer: Adversary, actions: Array, joint: Joint) -> Array:
+    """The estimates (M,X) of the decisions that are played; zeros elsewhere."""
+    shown = np.flatnonzero(joint.played > 0)
+    found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))
+    found[shown] = observer.estimates(actions[shown], nearest=True)
+    return found
+
+
+def guess_error(joint: Joint, guesses: Array) -> float:
+    """Return √Σ p(b,u) ‖π_b − guess(u)‖² for guesses (M,X)."""
+    apart = ((joint.beliefs[joint.row] - guesses[joint.column]) ** 2).sum(axis=1)
+    return float(np.sqrt(joint.mass @ apart))
+
+
+def _top_state(joint: Joint, guesses: Array) -> float:
+    named = guesses.argmax(axis=1)
+    return min(float(joint.mass @ joint.top_states[joint.row, named[joint.column]]), 1.0)
+
+
+def naive_privacy(setting: Setting, actions: Array, joint: Joint) -> float:
+    """Return the mean distance of the belief from Π(u) over decisions that some belief explains; NaN without any."""
+    shown = np.flatnonzero(joint.played > 0)
+    sets = consistent_sets(setting.problem, setting.problem.check_actions(np.asarray(actions)[shown]))
+    place = np.zeros(joint.n_actions, dtype=np.intp)
+    place[shown] = np.arange(len(shown))
+    total = explained = 0.0
+    for b in np.unique(joint.row):
+        entries = joint.row == b
+        distances, mass = sets.distances(joint.beliefs[b])[place[joint.column[entries]]], joint.mass[entries]
+        known = np.isfinite(distances)
+        total += float(mass[known] @ distances[known])
+        explained += float(mass[known].sum())
+    return total / explained if explained > 0 else float("nan")

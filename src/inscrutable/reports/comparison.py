@@ -1,0 +1,188 @@
+"""What a comparison leaves for a reader: a table as CSV and Markdown, a summary that is all text, and one figure."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from textwrap import wrap
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import __version__
+from inscrutable.datasets import output_folder, write_json, write_table
+from inscrutable.experiments.comparison import Comparison
+from inscrutable.experiments.comparison_makers import SAME_SPENDING
+from inscrutable.experiments.comparison_measures import ComparisonRow
+from inscrutable.files import whole_file
+from inscrutable.reports.comparison_plots import draw_comparison
+
+_PERCENT = 100.0
+_TITLE_WIDTH = 10
+_NOT_ON_TERMINAL = ("% of |c*|", "privacy, naive", "error, near-optimal", "told from honest, AUC")
+
+
+class _Column(NamedTuple):
+    """A column of the short table: its title with the unit, its value, and how it is written."""
+
+    title: str
+    value: Callable[[ComparisonRow], float]
+    style: str = ".3f"
+
+
+def _columns(comparison: Comparison) -> list[_Column]:
+    after = [
+        _Column(f"error, aware, {n} decisions" if n > 1 else "error, aware", _repeated(s))
+        for s, n in enumerate(comparison.repeats)
+    ]
+    return [
+        _Column("regret, % of silence", lambda row: _PERCENT * row.silence_share, ".1f"),
+        _Column("% of |c*|", lambda row: _PERCENT * row.cost_share, ".2f"),
+        _Column(
+            "worst, % of silence",
+            lambda row: _PERCENT * row.worst_regret / (comparison.silence_regret or np.nan),
+            ".0f",
+        ),
+        _Column("privacy, naive", lambda row: row.naive_privacy),
+        _Column("error, naive", lambda row: row.naive_error),
+        _Column("error, near-optimal", lambda row: row.near_optimal_error),
+        _Column("error, budget-aware", lambda row: row.budget_aware_error),
+        *after,
+        _Column("bits", lambda row: row.mutual_information, ".2f"),
+        _Column("top state, naive, %", lambda row: _PERCENT * row.naive_top_state, ".0f"),
+        _Column("top state, aware, %", lambda row: _PERCENT * row.top_state_accuracy, ".0f"),
+        _Column("told from honest, AUC", lambda row: row.read_auc, ".2f"),
+    ]
+
+
+def _repeated(place: int) -> Callable[[ComparisonRow], float]:
+    return lambda row: float(row.repeated_errors[place])
+
+
+def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataFrame:
+    """Return the main figures as text, one row per decision maker and budget.
+
+    Args:
+        comparison: From `compare`.
+        budget: One of `comparison.budgets`, beside which those who spend nothing are listed; None lists all.
+    """
+    kept = [row for row in comparison.rows if budget is None or row.budget in (0.0, budget)]
+    columns = _columns(comparison)
+    lines = [{each.title: _written(each.value(row), each.style) for each in columns if each.title} for row in kept]
+    return pd.DataFrame(lines, index=pd.Index([row.maker for row in kept], name="decision maker"))
+
+
+def terminal_table(comparison: Comparison, budget: float) -> pd.DataFrame:
+    """Return the short table of one budget with titles broken into lines, for a terminal."""
+    table = short_table(comparison, budget)
+    table = table.drop(columns=[title for title in _NOT_ON_TERMINAL if title in table.columns])
+    table.index.name = None
+    return table.rename(columns=lambda title: "\n".join(wrap(title, _TITLE_WIDTH, break_long_words=False)))
+
+
+def _written(value: float, style: str) -> str:
+    return "-" if np.isnan(value) else format(value + 0.0, style)
+
+
+def notes_of(comparison: Comparison) -> list[str]:
+    """Return the definitions that the table rests on."""
+    per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
+    return [
+        f"All decision makers of one budget spend the same expected regret under the prior, to {SAME_SPENDING:.1%}; "
+        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less.",
+        "Errors: root mean square, Euclidean, of the observer's estimate. naive: takes decisions for optimal; near-optimal: "
+        "allows for the expected regret; budget-aware: knows the largest regret of any decision (both with the prior); "
+        "aware: knows the mechanism and the prior.",
+        "Decisions after the first are drawn afresh under the same belief and the same mechanism; figures for more than one "
+        f"are sampled ({comparison.n_draws} sequences).",
+        "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
+        "them leads to names it.",
+        "AUC: telling one decision from an optimal one by what the naive observer reads from it; 0.5 is nothing.",
+    ]
+
+
+def markdown_of(comparison: Comparison, title: str) -> str:
+    """Return the comparison as Markdown: header, verdict, a table for each budget, notes."""
+    parts = [f"# {title}", f"{_first_upper(comparison.header())}.", comparison.summary()]
+    for budget in comparison.budgets:
+        parts += [
+            f"## Expected regret of {_worth(comparison, budget)}",
+            _markdown_table(short_table(comparison, budget)),
+        ]
+    parts += ["## Notes", "\n".join(f"- {note}" for note in notes_of(comparison))]
+    return "\n\n".join(parts) + "\n"
+
+
+def _worth(comparison: Comparison, budget: float) -> str:
+    shares = [f"{budget:.3g}"]
+    if comparison.silence_regret > 0:
+        shares.append(f"{budget / comparison.silence_regret:.0%} of the silence regret")
+    if comparison.mean_cost > 0:
+        shares.append(f"{budget / comparison.mean_cost:.2%} of E|c*|")
+    return shares[0] + (f" ({', '.join(shares[1:])})" if shares[1:] else "")
+
+
+def _markdown_table(frame: pd.DataFrame) -> str:
+    cells = [
+        [str(frame.index.name), *frame.columns],
+        *([str(name), *row] for name, row in zip(frame.index, frame.to_numpy(), strict=True)),
+    ]
+    lines = ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in cells]
+    lines.insert(1, "|" + "---|" + "---:|" * len(frame.columns))
+    return "\n".join(lines)
+
+
+def _first_upper(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def write_comparison(
+    comparison: Comparison, folder: str | os.PathLike[str], *, title: str = "Comparison"
+) -> list[Path]:
+    """Write everything about a comparison into a folder; the same comparison gives the same bytes, comparison.npz apart.
+
+    Args:
+        comparison: From `compare`.
+        folder: Where to write; made if it is not there.
+        title: What it was made on, the heading of the Markdown file.
+
+    Returns:
+        comparison.csv (every figure in full), comparison.md, comparison.png and .svg, comparison.npz (for
+        `Comparison.load`), summary.json.
+
+    Raises:
+        InputError: A file cannot be written.
+
+    Cost: a few seconds, nearly all for the picture.
+    """
+    target = output_folder(folder)
+    table, text, saved, summary = (target / f"{name}" for name in _FILES)
+    write_table(comparison.frame().set_index("maker"), table)
+    with whole_file(text) as temporary:
+        temporary.write_text(markdown_of(comparison, title), encoding="utf-8")
+    comparison.save(saved)
+    pictures = draw_comparison(comparison, target)
+    write_json(summary_data(comparison, title), summary)
+    return [table, text, *pictures, saved, summary]
+
+
+_FILES = ("comparison.csv", "comparison.md", "comparison.npz", "summary.json")
+
+
+def summary_data(comparison: Comparison, title: str) -> dict[str, Any]:
+    """Return what `summary.json` holds: plain data, no clock, no path of this machine."""
+    kept = (
+        "budgets unit repeats n_draws n_beliefs n_candidates prior_entropy prior_error prior_top_state silence_regret "
+        "mean_cost per_belief_unit"
+    )
+    return {
+        "version": __version__,
+        "title": title,
+        "header": comparison.header(),
+        "sentence": comparison.summary(),
+        "notes": notes_of(comparison),
+        **{name: getattr(comparison, name) for name in kept.split()},
+        "rows": comparison.frame().to_dict(orient="records"),
+    }

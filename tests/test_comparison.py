@@ -1,0 +1,499 @@
+"""Decision makers compared against observers: figures recomputed by loops, invariances, degenerate priors, files, the verb."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import (
+    Budget,
+    FiniteProblem,
+    InputError,
+    MarkowitzProblem,
+    Mechanism,
+    Prior,
+    ProbabilisticDecisionMaker,
+    cli,
+    consistent_beliefs,
+    decoy_grid,
+    mechanism,
+    uniform_prior,
+)
+from inscrutable.decision_makers import LinearProgramme
+from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare, holding
+from inscrutable.experiments.comparison_makers import (
+    MAKERS,
+    SAME_SPENDING,
+    CandidateDecisionMaker,
+    Play,
+    Setting,
+    per_belief,
+    scaled_to,
+)
+from inscrutable.experiments.comparison_markets import market_of
+from inscrutable.experiments.random_markets import random_market
+from inscrutable.reports import comparison_plots
+from inscrutable.reports.comparison import markdown_of, short_table, terminal_table, write_comparison
+from inscrutable.reports.comparison_plots import draw_comparison
+
+SETTINGS = ComparisonSettings((0.25, 0.75), repeats=(1, 20), n_draws=100)
+
+
+def small_market(seed: int = 0, resolution: int = 4) -> tuple[MarkowitzProblem, Prior]:
+    prior = uniform_prior(3, resolution)
+    weights = np.random.default_rng(seed).dirichlet(np.ones(len(prior)))
+    return random_market(rng=np.random.default_rng(seed)).problem, Prior(prior.beliefs, weights)
+
+
+@pytest.fixture(scope="module")
+def market() -> tuple[MarkowitzProblem, Prior]:
+    return small_market()
+
+
+@pytest.fixture(scope="module")
+def found(market: tuple[MarkowitzProblem, Prior]) -> Comparison:
+    return compare(*market, SETTINGS, rng=np.random.default_rng(1))
+
+
+def some_mechanism(problem: MarkowitzProblem, prior: Prior, seed: int) -> Mechanism:
+    """Optimal decisions, played at random, so that every figure is something between nothing and all."""
+    rng = np.random.default_rng(seed)
+    actions = problem.solve(rng.dirichlet(np.ones(3), size=5))
+    table = rng.dirichlet(np.full(5, 0.4), size=len(prior))
+    regrets = np.array([[max(float(problem.regret(b, u)), 0.0) for u in actions] for b in prior.beliefs])
+    return Mechanism(prior.beliefs, actions, table, regrets)
+
+
+# ---- figures ---------------------------------------------------------------------------------------
+
+
+def test_figures_of_one_row_by_loops(market: tuple[MarkowitzProblem, Prior]) -> None:
+    problem, prior = market
+    played = some_mechanism(problem, prior, 2)
+    limit = 0.002
+    makers = {"it": lambda setting, regret: Play(played, Budget.regret(limit))}
+    row = compare(
+        problem, prior, ComparisonSettings((0.001,), "regret", (1,)), makers=makers, rng=np.random.default_rng(0)
+    )
+    found = row.of("it")[0]
+    table, beliefs, weights = np.asarray(played.probabilities), prior.beliefs, prior.weights
+    squared = {"naive": 0.0, "near": 0.0, "budget": 0.0, "bayes": 0.0}
+    privacy = regret = information = named = 0.0
+    for m, action in enumerate(played.actions):
+        chance = sum(weights[b] * table[b, m] for b in range(len(prior)))
+        posterior = sum(weights[b] * table[b, m] * beliefs[b] for b in range(len(prior))) / chance
+        explained = consistent_beliefs(problem, action)
+        guesses = {"naive": explained.vertices().mean(axis=0), "bayes": posterior}
+        for key, most in (("near", 0.001), ("budget", limit)):
+            fits = [b for b in range(len(prior)) if problem.regret(beliefs[b], action) <= most]
+            assert fits, "the example should leave no empty set"
+            guesses[key] = sum(weights[b] * beliefs[b] for b in fits) / sum(weights[b] for b in fits)
+        for b, belief in enumerate(beliefs):
+            mass = weights[b] * table[b, m]
+            for key, guess in guesses.items():
+                squared[key] += mass * float(((belief - guess) ** 2).sum())
+            privacy += mass * explained.distance(belief)
+            regret += mass * float(problem.regret(belief, action))
+            information += mass * np.log2(table[b, m] / chance)
+            named += mass * (belief[guesses["naive"].argmax()] == belief.max())
+    assert found.naive_error == pytest.approx(np.sqrt(squared["naive"]), abs=1e-7)
+    assert found.near_optimal_error == pytest.approx(np.sqrt(squared["near"]), abs=1e-9)
+    assert found.budget_aware_error == pytest.approx(np.sqrt(squared["budget"]), abs=1e-9)
+    assert found.bayes_error == pytest.approx(np.sqrt(squared["bayes"]), abs=1e-9)
+    assert found.naive_privacy == pytest.approx(privacy, abs=1e-7)
+    assert found.expected_regret == pytest.approx(regret, abs=1e-12)
+    assert found.mutual_information == pytest.approx(information, abs=1e-9)
+    assert found.naive_top_state == pytest.approx(named, abs=1e-9)
+    assert found.cost_share == pytest.approx(regret / (weights @ np.abs(problem.optimal_cost(beliefs))))
+    silence = min(
+        float(weights @ [problem.regret(b, u) for b in beliefs])
+        for u in [problem.solve(weights @ beliefs), *played.actions]
+    )
+    assert found.silence_share == pytest.approx(regret / silence)
+
+
+def test_a_promise_that_is_not_given_is_the_largest_regret(market: tuple[MarkowitzProblem, Prior]) -> None:
+    problem, prior = market
+    played = some_mechanism(problem, prior, 3)
+    worst = float(np.asarray(played.regrets)[np.asarray(played.probabilities) > 0].max())
+    makers = {"open": lambda *_: Play(played), "told": lambda *_: Play(played, Budget.regret(worst))}
+    found = compare(
+        problem, prior, ComparisonSettings((0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
+    )
+    assert found.of("open")[0].worst_regret == pytest.approx(worst)
+    assert found.of("open")[0].budget_aware_error == pytest.approx(found.of("told")[0].budget_aware_error, abs=1e-12)
+
+
+def test_everybody_spends_the_same_or_cannot(found: Comparison) -> None:
+    for row in found.rows:
+        if row.maker == "ODM":
+            assert row.expected_regret == pytest.approx(0.0, abs=1e-15)
+        elif row.maker in ("PDM", "PDM, candidates only"):
+            assert row.expected_regret == pytest.approx(row.budget, rel=SAME_SPENDING)
+        else:  # a few beliefs and single decisions cannot spend every amount
+            assert 0.5 * row.budget < row.expected_regret < 1.1 * row.budget
+
+
+def test_what_must_hold_of_every_row(found: Comparison) -> None:
+    for row in found.rows:
+        assert 0.0 <= row.bayes_error <= found.prior_error + 1e-12
+        for error in (row.naive_error, row.near_optimal_error, row.budget_aware_error):
+            assert error >= row.bayes_error - 1e-9, "nobody does better than Bayes' rule"
+        assert row.mutual_information <= found.prior_entropy + 1e-9
+        assert row.min_entropy_leakage <= row.maximal_leakage + 1e-9
+        assert row.naive_privacy <= row.naive_error + 1e-9 or row.implausible_share > 0
+        assert row.repeated_errors[0] == row.bayes_error
+        assert row.repeated_error_se[0] == 0.0
+        assert row.repeated_information[1] >= row.mutual_information - 0.5
+
+
+def test_the_original_decision_hides_nothing(found: Comparison) -> None:
+    (row,) = found.of("ODM")
+    # Several beliefs may share one decision, most of all where few assets are held.
+    assert row.naive_privacy == pytest.approx(0.0, abs=1e-7)
+    assert row.read_auc == pytest.approx(0.5)
+    assert row.worst_regret == pytest.approx(0.0, abs=1e-12)
+
+
+def test_costs_in_another_unit_change_regrets_alone(market: tuple[MarkowitzProblem, Prior]) -> None:
+    problem, prior = market
+    scaled = MarkowitzProblem(100 * problem.means, 100 * problem.covariances, problem.risk_aversion)
+    makers = {name: MAKERS[name] for name in ("CDM", "PDM, candidates only")}
+    one, other = (
+        compare(each, prior, ComparisonSettings((0.4,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0))
+        for each in (problem, scaled)
+    )
+    assert other.silence_regret == pytest.approx(100 * one.silence_regret)
+    for first, second in zip(one.rows, other.rows, strict=True):
+        assert second.expected_regret == pytest.approx(100 * first.expected_regret, rel=1e-6)
+        for name in ("naive_error", "bayes_error", "budget_aware_error", "mutual_information", "read_auc"):
+            assert getattr(second, name) == pytest.approx(getattr(first, name), abs=1e-5), name
+
+
+def test_the_order_of_beliefs_is_of_no_account(market: tuple[MarkowitzProblem, Prior]) -> None:
+    problem, prior = market
+    order = np.random.default_rng(4).permutation(len(prior))
+    turned = Prior(prior.beliefs[order], prior.weights[order])
+    makers = {"it": MAKERS["PDM, candidates only"]}
+    settings = ComparisonSettings((0.4,), repeats=(1,))
+    one, other = (
+        compare(problem, each, settings, makers=makers, rng=np.random.default_rng(0)) for each in (prior, turned)
+    )
+    for name in ("expected_regret", "naive_error", "bayes_error", "mutual_information", "naive_privacy"):
+        assert getattr(other.rows[0], name) == pytest.approx(getattr(one.rows[0], name), abs=1e-6), name
+
+
+# ---- degenerate input --------------------------------------------------------------------------------
+
+
+def test_one_belief_leaves_nothing_to_hide(market: tuple[MarkowitzProblem, Prior]) -> None:
+    prior = Prior([[0.2, 0.3, 0.5]], [1.0])
+    found = compare(market[0], prior, SETTINGS, rng=np.random.default_rng(0))
+    assert found.prior_error == found.silence_regret == 0.0
+    for row in found.rows:
+        assert row.bayes_error == row.mutual_information == 0.0
+        assert row.top_state_accuracy == 1.0
+    assert "Nothing can be hidden" in found.summary()
+    assert len(short_table(found)) == len(found.rows)
+
+
+def test_no_budget_plays_the_optimal_decision(market: tuple[MarkowitzProblem, Prior]) -> None:
+    found = compare(*market, ComparisonSettings((0.0,), repeats=(1,)), rng=np.random.default_rng(0))
+    for row in found.rows:
+        assert row.expected_regret == pytest.approx(0.0, abs=1e-9)
+
+
+def test_costs_that_are_zero_somewhere_have_budgets_of_regret() -> None:
+    problem = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+    prior = uniform_prior(2, 6)
+    setting = Setting(problem, prior, decoy_grid(problem, 6))
+    assert not setting.is_relative
+    assert setting.budget(0.25) == Budget.regret(0.25)
+    found = compare(problem, prior, ComparisonSettings((0.5,), repeats=(1,)), rng=np.random.default_rng(0))
+    assert found.per_belief_unit == "regret"
+    assert found.of("CDM")[0].expected_regret <= found.budgets[0] * (1 + SAME_SPENDING)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"unit": "bits"}, "unit must be one of"),
+        ({"budgets": ()}, "budgets must be numbers that rise"),
+        ({"budgets": (0.5, 0.5)}, "budgets must be numbers that rise"),
+        ({"budgets": (-0.1,)}, "budget"),
+        ({"repeats": (10, 1)}, "repeats must be numbers that rise"),
+        ({"repeats": (0,)}, "repeats"),
+        ({"n_draws": 1}, "n_draws"),
+    ],
+)
+def test_malformed_settings_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ComparisonSettings(**change)
+
+
+def test_malformed_arguments_are_refused(market: tuple[MarkowitzProblem, Prior]) -> None:
+    problem, prior = market
+    rng = np.random.default_rng(0)
+    with pytest.raises(InputError, match="prior must be a Prior"):
+        compare(problem, prior.beliefs, rng=rng)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="2 states"):
+        compare(problem, uniform_prior(2, 3), rng=rng)
+    with pytest.raises(InputError, match="makers must be"):
+        compare(problem, prior, makers={}, rng=rng)
+    with pytest.raises(InputError, match="candidates must be"):
+        compare(problem, prior, candidates=decoy_grid(small_market(1)[0], 3), rng=rng)
+
+
+# ---- makers ----------------------------------------------------------------------------------------
+
+
+def test_choices_among_candidates_by_enumeration(market: tuple[MarkowitzProblem, Prior]) -> None:
+    problem, prior = market
+    candidates, budget = decoy_grid(problem, 5), Budget.relative(0.05)
+    played = mechanism(CandidateDecisionMaker(problem, budget, candidates), prior.beliefs)
+    sets = [consistent_beliefs(problem, action) for action in candidates.actions]
+    for b, belief in enumerate(prior.beliefs):
+        (column,) = np.flatnonzero(np.asarray(played.probabilities)[b])
+        limit = 0.05 * abs(problem.optimal_cost(belief))
+        best = max(
+            (
+                each.distance(belief)
+                for each, u in zip(sets, candidates.actions, strict=True)
+                if problem.regret(belief, u) <= limit
+            ),
+            default=0.0,
+        )
+        own = consistent_beliefs(problem, played.actions[column])
+        assert played.regrets[b, column] <= limit + 1e-12
+        assert own.distance(belief) == pytest.approx(best, abs=1e-7)
+
+
+def test_lotteries_among_candidates_by_linear_programme(market: tuple[MarkowitzProblem, Prior]) -> None:
+    problem, prior = market
+    candidates, budget = decoy_grid(problem, 5), Budget.relative(0.05)
+    played = mechanism(CandidateDecisionMaker(problem, budget, candidates, mixes=True), prior.beliefs)
+    programme = ProbabilisticDecisionMaker(problem, None, budget, candidates=candidates, method=LinearProgramme())
+    wanted = programme.decide_many(prior.beliefs).expected_privacy
+    for b, belief in enumerate(prior.beliefs):
+        reached = sum(
+            share * consistent_beliefs(problem, action).distance(belief)
+            for share, action in zip(np.asarray(played.probabilities)[b], played.actions, strict=True)
+            if share > 0
+        )
+        assert reached == pytest.approx(wanted[b], abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("spends", "regret", "expected"),
+    [
+        (lambda amount: amount, 0.3, 0.3),
+        (lambda amount: 0.8 * amount, 0.3, 0.3),
+        (lambda amount: min(amount, 0.2), 0.3, 0.2),
+        (lambda amount: amount**2, 0.3, 0.3),
+        (lambda amount: 0.0, 0.3, 0.0),
+        (lambda amount: 0.0 if amount < 0.5 else 0.4, 0.3, 0.4),
+        (lambda amount: amount, 0.0, 0.0),
+    ],
+)
+def test_budgets_are_scaled_until_the_regret_is_spent(
+    spends: Callable[[float], float], regret: float, expected: float
+) -> None:
+    setting: Any = SimpleNamespace(prior=Prior([[1.0]], [1.0]))
+    tried: list[float] = []
+
+    def play(amount: float) -> Play:
+        tried.append(amount)
+        return Play(Mechanism([[1.0]], [[0.0]], [[1.0]], [[spends(amount)]]))
+
+    made = scaled_to(setting, play, regret)
+    assert float(made.mechanism.regrets[0, 0]) == pytest.approx(expected, rel=SAME_SPENDING)
+    assert len(tried) <= 8
+
+
+def test_a_maker_of_ones_own_is_one_entry(market: tuple[MarkowitzProblem, Prior]) -> None:
+    problem, prior = market
+    own = {
+        "lottery": per_belief(
+            lambda s, b: ProbabilisticDecisionMaker(s.problem, None, b, candidates=s.candidates), promises=False
+        )
+    }
+    found = compare(problem, prior, ComparisonSettings((0.5,), repeats=(1,)), makers=own, rng=np.random.default_rng(0))
+    assert found.makers == ("lottery",)
+    assert found.of("lottery")[0].expected_regret == pytest.approx(found.budgets[0], rel=SAME_SPENDING)
+
+
+# ---- results ---------------------------------------------------------------------------------------
+
+
+def test_a_comparison_is_saved_and_loaded(found: Comparison, tmp_path: Path) -> None:
+    found.save(tmp_path / "found.npz")
+    again = Comparison.load(tmp_path / "found.npz")
+    pd.testing.assert_frame_equal(again.frame(), found.frame())
+    assert again.summary() == found.summary()
+    assert again.header() == found.header()
+
+
+def test_the_same_seed_gives_the_same_figures(market: tuple[MarkowitzProblem, Prior], found: Comparison) -> None:
+    moves: list[tuple[int, int]] = []
+    again = compare(*market, SETTINGS, rng=np.random.default_rng(1), progress=lambda *move: moves.append(move))
+    pd.testing.assert_frame_equal(again.frame(), found.frame())
+    assert moves == [(done + 1, len(found.rows)) for done in range(len(found.rows))]
+
+
+def test_the_sentence_names_who_holds(found: Comparison) -> None:
+    assert holding([("A", 0.3), ("B", 0.5)], 0.4) == "B (0.50) does"
+    assert holding([("A", 0.5), ("B", 0.6), ("C", 0.4)], 0.4) == "B (0.60), A (0.50) and C (0.40) do"
+    assert holding([("A", 0.3), ("B", 0.1)], 0.4) == "none does (best: A, 0.30)"
+    for part in ("takes decisions at face value", "knows the mechanism and the prior", "sees 20 decisions"):
+        assert part in found.summary()
+    for part in (f"{found.n_beliefs} beliefs", "bits", "candidate", "silence regret"):
+        assert part in found.header()
+
+
+def test_an_unknown_name_is_refused(found: Comparison) -> None:
+    with pytest.raises(InputError, match="no decision maker 'XDM'"):
+        found.of("XDM")
+
+
+# ---- files and pictures ----------------------------------------------------------------------------
+
+
+def test_files_are_readable_and_repeatable(found: Comparison, tmp_path: Path) -> None:
+    written = write_comparison(found, tmp_path / "one", title="A small market")
+    write_comparison(found, tmp_path / "two", title="A small market")
+    names = {path.name for path in written}
+    wanted = {"comparison.csv", "comparison.md", "comparison.png", "comparison.svg", "comparison.npz", "summary.json"}
+    assert names == wanted == {path.name for path in (tmp_path / "one").iterdir()}
+    for path in written:
+        if path.suffix != ".npz":  # a zip file carries the time of day
+            assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
+    table = pd.read_csv(tmp_path / "one" / "comparison.csv")
+    pd.testing.assert_frame_equal(table, found.frame())
+    summary = json.loads((tmp_path / "one" / "summary.json").read_text("utf-8"))
+    assert summary["sentence"] == found.summary()
+    assert len(summary["rows"]) == len(found.rows)
+    assert Comparison.load(tmp_path / "one" / "comparison.npz").makers == found.makers
+
+
+def test_markdown_has_a_whole_table_for_every_budget(found: Comparison) -> None:
+    text = markdown_of(found, "A small market")
+    tables = [block for block in text.split("\n\n") if block.startswith("| decision maker")]
+    assert len(tables) == len(found.budgets)
+    for block in tables:
+        lines = block.split("\n")
+        assert len(lines) == 2 + len(found.makers)
+        assert len({line.replace("\\|", "").count("|") for line in lines}) == 1
+    assert found.summary() in text
+
+
+def test_the_terminal_table_is_narrow(found: Comparison) -> None:
+    table = terminal_table(found, found.budgets[0])
+    width = sum(2 + max(len(part) for part in str(title).split("\n")) for title in table.columns)
+    assert width + max(map(len, table.index)) < 150
+    assert list(table.index) == list(found.makers)
+
+
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Collect figures instead of writing them."""
+    figures: list[Any] = []
+    monkeypatch.setattr(comparison_plots, "save_figure", lambda figure, *_: figures.append(figure) or [])
+    return figures
+
+
+def test_panels_show_every_observer_and_every_maker(found: Comparison, kept: list[Any]) -> None:
+    draw_comparison(found, Path())
+    axes = [axis for axis in kept[0].axes if axis.get_visible()]
+    assert len(axes) == 1 + len(found.repeats)
+    assert [axis.get_title(loc="left") for axis in axes][1:] == [
+        "knows the mechanism: 1 decision",
+        "knows the mechanism: 20 decisions on one belief",
+    ]
+    for place, axis in enumerate(axes):
+        lines = {line.get_label(): line for line in axis.get_lines()}
+        assert set(lines) == {*found.makers, "prior alone"}
+        np.testing.assert_allclose(lines["prior alone"].get_ydata(), found.prior_error)
+        for maker in found.makers:
+            rows = found.of(maker)
+            wanted = [row.naive_error if place == 0 else row.repeated_errors[place - 1] for row in rows]
+            np.testing.assert_allclose(lines[maker].get_ydata(), wanted)
+            np.testing.assert_allclose(lines[maker].get_xdata(), [100 * row.silence_share for row in rows])
+
+
+def test_nothing_overlaps_in_the_picture(found: Comparison, kept: list[Any]) -> None:
+    draw_comparison(found, Path())
+    figure = kept[0]
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    boxes = [axis.get_tightbbox() for axis in figure.axes if axis.get_visible()] + [legend.get_window_extent()]
+    for i, one in enumerate(boxes):
+        for other in boxes[i + 1 :]:
+            assert not one.shrunk(0.98, 0.98).overlaps(other.shrunk(0.98, 0.98))
+
+
+def test_a_comparison_without_silence_regret_is_drawn(market: tuple[MarkowitzProblem, Prior], tmp_path: Path) -> None:
+    alone = compare(market[0], Prior([[0.2, 0.3, 0.5]], [1.0]), SETTINGS, rng=np.random.default_rng(0))
+    assert all(path.stat().st_size > 5_000 for path in draw_comparison(alone, tmp_path))
+
+
+# ---- the verb --------------------------------------------------------------------------------------
+
+
+def test_the_verb_writes_and_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "out"
+    arguments = ["compare", "--resolution", "3", "--budgets", "silence:0.5", "--out", str(folder)]
+    assert cli.main(arguments) == 0
+    said = capsys.readouterr()
+    assert "protection holds" in said.out
+    assert "comparison.csv" in said.out
+    assert "Decision makers at budgets" in said.err
+    assert cli.main([*arguments, "--json", "-q"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert json.loads(said.out) == json.loads((folder / "summary.json").read_text("utf-8"))
+    assert json.loads(said.out)["n_beliefs"] == 10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["--budgets", "x"], cli.USAGE),
+        (["--budgets", "silent:0.5"], cli.USAGE),
+        (["--budgets", ":0.5"], cli.USAGE),
+        (["--budgets", "0.5,0.1"], 3),
+        (["--seed", "-1"], cli.USAGE),
+        (["--resolution", "0"], 3),
+        (["--resolution", "x"], cli.USAGE),
+        (["--market", "nowhere.json"], 3),
+        (["--unknown"], cli.USAGE),
+    ],
+)
+def test_wrong_flags_end_with_one_message(
+    arguments: list[str], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["compare", "--out", str(tmp_path / "out"), *arguments]) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "inscrutable: " in said.err
+    assert "Traceback" not in said.err
+
+
+def test_help_gives_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["compare", "--help"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Example: inscrutable compare" in said
+    for option in ("--market", "--budgets", "--resolution", "--out", "--seed", "--json", "-q"):
+        assert option in said
+
+
+def test_the_papers_market_is_drawn_by_its_seed() -> None:
+    one, other, again = (market_of("paper", 4, seed).problem for seed in (0, 1, 0))
+    assert np.array_equal(one.means, again.means)
+    assert not np.array_equal(one.means, other.means)

@@ -88,6 +88,7 @@ _EXPORTS: dict[str, str] = {
     "SequenceStatus": "adversaries",
     "SequentialAdversary": "adversaries",
     "SolverError": "errors",
+    "StackelbergDecisionMaker": "decision_makers",
     "TradingProblem": "problems",
     "Trajectory": "worlds",
     "UniformDecisionMaker": "decision_makers.baselines",
@@ -169,6 +170,7 @@ if TYPE_CHECKING:
     from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
     from inscrutable.decision_makers import RateDistortionCurve as RateDistortionCurve
     from inscrutable.decision_makers import RateDistortionDecisionMaker as RateDistortionDecisionMaker
+    from inscrutable.decision_makers import StackelbergDecisionMaker as StackelbergDecisionMaker
     from inscrutable.decision_makers import action_grid as action_grid
     from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy
     from inscrutable.decision_makers import decoy_grid as decoy_grid

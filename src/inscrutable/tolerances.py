@@ -260,3 +260,18 @@ RATE_GAP = 1e-3
 
 SELDOM = 1e-3
 """Share of an equal share below which a column is taken not to be needed, or with which a needed one begins."""
+
+ENVELOPE = 1e-13
+"""How far, relative to its value, a column may lie above a row's concave envelope: a few hundred roundings."""
+
+NO_ERROR = 1e-12
+"""Mean square error, as a share of the prior's, that counts as none."""
+
+LEAST_CENTRED = 1e-3
+"""Least share of its complementarity that an interior-point step leaves standing: keeps it near the central path."""
+
+ERROR_GAP = 1e-2
+"""Share of its bound by which a largest mean square error may be missed where there are many beliefs and decisions."""
+
+SMALL_ERROR_GAP = 1e-6
+"""The same where there are few."""

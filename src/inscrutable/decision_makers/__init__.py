@@ -13,6 +13,7 @@ from inscrutable.decision_makers.rate_distortion import (
     rate_distortion_curve,
 )
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecision, MixedDecisions
+from inscrutable.decision_makers.stackelberg import StackelbergDecisionMaker
 
 __all__ = [
     "Candidates",
@@ -32,6 +33,7 @@ __all__ = [
     "ProbabilisticDecisionMaker",
     "RateDistortionCurve",
     "RateDistortionDecisionMaker",
+    "StackelbergDecisionMaker",
     "action_grid",
     "cheapest_privacy",
     "decoy_grid",

@@ -99,14 +99,14 @@ class _Chosen:
         return np.asarray(self.points[self.places[step]])
 
 
-def without_small(rows: Array, regrets: Array) -> Array:
+def without_small(rows: Array, regrets: Array, least: float = tolerances.RARELY_PLAYED) -> Array:
     """Return rows of probabilities (T,m) without tiny atoms; what they held goes to the row's cheapest atom.
 
     So no row's expected regret rises by it.
     """
     played = rows > 0
     cheapest = np.where(played, regrets, np.inf).argmin(axis=1)
-    kept = np.where(rows >= tolerances.RARELY_PLAYED, rows, 0.0)
+    kept = np.where(rows >= least, rows, 0.0)
     kept[np.arange(len(rows)), cheapest] += 1.0 - kept.sum(axis=1)
     return np.maximum(kept, 0.0)
 

@@ -12,11 +12,13 @@ import pytest
 
 from inscrutable import (
     Budget,
+    CounterAdversarialDecisionMaker,
     DesiredObfuscation,
     InputError,
     NonExistence,
     consistent_beliefs,
     filter_beliefs,
+    mechanism,
     simplex_grid,
 )
 from inscrutable.datasets import load_industry_returns, read_beliefs, read_weights
@@ -212,7 +214,9 @@ def test_the_rival_who_knows_the_method_by_loops(found: Backtest) -> None:
     """Bayes' rule over the grid for the played decision nearest to each published one."""
     assert found.aware is not None
     prior = found.aware.prior
-    maker = CounterAdversarialDecisionMaker(found.problem, found.settings.measure, found.budget, candidates=found.candidates)
+    maker = CounterAdversarialDecisionMaker(
+        found.problem, found.settings.measure, found.budget, candidates=found.candidates
+    )
     played = mechanism(maker, prior.beliefs)
     table = np.asarray(played.probabilities)
     squared = []

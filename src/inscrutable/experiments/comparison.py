@@ -71,6 +71,7 @@ class Comparison(Saved):
 
     Args:
         rows: One for every decision maker and budget; a decision maker that spends nothing has one.
+        left_out: Decision makers that do not suit the problem.
         budgets: Expected regrets asked for, in the cost's unit.
         unit: What they were given in.
         repeats: Numbers of decisions made under one belief.
@@ -88,6 +89,7 @@ class Comparison(Saved):
     """
 
     rows: tuple[ComparisonRow, ...]
+    left_out: tuple[str, ...]
     budgets: tuple[float, ...]
     unit: str
     repeats: tuple[int, ...]
@@ -233,13 +235,15 @@ def compare(
     ]
     rows = []
     for done, (name, make, budget) in enumerate(tasks):
-        play = make(setting, budget)
-        rows.append(measured(setting, name, budget, play, (chosen.repeats, chosen.n_draws), rng=source.spawn(1)[0]))
+        play, own = make(setting, budget), source.spawn(1)[0]
+        if play is not None:
+            rows.append(measured(setting, name, budget, play, (chosen.repeats, chosen.n_draws), rng=own))
         if progress is not None:
             progress(done + 1, len(tasks))
     top = (prior.beliefs >= prior.beliefs.max(axis=1, keepdims=True)).astype(np.float64)
     return Comparison(
         rows=tuple(rows),
+        left_out=tuple(name for name in by_name if all(row.maker != name for row in rows)),
         budgets=budgets,
         unit=chosen.unit,
         repeats=chosen.repeats,

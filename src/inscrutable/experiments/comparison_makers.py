@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,15 @@ from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     OriginalDecisionMaker,
     ProbabilisticDecisionMaker,
+    RateDistortionDecisionMaker,
+)
+from inscrutable.decision_makers.action_candidates import is_simplex
+from inscrutable.decision_makers.baselines import (
+    CoinDecisionMaker,
+    DirichletDecisionMaker,
+    ExponentialDecisionMaker,
+    RoundingDecisionMaker,
+    UniformDecisionMaker,
 )
 from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_envelope
 from inscrutable.decision_makers.scores import Scores, score
@@ -22,13 +31,14 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior, mechanism
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.privacy import MaximalObfuscation
+from inscrutable.privacy.leaks import silence_regret
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 SAME_SPENDING = 0.005
 """Expected regrets count as equal within this share of them: finer budgets would move no figure of the comparison."""
 
-_MOST_TRIALS = 8
+_MOST_TRIALS = 12
 _CLEAR_OF_ZERO = 0.01
 """Least |c*| as a share of its mean from which a share of |c*| is a budget at every belief."""
 
@@ -40,6 +50,13 @@ class Setting:
     problem: DecisionProblem
     prior: Prior
     candidates: Candidates
+    kept: dict[Hashable, Any] = field(default_factory=dict, repr=False)
+
+    def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return what `make` gives, made once for a key."""
+        if key not in self.kept:
+            self.kept[key] = make()
+        return self.kept[key]
 
     @property
     def optimal_costs(self) -> Array:
@@ -70,8 +87,9 @@ class Play(NamedTuple):
     """The largest regret of any decision it makes; None where only an expectation is promised."""
 
 
-Maker = Callable[[Setting, float], Play]
-"""Makes a decision maker that spends an expected regret under the prior, as nearly as it can, and lets it decide."""
+Maker = Callable[[Setting, float], Play | None]
+"""Makes a decision maker that spends an expected regret under the prior, as nearly as it can, and lets it decide; None
+where it does not suit the problem."""
 
 
 def as_play(setting: Setting, decision_maker: PlaysMany, promise: Budget | None = None) -> Play:
@@ -102,7 +120,7 @@ def per_belief(make: Callable[[Setting, Budget], PlaysMany], *, promises: bool) 
 
 
 def scaled_to(setting: Setting, tried: Callable[[float], Play], regret: float) -> Play:
-    """Return the trial whose expected regret is nearest to the one asked for; a trial spends at most its amount."""
+    """Return the trial whose expected regret is nearest to the one asked for; it grows with a trial's amount."""
     low, high, amount = (0.0, 0.0), None, regret
     best, best_gap = None, np.inf
     for _ in range(_MOST_TRIALS):
@@ -177,9 +195,79 @@ class CandidateDecisionMaker:
                 actions[place] = self.candidates.actions[corners[index - 1]]
 
 
+def by_noise(make: Callable[[Setting, float], PlaysMany]) -> Maker:
+    """Return the maker of a decision maker whose expected regret grows about as its amount of noise, scaled likewise."""
+
+    def made(setting: Setting, regret: float) -> Play:
+        if regret <= 0.0:
+            return as_play(setting, OriginalDecisionMaker(setting.problem))
+        return scaled_to(setting, lambda amount: as_play(setting, make(setting, amount)), regret)
+
+    return made
+
+
+def on_simplex(maker: Maker) -> Maker:
+    """Return a maker for portfolio weights on the simplex alone; elsewhere it is left out."""
+
+    def made(setting: Setting, regret: float) -> Play | None:
+        problem = setting.problem
+        return None if problem.is_discrete or not is_simplex(problem) else maker(setting, regret)
+
+    return made
+
+
 def _original(setting: Setting, regret: float) -> Play:
     return as_play(setting, OriginalDecisionMaker(setting.problem), Budget.regret(0.0))
 
+
+def _rate_distortion(setting: Setting, regret: float) -> Play:
+    budget, prior = Budget.regret(regret), setting.prior
+    return Play(
+        RateDistortionDecisionMaker(setting.problem, budget, prior=prior, candidates=setting.candidates).mechanism
+    )
+
+
+def _coin(setting: Setting, regret: float) -> Play:
+    """The optimal decision, or with some probability the one of the prior's mean: its regret is r₀ times that."""
+    silent = silence_regret(setting.problem, setting.prior.beliefs, setting.prior.weights)
+    share = min(regret / silent, 1.0) if silent > 0 else 0.0
+    return as_play(setting, CoinDecisionMaker(setting.problem, share, decoy=setting.prior.mean))
+
+
+def _exponential(setting: Setting, amount: float) -> PlaysMany:
+    return ExponentialDecisionMaker(setting.problem, 1.0 / amount, candidates=setting.candidates)
+
+
+def _noisy(setting: Setting, amount: float) -> PlaysMany:
+    rng = np.random.default_rng(_NOISE_SEED)  # the same levels in every trial: the regret moves with the amount alone
+    concentration = max(setting.mean_cost, amount) / amount
+    return DirichletDecisionMaker(
+        setting.problem, concentration, rng=rng, candidates=setting.candidates, n_draws=_NOISE_DRAWS
+    )
+
+
+def _rounded(setting: Setting, regret: float) -> Play:
+    """The coarsest rounding that is affordable: of those in use, since it cannot be scaled."""
+    if regret <= 0.0:
+        return as_play(setting, OriginalDecisionMaker(setting.problem))
+
+    def every() -> list[tuple[Play, float]]:
+        plays = [as_play(setting, RoundingDecisionMaker(setting.problem, 1.0 / steps)) for steps in _ROUNDINGS]
+        return [(play, spent(setting, play)) for play in plays]
+
+    tried: list[tuple[Play, float]] = setting.once("rounding", every)
+    return max(tried, key=lambda each: _rank(each[1], regret))[0]
+
+
+def _rank(found: float, regret: float) -> tuple[bool, float]:
+    """Affordable before dear; nearer before farther."""
+    return found <= regret, -abs(found - regret)
+
+
+_NOISE_SEED = 0
+_NOISE_DRAWS = 200
+_ROUNDINGS = (*range(1, 21), 25, 33, 50, 100)
+"""Weights in multiples of 1/n, for these n."""
 
 MAKERS: Mapping[str, Maker] = {
     "ODM": _original,
@@ -197,8 +285,19 @@ MAKERS: Mapping[str, Maker] = {
     "PDM, candidates only": per_belief(
         lambda s, budget: CandidateDecisionMaker(s.problem, budget, s.candidates, mixes=True), promises=False
     ),
+    "rate-distortion": _rate_distortion,
+    "uniform": per_belief(
+        lambda s, budget: UniformDecisionMaker(s.problem, budget, candidates=s.candidates), promises=True
+    ),
+    "exponential": by_noise(_exponential),
+    "coin": _coin,
+    "Dirichlet noise": on_simplex(by_noise(_noisy)),
+    "rounding": on_simplex(_rounded),
 }
-"""The decision makers of a comparison by name; another one is another line."""
+"""The decision makers of a comparison by name; another one is another line.
+
+Delay and partial trading have a memory: they are no mechanisms K(u|π), and no comparison under a prior can hold them.
+"""
 
 SPENDS_NOTHING = ("ODM",)
 """Those whose expected regret is zero whatever the budget: they are judged once."""

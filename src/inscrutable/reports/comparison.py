@@ -100,6 +100,11 @@ def notes_of(comparison: Comparison) -> list[str]:
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
         "them leads to names it.",
         "AUC: telling one decision from an optimal one by what the naive observer reads from it; 0.5 is nothing.",
+        *(
+            [f"Left out, because they do not suit the problem: {', '.join(comparison.left_out)}."]
+            if comparison.left_out
+            else []
+        ),
     ]
 
 
@@ -174,7 +179,7 @@ _FILES = ("comparison.csv", "comparison.md", "comparison.npz", "summary.json")
 def summary_data(comparison: Comparison, title: str) -> dict[str, Any]:
     """Return what `summary.json` holds: plain data, no clock, no path of this machine."""
     kept = (
-        "budgets unit repeats n_draws n_beliefs n_candidates prior_entropy prior_error prior_top_state silence_regret "
+        "left_out budgets unit repeats n_draws n_beliefs n_candidates prior_entropy prior_error prior_top_state silence_regret "
         "mean_cost per_belief_unit"
     )
     return {

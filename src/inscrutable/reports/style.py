@@ -28,7 +28,10 @@ LOOKS = {
     "ODM": Look(GREEN, "^", "-"),
     "CDM": Look(BLUE, "x", "-"),
     "PDM": Look(ORANGE, "o", "-"),
+    "rate-distortion": Look("#332288", "s", "-"),
+    "Stackelberg": Look(BLACK, "D", "-"),
 }
+_VARIANTS = {"^": "v", "x": "+", "o": "s", "s": "p", "D": "d"}
 REGIME_COLOURS = ("#56B4E9", "#E69F00", "#882255", "#117733", "#332288", "#999933", "#AA4499", "#44AA99")
 
 _OTHERS = (
@@ -50,7 +53,7 @@ def look_of(name: str) -> Look:
         if name == family:
             return look
         if name.startswith(family):
-            return Look(look.colour, {"^": "v", "x": "+", "o": "s"}[look.marker], "--")
+            return Look(look.colour, _VARIANTS[look.marker], "--")
     return _OTHERS[0]
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.certificate import Prover, Question
 from inscrutable.decision_makers.envelope import Mixture, concave_envelope, mixture_on_envelope
 from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.proofs.certificate import Prover, Question
 from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision
 from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure

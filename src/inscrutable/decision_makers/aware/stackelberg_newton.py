@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.row_envelopes import Envelopes, row_envelopes
+from inscrutable.decision_makers.aware.row_envelopes import Envelopes, row_envelopes
 from inscrutable.validation import Array
 
 _MOST_STEPS = 100

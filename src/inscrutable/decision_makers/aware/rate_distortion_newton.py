@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.rate_distortion_steps import Source, meeting_slope, moments
+from inscrutable.decision_makers.aware.rate_distortion_steps import Source, meeting_slope, moments
 from inscrutable.validation import Array
 
 _MOST_STEPS = 60

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from inscrutable.decision_makers.faces import FaceProgramme
+from inscrutable.decision_makers.search.faces import FaceProgramme
 from inscrutable.kernels.climb import Aim, Rules, climb
 from inscrutable.kernels.face_ascent import ascend
 from inscrutable.kernels.face_sets import afford, look_around, walk_line

@@ -15,9 +15,9 @@ from scipy.optimize import minimize
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
-from inscrutable.decision_makers.ray_climb import climb_on_rays
-from inscrutable.decision_makers.rays import farthest_decoys
 from inscrutable.decision_makers.scores import Scores
+from inscrutable.decision_makers.search.ray_climb import climb_on_rays
+from inscrutable.decision_makers.search.rays import farthest_decoys
 from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.problems.quadratic import FaceSolution

@@ -11,11 +11,11 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.atlas import Atlas
-from inscrutable.decision_makers.face_search import rules_for
-from inscrutable.decision_makers.plane import plane_of
-from inscrutable.decision_makers.plane_walks import walk_costs, walk_lotteries, walking_order
 from inscrutable.decision_makers.results import Progress
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.face_search import rules_for
+from inscrutable.decision_makers.search.plane import plane_of
+from inscrutable.decision_makers.search.plane_walks import walk_costs, walk_lotteries, walking_order
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
 from inscrutable.kernels.threads import in_chunks

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.budgets import Budget, as_budget
-from inscrutable.decision_makers.aware_columns import Columns, allowed_places, columns_of
+from inscrutable.decision_makers.aware.columns import Columns, allowed_places, columns_of
 from inscrutable.decision_makers.candidates import Candidates, as_candidates
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Prior

@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.aware import AwareDecisionMaker, PriorTable, checked_options
-from inscrutable.decision_makers.aware_columns import Columns, allowed_places, lotteries, rounding_of, without_small
+from inscrutable.decision_makers.aware.base import AwareDecisionMaker, PriorTable, checked_options
+from inscrutable.decision_makers.aware.columns import Columns, allowed_places, lotteries, rounding_of, without_small
+from inscrutable.decision_makers.aware.row_envelopes import row_envelopes
+from inscrutable.decision_makers.aware.stackelberg_newton import Game
+from inscrutable.decision_makers.aware.stackelberg_solver import MOST_ROUNDS, largest_error
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions, Progress
-from inscrutable.decision_makers.row_envelopes import row_envelopes
-from inscrutable.decision_makers.stackelberg_newton import Game
-from inscrutable.decision_makers.stackelberg_solver import MOST_ROUNDS, largest_error
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array

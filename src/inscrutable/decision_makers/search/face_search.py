@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.atlas import Atlas
-from inscrutable.decision_makers.face_starts import WELL_COVERED, FaceStart, Starts, entry, flipped, set_distance
-from inscrutable.decision_makers.faces import FaceProgramme
-from inscrutable.decision_makers.line import Line, Place, best_places, line_of
-from inscrutable.decision_makers.set_faces import SetFaceSearch
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.face_starts import WELL_COVERED, FaceStart, Starts, entry, flipped, set_distance
+from inscrutable.decision_makers.search.faces import FaceProgramme
+from inscrutable.decision_makers.search.line import Line, Place, best_places, line_of
+from inscrutable.decision_makers.search.set_faces import SetFaceSearch
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.climb import Aim, Rules, climb
 from inscrutable.kernels.faces import settle

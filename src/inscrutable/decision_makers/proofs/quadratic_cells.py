@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.oracle_points import OraclePoints
+from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
 from inscrutable.geometry.equal_rows import first_equal
 from inscrutable.geometry.simplicial import edges
 from inscrutable.problems import QuadraticProblem

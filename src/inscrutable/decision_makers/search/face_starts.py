@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.atlas import Atlas
-from inscrutable.decision_makers.edge_climbs import edge_decoys
-from inscrutable.decision_makers.faces import FaceProgramme
-from inscrutable.decision_makers.rays import farthest_decoys
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.edge_climbs import edge_decoys
+from inscrutable.decision_makers.search.faces import FaceProgramme
+from inscrutable.decision_makers.search.rays import farthest_decoys
 from inscrutable.kernels.climb import Aim, Rules
 from inscrutable.kernels.faces import settle
 from inscrutable.kernels.search import LARGER, best_by_face

@@ -18,10 +18,10 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_beliefs, consistent_sets
-from inscrutable.decision_makers.cell_programmes import cell_bounds
-from inscrutable.decision_makers.fibres import Fibres
-from inscrutable.decision_makers.oracle_points import N_LEVELS, OraclePoints
-from inscrutable.decision_makers.quadratic_cells import QuadraticCells, whitened
+from inscrutable.decision_makers.proofs.cell_programmes import cell_bounds
+from inscrutable.decision_makers.proofs.fibres import Fibres
+from inscrutable.decision_makers.proofs.oracle_points import N_LEVELS, OraclePoints
+from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
 from inscrutable.errors import InscrutableError
 from inscrutable.geometry.simplicial import cones_from, directions_to, edges, halved
 from inscrutable.privacy.measures import Reference

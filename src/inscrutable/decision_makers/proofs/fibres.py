@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.quadratic_cells import QuadraticCells, complement
+from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, complement
 from inscrutable.geometry.simplicial import directions_to
 from inscrutable.validation import Array
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.decoys import decided_by
-from inscrutable.decision_makers.seams import seam_decoys
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.seams import seam_decoys
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.faces import settle
 from inscrutable.kernels.lotteries import Arena

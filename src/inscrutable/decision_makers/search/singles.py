@@ -9,12 +9,20 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries.consistent_sets import consistent_sets
-from inscrutable.decision_makers.atlas import Atlas
-from inscrutable.decision_makers.face_search import Found, most_private, rules_for, within
-from inscrutable.decision_makers.plane import plane_of
-from inscrutable.decision_makers.plane_walks import walk_singles, walking_order
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
-from inscrutable.decision_makers.streaming import OWN, TARGET, Aims, Spot, decisions_at, farthest_corners, scene_of
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.face_search import Found, most_private, rules_for, within
+from inscrutable.decision_makers.search.plane import plane_of
+from inscrutable.decision_makers.search.plane_walks import walk_singles, walking_order
+from inscrutable.decision_makers.search.streaming import (
+    OWN,
+    TARGET,
+    Aims,
+    Spot,
+    decisions_at,
+    farthest_corners,
+    scene_of,
+)
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.prices import budget_price
 from inscrutable.kernels.three_leaves import Plane, Scene

@@ -16,7 +16,7 @@ from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.validation import Array
 
 if TYPE_CHECKING:
-    from inscrutable.decision_makers.polish import Goal
+    from inscrutable.decision_makers.search.polish import Goal
 
 _POINTS = 7
 _ROUNDS = 10

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.atlas import Atlas
+from inscrutable.decision_makers.search.atlas import Atlas
 from inscrutable.kernels.budget_end import budget_end
 from inscrutable.kernels.climb import Aim
 from inscrutable.problems import QuadraticProblem

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.decision_makers.face_search import rules_for
+from inscrutable.decision_makers.search.face_search import rules_for
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.kernels.three_leaves import Plane, Scene
 from inscrutable.kernels.three_lotteries import lotteries_three, lottery_tools

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.rate_distortion_newton import newton_law
-from inscrutable.decision_makers.rate_distortion_steps import Source, mean_regret, meeting_slope, squared_cycles
+from inscrutable.decision_makers.aware.rate_distortion_newton import newton_law
+from inscrutable.decision_makers.aware.rate_distortion_steps import Source, mean_regret, meeting_slope, squared_cycles
 from inscrutable.validation import Array
 
 BITS = 1.0 / float(np.log(2.0))

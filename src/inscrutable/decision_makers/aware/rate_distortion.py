@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget, as_budget
-from inscrutable.decision_makers.aware import AwareDecisionMaker, PriorTable, checked_options
-from inscrutable.decision_makers.aware_columns import allowed_places, lotteries, rounding_of, without_small
+from inscrutable.decision_makers.aware.base import AwareDecisionMaker, PriorTable, checked_options
+from inscrutable.decision_makers.aware.columns import allowed_places, lotteries, rounding_of, without_small
+from inscrutable.decision_makers.aware.rate_distortion_solver import BITS, Hidden, RateEffort, least_rate, rows
+from inscrutable.decision_makers.aware.rate_distortion_steps import Source
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.rate_distortion_solver import BITS, Hidden, RateEffort, least_rate, rows
-from inscrutable.decision_makers.rate_distortion_steps import Source
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions, Progress
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior

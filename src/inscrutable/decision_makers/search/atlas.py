@@ -9,7 +9,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.faces import FaceProgramme, face_programme
+from inscrutable.decision_makers.search.faces import FaceProgramme, face_programme
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.search import LARGER, POINT, SEGMENT, Leaves, Table

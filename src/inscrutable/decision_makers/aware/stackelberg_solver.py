@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.stackelberg_newton import Equilibrium, Game, equilibrium
+from inscrutable.decision_makers.aware.stackelberg_newton import Equilibrium, Game, equilibrium
 from inscrutable.validation import Array
 
 _FIRST_COLUMNS = 100

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.rays import ray_ends
+from inscrutable.decision_makers.search.rays import ray_ends
 from inscrutable.kernels.climb import Aim
 from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.rate_distortion_steps import Source, meeting_slope, moments
@@ -47,7 +46,7 @@ def newton_law(source: Source, regret: float, law: Array, slope: float, goal: fl
         hessian = _hessian(source, point)
         hessian[np.diag_indices(n)] += duals / point.law
         slopes = point.gains - 1.0 + centre / point.law
-        move = cho_solve(cho_factor(hessian, check_finite=False), slopes, check_finite=False)
+        move = np.asarray(np.linalg.solve(hessian, slopes), dtype=np.float64)
         change = centre / point.law - duals - duals / point.law * move
         length, dual_length = _longest(point.law, move), _longest(duals, change)
         ahead = _searched(source, regret, point, (move, length, float(slopes @ move)), centre)

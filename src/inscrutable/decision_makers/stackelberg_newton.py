@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.row_envelopes import Envelopes, row_envelopes
@@ -109,7 +108,7 @@ class _State:
 
 
 class _Moves:
-    """Newton's system at one state, factorised once for the predictor and the corrector."""
+    """Newton's system at one state, made once for the predictor and the corrector."""
 
     def __init__(self, state: _State, played: Array, means: Array) -> None:
         self.state = state
@@ -133,7 +132,9 @@ class _Moves:
                 own = game.weights @ (self.away[:, :, i] * scaled[:, :, j])
                 system[np.arange(n_columns) * size + i, np.arange(n_columns) * size + j] += own
         system[np.diag_indices(len(system))] += np.repeat(played / 2.0, size)
-        self.factor = cho_factor(system, overwrite_a=True, check_finite=False)
+        # Moments of hardly played columns are tiny: every one is measured in its own unit.
+        self.units = 1.0 / np.sqrt(np.maximum(np.diag(system), _TINY))
+        self.system = system * self.units[:, None] * self.units
 
     def _projected(self, aim: Array) -> Array:
         level = (self.inverse * aim).sum(axis=1) / self.ones
@@ -153,7 +154,7 @@ class _Moves:
         aim = gains + centre / safe - (slack_centre / state.slack)[:, None] * state.costs
         first = self._projected(aim)
         sums = np.einsum("bmx,bm->mx", self.away, game.weights[:, None] * first).reshape(-1)
-        turn = cho_solve(self.factor, sums, check_finite=False).reshape(self.away.shape[1:])
+        turn = (self.units * np.linalg.solve(self.system, self.units * sums)).reshape(self.away.shape[1:])
         move = self._projected(aim - np.einsum("bmx,mx->bm", self.away, turn))
         spare = -(state.costs * move).sum(axis=1)
         duals = np.where(game.allowed, centre / safe - state.duals - state.duals / safe * move, 0.0)
@@ -176,10 +177,9 @@ def equilibrium(game: Game, goal: float) -> Equilibrium:
         if left <= 0.2 * (goal * game.error(state.rows) + tolerances.NO_ERROR * game.spread):
             break
         try:
-            moves = _Moves(state, played, means)
-        except LinAlgError:
-            break
-        if not _stepped(state, moves, game.gains(means)):
+            if not _stepped(state, _Moves(state, played, means), game.gains(means)):
+                break
+        except np.linalg.LinAlgError:
             break
         if state.distance() * state.pairs <= left:
             best = state.rows, state.prices

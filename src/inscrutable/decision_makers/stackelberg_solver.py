@@ -42,6 +42,16 @@ class Confounded:
 
 def largest_error(game: Game, goal: float, progress: Callable[[int, float], None] | None = None) -> Confounded:
     """Return the rows of largest mean square error, with a bound at most `goal` of it above, or as near as it comes."""
+    usable = np.flatnonzero(game.allowed.any(axis=0))
+    found = _largest(game.some(usable), goal, progress)
+    rows = np.zeros_like(game.costs)
+    rows[:, usable] = found.rows
+    estimates = np.zeros((rows.shape[1], game.points.shape[1]))
+    estimates[usable] = found.estimates
+    return replace(found, rows=rows, estimates=estimates)
+
+
+def _largest(game: Game, goal: float, progress: Callable[[int, float], None] | None) -> Confounded:
     constant = _constant(game)
     if constant is not None:
         return constant

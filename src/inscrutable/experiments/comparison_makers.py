@@ -16,6 +16,7 @@ from inscrutable.decision_makers import (
     OriginalDecisionMaker,
     ProbabilisticDecisionMaker,
     RateDistortionDecisionMaker,
+    StackelbergDecisionMaker,
 )
 from inscrutable.decision_makers.action_candidates import is_simplex
 from inscrutable.decision_makers.baselines import (
@@ -93,8 +94,10 @@ where it does not suit the problem."""
 
 
 def as_play(setting: Setting, decision_maker: PlaysMany, promise: Budget | None = None) -> Play:
-    """Return what a decision maker plays on the prior's beliefs."""
-    return Play(mechanism(decision_maker, setting.prior.beliefs), promise)
+    """Return what a decision maker plays on the prior's beliefs; one that solved for the prior has its mechanism ready."""
+    known = getattr(decision_maker, "mechanism", None)
+    played = known if isinstance(known, Mechanism) else mechanism(decision_maker, setting.prior.beliefs)
+    return Play(played, promise)
 
 
 def spent(setting: Setting, play: Play) -> float:
@@ -222,8 +225,8 @@ def _original(setting: Setting, regret: float) -> Play:
 
 def _rate_distortion(setting: Setting, regret: float) -> Play:
     budget, prior = Budget.regret(regret), setting.prior
-    return Play(
-        RateDistortionDecisionMaker(setting.problem, budget, prior=prior, candidates=setting.candidates).mechanism
+    return as_play(
+        setting, RateDistortionDecisionMaker(setting.problem, budget, prior=prior, candidates=setting.candidates)
     )
 
 
@@ -286,6 +289,10 @@ MAKERS: Mapping[str, Maker] = {
         lambda s, budget: CandidateDecisionMaker(s.problem, budget, s.candidates, mixes=True), promises=False
     ),
     "rate-distortion": _rate_distortion,
+    "Stackelberg": per_belief(
+        lambda s, budget: StackelbergDecisionMaker(s.problem, budget, prior=s.prior, candidates=s.candidates),
+        promises=False,
+    ),
     "uniform": per_belief(
         lambda s, budget: UniformDecisionMaker(s.problem, budget, candidates=s.candidates), promises=True
     ),

@@ -41,9 +41,9 @@ from inscrutable.validation import Array
 
 _MOST_SCALED = 50.0
 """Largest factor by which a budget per belief is raised so that its expected regret is the one asked for."""
-_EPSILONS = (1e-3, 1e4)
+_EPSILONS = (0.001, 10_000.0)
 """Range of ε times the regret to spend: from all but uniform to all but optimal."""
-_CONCENTRATIONS = (0.1, 1e6)
+_CONCENTRATIONS = (0.1, 1_000_000.0)
 _MOST_STEPS = 1000
 """The finest rounding tried is to a thousandth."""
 

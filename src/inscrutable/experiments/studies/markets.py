@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import datasets
+from inscrutable.datasets.power import load_ieee_30_bus
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.random_markets import MarketLaw, SensorLaw, random_market
@@ -118,7 +119,7 @@ def problem_of(section: dict[str, Any], regimes: Regimes) -> DecisionProblem:
     """Return the decision problem in given regimes."""
     if section["kind"] == "dispatch":
         deviations = np.sqrt(np.diagonal(regimes.covariances, axis1=1, axis2=2))
-        network = datasets.power.load_ieee_30_bus()
+        network = load_ieee_30_bus()
         return dispatch_problem(network, section["wind_buses"], regimes.means, deviations, penalty=section["penalty"])
     limits = _limits(section, regimes.means.shape[1])
     return MarkowitzProblem(regimes.means, regimes.covariances, section["risk_aversion"], limits)

@@ -26,7 +26,7 @@ _LONGEST = 60
 
 
 @dataclass(frozen=True)
-class Source:
+class StudySource:
     """Where a study's text comes from, and in which line of it each key stands."""
 
     name: str
@@ -40,7 +40,7 @@ class Source:
         return f"{self.name}, key {key_text(place)}" if place else self.name
 
 
-def read_study(path: Path) -> tuple[StudyFile, Source]:
+def read_study(path: Path) -> tuple[StudyFile, StudySource]:
     """Return the study of a TOML file, or raise one `InputError` that says where it is wrong."""
     try:
         text = path.read_bytes().decode("utf-8")
@@ -54,11 +54,11 @@ def read_study(path: Path) -> tuple[StudyFile, Source]:
         raise InputError(f"{path} is not TOML: {error}") from None
     except RecursionError:
         raise InputError(f"{path} is nested too deeply to be a study") from None
-    source = Source(str(path), key_lines(text))
+    source = StudySource(str(path), key_lines(text))
     return checked_study(data, source), source
 
 
-def checked_study(data: Any, source: Source) -> StudyFile:
+def checked_study(data: Any, source: StudySource) -> StudyFile:
     """Return a study from plain data, or raise one `InputError`."""
     if not isinstance(data, dict):
         raise InputError(f"{source.name}: a study is a table of keys, got {type(data).__name__}")
@@ -73,7 +73,7 @@ def checked_study(data: Any, source: Source) -> StudyFile:
     return study
 
 
-def _said(problem: ErrorDetails, data: dict[str, Any], source: Source) -> str:
+def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> str:
     place = _without_tags(problem["loc"], data)
     kind, context = problem["type"], problem.get("ctx", {})
     where = source.at(place)
@@ -83,9 +83,12 @@ def _said(problem: ErrorDetails, data: dict[str, Any], source: Source) -> str:
     if kind == "missing":
         return f"{source.at(place[:-1]) if place[:-1] else source.name}: the key {place[-1]} is missing"
     if kind == "union_tag_not_found":
-        names = _tags(str(problem["msg"]), place)
-        key = context.get("discriminator", "'kind'").strip("'")
-        return f"{where}: the key {key} is missing; expected one of: {', '.join(names)}"
+        key = str(context["discriminator"]).strip("'")
+        given = problem["input"]
+        near = get_close_matches(key, given, n=1, cutoff=_NEAR) if isinstance(given, dict) else []
+        if near:
+            return f"{source.at((*place, near[0]))}: there is no such key; did you mean {key}?"
+        return f"{where}: the key {key} is missing; {_one_of(_names_of(place))}"
     if kind == "union_tag_invalid":
         names = [each.strip(" '") for each in str(context["expected_tags"]).split(",")]
         key = str(context["discriminator"]).strip("'")
@@ -103,12 +106,8 @@ def _one_of(names: Iterable[str]) -> str:
     return f"expected one of: {', '.join(names)}"
 
 
-def _tags(_message: str, place: Place) -> list[str]:
-    """The names that may stand where a section has none."""
-    return _names_of(place[:1])
-
-
 def _names_of(place: Place) -> list[str]:
+    """The names that may stand where a section has none."""
     annotation: Any = StudyFile.model_fields[str(place[0])].annotation
     return [
         str(get_args(model.model_fields[key].annotation)[0])
@@ -174,7 +173,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
 
 
-def _check_together(study: StudyFile, source: Source) -> None:
+def _check_together(study: StudyFile, source: StudySource) -> None:
     """Refuse parts that are well formed, but do not go together."""
     world = study.world
     if isinstance(study.problem, DispatchSection) and not isinstance(world, GivenWorld):

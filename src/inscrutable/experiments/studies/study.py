@@ -17,7 +17,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.layout import FittedWorld, StudyFile
 from inscrutable.experiments.studies.markets import hash_of_data
-from inscrutable.experiments.studies.reading import Source, checked_study, read_study
+from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
 from inscrutable.experiments.studies.store import opened
 from inscrutable.experiments.studies.tables import table_of
 from inscrutable.experiments.studies.workshop import DONE, FAILED
@@ -96,11 +96,11 @@ class Study:
         Raises:
             InputError: As `read`, without lines.
         """
-        source = Source("study")
+        source = StudySource("study")
         return cls._of(checked_study(dict(data), source), Path(base), source)
 
     @classmethod
-    def _of(cls, plan: StudyFile, base: Path, source: Source) -> Study:
+    def _of(cls, plan: StudyFile, base: Path, source: StudySource) -> Study:
         if not isinstance(plan.world, FittedWorld):
             return cls(plan, base=base)
         try:

@@ -270,7 +270,7 @@ def test_a_store_of_another_version_is_left_alone(copy: Path, version: int, age:
 def test_a_truncated_store_is_refused_and_left_as_it_is(copy: Path, left: int) -> None:
     os.truncate(copy / STORE, left)
     for use in (lambda: run_study(Study.of(SMALL), copy), lambda: resume_study(copy), lambda: Study.load(copy).frame()):
-        with pytest.raises(InputError, match="damaged|already"):
+        with pytest.raises(InputError, match=r"damaged|already"):
             use()
         assert (copy / STORE).stat().st_size == left
 
@@ -355,17 +355,8 @@ def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Pa
     if kind == "mounted":
         if not can_mount():
             pytest.skip("no disk can be mounted here")
-        command = [
-            "unshare",
-            "-rm",
-            "sh",
-            "-c",
-            'mount -t tmpfs -o size=400k tmpfs "$1" && shift && exec "$@"',
-            "sh",
-        ] + [
-            str(tmp_path),
-            *command,
-        ]
+        mount = 'mount -t tmpfs -o size=400k tmpfs "$1" && shift && exec "$@"'
+        command = ["unshare", "-rm", "sh", "-c", mount, "sh", str(tmp_path), *command]
     run = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
     said = dict(line.split(": ", 1) for line in run.stdout.splitlines() if ": " in line)

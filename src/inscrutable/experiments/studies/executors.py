@@ -151,7 +151,7 @@ def _through_dask(client: Any, work: Work, chunks: Chunks, keep: Keep) -> None:
     waiting = iter(chunks)
     out: dict[str, list[int]] = {}
     completed: Any = as_completed
-    running = completed()
+    running = completed(loop=client.loop)
 
     def send(chunk: list[int]) -> None:
         future = client.submit(chunk_of_rows, work, chunk, pure=False)

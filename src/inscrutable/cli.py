@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest an investor, attack weights, protect decisions, compare ways.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data,
 4 no solution, 130 interrupted.
@@ -17,6 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
+from inscrutable.cli_study import study
 from inscrutable.cli_values import (
     MeasureName,
     UsageError,
@@ -52,6 +53,8 @@ app = App(
     version_format="plaintext",
     suppress_keyboard_interrupt=False,  # `main` answers it
 )
+
+app.command(study)
 
 _DATA = Group("Data", sort_key=1)
 _INVESTOR = Group("Investor", sort_key=2)
@@ -401,7 +404,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
     try:
         with library_log(quiet="-q" in tokens or "--quiet" in tokens):
-            app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+            code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except CycloptsError as error:
         return _said(f"{error}", USAGE, tokens)
@@ -422,7 +425,7 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
         if "-v" in tokens or "--verbose" in tokens:
             raise
         return _said(f"unexpected {type(error).__name__}: {error}; run again with -v for the traceback", FAILURE)
-    return 0
+    return code if isinstance(code, int) else 0
 
 
 def _said(message: str, code: int, tokens: Sequence[str] = ()) -> int:

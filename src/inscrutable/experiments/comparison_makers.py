@@ -243,7 +243,7 @@ def _exponential(setting: Setting, amount: float) -> PlaysMany:
 
 def _noisy(setting: Setting, amount: float) -> PlaysMany:
     rng = np.random.default_rng(_NOISE_SEED)  # the same levels in every trial: the regret moves with the amount alone
-    concentration = max(setting.mean_cost, amount) / amount
+    concentration = (setting.mean_cost or 1.0) / amount
     return DirichletDecisionMaker(
         setting.problem, concentration, rng=rng, candidates=setting.candidates, n_draws=_NOISE_DRAWS
     )

@@ -224,7 +224,7 @@ def compare(
         >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
         >>> settings = ComparisonSettings((0.5,), repeats=(1,), n_draws=10)
         >>> found = compare(problem, uniform_prior(2, 4), settings, rng=np.random.default_rng(0))
-        >>> found.makers[:3], found.of("ODM")[0].bayes_error
+        >>> found.makers[:3], round(found.of("ODM")[0].bayes_error, 6)
         (('ODM', 'CDM', 'PDM'), 0.0)
     """
     chosen = ComparisonSettings() if settings is None else settings

@@ -343,7 +343,7 @@ def compare(
     *,
     market: Annotated[str, Parameter(group=_DATA)] = "paper",
     resolution: Annotated[int, Parameter(group=_DATA)] = 30,
-    budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.1,0.25,0.5,0.75,1",
+    budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
     seed: Seed = 0,
     out: Out = Path("comparison"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
@@ -384,7 +384,7 @@ def compare(
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
-    middle = result.budgets[len(result.budgets) // 2]
+    middle = result.middle_budget
     show_table(terminal_table(result, middle), f"Expected regret of {middle:.3g} ({result.header()})")
     speech.sentence(result.summary())
     speech.files(files)

@@ -132,6 +132,21 @@ def test_two_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> None
     assert [each.done for each in seen] == sorted(each.done for each in seen)
 
 
+def test_a_worker_process_that_is_killed_costs_no_row(whole: Study, tmp_path: Path) -> None:
+    from joblib.externals.loky import get_reusable_executor
+
+    lost: list[int] = []
+
+    def kill_one(progress: StudyProgress) -> None:
+        if progress.fresh and not lost:
+            lost.append(next(iter(get_reusable_executor(max_workers=2)._processes)))
+            os.kill(lost[0], signal.SIGKILL)
+
+    other = run_study(Study.of(SMALL), tmp_path, jobs=2, progress=kill_one)
+    assert lost
+    assert table(other) == table(whole)
+
+
 def test_the_order_of_tasks_and_what_was_done_before_change_nothing(whole: Study, tmp_path: Path) -> None:
     grid = whole.grid
     work = Work(whole.plan.model_dump_json(), None, "[]")
@@ -349,12 +364,11 @@ def can_mount() -> bool:
         return False
 
 
-@pytest.mark.parametrize("kind", ["mounted", "limited"])
-def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Path, kind: str) -> None:
+def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Path) -> None:
+    """On a small disk of its own, or, where none can be mounted, with a limit on the size of files."""
+    kind = "mounted" if can_mount() else "limited"
     command = [sys.executable, "-c", DISKS, str(tmp_path), PLAN, kind]
     if kind == "mounted":
-        if not can_mount():
-            pytest.skip("no disk can be mounted here")
         mount = 'mount -t tmpfs -o size=400k tmpfs "$1" && shift && exec "$@"'
         command = ["unshare", "-rm", "sh", "-c", mount, "sh", str(tmp_path), *command]
     run = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
@@ -451,6 +465,8 @@ def test_bad_arguments_are_refused_before_anything_is_written(tmp_path: Path) ->
     out = tmp_path / "out"
     with pytest.raises(InputError, match="jobs"):
         run_study(Study.of(SMALL), out, jobs=0)
+    with pytest.raises(InputError, match="exclude one another"):
+        run_study(Study.of(SMALL), out, jobs=2, cluster="tcp://127.0.0.1:1")
     assert not out.exists()
     with pytest.raises(InputError, match="no rows yet"):
         Study.of(SMALL).frame()

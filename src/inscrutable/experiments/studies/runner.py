@@ -167,6 +167,8 @@ def resume_study(
 def _executor(jobs: int, cluster: str | None) -> Executor:
     if jobs != -1:
         validation.count(jobs, "jobs")
+    if cluster is not None and jobs != 1:
+        raise InputError(f"jobs={jobs} and a cluster exclude one another: a cluster has workers of its own")
     if cluster is not None:
         return on_cluster(cluster)
     return serial if jobs == 1 else in_processes(jobs)

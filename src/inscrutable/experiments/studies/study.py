@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pydantic import ValidationError
 
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.layout import FittedWorld, StudyFile
 from inscrutable.experiments.studies.markets import hash_of_data
@@ -119,7 +120,13 @@ class Study:
         place = Path(folder)
         with closing(opened(place)) as store:
             plan, data_hash = store.fact("study"), store.fact("data_hash")
-        return cls(StudyFile.model_validate_json(plan or ""), place, data_hash=data_hash or None)
+        try:
+            found = StudyFile.model_validate_json(plan or "")
+        except ValidationError as error:
+            raise ModelError(
+                f"{place} holds a study that this release cannot read: {error.errors()[0]['msg']}"
+            ) from None
+        return cls(found, place, data_hash=data_hash or None)
 
     @cached_property
     def grid(self) -> StudyGrid:

@@ -37,7 +37,7 @@ from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, locked
 from inscrutable.experiments.studies.workshop import DONE, FAILED, Row, Work, Workshop, chunk_of_rows
-from study_runs import SMALL, environment, killed, table
+from study_runs import SMALL, environment, killed, table, worker_processes
 
 ROOT = Path(__file__).resolve().parent.parent
 PLAN = json.dumps(SMALL)
@@ -118,9 +118,18 @@ def test_equal_spending_is_equal(tmp_path: Path) -> None:
     assert spent["rounding"] <= 0.4  # it comes in steps
 
 
-def test_two_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> None:
+def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study, tmp_path: Path) -> None:
     seen: list[StudyProgress] = []
-    other = run_study(Study.of(SMALL), tmp_path / "two", jobs=2, progress=seen.append)
+    lost: list[int] = []
+
+    def watch(progress: StudyProgress) -> None:
+        seen.append(progress)
+        if progress.fresh and not lost:
+            lost.append(worker_processes()[0])
+            os.kill(lost[0], signal.SIGKILL)
+
+    other = run_study(Study.of(SMALL), tmp_path / "two", jobs=2, progress=watch)
+    assert lost
     for study in (whole, other):
         assert (
             cli.main(["study", "export", str(study.folder), "--out", str(tmp_path / f"{study is other}.csv"), "-q"])
@@ -130,21 +139,6 @@ def test_two_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> None
     assert seen[0].fresh == 0
     assert (seen[-1].done, seen[-1].total, seen[-1].failed, seen[-1].seconds_left) == (112, 112, 0, 0.0)
     assert [each.done for each in seen] == sorted(each.done for each in seen)
-
-
-def test_a_worker_process_that_is_killed_costs_no_row(whole: Study, tmp_path: Path) -> None:
-    from joblib.externals.loky import get_reusable_executor
-
-    lost: list[int] = []
-
-    def kill_one(progress: StudyProgress) -> None:
-        if progress.fresh and not lost:
-            lost.append(next(iter(get_reusable_executor(max_workers=2)._processes)))
-            os.kill(lost[0], signal.SIGKILL)
-
-    other = run_study(Study.of(SMALL), tmp_path, jobs=2, progress=kill_one)
-    assert lost
-    assert table(other) == table(whole)
 
 
 def test_the_order_of_tasks_and_what_was_done_before_change_nothing(whole: Study, tmp_path: Path) -> None:

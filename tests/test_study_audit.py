@@ -13,7 +13,7 @@ import pytest
 
 from inscrutable import Study, run_study
 from inscrutable.experiments.studies import StudyProgress, executors
-from study_runs import SMALL, killed, table
+from study_runs import SMALL, killed, table, worker_processes
 
 pytestmark = pytest.mark.audit
 
@@ -37,13 +37,11 @@ def memory(process: int) -> int:
 
 def test_a_hundred_thousand_small_tasks_with_flat_memory(tmp_path: Path) -> None:
     """On two processes; memory at a tenth of the way and at the end, and the share of time not spent in tasks."""
-    from joblib.externals.loky import get_reusable_executor
-
     seen: list[tuple[float, int, int]] = []
 
     def watch(progress: StudyProgress) -> None:
         if progress.fresh:
-            workers = sum(memory(each) for each in list(get_reusable_executor(max_workers=2)._processes))
+            workers = sum(memory(each) for each in worker_processes())
             seen.append((progress.done / progress.total, memory(os.getpid()), workers))
 
     study = Study.of(TINY)

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.studies.grid import StudyGrid
-from inscrutable.experiments.studies.layout import FittedWorld, StudyFile
+from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
 from inscrutable.experiments.studies.markets import hash_of_data
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
 from inscrutable.experiments.studies.store import opened
@@ -102,7 +102,7 @@ class Study:
 
     @classmethod
     def _of(cls, plan: StudyFile, base: Path, source: StudySource) -> Study:
-        if not isinstance(plan.world, FittedWorld):
+        if not isinstance(plan.world, FittedWorldSection):
             return cls(plan, base=base)
         try:
             return cls(plan, base=base, data_hash=hash_of_data(plan.world, base))

@@ -73,3 +73,10 @@ def killed(mode: str, moment: float, folder: Path, plan: str) -> int:
 def table(study: Study) -> str:
     """The exported rows."""
     return study.frame().to_csv(lineterminator="\n")
+
+
+def worker_processes() -> list[int]:
+    """The processes that joblib has do tasks now."""
+    from joblib.externals.loky import reusable_executor
+
+    return list(reusable_executor._executor._processes)

@@ -37,7 +37,7 @@ from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, locked
 from inscrutable.experiments.studies.workshop import DONE, FAILED, Row, Work, Workshop, chunk_of_rows
-from study_runs import SMALL, environment, killed, table
+from study_runs import SMALL, environment, killed, table, worker_processes
 
 ROOT = Path(__file__).resolve().parent.parent
 PLAN = json.dumps(SMALL)
@@ -118,9 +118,18 @@ def test_equal_spending_is_equal(tmp_path: Path) -> None:
     assert spent["rounding"] <= 0.4  # it comes in steps
 
 
-def test_two_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> None:
+def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study, tmp_path: Path) -> None:
     seen: list[StudyProgress] = []
-    other = run_study(Study.of(SMALL), tmp_path / "two", jobs=2, progress=seen.append)
+    lost: list[int] = []
+
+    def watch(progress: StudyProgress) -> None:
+        seen.append(progress)
+        if progress.fresh and not lost:
+            lost.append(worker_processes()[0])
+            os.kill(lost[0], signal.SIGKILL)
+
+    other = run_study(Study.of(SMALL), tmp_path / "two", jobs=2, progress=watch)
+    assert lost
     for study in (whole, other):
         assert (
             cli.main(["study", "export", str(study.folder), "--out", str(tmp_path / f"{study is other}.csv"), "-q"])
@@ -349,12 +358,11 @@ def can_mount() -> bool:
         return False
 
 
-@pytest.mark.parametrize("kind", ["mounted", "limited"])
-def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Path, kind: str) -> None:
+def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Path) -> None:
+    """On a small disk of its own, or, where none can be mounted, with a limit on the size of files."""
+    kind = "mounted" if can_mount() else "limited"
     command = [sys.executable, "-c", DISKS, str(tmp_path), PLAN, kind]
     if kind == "mounted":
-        if not can_mount():
-            pytest.skip("no disk can be mounted here")
         mount = 'mount -t tmpfs -o size=400k tmpfs "$1" && shift && exec "$@"'
         command = ["unshare", "-rm", "sh", "-c", mount, "sh", str(tmp_path), *command]
     run = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
@@ -451,6 +459,8 @@ def test_bad_arguments_are_refused_before_anything_is_written(tmp_path: Path) ->
     out = tmp_path / "out"
     with pytest.raises(InputError, match="jobs"):
         run_study(Study.of(SMALL), out, jobs=0)
+    with pytest.raises(InputError, match="exclude one another"):
+        run_study(Study.of(SMALL), out, jobs=2, cluster="tcp://127.0.0.1:1")
     assert not out.exists()
     with pytest.raises(InputError, match="no rows yet"):
         Study.of(SMALL).frame()

@@ -27,7 +27,7 @@ def sections() -> list[tuple[str, type[BaseModel], str]]:
     """Every section that a file may have: how it is opened, its model, and the lines it cannot do without."""
     found = []
     for header, models in {
-        "[world]": (layout.GivenWorld, layout.RandomWorld, layout.FittedWorld),
+        "[world]": (layout.GivenWorld, layout.RandomWorld, layout.FittedWorldSection),
         "[problem]": (layout.MarkowitzSection, layout.DispatchSection),
         "[beliefs]": (layout.GridBeliefs, layout.StationaryBeliefs, layout.PathBeliefs),
         "[candidates]": (layout.CandidateSection,),

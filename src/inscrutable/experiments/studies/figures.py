@@ -31,7 +31,7 @@ _OF_LEAKAGE = {
 _OF_DETECTABILITY = ("implausible_share", "expected_gap", "read_auc")
 
 
-class Judged:
+class JudgedPlay:
     """A mechanism in a setting, measured once whatever number of observers look at it."""
 
     def __init__(self, setting: Setting, play: Play) -> None:

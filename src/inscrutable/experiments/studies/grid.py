@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.experiments.studies.layout import BudgetSection, FittedWorld, GivenWorld, Section, StudyFile
+from inscrutable.experiments.studies.layout import BudgetSection, FittedWorldSection, GivenWorld, Section, StudyFile
 
 PER_MARKET = ("world", "problem", "beliefs", "candidates", "repeat")
 """What tasks on one and the same market, with the same candidates, have in common."""
@@ -213,6 +213,6 @@ def _worlds(study: StudyFile, data_hash: str | None) -> list[Variant]:
         data = world.model_dump(mode="json")
         return [Variant.of({"kind": "given", "sha256": identity(canonical(data))})]
     found = variants(world)
-    if isinstance(world, FittedWorld):
+    if isinstance(world, FittedWorldSection):
         found = [Variant.of({**(each.data or {}), "sha256": data_hash}) for each in found]
     return found

@@ -78,7 +78,7 @@ class RandomWorld(Section):
     accuracy: Grid[Likely] = (0.7,)
 
 
-class FittedWorld(Section):
+class FittedWorldSection(Section):
     """Regimes fitted to returns: the embedded ones, or a CSV beside the study file."""
 
     kind: Literal["fitted"]
@@ -222,7 +222,7 @@ class Bayesian(Section):
     name: Literal["bayesian"]
 
 
-World = Annotated[GivenWorld | RandomWorld | FittedWorld, Field(discriminator="kind")]
+World = Annotated[GivenWorld | RandomWorld | FittedWorldSection, Field(discriminator="kind")]
 Problem = Annotated[
     Annotated[MarkowitzSection | DispatchSection, Field(discriminator="kind")], BeforeValidator(_markowitz_unless_told)
 ]

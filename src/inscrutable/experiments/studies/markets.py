@@ -14,7 +14,7 @@ from inscrutable.datasets.power import load_ieee_30_bus
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.random_markets import MarketLaw, SensorLaw, random_market
-from inscrutable.experiments.studies.layout import FittedWorld, GivenWorld
+from inscrutable.experiments.studies.layout import FittedWorldSection, GivenWorld
 from inscrutable.files import reason
 from inscrutable.problems import (
     DecisionProblem,
@@ -71,12 +71,12 @@ def drawn_world(law: dict[str, Any], risk_aversion: float, *, rng: np.random.Gen
     return Regimes(market.problem.means, market.problem.covariances, market.world)
 
 
-def data_file(section: FittedWorld, folder: Path) -> Path | None:
+def data_file(section: FittedWorldSection, folder: Path) -> Path | None:
     """Return the file of a study's returns; None for the embedded ones."""
     return None if section.data == EMBEDDED else folder / section.data
 
 
-def hash_of_data(section: FittedWorld, folder: Path) -> str:
+def hash_of_data(section: FittedWorldSection, folder: Path) -> str:
     """Return the SHA-256 of the returns' file, or raise `InputError`."""
     path = data_file(section, folder)
     try:
@@ -93,7 +93,9 @@ def hash_of_data(section: FittedWorld, folder: Path) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def fitted_world(section: FittedWorld, regimes: int, folder: Path, *, rng: np.random.Generator) -> dict[str, Any]:
+def fitted_world(
+    section: FittedWorldSection, regimes: int, folder: Path, *, rng: np.random.Generator
+) -> dict[str, Any]:
     """Return a world fitted to returns as plain data, as `HiddenMarkovModel.to_dict` gives it."""
     path = data_file(section, folder)
     if path is None:

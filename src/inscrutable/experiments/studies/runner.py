@@ -18,7 +18,7 @@ from inscrutable import validation
 from inscrutable.datasets import output_folder, write_json
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies.executors import Executor, in_processes, on_cluster, serial
-from inscrutable.experiments.studies.layout import FittedWorld
+from inscrutable.experiments.studies.layout import FittedWorldSection
 from inscrutable.experiments.studies.markets import fitted_world
 from inscrutable.experiments.studies.store import STORE, Store, created, locked, opened
 from inscrutable.experiments.studies.study import PathLike, Study
@@ -167,6 +167,8 @@ def resume_study(
 def _executor(jobs: int, cluster: str | None) -> Executor:
     if jobs != -1:
         validation.count(jobs, "jobs")
+    if cluster is not None and jobs != 1:
+        raise InputError(f"jobs={jobs} and a cluster exclude one another: a cluster has workers of its own")
     if cluster is not None:
         return on_cluster(cluster)
     return serial if jobs == 1 else in_processes(jobs)
@@ -198,7 +200,7 @@ def versions() -> dict[str, str]:
 def _fitted(study: Study) -> list[dict[str, Any]]:
     """The worlds that are fitted to data, once and here, so that all machines work with the same digits."""
     world = study.plan.world
-    if not isinstance(world, FittedWorld):
+    if not isinstance(world, FittedWorldSection):
         return []
     found = []
     for place, choice in enumerate(study.grid.worlds):

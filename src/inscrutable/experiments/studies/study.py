@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pydantic import ValidationError
 
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.studies.grid import StudyGrid
-from inscrutable.experiments.studies.layout import FittedWorld, StudyFile
+from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
 from inscrutable.experiments.studies.markets import hash_of_data
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
 from inscrutable.experiments.studies.store import opened
@@ -101,7 +102,7 @@ class Study:
 
     @classmethod
     def _of(cls, plan: StudyFile, base: Path, source: StudySource) -> Study:
-        if not isinstance(plan.world, FittedWorld):
+        if not isinstance(plan.world, FittedWorldSection):
             return cls(plan, base=base)
         try:
             return cls(plan, base=base, data_hash=hash_of_data(plan.world, base))
@@ -119,7 +120,13 @@ class Study:
         place = Path(folder)
         with closing(opened(place)) as store:
             plan, data_hash = store.fact("study"), store.fact("data_hash")
-        return cls(StudyFile.model_validate_json(plan or ""), place, data_hash=data_hash or None)
+        try:
+            found = StudyFile.model_validate_json(plan or "")
+        except ValidationError as error:
+            raise ModelError(
+                f"{place} holds a study that this release cannot read: {error.errors()[0]['msg']}"
+            ) from None
+        return cls(found, place, data_hash=data_hash or None)
 
     @cached_property
     def grid(self) -> StudyGrid:

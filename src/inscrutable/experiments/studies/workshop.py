@@ -15,7 +15,7 @@ from inscrutable.decision_makers import Candidates, action_grid, decoy_grid
 from inscrutable.decision_makers.candidates import as_candidates
 from inscrutable.errors import InscrutableError
 from inscrutable.experiments.random_markets import WARM_UP
-from inscrutable.experiments.studies.figures import Judged
+from inscrutable.experiments.studies.figures import JudgedPlay
 from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid, Task
 from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
 from inscrutable.experiments.studies.makers import Setting, play
@@ -90,7 +90,7 @@ class Workshop:
         words = self.grid.seed(task.text).generate_state(1, np.uint64)
         return str(int(words[0]))
 
-    def _judged(self, places: tuple[int, ...]) -> Judged:
+    def _judged(self, places: tuple[int, ...]) -> JudgedPlay:
         setting = self.setting(places[:5])
         maker, budget = self.grid.plays[places[5]]
         whole = (*places, 0)
@@ -99,7 +99,7 @@ class Workshop:
             return self.grid.stream("decisions", whole, (*PER_MARKET, "decision_maker", "budget"))
 
         assert maker.data is not None
-        return Judged(setting, play(setting, maker.data, budget.data, seed=seed))
+        return JudgedPlay(setting, play(setting, maker.data, budget.data, seed=seed))
 
     def _setting(self, places: tuple[int, ...]) -> Setting:
         whole = (*places, 0, 0)

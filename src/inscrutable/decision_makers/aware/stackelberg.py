@@ -12,8 +12,8 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.base import AwareDecisionMaker, PriorTable, checked_options
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places, lotteries, rounding_of, without_small
 from inscrutable.decision_makers.aware.row_envelopes import row_envelopes
-from inscrutable.decision_makers.aware.stackelberg_newton import Game
-from inscrutable.decision_makers.aware.stackelberg_solver import MOST_ROUNDS, largest_error
+from inscrutable.decision_makers.aware.stackelberg_game import Game
+from inscrutable.decision_makers.aware.stackelberg_solver import largest_error
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions, Progress
 from inscrutable.mechanisms import Mechanism, Prior
@@ -75,7 +75,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker):
         self._solution: _Solution | None = None
 
     def solve(self, *, progress: Progress | None = None) -> StackelbergDecisionMaker:
-        """Solve now, with progress (rounds done, rounds at most); it is done once, and else at first use."""
+        """Solve now, with progress (steps done, steps at most); it is done once, and else at first use."""
         if self._solution is None:
             self._solution = _solved(self, progress)
         return self
@@ -189,8 +189,7 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
     basis = np.linalg.svd(np.ones((1, prior.beliefs.shape[1])))[2][1:]
     points = (prior.beliefs - prior.mean) @ basis.T
     game = Game(points[held], prior.weights[held], costs[held], allowed[held])
-    rounds = None if progress is None else lambda done, gap: progress(done, MOST_ROUNDS)
-    found = largest_error(game, 0.8 * goal, rounds)
+    found = largest_error(game, 0.8 * goal, progress)
     shares = _answers(table, Game(points, prior.weights, costs, allowed).gains(found.estimates), limits)
     small_share = tolerances.SELDOM * tolerances.SELDOM * goal
     shares[held] = without_small(found.rows, table.regrets[held], small_share)

@@ -1,7 +1,7 @@
-"""The mechanism of largest Bayes error among many columns: few are played, and a price tells whether others could be.
+"""The mechanism of largest Bayes error among any number of columns: few are played, and a price tells whether others could be.
 
-On arrays alone. Estimates μ_m of all columns bound the error by Σ_b p_b max_K Σ_m K_bm |π_b − μ_m|². Where a column is
-not played its estimate is free: the one that least tempts any belief is the centre of a ball in X − 1 dimensions.
+On arrays alone. Where a column is left out its estimate is free: the one that least tempts any belief is the centre of a
+ball in X − 1 dimensions.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.aware.stackelberg_newton import Equilibrium, Game, equilibrium
+from inscrutable.decision_makers.aware.stackelberg_game import Game
+from inscrutable.decision_makers.aware.stackelberg_newton import MOST_STEPS, Saddle, saddle
 from inscrutable.validation import Array
 
-_FIRST_COLUMNS = 100
-_ADDED = 60
-MOST_ROUNDS = 25
-"""Times that columns are added."""
-_REPRICED = 20
+_LARGE = 2e10
+"""Multiplications of one Newton step above which columns are left out, as long as nobody is tempted by them."""
+_FIRST_COLUMNS = 300
+_ADDED = 200
+_MOST_ROUNDS = 25
 _NEWTON_STEPS = 20
 _SMOOTHER = 0.3
 _SETTLED = 0.01
@@ -28,22 +29,26 @@ _FORBIDDEN = 1e6
 _PRICED = 0.05  # share of the gap to which a price is found
 _TINY = np.finfo(float).tiny
 
+Told = Callable[[int, int], None]
+
 
 @dataclass(frozen=True, eq=False)
 class Confounded:
-    """Rows K (B,M), estimates μ (M,d), the mean square error and its bound, and the rounds taken."""
+    """Rows K (B,M), estimates μ (M,d), the mean square error and its bound."""
 
     rows: Array
     estimates: Array
     error: float
     bound: float
-    rounds: int
 
 
-def largest_error(game: Game, goal: float, progress: Callable[[int, float], None] | None = None) -> Confounded:
+def largest_error(game: Game, goal: float, progress: Told | None = None) -> Confounded:
     """Return the rows of largest mean square error, with a bound at most `goal` of it above, or as near as it comes."""
     usable = np.flatnonzero(game.allowed.any(axis=0))
-    found = _largest(game.some(usable), goal, progress)
+    few = game.some(usable)
+    found = _constant(few)
+    if found is None:
+        found = _by_columns(few, goal, progress) if _work(few) > _LARGE else _whole(few, goal, progress)
     rows = np.zeros_like(game.costs)
     rows[:, usable] = found.rows
     estimates = np.zeros((rows.shape[1], game.points.shape[1]))
@@ -51,42 +56,41 @@ def largest_error(game: Game, goal: float, progress: Callable[[int, float], None
     return replace(found, rows=rows, estimates=estimates)
 
 
-def _largest(game: Game, goal: float, progress: Callable[[int, float], None] | None) -> Confounded:
-    constant = _constant(game)
-    if constant is not None:
-        return constant
+def _work(game: Game) -> float:
+    """Multiplications that couple rows and columns in one Newton step."""
+    sides = 2.0 * len(game.points), float(game.costs.shape[1] * game.points.shape[1])
+    return min(sides) ** 2 * max(sides)
+
+
+def _bounded(game: Game, estimates: Array) -> float:
+    return min(float(game.weights @ game.bound(estimates).values), game.spread)
+
+
+def _whole(game: Game, goal: float, progress: Told | None) -> Confounded:
+    found = saddle(game, goal, None if progress is None else lambda done: progress(done, MOST_STEPS))
+    return Confounded(found.rows, found.estimates, found.error, _bounded(game, found.estimates))
+
+
+def _by_columns(game: Game, goal: float, progress: Told | None) -> Confounded:
     columns = _first_columns(game)
-    n_columns = game.costs.shape[1]
     best: Confounded | None = None
-    for done in range(1, MOST_ROUNDS + 1):
-        few = game.some(columns)
-        found = equilibrium(few, 0.5 * goal if len(columns) < n_columns else goal)
+    for done in range(1, _MOST_ROUNDS + 1):
+        found = saddle(game.some(columns), 0.5 * goal)
         estimates, tempted = _priced(game, found, columns, goal)
-        answers = game.bound(estimates)
-        bound = min(float(game.weights @ answers.values), game.spread)
-        for _ in range(_REPRICED):  # what the rows answer gives levels and prices for better estimates yet
-            if bound - found.error <= goal * bound or len(columns) < n_columns:
-                break
-            answered = replace(found, levels=answers.values - answers.prices, prices=answers.prices)
-            again, _unused = _priced(game, answered, columns, goal)
-            answers = game.bound(again)
-            if float(game.weights @ answers.values) >= bound:
-                break
-            estimates, bound = again, float(game.weights @ answers.values)
-        if best is None or found.error >= best.error:
-            rows = np.zeros_like(game.costs)
-            rows[:, columns] = found.rows
-            best = Confounded(rows, estimates, found.error, min(bound, np.inf if best is None else best.bound), done)
-        else:
-            best = Confounded(best.rows, best.estimates, best.error, min(bound, best.bound), done)
+        bound = _bounded(game, estimates)
+        if best is not None and best.bound < bound:
+            estimates, bound = best.estimates, best.bound
+        rows = np.zeros_like(game.costs)
+        rows[:, columns] = found.rows
+        best = Confounded(rows, estimates, found.error, bound)
         if progress is not None:
-            progress(done, (best.bound - best.error) / max(best.bound, _TINY))
+            progress(done, _MOST_ROUNDS)
         near = best.bound - best.error <= goal * best.bound + tolerances.NO_ERROR * game.spread
         wanted = np.argsort(-tempted)[:_ADDED]
         wanted = wanted[tempted[wanted] > 0]
         if near or not wanted.size:
             break
-        columns = np.union1d(columns, wanted)
+        columns = np.union1d(columns[_needed(game, found, columns)], wanted)
     assert best is not None
     return best
 
@@ -98,7 +102,7 @@ def _constant(game: Game) -> Confounded | None:
         return None
     rows = np.zeros_like(game.costs)
     rows[:, free[game.costs[:, free].sum(axis=0).argmin()]] = 1.0
-    return Confounded(rows, np.zeros((rows.shape[1], game.points.shape[1])), game.spread, game.spread, 0)
+    return Confounded(rows, np.zeros((rows.shape[1], game.points.shape[1])), game.spread, game.spread)
 
 
 def _first_columns(game: Game) -> np.ndarray:
@@ -125,25 +129,27 @@ def _first_columns(game: Game) -> np.ndarray:
     return columns
 
 
-def _priced(game: Game, found: Equilibrium, columns: np.ndarray, goal: float) -> tuple[Array, Array]:
-    """Estimates of all columns that tempt least, and by how much each unplayed one tempts still (M,).
+def _needed(game: Game, found: Saddle, columns: np.ndarray) -> np.ndarray:
+    """Which columns to keep: those that are played, and each row's cheapest."""
+    played = game.weights @ found.rows
+    kept = played >= tolerances.SELDOM / len(columns)
+    kept[np.where(game.allowed[:, columns], game.costs[:, columns], np.inf).argmin(axis=1)] = True
+    return np.flatnonzero(kept)
 
-    A column's posterior mean is kept where it tempts nobody: of a column that is hardly played it means nothing.
-    """
+
+def _priced(game: Game, found: Saddle, columns: np.ndarray, goal: float) -> tuple[Array, Array]:
+    """Estimates of all columns, of those left out the ones that tempt least, and by how much each does still (M,)."""
     near = _PRICED * (goal * found.error + tolerances.NO_ERROR * game.spread)
-    costs = np.where(game.allowed, game.costs, 0.0)
-    offers = (game.points**2).sum(axis=1)[:, None] - (found.levels[:, None] + found.prices[:, None] * costs)
-    offers = np.where(game.allowed, offers, -_FORBIDDEN * game.spread)
-    estimates = np.zeros((offers.shape[1], game.points.shape[1]))
+    estimates = np.zeros((game.costs.shape[1], game.points.shape[1]))
     estimates[columns] = found.estimates
-    above = (offers[:, columns] - 2.0 * game.points @ found.estimates.T).max(axis=0) + (found.estimates**2).sum(axis=1)
-    open_ones = np.ones(offers.shape[1], dtype=bool)
-    open_ones[columns] = above > near
-    others = np.flatnonzero(open_ones)
-    tempted = np.full(offers.shape[1], -np.inf)
+    tempted = np.full(len(estimates), -np.inf)
+    others = np.setdiff1d(np.arange(len(estimates)), columns)
     if others.size:
-        estimates[others], tempted[others] = least_tempting(game.points, offers[:, others], near)
-    tempted[columns] = -np.inf
+        allowed = game.allowed[:, others]
+        paid = found.levels[:, None] + found.prices[:, None] * np.where(allowed, game.costs[:, others], 0.0)
+        offers = (game.points**2).sum(axis=1)[:, None] - paid
+        offers = np.where(allowed, offers, -_FORBIDDEN * game.spread)
+        estimates[others], tempted[others] = least_tempting(game.points, offers, near)
     return estimates, tempted
 
 

@@ -103,6 +103,13 @@ def test_candidates_come_first_and_keep_their_order():
     assert found.regrets[:, unplayed].min() > 0
 
 
+def test_candidates_may_be_plain_decisions():
+    problem = belief_problem(2)
+    found = mechanism(OriginalDecisionMaker(problem), [[0.9, 0.1], [0.5, 0.5]], [[0.25, 0.75], [0.5, 0.5]])
+    assert found.actions[:2].tolist() == [[0.25, 0.75], [0.5, 0.5]]
+    assert found.played([0.5, 0.5]) == pytest.approx([0.0, 0.5, 0.5])
+
+
 def test_equal_decisions_are_one():
     twice = SimpleNamespace(actions=np.array([[1.0, 0.0], [0.5, 0.5], [1.0, 1e-14]]))
     problem = belief_problem(2)
@@ -164,8 +171,8 @@ def test_input_is_checked():
     problem = belief_problem(2)
     with pytest.raises(InputError, match="`problem` and `decide_many` is needed"):
         mechanism(problem, [[0.5, 0.5]])
-    with pytest.raises(InputError, match="candidates must be Candidates"):
-        mechanism(OriginalDecisionMaker(problem), [[0.5, 0.5]], [[1.0, 0.0]])
+    with pytest.raises(InputError, match="outside the feasible set"):
+        mechanism(OriginalDecisionMaker(problem), [[0.5, 0.5]], [[1.0, 0.5]])
     with pytest.raises(InputError, match=r"sums to 1\.1, expected 1"):
         mechanism(OriginalDecisionMaker(problem), [[0.5, 0.6]])
     with pytest.raises(InputError, match="at least one belief"):

@@ -139,6 +139,16 @@ def test_what_is_played_keeps_the_budget_and_leaks_what_is_said(seed: int, share
     assert share < 1.0 or found.rate == 0.0
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_at_the_silence_regret_the_candidates_of_the_library_leak_nothing(seed: int) -> None:
+    problem, prior, _ = market(seed)
+    apart = float(prior.weights @ problem.optimal_cost(prior.beliefs))
+    silent = float(problem.optimal_cost(prior.weights @ prior.beliefs)) - apart
+    found = RateDistortionDecisionMaker(problem, Budget.regret(silent), prior=prior)
+    assert found.rate == 0.0
+    assert len(found.mechanism.actions) == 1
+
+
 def test_a_bound_from_the_definition_alone_agrees() -> None:
     """Any λ with Σ_b p_b λ_b e^{−s ρ} ≤ 1 for every action bounds the rate: here one scaled from the played rows."""
     problem, prior, candidates = market(1)

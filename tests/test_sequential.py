@@ -185,6 +185,20 @@ def test_known_states_and_a_sensor_of_its_own(n_particles: int) -> None:
         check_against(getattr(sensing, ask)(actions, observations=reports), reported, smoothed=smoothed)
 
 
+@pytest.mark.parametrize("n_particles", [0, 500])
+def test_a_decision_written_twice_counts_once(n_particles: int) -> None:
+    rng = np.random.default_rng(5)
+    world = random_world(rng)
+    plays = random_mechanism(rng, reachable_beliefs(world, 3), 3, mixed=True)
+    part = rng.random(len(plays.beliefs))
+    shares = np.column_stack([plays.probabilities, plays.probabilities[:, 0] * part])
+    shares[:, 0] *= 1.0 - part
+    twice = Mechanism(plays.beliefs, plays.actions[[0, 1, 2, 0]], shares, np.zeros_like(shares))
+    options = {"n_particles": n_particles, "rng": rng} if n_particles else {}
+    found = SequentialAdversary(world, twice, **options).smooth(plays.actions[[0, 2, 0]])
+    check_against(found, Enumerated(world, plays, [0, 2, 0]), smoothed=True)
+
+
 def test_beliefs_between_the_points_are_mixed_from_their_cell() -> None:
     rng = np.random.default_rng(2)
     for n_states in (2, 3):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 from scipy.spatial import cKDTree
 
 from inscrutable import tolerances
@@ -52,12 +53,12 @@ def decision_columns(mechanism: Mechanism, actions: ArrayLike, nearest: bool) ->
     listed = np.asarray(mechanism.actions, dtype=np.float64)
     given = _rows(actions, listed)
     unseen = np.asarray(np.isnan(given).all(axis=1))
-    played = np.flatnonzero(mechanism.played(np.ones(len(mechanism.beliefs))) > 0)
+    played = np.flatnonzero(np.asarray(mechanism.observed.sum(axis=0)) > 0)
     tree = cKDTree(listed.reshape(len(listed), -1)[played])
     gaps, place = tree.query(np.where(unseen[:, None], 0.0, given), p=np.inf)
     if nearest:
         place = tree.query(np.where(unseen[:, None], 0.0, given))[1]
-    far: np.ndarray = np.asarray(gaps) > tolerances.SAME_ACTION * np.maximum(1.0, np.abs(given).max(axis=1))
+    far: np.ndarray = np.asarray(gaps) > tolerances.SAME_ACTION
     columns = np.where(unseen, UNSEEN, np.where(far & (not nearest), NEVER_PLAYED, played[place]))
     return columns, far & nearest & ~unseen
 
@@ -119,7 +120,7 @@ def checked_sensor(sensor: Any, n_states: int) -> Emission | None:
 
 def played_shares(mechanism: Mechanism, columns: np.ndarray) -> dict[int, Array]:
     """Return K(u|π_b), shape (B,), for each column that occurs; ones where nothing was seen."""
-    by_column = mechanism.sparse.tocsc()
+    by_column: Any = sparse.csc_array(mechanism.observed)
     found = {UNSEEN: np.ones(len(mechanism.beliefs)), NEVER_PLAYED: np.zeros(len(mechanism.beliefs))}
     for column in np.unique(columns[columns >= 0]):
         found[int(column)] = np.asarray(by_column[:, [int(column)]].toarray()).reshape(-1)

@@ -13,7 +13,6 @@ from inscrutable import tolerances
 from inscrutable.mechanisms.matching import weights_on
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import Prior
-from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.validation import Array
 
 
@@ -72,19 +71,12 @@ class Joint:
 def joint_law(mechanism: Mechanism, prior: Prior) -> Joint:
     """Return the joint law of belief and decision under a prior; raise `InputError` where the beliefs differ."""
     weights = weights_on(mechanism, prior)
-    held: Any = mechanism.probabilities
+    held: Any = mechanism.observed
     if isinstance(held, np.ndarray):
         row, column = np.nonzero(held)
         conditional = held[row, column]
     else:
         entries = held.tocoo()
-        row, column, conditional = entries.row, entries.col, entries.data
-    first = first_same(np.asarray(mechanism.actions, dtype=np.float64).reshape(len(mechanism.actions), -1))
-    if (first != np.arange(len(first))).any():
-        # An observer cannot tell these decisions apart: their probabilities are added.
-        merged: Any = sparse.csr_array((conditional, (row, first[column])), shape=held.shape)
-        merged.sum_duplicates()
-        entries = merged.tocoo()
         row, column, conditional = entries.row, entries.col, entries.data
     mass = weights[row] * conditional
     some = mass > 0

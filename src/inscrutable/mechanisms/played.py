@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -104,6 +105,16 @@ class Mechanism(Saved):
         """K as a sparse array of rows."""
         return sparse.csr_array(self.probabilities)
 
+    @cached_property
+    def observed(self) -> Any:
+        """K as an observer sees it: decisions that cannot be told apart have their probabilities at the first, shape (B,M)."""
+        count = len(self.actions)
+        first = first_same(np.asarray(self.actions, dtype=np.float64).reshape(count, -1))
+        if (first == np.arange(count)).all():
+            return self.probabilities
+        merging = sparse.csr_array((np.ones(count), (np.arange(count), first)), shape=(count, count))
+        return sparse.csr_array(self.sparse @ merging)
+
     def played(self, weights: ArrayLike) -> Array:
         """Return how often each action is played under weights of the beliefs: Σ_b w_b K(u_m|π_b), shape (M,)."""
         return np.asarray(self.sparse.T @ np.asarray(weights, dtype=np.float64))
@@ -146,7 +157,9 @@ def _stochastic_table(table: Any) -> Any:
     return table
 
 
-def mechanism(decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActions | None = None) -> Mechanism:
+def mechanism(
+    decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActions | ArrayLike | None = None
+) -> Mechanism:
     """Return what a decision maker amounts to on some beliefs.
 
     Formula: K(u|π_b) as `decide_many` plays it; decisions that agree to `tolerances.SAME_ACTION` are one, the first of
@@ -155,11 +168,12 @@ def mechanism(decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActi
     Args:
         decision_maker: Anything with `problem` and `decide_many`, such as `OriginalDecisionMaker(problem)`.
         beliefs: π_b, shape (B,X).
-        candidates: Decisions to list first, in their order, played or not; None lists what is played alone.
+        candidates: Decisions to list first, in their order, played or not: `Candidates`, or feasible decisions (M,U); None
+            lists what is played alone.
 
     Raises:
         InputError: The beliefs are no probability vectors, the decision maker cannot decide, or decides by what came before,
-            or the candidates have no actions.
+            or a candidate is no feasible decision.
 
     Cost: one call of `decide_many`, and B·M regrets.
 
@@ -193,13 +207,11 @@ def mechanism(decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActi
     return Mechanism(held, problem.as_actions(actions), probabilities, regrets)
 
 
-def _listed(problem: DecisionProblem, candidates: HasActions) -> Array:
+def _listed(problem: DecisionProblem, candidates: Any) -> Array:
     """Candidates as points (M,U)."""
-    if not hasattr(candidates, "actions"):
-        raise InputError(
-            f"candidates must be Candidates, as decoy_grid(problem, resolution) makes them, got {candidates!r}"
-        )
-    return np.atleast_2d(problem.as_points(candidates.actions))
+    if hasattr(candidates, "actions"):
+        return np.atleast_2d(problem.as_points(candidates.actions))
+    return np.atleast_2d(problem.check_actions(candidates))
 
 
 def _atoms(

@@ -64,6 +64,9 @@ class AwareDecisionMaker:
         if self._columns is None:
             candidates = as_candidates(self.problem, self._given)
             self._columns = columns_of(self.problem, candidates, self.options.plausible_only)
+            if self._given is None:
+                # The cheapest constant decision: at the silence regret it suffices, and decoys alone may miss it.
+                self._columns = self._columns.with_optimal(self.prior.mean)
         return self._columns
 
     def _table(self, columns: Columns) -> PriorTable:

@@ -11,6 +11,7 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.distinct import Distinct, distinct_of
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
+from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -48,6 +49,17 @@ class Columns:
             decoys = np.vstack([self.candidates.decoys[self.found.number], beliefs])
         both = make_candidates(self.problem, np.vstack([self.points, own]), decoys)
         return Columns(self.problem, both, distinct_of(both))
+
+    def with_optimal(self, belief: Array) -> Columns:
+        """Return them with the optimal decision of a belief (X,) behind, unless it is one of them."""
+        own = self.problem.solve_points(belief[None])
+        if first_same(np.vstack([self.points, own]))[-1] < len(self):
+            return self
+        added = make_candidates(self.problem, own, belief[None])
+        last = distinct_of(added)
+        last = last._replace(number=last.number + len(self.candidates))
+        found = Distinct(*(np.concatenate(pair) for pair in zip(self.found, last, strict=True)))
+        return Columns(self.problem, self.candidates.joined(added), found)
 
     def privacies(self, beliefs: Array, places: np.ndarray) -> Array:
         """Return dist(π_t, Π(u)) of the decisions at `places` (T,k), shape (T,k)."""

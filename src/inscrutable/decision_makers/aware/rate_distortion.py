@@ -32,8 +32,9 @@ class RateDistortionDecisionMaker(AwareDecisionMaker):
         problem: The decision problem.
         budget: r: `Budget.regret(r)`, or a share of E|c*| under the prior; it holds in expectation over the prior.
         prior: The law of the beliefs, known to the observer.
-        candidates: Decisions to choose from; None is about 5,000 decoys. Where they cannot meet the budget or the cap,
-            the optimal decisions of the prior's beliefs join them.
+        candidates: Decisions to choose from; None is about 5,000 decoys and the optimal decision at the prior's mean, the
+            cheapest constant one. Where they cannot meet the budget or the cap, the optimal decisions of the prior's
+            beliefs join them.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
         plausible_only: Whether candidates that no belief explains are left out.
         gap: Bits by which `rate` and `rate_bound` may differ.
@@ -189,7 +190,7 @@ def rate_distortion_curve(
         problem: The decision problem.
         prior: The law of the beliefs.
         budgets: Expected regrets as `Budget.regret(r)`, or shares of E|c*|.
-        candidates: Decisions to choose from; None is about 5,000 decoys.
+        candidates: Decisions to choose from; None as for `RateDistortionDecisionMaker`.
         progress: Called with (budgets done, budgets in all).
 
     Raises:

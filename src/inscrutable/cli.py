@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from inscrutable.experiments.attack import Attack
     from inscrutable.experiments.backtest import Backtest
+    from inscrutable.experiments.comparison import Comparison
     from inscrutable.experiments.protect import Protection
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
@@ -151,7 +152,8 @@ def backtest(
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         seed: The same seed gives the same numbers.
-        out: Folder for the table, the figures, the weights and model.json.
+        out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
+            report.html, one page to play with that works offline.
     """
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
@@ -174,11 +176,19 @@ def backtest(
         result = run_backtest(table, settings, beliefs=own, riskless=riskless, progress=move)
     speech.log("Drawing the figures")
     files = [*write_backtest(result, folder), _save_model(result, settings.train_until, folder)]
+    files += _write_report(result, folder)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
     speech.sentence("\n\n".join(filter(None, [text_of(result), headline(result), verdict(result)])) + "\n")
     speech.files(files)
+
+
+def _write_report(result: Backtest | Comparison, folder: Path, **more: Any) -> list[Path]:
+    """The page, where the extra that it needs is there."""
+    from inscrutable.reports.page import can_write_pages, write_page
+
+    return [write_page(result, folder / "report.html", **more)] if can_write_pages() else []
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -359,7 +369,8 @@ def compare(
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
         seed: The same seed gives the same numbers.
-        out: Folder for the table (CSV, Markdown), the figure and summary.json.
+        out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
+            report.html, one page to play with that works offline.
     """
     unit, shares = budgets_of(budgets)
 
@@ -381,6 +392,7 @@ def compare(
         )
     speech.log("Drawing the figure")
     files = write_comparison(result, folder, title=chosen.note)
+    files += _write_report(result, folder, manifest={"market": chosen.note, "seed": seed})
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

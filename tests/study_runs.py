@@ -21,7 +21,7 @@ SMALL: dict[str, Any] = {
         "ODM",
         "uniform",
         {"name": "coin", "probability": [0.1, 0.4]},
-        {"name": "Dirichlet", "draws": 20},
+        {"name": "Dirichlet noise", "draws": 20},
     ],
     "budgets": {"values": [0.1, 0.3]},
     "adversaries": ["naive", "bayesian"],

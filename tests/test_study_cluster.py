@@ -20,7 +20,7 @@ from inscrutable.experiments.studies.workshop import FAILED, Work
 from study_runs import SMALL, environment, table
 
 with_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="distributed is not installed")
-PLAN = SMALL | {"name": "on a cluster", "repeats": 60, "decision_makers": ["ODM", "uniform", "coin"]}
+PLAN = SMALL | {"name": "on a cluster", "repeats": 30, "decision_makers": ["ODM", "uniform", "coin"]}
 RUN = """
 import json, sys
 from inscrutable.experiments.studies import Study, executors, run_study

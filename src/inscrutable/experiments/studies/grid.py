@@ -21,7 +21,12 @@ from inscrutable.experiments.studies.layout import BudgetSection, FittedWorldSec
 PER_MARKET = ("world", "problem", "beliefs", "candidates", "repeat")
 """What tasks on one and the same market, with the same candidates, have in common."""
 
-_PARAMETER_OF = {"exponential": "epsilon", "Dirichlet": "concentration", "coin": "probability", "rounding": "step"}
+_PARAMETER_OF = {
+    "exponential": "epsilon",
+    "Dirichlet noise": "concentration",
+    "coin": "probability",
+    "rounding": "step",
+}
 """Decision makers with a parameter instead of a budget: where it is given they take no budget."""
 
 _SPENDS_NOTHING = ("ODM",)

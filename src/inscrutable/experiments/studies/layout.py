@@ -172,7 +172,7 @@ class Exponential(Section):
 class Dirichlet(Section):
     """Dirichlet noise; without a concentration it is made to spend the budget."""
 
-    name: Literal["Dirichlet"]
+    name: Literal["Dirichlet noise"]
     concentration: Grid[Positive] | None = None
     draws: Count = 1000
 

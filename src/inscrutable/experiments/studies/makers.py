@@ -114,10 +114,9 @@ def play(setting: Setting, maker: Mapping[str, Any], budget: Mapping[str, Any] |
         return _played(setting, _PER_BELIEF[name](setting, maker, limit, seed), asked, promise)
     if asked <= 0:
         return _played(setting, OriginalDecisionMaker(setting.problem), asked)
-    if name == "rate-distortion":
-        found: Any = RateDistortionDecisionMaker(
-            setting.problem, Budget.regret(asked), prior=setting.prior, candidates=setting.candidates
-        )
+    if name in _IN_EXPECTATION:
+        make = _IN_EXPECTATION[name]
+        found = make(setting.problem, Budget.regret(asked), prior=setting.prior, candidates=setting.candidates)
         return _played(setting, found, asked)
     family = _FAMILIES[name](setting, maker, asked, seed) if name in _FAMILIES else _scaled(setting, maker, limit, seed)
     spent = calibrate(family.make, asked, setting.prior, family.low, family.high)
@@ -204,9 +203,12 @@ _PER_BELIEF: Mapping[str, Callable[[Setting, Mapping[str, Any], Budget, Seed], A
 }
 """Those whose budget is one per belief."""
 
+_IN_EXPECTATION: Mapping[str, Callable[..., Any]] = {"rate-distortion": RateDistortionDecisionMaker}
+"""Those whose budget holds in expectation over the law of beliefs, which they know."""
+
 _FAMILIES: Mapping[str, Callable[[Setting, Mapping[str, Any], float, Seed], _Family]] = {
     "exponential": _exponential,
-    "Dirichlet": _dirichlet,
+    "Dirichlet noise": _dirichlet,
     "coin": _coin,
     "rounding": _rounding,
 }
@@ -215,7 +217,7 @@ _FAMILIES: Mapping[str, Callable[[Setting, Mapping[str, Any], float, Seed], _Fam
 _WITHOUT_BUDGET: Mapping[str, Callable[[Setting, Mapping[str, Any], Seed], Any]] = {
     "ODM": _original,
     "exponential": _alone("epsilon", _exponential),
-    "Dirichlet": _alone("concentration", _dirichlet),
+    "Dirichlet noise": _alone("concentration", _dirichlet),
     "coin": _alone("probability", _coin),
     "rounding": _rounded,
 }

@@ -179,7 +179,7 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
     poor = ~(table.least <= limits + rounding_of(table.optimal_costs))
     if poor.any():
         table = maker._table(maker.columns.joined(prior.beliefs[poor]))
-    held = prior.weights > 0
+    held = prior.weights > tolerances.NO_WEIGHT  # the others answer, and count in the bound
     goal = maker.asked
     if goal is None:
         small = np.count_nonzero(held) * len(table.columns) <= _SMALL
@@ -190,10 +190,12 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
     points = (prior.beliefs - prior.mean) @ basis.T
     game = Game(points[held], prior.weights[held], costs[held], allowed[held])
     found = largest_error(game, 0.8 * goal, progress)
-    shares = _answers(table, Game(points, prior.weights, costs, allowed).gains(found.estimates), limits)
+    answers = Game(points, prior.weights, costs, allowed).bound(found.estimates)
+    shares = answers.rows(costs.shape[1])
+    bound = found.bound + float(prior.weights[~held] @ answers.values[~held])
     small_share = tolerances.SELDOM * tolerances.SELDOM * goal
     shares[held] = without_small(found.rows, table.regrets[held], small_share)
-    return _solution(prior, table, shares, prior.mean + found.estimates @ basis, (found.bound, game.spread, goal))
+    return _solution(prior, table, shares, prior.mean + found.estimates @ basis, (bound, game.spread, goal))
 
 
 def _solution(

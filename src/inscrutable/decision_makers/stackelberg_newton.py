@@ -162,7 +162,7 @@ class _Newton:
 def saddle(game: Game, goal: float, progress: Callable[[int], None] | None = None) -> Saddle:
     """Return rows and estimates whose errors are about `goal` apart, as a share of the bound, or as near as they come."""
     costs = np.where(game.allowed, game.costs, 0.0)
-    rows, levels, prices = centred_start(game, game.spread / np.sqrt(costs.shape[1]))
+    rows, levels, prices = centred_start(game, game.spread / np.sqrt(costs.shape[1]) * _centres(game))
     estimates = np.zeros((costs.shape[1], game.points.shape[1]))
     unspent = 1.0 - (rows * costs).sum(axis=1)
     now = _Point(rows, unspent, levels, prices, estimates, _spare(game, costs, (levels, prices, estimates)))
@@ -186,6 +186,11 @@ def saddle(game: Game, goal: float, progress: Callable[[int], None] | None = Non
 def _judged(game: Game, now: _Point) -> Saddle:
     bound = float(game.weights @ (now.levels + now.prices))
     return Saddle(now.rows, now.estimates, now.levels, now.prices, game.error(now.rows), bound)
+
+
+def _centres(game: Game) -> Array:
+    """How large the products of each row are to be beside the others' (B,): light rows come after."""
+    return np.asarray(1.0 / np.sqrt(len(game.weights) * game.weights))
 
 
 def _better(old: Saddle, new: Saddle) -> Saddle:
@@ -228,10 +233,11 @@ def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
     total = float(game.weights @ (products.sum(axis=1) + unspent))
     share = (max(float(game.weights @ ahead), 0.0) / total) ** 3
     share = float(np.clip(share, tolerances.LEAST_CENTRED, _MOST_CENTRED))
-    each = total / float(game.weights @ (game.allowed.sum(axis=1) + 1.0))
+    each = _centres(game)
+    each = total / float(game.weights @ (each * (game.allowed.sum(axis=1) + 1.0))) * each
     second = move.rows * move.spare - bend, move.prices * move.unspent
     for centre, bent in ((share * each, 1.0), (_MOST_CENTRED * each, 0.0)):  # the other where products differ too much
-        aim = np.where(game.allowed, centre - products - bent * second[0], 0.0)
+        aim = np.where(game.allowed, centre[:, None] - products - bent * second[0], 0.0)
         move = newton.towards(aim, centre - unspent - bent * second[1])
         length, dual_length = (min(1.0, _TO_BOUNDARY * part) for part in _lengths(now, move, game.allowed))
         if min(length, dual_length) > _SHORT:

@@ -273,6 +273,9 @@ ENVELOPE = 1e-13
 NO_ERROR = 1e-12
 """Mean square error, as a share of the prior's, that counts as none."""
 
+NO_WEIGHT = 1e-10
+"""Weight of a belief below which it moves no estimate, so that it answers the others' and is counted afterwards."""
+
 LEAST_CENTRED = 1e-3
 """Least share of its complementarity that an interior-point step leaves standing: keeps it near the central path."""
 

@@ -46,8 +46,9 @@ class StackelbergDecisionMaker(AwareDecisionMaker):
     Raises:
         InputError: An argument is malformed.
 
-    Cost: seconds for 500 beliefs and 2,000 candidates at 1 %. Source: the saddle point of a Stackelberg game whose follower
-    estimates; compare Crawford and Sobel, Strategic Information Transmission (Econometrica 50, 1982).
+    Cost: four to nine seconds for 500 beliefs and 2,000 candidates at 1 %, a tenth of one for 15,000 pairs at 1e-6.
+    Source: the saddle point of a Stackelberg game whose follower estimates; compare Crawford and Sobel, Strategic
+    Information Transmission (Econometrica 50, 1982).
 
     Example:
         >>> from inscrutable import Budget, FiniteProblem, Prior
@@ -179,7 +180,7 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
     poor = ~(table.least <= limits + rounding_of(table.optimal_costs))
     if poor.any():
         table = maker._table(maker.columns.joined(prior.beliefs[poor]))
-    held = prior.weights > 0
+    held = prior.weights > tolerances.NO_WEIGHT  # the others answer, and count in the bound
     goal = maker.asked
     if goal is None:
         small = np.count_nonzero(held) * len(table.columns) <= _SMALL
@@ -190,10 +191,12 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
     points = (prior.beliefs - prior.mean) @ basis.T
     game = Game(points[held], prior.weights[held], costs[held], allowed[held])
     found = largest_error(game, 0.8 * goal, progress)
-    shares = _answers(table, Game(points, prior.weights, costs, allowed).gains(found.estimates), limits)
+    answers = Game(points, prior.weights, costs, allowed).bound(found.estimates)
+    shares = answers.rows(costs.shape[1])
+    bound = found.bound + float(prior.weights[~held] @ answers.values[~held])
     small_share = tolerances.SELDOM * tolerances.SELDOM * goal
     shares[held] = without_small(found.rows, table.regrets[held], small_share)
-    return _solution(prior, table, shares, prior.mean + found.estimates @ basis, (found.bound, game.spread, goal))
+    return _solution(prior, table, shares, prior.mean + found.estimates @ basis, (bound, game.spread, goal))
 
 
 def _solution(

@@ -58,19 +58,18 @@ class Game:
         return row_envelopes(self.costs, self.gains(estimates), np.ones(len(self.weights)), self.allowed)
 
 
-def centred_start(game: Game, centre: float) -> tuple[Array, Array, Array]:
+def centred_start(game: Game, centre: Array) -> tuple[Array, Array, Array]:
     """Return rows K that spend less than 1, levels ℓ and prices λ with ℓ_b + λ_b c_bm > |π_b|² wherever allowed.
 
-    Every estimate is the prior mean, zero. Each row is put where K_bm (ℓ_b + λ_b c_bm − |π_b|²) is near `centre`: there
-    ℓ + λ − centre Σ_m log(ℓ + λ c_m − |π|²) − centre log λ is least, found by damped Newton steps.
+    Every estimate is the prior mean, zero. Each row is put where K_bm (ℓ_b + λ_b c_bm − |π_b|²) is near the row's centre
+    (B,): there ℓ + λ − centre Σ_m log(ℓ + λ c_m − |π|²) − centre log λ is least, found by damped Newton steps.
     """
     costs = np.where(game.allowed, game.costs, 0.0)
-    prices = np.full(len(costs), 2.0 * centre)
-    above = np.full(len(costs), centre)  # ℓ − |π|²: the same as if every gain were zero
+    prices, above = 2.0 * centre, centre.copy()  # ℓ − |π|²: the same as if every gain were zero
     for _ in range(_CENTRING_STEPS):
-        rows = np.where(game.allowed, centre / (above[:, None] + prices[:, None] * costs), 0.0)
+        rows = np.where(game.allowed, centre[:, None] / (above[:, None] + prices[:, None] * costs), 0.0)
         first, second = 1.0 - rows.sum(axis=1), 1.0 - (rows * costs).sum(axis=1) - centre / prices
-        square = rows * rows / centre
+        square = rows * rows / centre[:, None]
         ones = square.sum(axis=1)
         mean = (square * costs).sum(axis=1) / ones
         spread = (square * (costs - mean[:, None]) ** 2).sum(axis=1) + centre / prices**2

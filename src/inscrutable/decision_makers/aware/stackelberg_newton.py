@@ -21,6 +21,8 @@ MOST_STEPS = 100
 """Steps at most; some twenty to forty are usual."""
 _TO_BOUNDARY = 0.98
 _MOST_CENTRED = 0.8
+_REFINED = 2
+_SHORT = 0.1
 _TINY = np.finfo(float).tiny
 
 
@@ -125,7 +127,8 @@ class _Newton:
         """Return the move after which rows · spare and prices · unspent have changed by these, to first order."""
         now, weights = self.now, self.game.weights
         direct = aim / now.spare
-        level = weights * (direct.sum(axis=1) - (1.0 - now.rows.sum(axis=1)))
+        lacking = 1.0 - now.rows.sum(axis=1)
+        level = weights * (direct.sum(axis=1) - lacking)
         missing = 1.0 - (now.rows * self.costs).sum(axis=1) - now.unspent
         price = weights * ((direct * self.costs).sum(axis=1) + unspent_aim / now.prices - missing)
         price = price - self.mean_costs * level
@@ -143,6 +146,13 @@ class _Newton:
             estimates = self._solved(left.reshape(-1)).reshape(left.shape)
             turn, first, second = self._onto_rows(estimates)
             levels, prices = (level - first) / self.by_level, (price - second) / self.by_price
+        for _ in range(_REFINED):  # the sums of a row with few atoms left are differences of large numbers
+            spare = levels[:, None] + prices[:, None] * self.about + turn
+            rows = direct - self.ratio * spare
+            unspent = (unspent_aim - now.unspent * prices) / now.prices
+            over = weights * (rows.sum(axis=1) - lacking)
+            dearer = weights * ((rows * self.costs).sum(axis=1) + unspent - missing) - self.mean_costs * over
+            levels, prices = levels + over / self.by_level, prices + dearer / self.by_price
         spare = levels[:, None] + prices[:, None] * self.about + turn
         rows = direct - self.ratio * spare
         unspent = (unspent_aim - now.unspent * prices) / now.prices
@@ -152,7 +162,7 @@ class _Newton:
 def saddle(game: Game, goal: float, progress: Callable[[int], None] | None = None) -> Saddle:
     """Return rows and estimates whose errors are about `goal` apart, as a share of the bound, or as near as they come."""
     costs = np.where(game.allowed, game.costs, 0.0)
-    rows, levels, prices = centred_start(game, game.spread / np.sqrt(costs.shape[1]))
+    rows, levels, prices = centred_start(game, game.spread / np.sqrt(costs.shape[1]) * _centres(game))
     estimates = np.zeros((costs.shape[1], game.points.shape[1]))
     unspent = 1.0 - (rows * costs).sum(axis=1)
     now = _Point(rows, unspent, levels, prices, estimates, _spare(game, costs, (levels, prices, estimates)))
@@ -176,6 +186,11 @@ def saddle(game: Game, goal: float, progress: Callable[[int], None] | None = Non
 def _judged(game: Game, now: _Point) -> Saddle:
     bound = float(game.weights @ (now.levels + now.prices))
     return Saddle(now.rows, now.estimates, now.levels, now.prices, game.error(now.rows), bound)
+
+
+def _centres(game: Game) -> Array:
+    """How large the products of each row are to be beside the others' (B,): light rows come after."""
+    return np.asarray(1.0 / np.sqrt(len(game.weights) * game.weights))
 
 
 def _better(old: Saddle, new: Saddle) -> Saddle:
@@ -218,16 +233,23 @@ def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
     total = float(game.weights @ (products.sum(axis=1) + unspent))
     share = (max(float(game.weights @ ahead), 0.0) / total) ** 3
     share = float(np.clip(share, tolerances.LEAST_CENTRED, _MOST_CENTRED))
-    centre = share * total / float(game.weights @ (game.allowed.sum(axis=1) + 1.0))
-    aim = np.where(game.allowed, centre - products - move.rows * move.spare + bend, 0.0)
-    move = newton.towards(aim, centre - unspent - move.prices * move.unspent)
-    length, dual_length = (min(1.0, _TO_BOUNDARY * each) for each in _lengths(now, move, game.allowed))
+    each = _centres(game)
+    each = total / float(game.weights @ (each * (game.allowed.sum(axis=1) + 1.0))) * each
+    second = move.rows * move.spare - bend, move.prices * move.unspent
+    for centre, bent in ((share * each, 1.0), (_MOST_CENTRED * each, 0.0)):  # the other where products differ too much
+        aim = np.where(game.allowed, centre[:, None] - products - bent * second[0], 0.0)
+        move = newton.towards(aim, centre - unspent - bent * second[1])
+        length, dual_length = (min(1.0, _TO_BOUNDARY * part) for part in _lengths(now, move, game.allowed))
+        if min(length, dual_length) > _SHORT:
+            break
     if not np.isfinite(length * dual_length) or max(length, dual_length) < tolerances.NEWTON_STEP:
         return None
     levels, prices = now.levels + dual_length * move.levels, now.prices + dual_length * move.prices
     estimates = now.estimates + dual_length * move.estimates
     rows = now.rows + length * move.rows
-    reached = _spare(game, costs, (levels, prices, estimates))
+    # Not from levels and prices anew: of a tiny spare that would leave rounding.
+    reached = now.spare + dual_length * move.spare - dual_length**2 * (move.estimates**2).sum(axis=1)
+    reached = np.where(game.allowed, reached, 1.0)
     if not (np.isfinite(rows).all() and reached.min() > 0):
         return None
     return _Point(rows, now.unspent + length * move.unspent, levels, prices, estimates, reached)

@@ -138,7 +138,10 @@ def _needed(game: Game, found: Saddle, columns: np.ndarray) -> np.ndarray:
 
 
 def _priced(game: Game, found: Saddle, columns: np.ndarray, goal: float) -> tuple[Array, Array]:
-    """Estimates of all columns, of those left out the ones that tempt least, and by how much each does still (M,)."""
+    """Estimates of all columns, of those left out the ones that tempt least, and by how much each does still (M,).
+
+    What tempts by less than a small share of the gap does not count.
+    """
     near = _PRICED * (goal * found.error + tolerances.NO_ERROR * game.spread)
     estimates = np.zeros((game.costs.shape[1], game.points.shape[1]))
     estimates[columns] = found.estimates
@@ -149,21 +152,21 @@ def _priced(game: Game, found: Saddle, columns: np.ndarray, goal: float) -> tupl
         paid = found.levels[:, None] + found.prices[:, None] * np.where(allowed, game.costs[:, others], 0.0)
         offers = (game.points**2).sum(axis=1)[:, None] - paid
         offers = np.where(allowed, offers, -_FORBIDDEN * game.spread)
-        estimates[others], tempted[others] = least_tempting(game.points, offers, near)
+        found_ones = least_tempting(game.points, offers, near)
+        estimates[others] = found_ones
+        tempted[others] = (offers - 2.0 * game.points @ found_ones.T).max(axis=0) + (found_ones**2).sum(axis=1) - near
     return estimates, tempted
 
 
-def least_tempting(points: Array, offers: Array, near: float) -> tuple[Array, Array]:
-    """Return argmin_μ max_b (offer_bm − 2 π_b·μ + |μ|²) for every column m, shape (M,d), and a lower bound of the value.
+def least_tempting(points: Array, offers: Array, near: float) -> Array:
+    """Return argmin_μ max_b (offer_bm − 2 π_b·μ + |μ|²) for every column m, shape (M,d), to about `near`.
 
-    The maximum is smoothed, ε log Σ exp(·/ε), and each μ found by Newton's steps while ε falls to `near` / log B. The
-    weights of the smooth maximum give the lower bound Σ w offer − |Σ w π|².
+    The maximum is smoothed, ε log Σ exp(·/ε), and each μ found by Newton's steps while ε falls to `near` / log B.
     """
     n_beliefs, size = points.shape
     smooth = max(float(np.ptp(points, axis=0).max(initial=0.0)) ** 2, near)
     last = near / max(np.log(n_beliefs), 1.0)
     centres = np.zeros((offers.shape[1], size))
-    lower = np.full(offers.shape[1], -np.inf)
     while True:
         smooth = max(smooth * _SMOOTHER, last)
         left = np.arange(len(centres))
@@ -171,7 +174,6 @@ def least_tempting(points: Array, offers: Array, near: float) -> tuple[Array, Ar
             weights = _smooth_maximum(points, offers[:, left], centres[left], smooth)
             means = weights.T @ points
             moved = means - centres[left]
-            lower[left] = np.maximum(lower[left], (weights * offers[:, left]).sum(axis=0) - (means**2).sum(axis=1))
             hessians = np.einsum("bm,bi,bj->mij", weights, points, points, optimize=True)
             hessians -= means[:, :, None] * means[:, None, :]
             hessians = 2.0 / smooth * hessians + np.eye(size)
@@ -185,7 +187,7 @@ def least_tempting(points: Array, offers: Array, near: float) -> tuple[Array, Ar
             length = np.sqrt(2.0 * rise[going] / smooth)
             centres[left] += newton * (1.0 / (1.0 + np.maximum(length - 1.0, 0.0)))[:, None]
         if smooth <= last:
-            return centres, lower
+            return centres
 
 
 def _smooth_maximum(points: Array, offers: Array, centres: Array, smooth: float) -> Array:

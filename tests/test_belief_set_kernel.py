@@ -10,7 +10,7 @@ from numba import njit
 
 from inscrutable import tolerances
 from inscrutable.decision_makers import CounterAdversarialDecisionMaker, LocalSearch
-from inscrutable.decision_makers.trials import DefinedJudge, QuadraticJudge, judge_for
+from inscrutable.decision_makers.search.trials import DefinedJudge, QuadraticJudge, judge_for
 from inscrutable.geometry import BeliefSet
 from inscrutable.geometry.hulls import affine_hulls, clip_to_segments, described_sets, kernel_limits, sum_zero_basis
 from inscrutable.kernels.belief_polygons import polygon_distance, polygon_for

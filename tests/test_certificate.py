@@ -23,9 +23,9 @@ from inscrutable import (
     simplex,
     simplex_grid,
 )
-from inscrutable.decision_makers.cell_programmes import cell_bounds
-from inscrutable.decision_makers.certificate import Prover, Question
-from inscrutable.decision_makers.oracle_points import OraclePoints
+from inscrutable.decision_makers.proofs.cell_programmes import cell_bounds
+from inscrutable.decision_makers.proofs.certificate import Prover, Question
+from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
 from inscrutable.geometry.simplicial import cones_from, directions_to, halved
 from inscrutable.privacy.measures import Reference
 from oracles import enumeration, markets, optimum

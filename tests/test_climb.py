@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from inscrutable import Polyhedron, QuadraticProblem, box, simplex
-from inscrutable.decision_makers.face_search import rules_for, within
-from inscrutable.decision_makers.faces import FaceProgramme, face_programme
+from inscrutable.decision_makers.search.face_search import rules_for, within
+from inscrutable.decision_makers.search.faces import FaceProgramme, face_programme
 from inscrutable.kernels.climb import Aim, climb
 from inscrutable.kernels.faces import (
     add_regret_curvature,

@@ -23,8 +23,8 @@ from inscrutable import (
     consistent_beliefs,
     decoy_grid,
 )
-from inscrutable.decision_makers.atlas import atlas_of
-from inscrutable.decision_makers.plane import plane_of
+from inscrutable.decision_makers.search.atlas import atlas_of
+from inscrutable.decision_makers.search.plane import plane_of
 from inscrutable.kernels.search import LARGER
 
 Array = NDArray[np.float64]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from inscrutable.adversaries import consistent_sets
-from inscrutable.decision_makers.face_search import rules_for, within
-from inscrutable.decision_makers.faces import FaceProgramme, face_programme
-from inscrutable.decision_makers.set_faces import SetFaceSearch
+from inscrutable.decision_makers.search.face_search import rules_for, within
+from inscrutable.decision_makers.search.faces import FaceProgramme, face_programme
+from inscrutable.decision_makers.search.set_faces import SetFaceSearch
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.face_ascent import set_distance_model
 from inscrutable.kernels.set_distance import nearest_belief

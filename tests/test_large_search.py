@@ -15,11 +15,11 @@ from inscrutable import (
     Polyhedron,
     simplex,
 )
-from inscrutable.decision_makers.edge_climbs import edge_decoys
-from inscrutable.decision_makers.face_search import rules_for
-from inscrutable.decision_makers.face_starts import flipped, set_distance
-from inscrutable.decision_makers.faces import face_programme
-from inscrutable.decision_makers.rays import farthest_decoys
+from inscrutable.decision_makers.search.edge_climbs import edge_decoys
+from inscrutable.decision_makers.search.face_search import rules_for
+from inscrutable.decision_makers.search.face_starts import flipped, set_distance
+from inscrutable.decision_makers.search.faces import face_programme
+from inscrutable.decision_makers.search.rays import farthest_decoys
 from inscrutable.kernels.climb import Aim
 from inscrutable.privacy import MaximalObfuscation
 from oracles import consistent, large_markets, markets, multistart

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from benchmarks import markets
 from inscrutable import consistent_beliefs, decoy_grid
-from inscrutable.decision_makers.atlas import atlas_of
-from inscrutable.decision_makers.plane import plane_of
+from inscrutable.decision_makers.search.atlas import atlas_of
+from inscrutable.decision_makers.search.plane import plane_of
 from inscrutable.kernels.three_leaves import SLOTS, bar_dear_leaves, bound_leaves, read_leaf
 from inscrutable.kernels.three_states import Here
 from test_three_states import drawn_market, here_of

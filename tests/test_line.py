@@ -19,9 +19,9 @@ from inscrutable import (
     consistent_beliefs,
     decoy_grid,
 )
-from inscrutable.decision_makers import face_search
-from inscrutable.decision_makers.atlas import Faces
-from inscrutable.decision_makers.line import make_line
+from inscrutable.decision_makers.search import face_search
+from inscrutable.decision_makers.search.atlas import Faces
+from inscrutable.decision_makers.search.line import make_line
 from inscrutable.kernels.budget_end import budget_end
 from inscrutable.kernels.climb import Aim
 from oracles import enumeration, markets

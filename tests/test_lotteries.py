@@ -26,9 +26,9 @@ from inscrutable import (
     consistent_beliefs,
     decoy_grid,
 )
-from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.face_search import rules_for
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.face_search import rules_for
 from inscrutable.kernels import threads
 from inscrutable.kernels.lotteries import FIRST_SEED, NONE, search_lotteries
 from inscrutable.kernels.lottery_polish import best_chord
@@ -442,7 +442,7 @@ MEMORY = """
 import resource, sys
 import numpy as np
 from inscrutable import ProbabilisticDecisionMaker, decoy_grid
-from inscrutable.decision_makers import streaming
+from inscrutable.decision_makers.search import streaming
 sys.path.insert(0, {tests!r})
 from test_lotteries import market
 rng = np.random.default_rng(0)
@@ -480,7 +480,7 @@ def test_progress_rises_to_the_end() -> None:
 
 
 def test_progress_goes_on_over_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("inscrutable.decision_makers.streaming._BLOCK", 300)
+    monkeypatch.setattr("inscrutable.decision_makers.search.streaming._BLOCK", 300)
     case = told((3, 3), 1.0, 0.05, count=2)
     seen: list[tuple[int, int]] = []
     beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 1000)

@@ -18,9 +18,9 @@ from inscrutable import (
     simplex,
 )
 from inscrutable.adversaries import consistent_sets
-from inscrutable.decision_makers.fibres import Fibres
-from inscrutable.decision_makers.oracle_points import OraclePoints
-from inscrutable.decision_makers.quadratic_cells import QuadraticCells, whitened
+from inscrutable.decision_makers.proofs.fibres import Fibres
+from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
+from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
 from inscrutable.geometry.simplicial import directions_to
 from oracles import markets
 

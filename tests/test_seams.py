@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from inscrutable import MarkowitzProblem, MaximalObfuscation, ProbabilisticDecisionMaker, consistent_beliefs, decoy_grid
-from inscrutable.decision_makers import plane as plane_module
-from inscrutable.decision_makers import seams
-from inscrutable.decision_makers.atlas import Atlas, atlas_of
 from inscrutable.decision_makers.candidates import make_candidates
 from inscrutable.decision_makers.decoys import decided_by
-from inscrutable.decision_makers.plane import make_plane, plane_of
-from inscrutable.decision_makers.seams import seam_decoys
+from inscrutable.decision_makers.search import plane as plane_module
+from inscrutable.decision_makers.search import seams
+from inscrutable.decision_makers.search.atlas import Atlas, atlas_of
+from inscrutable.decision_makers.search.plane import make_plane, plane_of
+from inscrutable.decision_makers.search.seams import seam_decoys
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.lottery_polish import POLISHED

@@ -14,11 +14,11 @@ from inscrutable import (
     consistent_beliefs,
     decoy_grid,
 )
-from inscrutable.decision_makers.atlas import atlas_of
-from inscrutable.decision_makers.face_search import most_private
 from inscrutable.decision_makers.results import DecisionStatus
-from inscrutable.decision_makers.singles import stream_singles
-from inscrutable.decision_makers.streaming import OWN, Aims
+from inscrutable.decision_makers.search.atlas import atlas_of
+from inscrutable.decision_makers.search.face_search import most_private
+from inscrutable.decision_makers.search.singles import stream_singles
+from inscrutable.decision_makers.search.streaming import OWN, Aims
 from inscrutable.kernels import threads
 from inscrutable.kernels.climb import Aim
 from oracles.markets import random_market

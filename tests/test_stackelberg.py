@@ -26,7 +26,7 @@ from test_rate_distortion import CORNERS, TWO, market, regrets_of, silence
 
 Array = NDArray[np.float64]
 
-CLOSE = 2e-4
+CLOSE = 1e-6
 """Share of the bound by which value and bound may differ in small cases."""
 
 

@@ -22,10 +22,10 @@ from inscrutable import (
     consistent_beliefs,
     decoy_grid,
 )
-from inscrutable.decision_makers import streaming
-from inscrutable.decision_makers.atlas import Atlas, atlas_of
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.plane import make_plane, plane_of
+from inscrutable.decision_makers.search import streaming
+from inscrutable.decision_makers.search.atlas import Atlas, atlas_of
+from inscrutable.decision_makers.search.plane import make_plane, plane_of
 from inscrutable.geometry.hulls import sum_zero_basis
 from test_three_states import drawn_market
 

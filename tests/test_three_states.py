@@ -16,10 +16,10 @@ from inscrutable import (
     consistent_beliefs,
     decoy_grid,
 )
-from inscrutable.decision_makers.atlas import Atlas
 from inscrutable.decision_makers.candidates import make_candidates
-from inscrutable.decision_makers.face_search import rules_for
-from inscrutable.decision_makers.plane import ground_of
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.face_search import rules_for
+from inscrutable.decision_makers.search.plane import ground_of
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.three_sets import climb_line, polygon_distance, segment_of_line
 from inscrutable.kernels.three_states import LOCAL, Here, bench, climb_three, look_three

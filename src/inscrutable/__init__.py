@@ -89,6 +89,7 @@ _EXPORTS: dict[str, str] = {
     "SequentialAdversary": "adversaries",
     "SolverError": "errors",
     "StackelbergDecisionMaker": "decision_makers",
+    "Study": "experiments.studies",
     "TradingProblem": "problems",
     "Trajectory": "worlds",
     "UniformDecisionMaker": "decision_makers.baselines",
@@ -120,7 +121,9 @@ _EXPORTS: dict[str, str] = {
     "rate_distortion_curve": "decision_makers",
     "reachable_beliefs": "mechanisms",
     "repeated_leakage": "privacy",
+    "resume_study": "experiments.studies",
     "revealed_preferences": "problems",
+    "run_study": "experiments.studies",
     "simplex": "problems",
     "simplex_grid": "geometry",
     "stationary_prior": "mechanisms",
@@ -191,6 +194,9 @@ if TYPE_CHECKING:
     from inscrutable.errors import InscrutableError as InscrutableError
     from inscrutable.errors import ModelError as ModelError
     from inscrutable.errors import SolverError as SolverError
+    from inscrutable.experiments.studies import Study as Study
+    from inscrutable.experiments.studies import resume_study as resume_study
+    from inscrutable.experiments.studies import run_study as run_study
     from inscrutable.filtering import BeliefFilter as BeliefFilter
     from inscrutable.filtering import FilterResult as FilterResult
     from inscrutable.filtering import filter_beliefs as filter_beliefs

@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest an investor, attack weights, protect decisions, compare ways.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data,
 4 no solution, 130 interrupted.
@@ -17,6 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
+from inscrutable.cli_study import study
 from inscrutable.cli_values import (
     MeasureName,
     UsageError,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     from inscrutable.experiments.attack import Attack
     from inscrutable.experiments.backtest import Backtest
+    from inscrutable.experiments.comparison import Comparison
     from inscrutable.experiments.protect import Protection
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
@@ -52,6 +54,8 @@ app = App(
     version_format="plaintext",
     suppress_keyboard_interrupt=False,  # `main` answers it
 )
+
+app.command(study)
 
 _DATA = Group("Data", sort_key=1)
 _INVESTOR = Group("Investor", sort_key=2)
@@ -148,7 +152,8 @@ def backtest(
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         seed: The same seed gives the same numbers.
-        out: Folder for the table, the figures, the weights and model.json.
+        out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
+            report.html, one page to play with that works offline.
     """
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
@@ -171,11 +176,19 @@ def backtest(
         result = run_backtest(table, settings, beliefs=own, riskless=riskless, progress=move)
     speech.log("Drawing the figures")
     files = [*write_backtest(result, folder), _save_model(result, settings.train_until, folder)]
+    files += _write_report(result, folder)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
     speech.sentence("\n\n".join(filter(None, [text_of(result), headline(result), verdict(result)])) + "\n")
     speech.files(files)
+
+
+def _write_report(result: Backtest | Comparison, folder: Path, **more: Any) -> list[Path]:
+    """The page, where the extra that it needs is there."""
+    from inscrutable.reports.page import can_write_pages, write_page
+
+    return [write_page(result, folder / "report.html", **more)] if can_write_pages() else []
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -340,7 +353,7 @@ def compare(
     *,
     market: Annotated[str, Parameter(group=_DATA)] = "paper",
     resolution: Annotated[int, Parameter(group=_DATA)] = 30,
-    budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.1,0.25,0.5,0.75,1",
+    budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
     seed: Seed = 0,
     out: Out = Path("comparison"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
@@ -356,7 +369,8 @@ def compare(
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
         seed: The same seed gives the same numbers.
-        out: Folder for the table (CSV, Markdown), the figure and summary.json.
+        out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
+            report.html, one page to play with that works offline.
     """
     unit, shares = budgets_of(budgets)
 
@@ -378,10 +392,11 @@ def compare(
         )
     speech.log("Drawing the figure")
     files = write_comparison(result, folder, title=chosen.note)
+    files += _write_report(result, folder, manifest={"market": chosen.note, "seed": seed})
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
-    middle = result.budgets[len(result.budgets) // 2]
+    middle = result.middle_budget
     show_table(terminal_table(result, middle), f"Expected regret of {middle:.3g} ({result.header()})")
     speech.sentence(result.summary())
     speech.files(files)
@@ -401,7 +416,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
     try:
         with library_log(quiet="-q" in tokens or "--quiet" in tokens):
-            app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+            code = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
     except CycloptsError as error:
         return _said(f"{error}", USAGE, tokens)
@@ -422,7 +437,7 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
         if "-v" in tokens or "--verbose" in tokens:
             raise
         return _said(f"unexpected {type(error).__name__}: {error}; run again with -v for the traceback", FAILURE)
-    return 0
+    return code if isinstance(code, int) else 0
 
 
 def _said(message: str, code: int, tokens: Sequence[str] = ()) -> int:

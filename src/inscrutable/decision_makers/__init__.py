@@ -1,5 +1,11 @@
 """Step 6: who decides, and how much of the belief the decision gives away."""
 
+from inscrutable.decision_makers.aware.rate_distortion import (
+    RateDistortionCurve,
+    RateDistortionDecisionMaker,
+    rate_distortion_curve,
+)
+from inscrutable.decision_makers.aware.stackelberg import StackelbergDecisionMaker
 from inscrutable.decision_makers.candidates import Candidates, action_grid, decoy_grid, random_candidates
 from inscrutable.decision_makers.cheapest import CheapestPrivacy, cheapest_privacy
 from inscrutable.decision_makers.counter_adversarial import CounterAdversarialDecisionMaker, GlobalSearch
@@ -7,13 +13,7 @@ from inscrutable.decision_makers.frontier import Frontier, privacy_frontier
 from inscrutable.decision_makers.local_search import LocalSearch
 from inscrutable.decision_makers.original import OriginalDecisionMaker
 from inscrutable.decision_makers.probabilistic import Envelope, LinearProgramme, ProbabilisticDecisionMaker
-from inscrutable.decision_makers.rate_distortion import (
-    RateDistortionCurve,
-    RateDistortionDecisionMaker,
-    rate_distortion_curve,
-)
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecision, MixedDecisions
-from inscrutable.decision_makers.stackelberg import StackelbergDecisionMaker
 
 __all__ = [
     "Candidates",

@@ -13,20 +13,20 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
-from inscrutable.decision_makers.atlas import atlas_of
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.certified import MOST_CALLS, Proofs, check_provable, checked_gap
-from inscrutable.decision_makers.face_search import most_private
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.indicated import Hiding
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
-from inscrutable.decision_makers.polish import Goal, Trial, polish
+from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, check_provable, checked_gap
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.singles import Singles, decisions_of, price_of, stream_singles
-from inscrutable.decision_makers.streaming import Aims
+from inscrutable.decision_makers.search.atlas import atlas_of
+from inscrutable.decision_makers.search.face_search import most_private
+from inscrutable.decision_makers.search.polish import Goal, Trial, polish
+from inscrutable.decision_makers.search.singles import Singles, decisions_of, price_of, stream_singles
+from inscrutable.decision_makers.search.streaming import Aims
 from inscrutable.errors import InputError
 from inscrutable.kernels.climb import Aim
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure

@@ -8,7 +8,7 @@ from inscrutable import validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.action_candidates import bounding_box_of, coordinate_ends
 from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
-from inscrutable.decision_makers.tied_faces import tied_mixtures
+from inscrutable.decision_makers.proofs.tied_faces import tied_mixtures
 from inscrutable.errors import InputError
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import grid_size

@@ -11,11 +11,11 @@ from inscrutable import tolerances
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.distinct import distinct_of
 from inscrutable.decision_makers.envelope import concave_envelope, undominated
-from inscrutable.decision_makers.face_search import rules_for
-from inscrutable.decision_makers.faces import face_programme
 from inscrutable.decision_makers.indicators import table_of
 from inscrutable.decision_makers.results import Decision
 from inscrutable.decision_makers.scores import score
+from inscrutable.decision_makers.search.face_search import rules_for
+from inscrutable.decision_makers.search.faces import face_programme
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array

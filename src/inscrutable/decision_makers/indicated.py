@@ -10,7 +10,6 @@ from inscrutable.adversaries import consistent_sets
 from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.indicator_polish import Block, cheaper
 from inscrutable.decision_makers.indicators import Indicator, IndicatorTable, goal_key, table_of
 from inscrutable.decision_makers.linear_goals import cheapest_unexplained
 from inscrutable.decision_makers.results import (
@@ -22,6 +21,7 @@ from inscrutable.decision_makers.results import (
     MixedDecisions,
     Progress,
 )
+from inscrutable.decision_makers.search.indicator_polish import Block, cheaper
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, LinearProblem

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from inscrutable import validation
 from inscrutable.decision_makers.candidates import random_actions
-from inscrutable.decision_makers.trials import judge_for
+from inscrutable.decision_makers.search.trials import judge_for
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array

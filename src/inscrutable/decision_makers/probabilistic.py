@@ -11,13 +11,13 @@ from inscrutable import validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.certified import Proofs, check_provable, checked_gap
 from inscrutable.decision_makers.counter_adversarial import Case, best_decision, shows_nothing
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.indicated import Hiding
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
 from inscrutable.decision_makers.results import (
     Decision,
     DecisionStatus,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.atlas import Atlas, atlas_of
 from inscrutable.decision_makers.counter_adversarial import Case, best_found
 from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision, MixedDecisions, Progress
-from inscrutable.decision_makers.streaming import OWN, Aims, Lotteries, Spot, farthest_corners, stream_lotteries
+from inscrutable.decision_makers.search.atlas import Atlas, atlas_of
+from inscrutable.decision_makers.search.streaming import OWN, Aims, Lotteries, Spot, farthest_corners, stream_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation
 from inscrutable.problems import QuadraticProblem

@@ -22,7 +22,7 @@ from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import ModelError
 from inscrutable.experiments.backtest_aware import read_knowingly
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
-from inscrutable.experiments.backtest_results import Backtest, Comparison
+from inscrutable.experiments.backtest_results import Backtest, SharpeComparison
 from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
 from inscrutable.filtering import filter_beliefs
@@ -174,11 +174,11 @@ def _performance(episode: Episode, market: ReturnsSample, settings: BacktestSett
     }
 
 
-def _comparison(one: Performance, other: Performance, rng: np.random.Generator) -> Comparison:
+def _comparison(one: Performance, other: Performance, rng: np.random.Generator) -> SharpeComparison:
     scale = float(np.sqrt(one.frequency.per_year))
 
     def yearly(net: bool) -> SharpeDifference:
         found = sharpe_difference(one.excess(net=net), other.excess(net=net), rng=rng)
         return SharpeDifference(*(scale * value for value in found))
 
-    return Comparison(yearly(False), yearly(True))
+    return SharpeComparison(yearly(False), yearly(True))

@@ -59,7 +59,7 @@ def predicted_prior(world: HiddenMarkovModel, resolution: int, *, rng: np.random
         >>> from inscrutable import CategoricalEmission
         >>> world = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
         >>> print(predicted_prior(world, 10, rng=np.random.default_rng(0)).beliefs[:, 0].min().round(3))
-        0.18
+        0.1
     """
     filtered = stationary_prior(world, resolution, rng=rng)
     return Prior(filtered.beliefs @ world.transition, filtered.weights)

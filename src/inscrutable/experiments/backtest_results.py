@@ -22,7 +22,7 @@ from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, HiddenMarkovModel
 
 
-class Comparison(NamedTuple):
+class SharpeComparison(NamedTuple):
     """Sharpe ratio less the ODM's, per year, before and after the cost of trading."""
 
     gross: SharpeDifference
@@ -58,7 +58,7 @@ class Backtest:
     beliefs: pd.DataFrame
     episode: Episode
     performance: Mapping[str, Performance]
-    comparisons: Mapping[str, Comparison]
+    comparisons: Mapping[str, SharpeComparison]
     aware: AwareReading | None = None
 
     @property

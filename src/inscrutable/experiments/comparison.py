@@ -47,7 +47,7 @@ class ComparisonSettings:
         'cost'
     """
 
-    budgets: tuple[float, ...] = (0.1, 0.25, 0.5, 0.75, 1.0)
+    budgets: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
     unit: str = "silence"
     repeats: tuple[int, ...] = (1, 10, 100)
     n_draws: int = 500
@@ -108,6 +108,11 @@ class Comparison(Saved):
         """The decision makers' names, in order."""
         return tuple(dict.fromkeys(row.maker for row in self.rows))
 
+    @property
+    def middle_budget(self) -> float:
+        """The budget that the sentence and the terminal speak of; the lower of two middle ones."""
+        return self.budgets[(len(self.budgets) - 1) // 2]
+
     def of(self, maker: str) -> tuple[ComparisonRow, ...]:
         """Return the rows of one decision maker, by rising budget; raise `InputError` for an unknown one."""
         found = tuple(row for row in self.rows if row.maker == maker)
@@ -144,7 +149,7 @@ class Comparison(Saved):
 
     def summary(self) -> str:
         """Return which protection holds against whom, at the middle budget."""
-        budget = self.budgets[len(self.budgets) // 2]
+        budget = self.middle_budget
         rows = self.at(budget)
         floor = HOLDS * self.prior_error
         if not rows or not self.prior_error > 0:
@@ -219,7 +224,7 @@ def compare(
         >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
         >>> settings = ComparisonSettings((0.5,), repeats=(1,), n_draws=10)
         >>> found = compare(problem, uniform_prior(2, 4), settings, rng=np.random.default_rng(0))
-        >>> found.makers[:3], found.of("ODM")[0].bayes_error
+        >>> found.makers[:3], round(found.of("ODM")[0].bayes_error, 6)
         (('ODM', 'CDM', 'PDM'), 0.0)
     """
     chosen = ComparisonSettings() if settings is None else settings

@@ -16,6 +16,7 @@ from inscrutable.decision_makers import (
     OriginalDecisionMaker,
     ProbabilisticDecisionMaker,
     RateDistortionDecisionMaker,
+    StackelbergDecisionMaker,
 )
 from inscrutable.decision_makers.action_candidates import is_simplex
 from inscrutable.decision_makers.baselines import (
@@ -93,8 +94,10 @@ where it does not suit the problem."""
 
 
 def as_play(setting: Setting, decision_maker: PlaysMany, promise: Budget | None = None) -> Play:
-    """Return what a decision maker plays on the prior's beliefs."""
-    return Play(mechanism(decision_maker, setting.prior.beliefs), promise)
+    """Return what a decision maker plays on the prior's beliefs; one that solved for the prior has its mechanism ready."""
+    known = getattr(decision_maker, "mechanism", None)
+    played = known if isinstance(known, Mechanism) else mechanism(decision_maker, setting.prior.beliefs)
+    return Play(played, promise)
 
 
 def spent(setting: Setting, play: Play) -> float:
@@ -222,8 +225,8 @@ def _original(setting: Setting, regret: float) -> Play:
 
 def _rate_distortion(setting: Setting, regret: float) -> Play:
     budget, prior = Budget.regret(regret), setting.prior
-    return Play(
-        RateDistortionDecisionMaker(setting.problem, budget, prior=prior, candidates=setting.candidates).mechanism
+    return as_play(
+        setting, RateDistortionDecisionMaker(setting.problem, budget, prior=prior, candidates=setting.candidates)
     )
 
 
@@ -240,7 +243,7 @@ def _exponential(setting: Setting, amount: float) -> PlaysMany:
 
 def _noisy(setting: Setting, amount: float) -> PlaysMany:
     rng = np.random.default_rng(_NOISE_SEED)  # the same levels in every trial: the regret moves with the amount alone
-    concentration = max(setting.mean_cost, amount) / amount
+    concentration = (setting.mean_cost or 1.0) / amount
     return DirichletDecisionMaker(
         setting.problem, concentration, rng=rng, candidates=setting.candidates, n_draws=_NOISE_DRAWS
     )
@@ -264,6 +267,8 @@ def _rank(found: float, regret: float) -> tuple[bool, float]:
     return found <= regret, -abs(found - regret)
 
 
+_GAP = 0.02
+"""Of the Stackelberg mechanism: one per cent of the error, which no figure shows."""
 _NOISE_SEED = 0
 _NOISE_DRAWS = 200
 _ROUNDINGS = (*range(1, 21), 25, 33, 50, 100)
@@ -286,6 +291,10 @@ MAKERS: Mapping[str, Maker] = {
         lambda s, budget: CandidateDecisionMaker(s.problem, budget, s.candidates, mixes=True), promises=False
     ),
     "rate-distortion": _rate_distortion,
+    "Stackelberg": per_belief(
+        lambda s, budget: StackelbergDecisionMaker(s.problem, budget, prior=s.prior, candidates=s.candidates, gap=_GAP),
+        promises=False,
+    ),
     "uniform": per_belief(
         lambda s, budget: UniformDecisionMaker(s.problem, budget, candidates=s.candidates), promises=True
     ),

@@ -67,13 +67,20 @@ def timing_of(result: Backtest) -> str:
 
 def text_of(result: Backtest) -> str:
     """Return the table as text for a terminal, with its header and notes."""
-    rows, table = _rows(result), table_of(result)
-    width = max(len(row.label) for row in rows)
+    width = max(len(row.label) for row in _rows(result))
     lines = [timing_of(result), "", " " * width + "".join(f"{name:>10}" for name in result.names)]
-    for row, (label, values) in zip(rows, table.iterrows(), strict=True):
-        cells = "".join(f"{_written(float(value), row.style):>10}" for value in values)
-        lines.append(f"{label:<{width}}{cells}")
+    for label, *cells in written_table(result):
+        lines.append(f"{label:<{width}}" + "".join(f"{cell:>10}" for cell in cells))
     return "\n".join([*lines, "", *notes_of(result), *cautions(result)])
+
+
+def written_table(result: Backtest) -> list[list[str]]:
+    """Return the table as text, row by row: the label, then one cell per decision maker."""
+    rows, table = _rows(result), table_of(result)
+    return [
+        [row.label, *(_written(float(value), row.style) for value in values)]
+        for row, values in zip(rows, table.to_numpy(), strict=True)
+    ]
 
 
 def _written(value: float, style: str) -> str:

@@ -113,14 +113,15 @@ def markdown_of(comparison: Comparison, title: str) -> str:
     parts = [f"# {title}", f"{_first_upper(comparison.header())}.", comparison.summary()]
     for budget in comparison.budgets:
         parts += [
-            f"## Expected regret of {_worth(comparison, budget)}",
+            f"## Expected regret of {worth(comparison, budget)}",
             _markdown_table(short_table(comparison, budget)),
         ]
     parts += ["## Notes", "\n".join(f"- {note}" for note in notes_of(comparison))]
     return "\n\n".join(parts) + "\n"
 
 
-def _worth(comparison: Comparison, budget: float) -> str:
+def worth(comparison: Comparison, budget: float) -> str:
+    """Return an expected regret as text, with its shares of the silence regret and of the mean optimal cost."""
     shares = [f"{budget:.3g}"]
     if comparison.silence_regret > 0:
         shares.append(f"{budget / comparison.silence_regret:.0%} of the silence regret")

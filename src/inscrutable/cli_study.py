@@ -1,0 +1,253 @@
+"""The verbs of `inscrutable study`: run, status, resume, export."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import App, Group, Parameter, validators
+
+from inscrutable.cli_console import Speech
+from inscrutable.cli_values import UsageError
+from inscrutable.errors import InscrutableError
+
+if TYPE_CHECKING:
+    from inscrutable.experiments.studies import Study, StudyProgress
+
+FAILED_TASKS = 1
+_SECONDS_BETWEEN_LINES = 10.0
+_ERRORS_SHOWN = 3
+
+study = App(
+    name="study",
+    help="Run a study: a grid of markets, decision makers, budgets and adversaries, with rows that survive a kill.",
+    help_epilogue="Exit code 1: a task failed; its row says why, and the others are done.",
+    help_format="plaintext",
+)
+
+_WORK = Group("Work", sort_key=1)
+_OUTPUT = Group("Output", sort_key=9)
+
+Jobs = Annotated[int, Parameter(group=_WORK)]
+Cluster = Annotated[str | None, Parameter(group=_WORK)]
+Limit = Annotated[int | None, Parameter(group=_WORK, validator=validators.Number(gte=1))]
+
+
+@study.command
+def run(
+    file: Path,
+    /,
+    *,
+    out: Annotated[Path, Parameter(group=_OUTPUT)],
+    jobs: Jobs = 1,
+    cluster: Cluster = None,
+    limit: Limit = None,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> int:
+    """Run a study from the start, into a folder of its own.
+
+    Args:
+        file: The study file (TOML).
+        out: Folder for the rows (study.sqlite) and manifest.json.
+        jobs: Processes; -1 is one per core. Changes nothing but the time.
+        cluster: Address of a Dask scheduler, such as tcp://10.0.0.1:8786 (needs the extra `inscrutable[dask]`).
+        limit: Do at most this many tasks now, spread over the grid; `study resume` does the others.
+    """
+    from inscrutable.experiments.studies import Study, run_study
+
+    plan = Study.read(file)
+    speech.log(f"{plan.plan.name}: {plan.n_tasks} tasks")
+    with resumable(out), _watched(speech) as watch:
+        done = run_study(plan, out, jobs=jobs, cluster=cluster, limit=limit, progress=watch)
+    return _told(done, speech)
+
+
+@study.command
+def resume(
+    folder: Path,
+    /,
+    *,
+    jobs: Jobs = 1,
+    cluster: Cluster = None,
+    limit: Limit = None,
+    retry: Annotated[bool, Parameter(group=_WORK, negative=(), show_default=False)] = False,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> int:
+    """Go on with a study that was stopped, killed or limited: only tasks without a row are done.
+
+    Args:
+        folder: The folder that the study was run into.
+        jobs: Processes; -1 is one per core.
+        cluster: Address of a Dask scheduler.
+        limit: Do at most this many tasks now.
+        retry: Do tasks that failed again.
+    """
+    from inscrutable.experiments.studies import resume_study
+
+    with resumable(folder), _watched(speech) as watch:
+        done = resume_study(folder, jobs=jobs, cluster=cluster, retry=retry, limit=limit, progress=watch)
+    return _told(done, speech)
+
+
+@study.command
+def status(
+    folder: Path,
+    /,
+    *,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Say how far a study is, also while it runs.
+
+    Args:
+        folder: The folder that the study was run into.
+    """
+    from inscrutable.experiments.studies import Study
+
+    found = Study.load(folder)
+    _say_status(found, speech)
+    if not speech.json:
+        _say_errors(found, speech)
+
+
+@study.command
+def export(
+    folder: Path,
+    /,
+    *,
+    to: Annotated[Literal["csv", "parquet"], Parameter(group=_OUTPUT)] = "csv",
+    out: Annotated[Path | None, Parameter(group=_OUTPUT)] = None,
+    durations: Annotated[bool, Parameter(group=_OUTPUT, negative=(), show_default=False)] = False,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Write the rows of a study as a table, in the order of its grid.
+
+    Args:
+        folder: The folder that the study was run into.
+        to: The kind of file; Parquet needs pyarrow.
+        out: The file. Default: rows.csv or rows.parquet in the study's folder.
+        durations: Add the seconds that each task took. Without them the same study gives the same bytes.
+    """
+    from inscrutable.experiments.studies import Study
+    from inscrutable.experiments.studies.tables import write_rows
+
+    path = folder / f"rows.{to}" if out is None else out
+    if out is not None and (out.suffix == ".parquet") != (to == "parquet"):
+        raise UsageError(f"--out {out} does not go with --to {to}: name the file *.{to}")
+    frame = Study.load(folder).frame(durations=durations)
+    write_rows(frame, path)
+    if speech.json:
+        speech.summary({"rows": len(frame), "file": path})
+        return
+    speech.sentence(f"{len(frame)} rows")
+    speech.files([path])
+
+
+def _told(done: Study, speech: Speech) -> int:
+    _say_status(done, speech)
+    failed = done.status().failed
+    if failed:
+        _say_errors(done, speech)
+    return FAILED_TASKS if failed else 0
+
+
+def _say_status(found: Study, speech: Speech) -> None:
+    how = found.status()
+    if speech.json:
+        data = {"done": how.done, "failed": how.failed, "left": how.left, "total": how.total, "seconds": how.seconds}
+        speech.summary({"name": found.plan.name, "folder": found.folder, **data})
+        return
+    speech.sentence(found.summary())
+
+
+def _say_errors(found: Study, speech: Speech) -> None:
+    """The first reasons on stderr, as a log; the table has all of them."""
+    for shown, error in enumerate(found.errors()):
+        if shown == _ERRORS_SHOWN:
+            speech.log("  and others; `inscrutable study export` lists all")
+            return
+        speech.log(f"  {error}")
+
+
+@contextmanager
+def resumable(folder: Path) -> Iterator[None]:
+    """Say how to go on where a run is stopped after it began."""
+    from inscrutable.experiments.studies.store import STORE
+
+    before = _stamp(folder / STORE)
+    try:
+        yield
+    except BaseException as error:
+        began = before != _stamp(folder / STORE) or not isinstance(error, InscrutableError)
+        if began and (folder / STORE).exists():
+            print(f"Rows so far are kept. To go on: inscrutable study resume {folder}", file=sys.stderr, flush=True)
+        raise
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+@contextmanager
+def _watched(speech: Speech) -> Iterator[Callable[[StudyProgress], None]]:
+    if speech.quiet:
+        yield lambda progress: None
+    elif sys.stderr.isatty():
+        with _bar() as watch:
+            yield watch
+    else:
+        yield _Lines()
+
+
+class _Lines:
+    """Progress where there is no terminal: the start, one line in ten seconds, and the end."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def __call__(self, progress: StudyProgress) -> None:
+        if progress.fresh < progress.asked and monotonic() < self._next:
+            return
+        self._next = monotonic() + _SECONDS_BETWEEN_LINES
+        print(progress_text(progress), file=sys.stderr, flush=True)
+
+
+def progress_text(progress: StudyProgress) -> str:
+    """Return one line: tasks done, failed, rate and time left."""
+    left = progress.seconds_left
+    rest = "" if left is None else f", {progress.rate:.3g} tasks/s, {clock(left)} left"
+    return f"Tasks: {progress.done} of {progress.total} done, {progress.failed} failed{rest}"
+
+
+def clock(seconds: float) -> str:
+    """Return a time as 1:02:03, or 2:03 below an hour.
+
+    Example:
+        >>> clock(3723.4), clock(59.6)
+        ('1:02:03', '1:00')
+    """
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[StudyProgress], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns: tuple[Any, ...] = (BarColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("Tasks", total=None)
+
+        def watch(progress: StudyProgress) -> None:
+            bar.update(task, completed=progress.done, total=progress.total, description=progress_text(progress))
+
+        yield watch

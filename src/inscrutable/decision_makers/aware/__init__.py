@@ -1,0 +1,1 @@
+"""Decision makers that survive an observer who knows them: least information, and largest error."""

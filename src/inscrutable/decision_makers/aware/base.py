@@ -1,0 +1,94 @@
+"""What decision makers that hide from an aware observer have in common: a prior, a budget, and one solve kept."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.aware.columns import Columns, allowed_places, columns_of
+from inscrutable.decision_makers.candidates import Candidates, as_candidates
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Prior
+from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.validation import Array
+
+
+class Options(NamedTuple):
+    """What is asked for beside problem, budget, prior and candidates."""
+
+    worst_regret: Budget | None
+    plausible_only: bool
+    gap: float
+
+
+class PriorTable(NamedTuple):
+    """Regrets of all decisions under all beliefs of a prior, and where a cap allows them."""
+
+    columns: Columns
+    optimal_costs: Array  # (B,)
+    regrets: Array  # (B,M)
+    allowed: np.ndarray | None  # (B,M)
+
+    @property
+    def least(self) -> Array:
+        """The least allowed regret of every belief, shape (B,); infinite where none is allowed."""
+        regrets = self.regrets if self.allowed is None else np.where(self.allowed, self.regrets, np.inf)
+        return np.asarray(regrets.min(axis=1, initial=np.inf))
+
+
+class AwareDecisionMaker:
+    """The common part; arguments as in `RateDistortionDecisionMaker`."""
+
+    def __init__(
+        self,
+        problem: DecisionProblem,
+        budget: Budget | float,
+        prior: Prior,
+        candidates: Candidates | ArrayLike | None,
+        options: Options,
+    ) -> None:
+        self.problem = checked_problem(problem)
+        self.budget = as_budget(budget)
+        self.prior = checked_prior(prior, self.problem)
+        self.options = options
+        self._given = candidates
+        self._columns: Columns | None = None
+
+    @property
+    def columns(self) -> Columns:
+        """The distinct decisions to choose from, found at first use and kept."""
+        if self._columns is None:
+            candidates = as_candidates(self.problem, self._given)
+            self._columns = columns_of(self.problem, candidates, self.options.plausible_only)
+            if self._given is None:
+                # The cheapest constant decision: at the silence regret it suffices, and decoys alone may miss it.
+                self._columns = self._columns.with_optimal(self.prior.mean)
+        return self._columns
+
+    def _table(self, columns: Columns) -> PriorTable:
+        beliefs = self.prior.beliefs
+        costs = np.asarray(self.problem.optimal_cost(beliefs))
+        regrets = columns.regrets(beliefs, costs)
+        return PriorTable(columns, costs, regrets, allowed_places(regrets, self.options.worst_regret, costs))
+
+
+def checked_prior(prior: Prior, problem: DecisionProblem) -> Prior:
+    """Return a prior over the problem's beliefs, or raise `InputError`."""
+    if not isinstance(prior, Prior):
+        raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
+    if prior.beliefs.shape[1] != problem.n_states:
+        raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {problem.n_states}")
+    return prior
+
+
+def checked_options(worst_regret: Budget | float | None, plausible_only: bool, gap: float) -> Options:
+    """Return the options, or raise `InputError`."""
+    if not isinstance(plausible_only, bool):
+        raise InputError(f"plausible_only must be True or False, got {plausible_only!r}")
+    return Options(
+        None if worst_regret is None else as_budget(worst_regret), plausible_only, validation.positive(gap, "gap")
+    )

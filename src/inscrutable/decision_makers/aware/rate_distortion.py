@@ -1,0 +1,279 @@
+"""The decision maker whose decisions tell an aware observer the fewest bits, at an expected regret."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.aware.base import AwareDecisionMaker, PriorTable, checked_options
+from inscrutable.decision_makers.aware.columns import allowed_places, lotteries, rounding_of, without_small
+from inscrutable.decision_makers.aware.rate_distortion_solver import BITS, Hidden, RateEffort, least_rate, rows
+from inscrutable.decision_makers.aware.rate_distortion_steps import Source
+from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions, Progress
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+class RateDistortionDecisionMaker(AwareDecisionMaker):
+    """The decision maker of least mutual information between belief and decision, at an expected regret.
+
+    Formula: min_K I(π;u) with Σ_b p_b Σ_m K(u_m|π_b) ρ(π_b,u_m) ≤ r; the optimum is K(u|π) ∝ q(u) e^{−s ρ(π,u)}, and so
+    it plays for beliefs outside the prior's support, too, where nothing but `worst_regret` limits a single belief's regret.
+
+    Args:
+        problem: The decision problem.
+        budget: r: `Budget.regret(r)`, or a share of E|c*| under the prior; it holds in expectation over the prior.
+        prior: The law of the beliefs, known to the observer.
+        candidates: Decisions to choose from; None is about 5,000 decoys and the optimal decision at the prior's mean, the
+            cheapest constant one. Where they cannot meet the budget or the cap, the optimal decisions of the prior's
+            beliefs join them.
+        worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
+        plausible_only: Whether candidates that no belief explains are left out.
+        gap: Bits by which `rate` and `rate_bound` may differ.
+
+    Raises:
+        InputError: An argument is malformed.
+
+    Cost: some hundreds of products with a table of B·M regrets. Source: Shannon's rate–distortion function; Blahut,
+    Computation of Channel Capacity and Rate-Distortion Functions (IEEE Trans. IT 18, 1972), and its dual bound.
+
+    Example:
+        >>> from inscrutable import Budget, FiniteProblem, Prior
+        >>> hidden = RateDistortionDecisionMaker(
+        ...     FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), Budget.regret(0.11), prior=Prior(np.eye(2), [0.5, 0.5])
+        ... )
+        >>> round(hidden.rate, 3)
+        0.5
+        >>> print(hidden.mechanism.probabilities.round(2))
+        [[0.89 0.11]
+         [0.11 0.89]]
+    """
+
+    def __init__(
+        self,
+        problem: DecisionProblem,
+        budget: Budget | float,
+        *,
+        prior: Prior,
+        candidates: Candidates | ArrayLike | None = None,
+        worst_regret: Budget | float | None = None,
+        plausible_only: bool = True,
+        gap: float = tolerances.RATE_GAP,
+    ) -> None:
+        options = checked_options(worst_regret, plausible_only, gap)
+        super().__init__(problem, budget, prior, candidates, options)
+        self._solution: _Solution | None = None
+
+    def solve(self, *, progress: Progress | None = None) -> RateDistortionDecisionMaker:
+        """Solve now, with progress (steps done, steps at most); it is done once, and else at first use."""
+        if self._solution is None:
+            self._solution = _solved(self, [self.budget], progress)[0]
+        return self
+
+    @property
+    def _found(self) -> _Solution:
+        self.solve()
+        assert self._solution is not None
+        return self._solution
+
+    @property
+    def rate(self) -> float:
+        """I(π;u) of the mechanism, in bits."""
+        return self._found.rate
+
+    @property
+    def rate_bound(self) -> float:
+        """No mechanism on these candidates leaks fewer bits at this expected regret."""
+        return min(self._found.hidden.bound, self.rate)
+
+    @property
+    def gap(self) -> float:
+        """Rate minus bound, in bits."""
+        return self.rate - self.rate_bound
+
+    @property
+    def price(self) -> float:
+        """Bits that one more unit of expected regret would save."""
+        return self._found.hidden.slope * BITS
+
+    @property
+    def status(self) -> DecisionStatus:
+        """Whether rate and bound met."""
+        return DecisionStatus.GAP_REACHED if self.gap <= self.options.gap else DecisionStatus.BOUNDED
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """K on the prior's beliefs and the decisions that are played."""
+        return self._found.mechanism
+
+    def decide(self, belief: ArrayLike) -> MixedDecision:
+        """Return the lottery for one belief (X,), in the prior's support or not."""
+        return self.decide_many(validation.one_belief(belief, self.problem.n_states)[None])[0]
+
+    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
+        """Return the lotteries for beliefs (T,X)."""
+        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        self.solve(progress=progress)
+        costs = np.asarray(self.problem.optimal_cost(held))
+        columns, hidden = self._found.table.columns, self._found.hidden
+        regrets = columns.regrets(held, costs)
+        allowed = allowed_places(regrets, self.options.worst_regret, costs)
+        lost = np.zeros(len(held), dtype=bool)
+        if allowed is not None:
+            lost |= ~allowed.any(axis=1)
+        if np.isinf(hidden.slope):
+            lost |= regrets.min(axis=1) > hidden.free + rounding_of(costs)
+        shares = _rows(regrets, allowed, hidden)
+        if lost.any():  # nothing that is played is allowed here: the optimal decision is
+            columns = columns.joined(held[lost])
+            regrets = columns.regrets(held, costs)
+            shares = np.hstack([shares, np.zeros((len(held), len(columns) - shares.shape[1]))])
+            shares[lost] = 0.0
+            shares[lost, regrets[lost].argmin(axis=1)] = 1.0
+        return lotteries(columns, held, costs, without_small(shares, regrets), self.status)
+
+
+@dataclass(frozen=True, eq=False)
+class RateDistortionCurve:
+    """Least rates at many budgets, with their bounds.
+
+    Args:
+        regrets: Expected regrets r, shape (n,), in the cost's unit, as the budgets were given.
+        rates: Least mutual information found, shape (n,), in bits.
+        bounds: No mechanism on the candidates leaks fewer bits, shape (n,).
+        prices: Bits that one more unit of expected regret would save, shape (n,).
+
+    Source: Shannon's rate–distortion function; `rate_distortion_curve` makes it.
+
+    Example:
+        >>> one = RateDistortionCurve(np.array([0.5]), np.array([1.0]), np.array([0.999]), np.array([2.0]))
+        >>> print(one.summary())
+              regret       bits   at least
+                 0.5     1.0000     0.9990
+    """
+
+    regrets: Array
+    rates: Array
+    bounds: Array
+    prices: Array
+
+    def summary(self) -> str:
+        """Return a table for a person to read."""
+        lines = [
+            f"{regret:12.6g}  {rate:9.4f}  {bound:9.4f}"
+            for regret, rate, bound in zip(self.regrets, self.rates, self.bounds, strict=True)
+        ]
+        return "\n".join(["      regret       bits   at least", *lines])
+
+
+def rate_distortion_curve(
+    problem: DecisionProblem,
+    prior: Prior,
+    budgets: Sequence[Budget | float],
+    candidates: Candidates | ArrayLike | None = None,
+    *,
+    progress: Progress | None = None,
+) -> RateDistortionCurve:
+    """Return the least mutual information at many expected regrets.
+
+    Formula: R(r) = min_K I(π;u) with E ρ ≤ r, for every r; convex and falling.
+
+    Args:
+        problem: The decision problem.
+        prior: The law of the beliefs.
+        budgets: Expected regrets as `Budget.regret(r)`, or shares of E|c*|.
+        candidates: Decisions to choose from; None as for `RateDistortionDecisionMaker`.
+        progress: Called with (budgets done, budgets in all).
+
+    Raises:
+        InputError: An argument is malformed.
+
+    Cost: as `RateDistortionDecisionMaker` for the first budget, less for the others, each of which starts from the next
+    larger one's solution. Source: Blahut (1972).
+
+    Example:
+        >>> from inscrutable import Budget, FiniteProblem, Prior
+        >>> two = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+        >>> curve = rate_distortion_curve(two, Prior(np.eye(2), [0.5, 0.5]), [Budget.regret(0.11), Budget.regret(0.5)])
+        >>> print(curve.rates.round(3))
+        [0.5 0. ]
+    """
+    checked = [as_budget(each) for each in budgets]
+    if not checked:
+        raise InputError("budgets must hold at least one budget")
+    whole = RateDistortionDecisionMaker(problem, checked[0], prior=prior, candidates=candidates)
+    found = _solved(whole, checked, progress)
+    return RateDistortionCurve(
+        np.array([each.limit for each in found]),
+        np.array([each.rate for each in found]),
+        np.array([min(each.hidden.bound, each.rate) for each in found]),
+        np.array([each.hidden.slope * BITS for each in found]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    table: PriorTable  # of the decisions that are played
+    hidden: Hidden
+    mechanism: Mechanism
+    rate: float
+    limit: float
+
+
+def _solved(maker: RateDistortionDecisionMaker, budgets: list[Budget], progress: Progress | None) -> list[_Solution]:
+    """The solutions for budgets, found from the largest to the smallest."""
+    table, weights = maker._table(maker.columns), maker.prior.weights
+    limits = [float(weights @ budget.limits(table.optimal_costs)) for budget in budgets]
+    slack = float(weights @ rounding_of(table.optimal_costs))
+    if not float(weights @ table.least) <= min(limits) + slack:
+        table = maker._table(maker.columns.joined(maker.prior.beliefs))
+    least = table.least
+    source = Source(weights, np.maximum(table.regrets - least[:, None], 0.0), table.allowed)
+    found: dict[int, _Solution] = {}
+    last: Hidden | None = None
+    effort = RateEffort(maker.options.gap, progress=progress if len(budgets) == 1 else None)
+    for done, index in enumerate(np.argsort(-np.array(limits), kind="stable")):
+        last = least_rate(source, max(limits[index] - float(weights @ least), 0.0), effort, last)
+        found[int(index)] = _solution(maker.prior, table, source, last, limits[index])
+        if progress is not None and len(budgets) > 1:
+            progress(done + 1, len(budgets))
+    return [found[i] for i in range(len(budgets))]
+
+
+def _solution(prior: Prior, table: PriorTable, source: Source, hidden: Hidden, limit: float) -> _Solution:
+    used = np.flatnonzero(hidden.law > 0)
+    shares = without_small(rows(source, hidden)[:, used], table.regrets[:, used])
+    columns = table.columns.pick(used)
+    mechanism = Mechanism(
+        prior.beliefs, table.columns.problem.as_actions(columns.points), shares, table.regrets[:, used]
+    )
+    allowed = None if table.allowed is None else table.allowed[:, used]
+    small = PriorTable(columns, table.optimal_costs, table.regrets[:, used], allowed)
+    of_used = replace(hidden, law=hidden.law[used])
+    return _Solution(small, of_used, mechanism, _rate(shares, prior.weights), limit)
+
+
+def _rate(shares: Array, weights: Array) -> float:
+    """I(π;u) in bits."""
+    played = weights @ shares
+    some = shares > 0
+    ratios = np.log2(np.divide(shares, played, out=np.ones_like(shares), where=some & (played > 0)))
+    return max(float(weights @ (shares * ratios).sum(axis=1)), 0.0)
+
+
+def _rows(regrets: Array, allowed: np.ndarray | None, hidden: Hidden) -> Array:
+    """K ∝ q e^{−s ρ} of any beliefs (T,M)."""
+    if not len(regrets):
+        return regrets
+    within = np.broadcast_to(hidden.law > 0, regrets.shape) if allowed is None else allowed & (hidden.law > 0)
+    excess = np.where(within, regrets, np.inf)
+    excess = np.where(within, regrets - excess.min(axis=1, keepdims=True), 0.0)
+    return rows(Source(np.ones(len(regrets)), excess, within), hidden)

@@ -1,0 +1,193 @@
+"""Least mutual information at an expected regret, with the bound that certifies it.
+
+On arrays alone; the letters are those of `rate_distortion_steps`. Any law and price bound the rate from below:
+R(r) ≥ −Σ_b p_b log z_b − log max_m c_m − s r. Squared Blahut–Arimoto steps come first; where they slow down, an
+interior-point method on the columns that are still played does the rest, and columns that the bound asks for join them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.decision_makers.aware.rate_distortion_newton import newton_law
+from inscrutable.decision_makers.aware.rate_distortion_steps import Source, mean_regret, meeting_slope, squared_cycles
+from inscrutable.validation import Array
+
+BITS = 1.0 / float(np.log(2.0))
+_TINY = np.finfo(float).tiny
+_KEPT_UNIFORM = 0.02  # of a warm start: what was dropped may come back
+_FIRST_STEPS = 120
+_MORE_STEPS = 600
+_MOST_COLUMNS = 800
+_LEFT_OUT = 0.05  # probability of the columns that Newton's steps may begin without
+_ROUNDS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Hidden:
+    """A law of the columns q (M,), the price of regret [nats per unit], the rate and its bound [bits], and the regret."""
+
+    law: Array
+    slope: float
+    rate: float
+    bound: float
+    regret: float
+    steps: int = 0
+    free: float = 0.0  # where the price is infinite: excess regret that counts as none
+
+    @property
+    def gap(self) -> float:
+        """Rate minus bound, in bits."""
+        return self.rate - self.bound
+
+
+@dataclass(frozen=True)
+class RateEffort:
+    """How near rate and bound must come [bits], and how many Blahut–Arimoto steps may be taken."""
+
+    gap: float
+    most_steps: int = 100_000
+    progress: Callable[[int, int], None] | None = None
+
+
+def least_rate(source: Source, regret: float, effort: RateEffort, start: Hidden | None = None) -> Hidden:
+    """Return the least mutual information at an expected excess regret of at most `regret`, with its bound."""
+    constant = _constant(source, regret)
+    if constant is not None:
+        return constant
+    n_columns = source.excess.shape[1]
+    uniform = np.full(n_columns, 1.0 / n_columns)
+    law = uniform if start is None else (1.0 - _KEPT_UNIFORM) * start.law + _KEPT_UNIFORM * uniform
+    scale = float(source.weights @ source.excess.mean(axis=1))
+    none = tolerances.NO_REGRET * scale
+    if regret <= none:
+        free = source.excess <= none
+        masked = Source(source.weights, source.excess, free if source.allowed is None else free & source.allowed)
+        return replace(_alternated(masked, np.inf, effort, law, 0.0), slope=float("inf"), free=none)
+    slope = 1.0 / regret if start is None or not np.isfinite(start.slope) else start.slope
+    return _alternated(source, regret, effort, law, slope)
+
+
+def rows(source: Source, hidden: Hidden) -> Array:
+    """Return K (B,M) of a law and a price."""
+    if np.isinf(hidden.slope):
+        free = source.excess <= hidden.free
+        kernel = (free if source.allowed is None else free & source.allowed) * hidden.law
+    else:
+        kernel = source.kernel(hidden.slope) * hidden.law
+    return np.asarray(kernel / np.maximum(kernel.sum(axis=1), _TINY)[:, None])
+
+
+def _constant(source: Source, regret: float) -> Hidden | None:
+    """One column for all, where one is allowed everywhere and cheap enough: nothing leaks."""
+    means = source.weights @ source.excess
+    if source.allowed is not None:
+        held = source.weights > 0
+        means = np.where(source.allowed[held].all(axis=0), means, np.inf)
+    best = int(means.argmin())
+    if not means[best] <= regret * (1.0 + tolerances.NO_REGRET):
+        return None
+    law = np.zeros(len(means))
+    law[best] = 1.0
+    return Hidden(law, 0.0, 0.0, 0.0, float(means[best]))
+
+
+def _alternated(source: Source, regret: float, effort: RateEffort, law: Array, slope: float) -> Hidden:
+    """Steps on all columns, then Newton's on those that are played, in turn, until the bound is near."""
+    search = _Search(source, regret, effort, law, slope)
+    search.steps_on_all(_FIRST_STEPS)
+    while not search.done:
+        if search.few is not None and search.rounds < _ROUNDS:
+            search.newton(search.few)
+        else:
+            search.steps_on_all(_MORE_STEPS)
+    return replace(search.best, steps=search.steps)
+
+
+class _Search:
+    """The law and price as they stand, and the best certified so far."""
+
+    def __init__(self, source: Source, regret: float, effort: RateEffort, law: Array, slope: float) -> None:
+        self.source, self.regret, self.effort = source, regret, effort
+        self.law, self.slope = law, slope
+        self.best = Hidden(law, slope, np.inf, 0.0, np.inf)
+        self.gains = np.ones(len(law))
+        self.steps = self.rounds = 0
+        self._target = 0.5 * effort.gap / BITS
+
+    @property
+    def done(self) -> bool:
+        """Whether rate and bound are near enough, or the steps used up."""
+        return self.best.gap <= self.effort.gap or self.steps >= self.effort.most_steps
+
+    @property
+    def few(self) -> np.ndarray | None:
+        """Columns that the best law can need, where they are few enough for Newton's steps."""
+        kept = self.law > tolerances.SELDOM * self._target / len(self.law)
+        if np.count_nonzero(kept) > _MOST_COLUMNS // 2:
+            kept = self.law >= np.partition(self.law, -_MOST_COLUMNS // 2)[-_MOST_COLUMNS // 2]
+            if self.law[~kept].sum() > _LEFT_OUT:
+                return None
+        asked = np.flatnonzero(self.gains > 1.0 + 0.5 * self._target)
+        asked = asked[np.argsort(-self.gains[asked])][: _MOST_COLUMNS // 2]
+        kept[asked] = True
+        return np.flatnonzero(kept)
+
+    def steps_on_all(self, most: int) -> None:
+        """Squared steps on all columns; the price moves when the regret has drifted from the budget."""
+        weights, end = self.source.weights, min(self.steps + most, self.effort.most_steps)
+        top = np.inf
+        while top > self._target and self.steps < end:
+            self.slope = meeting_slope(self.source, self.law, self.regret, self.slope, tolerances.REGRET_NEAR)
+            kernel = self.source.kernel(self.slope)
+            spread = kernel * self.source.excess if self.slope > 0 else kernel
+            drift = 0.0
+            while top > self._target and self.steps < end and drift <= max(0.2 * self._target, 0.2 * top):
+                self.law, top, done = squared_cycles(kernel, weights, self.law, self._target)
+                self.steps += done
+                if self.slope > 0:
+                    drift = self.slope * abs(mean_regret(kernel, spread, weights, self.law) - self.regret)
+        self._certify()
+
+    def newton(self, columns: np.ndarray) -> None:
+        """Interior-point steps on some columns."""
+        self.rounds += 1
+        start = np.maximum(self.law[columns], tolerances.SELDOM / len(columns))
+        law, slope, done = newton_law(
+            self.source.some(columns), self.regret, start / start.sum(), self.slope, 0.5 * self._target
+        )
+        self.law = np.zeros_like(self.law)
+        self.law[columns], self.slope = law, slope
+        self.steps += done
+        self._certify()
+
+    def _certify(self) -> None:
+        found, self.gains = certified(self.source, self.law, self.regret, self.slope)
+        self.slope = found.slope
+        bound = max(found.bound, self.best.bound)
+        self.best = replace(found if found.rate <= self.best.rate else self.best, bound=bound)
+        if self.effort.progress is not None:
+            self.effort.progress(min(self.steps, self.effort.most_steps), self.effort.most_steps)
+
+
+def certified(source: Source, law: Array, regret: float, slope: float) -> tuple[Hidden, Array]:
+    """Return rate and bound, and c, of a law after the price has been moved to meet the budget."""
+    law = np.where(law > tolerances.RARELY_PLAYED, law, 0.0)
+    law = law / law.sum()
+    slope = meeting_slope(source, law, regret, slope)
+    kernel = source.kernel(slope)
+    weights = source.weights
+    held = np.maximum(kernel @ law, _TINY)
+    gains = (weights / held) @ kernel
+    value = float(-(weights @ np.log(held)))
+    played = law * gains
+    mean = mean_regret(kernel, kernel * source.excess, weights, law)
+    # I(π;u) = Σ p K log(K/q) − Σ_m played log(played/q): with the law that is really played the rate is the true one.
+    some = played > 0
+    rate = value - slope * mean - float(played[some] @ np.log(gains[some]))
+    bound = value - float(np.log(gains.max())) - (slope * regret if slope > 0 else 0.0)
+    return Hidden(law, slope, max(rate, 0.0) * BITS, max(bound, 0.0) * BITS, mean), gains

@@ -1,0 +1,91 @@
+"""Estimation of beliefs from decisions as a zero-sum game: what the rows gain, and what both sides can be sure of.
+
+On arrays alone. The error is F(K) = Σ p|π|² − Σ_m |a_m|²/w_m with a_m = Σ_b p_b K_bm π_b and w_m = Σ_b p_b K_bm. It is
+concave in K. Estimates μ_m of all columns bound it by Σ_b p_b max_K Σ_m K_bm |π_b − μ_m|².
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable.decision_makers.aware.row_envelopes import Envelopes, row_envelopes
+from inscrutable.validation import Array
+
+_CENTRING_STEPS = 60
+_CENTRED = 0.3
+_MOST_SPENT = 0.99
+_TINY = np.finfo(float).tiny
+
+
+@dataclass(frozen=True, eq=False)
+class Game:
+    """Points of the beliefs (B,d), their weights (B,), costs (B,M) of which each row may spend 1, allowed places (B,M)."""
+
+    points: Array
+    weights: Array
+    costs: Array
+    allowed: np.ndarray
+
+    @property
+    def spread(self) -> float:
+        """The prior's mean square error: what nothing can exceed."""
+        return float(self.weights @ (self.points**2).sum(axis=1))
+
+    def some(self, columns: np.ndarray) -> Game:
+        """Return the same with some of the columns."""
+        return Game(self.points, self.weights, self.costs[:, columns], self.allowed[:, columns])
+
+    def gains(self, estimates: Array) -> Array:
+        """Return |π_b − μ_m|², shape (B,M)."""
+        squares = (self.points**2).sum(axis=1)[:, None] - 2.0 * self.points @ estimates.T + (estimates**2).sum(axis=1)
+        return np.asarray(np.maximum(squares, 0.0))
+
+    def moments(self, rows: Array) -> tuple[Array, Array]:
+        """Return w (M,) and the posterior means μ (M,d) of rows; the prior mean, zero, where w = 0."""
+        played = self.weights @ rows
+        sums = (rows * self.weights[:, None]).T @ self.points
+        return played, sums / np.maximum(played, _TINY)[:, None]
+
+    def error(self, rows: Array) -> float:
+        """Return F(K)."""
+        played, means = self.moments(rows)
+        return self.spread - float(played @ (means**2).sum(axis=1))
+
+    def bound(self, estimates: Array) -> Envelopes:
+        """Return the rows' best answers to fixed estimates: Σ p values bounds every error."""
+        return row_envelopes(self.costs, self.gains(estimates), np.ones(len(self.weights)), self.allowed)
+
+
+def centred_start(game: Game, centre: float) -> tuple[Array, Array, Array]:
+    """Return rows K that spend less than 1, levels ℓ and prices λ with ℓ_b + λ_b c_bm > |π_b|² wherever allowed.
+
+    Every estimate is the prior mean, zero. Each row is put where K_bm (ℓ_b + λ_b c_bm − |π_b|²) is near `centre`: there
+    ℓ + λ − centre Σ_m log(ℓ + λ c_m − |π|²) − centre log λ is least, found by damped Newton steps.
+    """
+    costs = np.where(game.allowed, game.costs, 0.0)
+    prices = np.full(len(costs), 2.0 * centre)
+    above = np.full(len(costs), centre)  # ℓ − |π|²: the same as if every gain were zero
+    for _ in range(_CENTRING_STEPS):
+        rows = np.where(game.allowed, centre / (above[:, None] + prices[:, None] * costs), 0.0)
+        first, second = 1.0 - rows.sum(axis=1), 1.0 - (rows * costs).sum(axis=1) - centre / prices
+        square = rows * rows / centre
+        ones = square.sum(axis=1)
+        mean = (square * costs).sum(axis=1) / ones
+        spread = (square * (costs - mean[:, None]) ** 2).sum(axis=1) + centre / prices**2
+        second = second - mean * first
+        length = np.sqrt((first**2 / ones + second**2 / spread) / centre)
+        if length.max() < _CENTRED:
+            break
+        price = -second / spread / (1.0 + length)
+        prices = prices + price
+        above = above - first / ones / (1.0 + length) - mean * price
+    rows = rows / rows.sum(axis=1, keepdims=True)
+    spent = (rows * costs).sum(axis=1)
+    cheapest = np.zeros_like(rows)
+    cheapest[np.arange(len(rows)), np.where(game.allowed, game.costs, np.inf).argmin(axis=1)] = 1.0
+    least = (cheapest * costs).sum(axis=1)
+    room = _MOST_SPENT * (1.0 - least)
+    share = np.minimum(1.0, room / np.maximum(spent - least, _TINY))[:, None]
+    return share * rows + (1.0 - share) * cheapest, above + (game.points**2).sum(axis=1), prices

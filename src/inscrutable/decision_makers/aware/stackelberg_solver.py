@@ -1,0 +1,195 @@
+"""The mechanism of largest Bayes error among any number of columns: few are played, and a price tells whether others could be.
+
+On arrays alone. Where a column is left out its estimate is free: the one that least tempts any belief is the centre of a
+ball in X − 1 dimensions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.decision_makers.aware.stackelberg_game import Game
+from inscrutable.decision_makers.aware.stackelberg_newton import MOST_STEPS, Saddle, saddle
+from inscrutable.validation import Array
+
+_LARGE = 2e10
+"""Multiplications of one Newton step above which columns are left out, as long as nobody is tempted by them."""
+_FIRST_COLUMNS = 300
+_ADDED = 200
+_MOST_ROUNDS = 25
+_NEWTON_STEPS = 20
+_SMOOTHER = 0.3
+_SETTLED = 0.01
+_DEAR = 10.0
+_FORBIDDEN = 1e6
+_PRICED = 0.05  # share of the gap to which a price is found
+_TINY = np.finfo(float).tiny
+
+Told = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Confounded:
+    """Rows K (B,M), estimates μ (M,d), the mean square error and its bound."""
+
+    rows: Array
+    estimates: Array
+    error: float
+    bound: float
+
+
+def largest_error(game: Game, goal: float, progress: Told | None = None) -> Confounded:
+    """Return the rows of largest mean square error, with a bound at most `goal` of it above, or as near as it comes."""
+    usable = np.flatnonzero(game.allowed.any(axis=0))
+    few = game.some(usable)
+    found = _constant(few)
+    if found is None:
+        found = _by_columns(few, goal, progress) if _work(few) > _LARGE else _whole(few, goal, progress)
+    rows = np.zeros_like(game.costs)
+    rows[:, usable] = found.rows
+    estimates = np.zeros((rows.shape[1], game.points.shape[1]))
+    estimates[usable] = found.estimates
+    return replace(found, rows=rows, estimates=estimates)
+
+
+def _work(game: Game) -> float:
+    """Multiplications that couple rows and columns in one Newton step."""
+    sides = 2.0 * len(game.points), float(game.costs.shape[1] * game.points.shape[1])
+    return min(sides) ** 2 * max(sides)
+
+
+def _bounded(game: Game, estimates: Array) -> float:
+    return min(float(game.weights @ game.bound(estimates).values), game.spread)
+
+
+def _whole(game: Game, goal: float, progress: Told | None) -> Confounded:
+    found = saddle(game, goal, None if progress is None else lambda done: progress(done, MOST_STEPS))
+    return Confounded(found.rows, found.estimates, found.error, _bounded(game, found.estimates))
+
+
+def _by_columns(game: Game, goal: float, progress: Told | None) -> Confounded:
+    columns = _first_columns(game)
+    best: Confounded | None = None
+    for done in range(1, _MOST_ROUNDS + 1):
+        found = saddle(game.some(columns), 0.5 * goal)
+        estimates, tempted = _priced(game, found, columns, goal)
+        bound = _bounded(game, estimates)
+        if best is not None and best.bound < bound:
+            estimates, bound = best.estimates, best.bound
+        rows = np.zeros_like(game.costs)
+        rows[:, columns] = found.rows
+        best = Confounded(rows, estimates, found.error, bound)
+        if progress is not None:
+            progress(done, _MOST_ROUNDS)
+        near = best.bound - best.error <= goal * best.bound + tolerances.NO_ERROR * game.spread
+        wanted = np.argsort(-tempted)[:_ADDED]
+        wanted = wanted[tempted[wanted] > 0]
+        if near or not wanted.size:
+            break
+        columns = np.union1d(columns[_needed(game, found, columns)], wanted)
+    assert best is not None
+    return best
+
+
+def _constant(game: Game) -> Confounded | None:
+    """One column for all, where every row can afford it: the observer is left with the prior."""
+    free = np.flatnonzero((game.allowed & (game.costs <= 1.0)).all(axis=0))
+    if not free.size:
+        return None
+    rows = np.zeros_like(game.costs)
+    rows[:, free[game.costs[:, free].sum(axis=0).argmin()]] = 1.0
+    return Confounded(rows, np.zeros((rows.shape[1], game.points.shape[1])), game.spread, game.spread)
+
+
+def _first_columns(game: Game) -> np.ndarray:
+    """Columns far apart in what they cost whom, and for every row one that leaves it half of its budget."""
+    n_columns = game.costs.shape[1]
+    if n_columns <= _FIRST_COLUMNS:
+        return np.arange(n_columns)
+    costs = np.where(game.allowed, game.costs, np.inf)
+    features = np.minimum(costs, _DEAR).T  # dearer is much the same
+    chosen = [int(features.sum(axis=1).argmin())]
+    squares = (features**2).sum(axis=1)
+    distance = np.full(n_columns, np.inf)
+    for _ in range(_FIRST_COLUMNS - 1):
+        last = chosen[-1]
+        distance = np.minimum(distance, squares - 2.0 * features @ features[last] + squares[last])
+        chosen.append(int(distance.argmax()))
+    columns = np.unique(chosen)
+    poor = np.flatnonzero(costs[:, columns].min(axis=1) > 0.5)
+    while poor.size:  # the column that helps most of them, in turn
+        helped = (costs[poor] <= np.maximum(0.5, costs[poor].min(axis=1))[:, None]).sum(axis=0)
+        columns = np.union1d(columns, helped.argmax())
+        low = np.maximum(0.5, costs.min(axis=1))
+        poor = np.flatnonzero(costs[:, columns].min(axis=1) > low)
+    return columns
+
+
+def _needed(game: Game, found: Saddle, columns: np.ndarray) -> np.ndarray:
+    """Which columns to keep: those that are played, and each row's cheapest."""
+    played = game.weights @ found.rows
+    kept = played >= tolerances.SELDOM / len(columns)
+    kept[np.where(game.allowed[:, columns], game.costs[:, columns], np.inf).argmin(axis=1)] = True
+    return np.flatnonzero(kept)
+
+
+def _priced(game: Game, found: Saddle, columns: np.ndarray, goal: float) -> tuple[Array, Array]:
+    """Estimates of all columns, of those left out the ones that tempt least, and by how much each does still (M,)."""
+    near = _PRICED * (goal * found.error + tolerances.NO_ERROR * game.spread)
+    estimates = np.zeros((game.costs.shape[1], game.points.shape[1]))
+    estimates[columns] = found.estimates
+    tempted = np.full(len(estimates), -np.inf)
+    others = np.setdiff1d(np.arange(len(estimates)), columns)
+    if others.size:
+        allowed = game.allowed[:, others]
+        paid = found.levels[:, None] + found.prices[:, None] * np.where(allowed, game.costs[:, others], 0.0)
+        offers = (game.points**2).sum(axis=1)[:, None] - paid
+        offers = np.where(allowed, offers, -_FORBIDDEN * game.spread)
+        estimates[others], tempted[others] = least_tempting(game.points, offers, near)
+    return estimates, tempted
+
+
+def least_tempting(points: Array, offers: Array, near: float) -> tuple[Array, Array]:
+    """Return argmin_μ max_b (offer_bm − 2 π_b·μ + |μ|²) for every column m, shape (M,d), and a lower bound of the value.
+
+    The maximum is smoothed, ε log Σ exp(·/ε), and each μ found by Newton's steps while ε falls to `near` / log B. The
+    weights of the smooth maximum give the lower bound Σ w offer − |Σ w π|².
+    """
+    n_beliefs, size = points.shape
+    smooth = max(float(np.ptp(points, axis=0).max(initial=0.0)) ** 2, near)
+    last = near / max(np.log(n_beliefs), 1.0)
+    centres = np.zeros((offers.shape[1], size))
+    lower = np.full(offers.shape[1], -np.inf)
+    while True:
+        smooth = max(smooth * _SMOOTHER, last)
+        left = np.arange(len(centres))
+        for _ in range(_NEWTON_STEPS):
+            weights = _smooth_maximum(points, offers[:, left], centres[left], smooth)
+            means = weights.T @ points
+            moved = means - centres[left]
+            lower[left] = np.maximum(lower[left], (weights * offers[:, left]).sum(axis=0) - (means**2).sum(axis=1))
+            hessians = np.einsum("bm,bi,bj->mij", weights, points, points, optimize=True)
+            hessians -= means[:, :, None] * means[:, None, :]
+            hessians = 2.0 / smooth * hessians + np.eye(size)
+            newton = np.linalg.solve(hessians, moved[:, :, None])[:, :, 0]
+            rise = (moved * newton).sum(axis=1)
+            going = rise > _SETTLED * smooth
+            left, newton = left[going], newton[going]
+            if not left.size:
+                break
+            # Damped as for a self-concordant function: the smooth maximum turns within a few ε.
+            length = np.sqrt(2.0 * rise[going] / smooth)
+            centres[left] += newton * (1.0 / (1.0 + np.maximum(length - 1.0, 0.0)))[:, None]
+        if smooth <= last:
+            return centres, lower
+
+
+def _smooth_maximum(points: Array, offers: Array, centres: Array, smooth: float) -> Array:
+    """Weights of the beliefs in the smooth maximum of every column, shape (B,M)."""
+    values = (offers - 2.0 * points @ centres.T) / smooth
+    weights = np.exp(values - values.max(axis=0))
+    return np.asarray(weights / weights.sum(axis=0))

@@ -1,0 +1,1 @@
+"""Proofs: upper bounds on what anybody could hide within a budget, and the search that closes on them."""

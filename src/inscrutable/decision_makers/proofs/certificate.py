@@ -1,0 +1,252 @@
+"""Proofs that no affordable decision is more private: branch and bound over beliefs with nothing but the optimal cost.
+
+Every plausible decision is optimal for some belief y, and its privacy is then at most ‖π − y‖ (at most −‖t − y‖ when the
+goal is a target t and y the member nearest to it). The simplex is cut into simplicial cells; on each, the regret of
+*every* decision that is optimal for one of its beliefs is bounded from below through optimal costs at the corners and on
+the way to them, for quadratic costs through optimal decisions, which turns the largest privacy there into a tiny linear
+programme. Cells that could still hold something better are halved. A cell whose corners share one decision is part of its
+consistent set and counts with the distance of that set, itself and nothing beyond it. For quadratic costs a cell is left
+out where no belief is the nearest one that explains its decision.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.adversaries import consistent_beliefs, consistent_sets
+from inscrutable.decision_makers.proofs.cell_programmes import cell_bounds
+from inscrutable.decision_makers.proofs.fibres import Fibres
+from inscrutable.decision_makers.proofs.oracle_points import N_LEVELS, OraclePoints
+from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
+from inscrutable.errors import InscrutableError
+from inscrutable.geometry.simplicial import cones_from, directions_to, edges, halved
+from inscrutable.privacy.measures import Reference
+from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.validation import Array
+
+_MOST_CELLS = 256  # halved in one round
+_EDGE_SHARE = 1.2  # a cell's edge over what is left of the way to it, 1 − τ: where both errors are alike
+_PULLS = np.array([0.0, 0.01, 0.1, 0.5])
+_ATTEMPTS = 3
+_JUDGED = 64  # points whose decisions are judged in one round
+
+
+class Question(NamedTuple):
+    """Largest Ψ under a budget, or largest Ψ − multiplier · regret; nothing below `floor` is of interest."""
+
+    reference: Reference
+    budget: float
+    multiplier: float | None
+    floor: float
+    judged: frozenset[int] = frozenset()
+    """Points whose decisions are known already; another one that is worth more than the floor ends the search where
+    there is a multiplier."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """No decision is worth more than `bound`; `complete` where every cell was judged down to the floor."""
+
+    bound: float
+    complete: bool
+
+
+class _Cells(NamedTuple):
+    """Cells with bounds of the gain at their corners and of the regret; `final` ones are not cut."""
+
+    corners: np.ndarray  # (C,X)
+    gains: Array  # (C,X)
+    regrets: Array  # (C,X,K)
+    final: np.ndarray  # (C,)
+
+    def pick(self, which: np.ndarray) -> _Cells:
+        return _Cells(*(part[which] for part in self))
+
+    def joined(self, other: _Cells) -> _Cells:
+        return _Cells(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+    def bounds(self, question: Question) -> Array:
+        return cell_bounds(self.gains, self.regrets, question.budget, question.multiplier)
+
+
+class Prover:
+    """Branch and bound for one problem, belief and reference; cells and what the oracle said are kept for the next
+    question."""
+
+    def __init__(self, problem: DecisionProblem, belief: Array, most_calls: int) -> None:
+        self.problem = problem
+        self.belief = belief
+        self.most_calls = most_calls
+        cones = cones_from(belief)
+        self.points = OraclePoints(problem, belief, cones.points[1:])
+        self._cones = cones.corners
+        self._shared: list[tuple[Array, float]] = []
+        self._privacies = np.zeros(0)
+        self._exact = np.zeros(0, dtype=np.bool_)
+        self._leaves: _Cells | None = None
+        self._allowance = 0.0
+        form = whitened(problem) if isinstance(problem, QuadraticProblem) else None
+        self._quadratic = None if form is None else QuadraticCells(problem, self.points, form)  # type: ignore[arg-type]
+        self._fibres = None if self._quadratic is None else Fibres(self._quadratic)
+
+    def answer(self, question: Question) -> Answer:
+        """Return a bound for one question; again where the solver turned out less exact than allowed for."""
+        for _ in range(_ATTEMPTS):
+            if self._leaves is None or self.points.allowance > 2.0 * self._allowance:
+                self._allowance = self.points.allowance
+                self._leaves = self._described(self._cones, question)
+            found = self._search(question)
+            if self.points.allowance <= 2.0 * self._allowance:
+                return found
+        return Answer(float("inf"), False)
+
+    def _search(self, question: Question) -> Answer:
+        assert self._leaves is not None
+        leaves, bounds = self._leaves, self._leaves.bounds(question)
+        while True:
+            open_ = np.flatnonzero((bounds > question.floor) & ~leaves.final)
+            over = not open_.size or self.points.calls >= self.most_calls
+            if over or (question.multiplier is not None and self.better(question).size):
+                self._leaves = leaves
+                bound = float(bounds.max(initial=-np.inf))
+                return Answer(bound, bound <= question.floor)
+            worst = open_[np.argsort(-bounds[open_], kind="stable")[:_MOST_CELLS]]
+            fresh = self._described(self._halved(leaves.corners[worst]), question)
+            # A part is bounded by the whole it comes from.
+            kept = np.ones(len(bounds), dtype=np.bool_)
+            kept[worst] = False
+            leaves = leaves.pick(kept).joined(fresh)
+            bounds = np.concatenate([bounds[kept], fresh.bounds(question)])
+
+    def better(self, question: Question) -> np.ndarray:
+        """Return points with admissible decisions known to be worth more than the floor, the best first; not the judged."""
+        self._look(question.reference)
+        spent = self.points.costs @ self.belief - self.points.optimal_cost
+        spent = (
+            np.where(spent <= question.budget, 0.0, np.inf)
+            if question.multiplier is None
+            else question.multiplier * spent
+        )
+        above = self._privacies - spent - question.floor
+        above[list(question.judged)] = -np.inf
+        ask = np.flatnonzero((above > tolerances.CHORD) & ~self._exact)
+        ask = ask[np.argsort(-above[ask], kind="stable")[:_JUDGED]]
+        if ask.size:
+            self._privacies[ask], self._exact[ask] = self._judged(ask, question.reference), True
+            above[ask] = self._privacies[ask] - spent[ask] - question.floor
+        found = np.flatnonzero((above > tolerances.CHORD) & self._exact)
+        return np.asarray(found[np.argsort(-above[found], kind="stable")])
+
+    def _look(self, reference: Reference) -> None:
+        """Give new points the privacy that is seen at once, from above where there is to be much."""
+        fresh = np.arange(len(self._privacies), len(self.points.values))
+        if reference.sign > 0 and self._fibres is not None:
+            seen = self._fibres.distances(fresh)
+        else:
+            seen = reference.sign * np.linalg.norm(self.points.beliefs[fresh] - reference.point, axis=1)
+        self._privacies = np.concatenate([self._privacies, seen])
+        self._exact = np.concatenate([self._exact, np.zeros(len(fresh), dtype=np.bool_)])
+
+    def _judged(self, index: np.ndarray, reference: Reference) -> Array:
+        """The privacies of points' decisions, −∞ for those that are not admissible."""
+        actions, beliefs = self.points.actions[index], self.points.beliefs[index]
+        distances = consistent_sets(self.problem, actions, beliefs).distances(reference.point)
+        usable = self.problem.constraints.is_admissible(actions) & np.isfinite(distances)
+        return np.where(usable, reference.sign * np.where(usable, distances, 0.0), -np.inf)
+
+    def _halved(self, corners: np.ndarray) -> np.ndarray:
+        """Cut along the edge that is long and on which V bends."""
+        pairs = edges(corners.shape[1])
+        points, costs = self.points.beliefs[corners], self.points.costs[corners]
+        ways = points[:, pairs[:, 1]] - points[:, pairs[:, 0]]
+        bends = np.maximum(((costs[:, pairs[:, 0]] - costs[:, pairs[:, 1]]) * ways).sum(axis=2), 0.0)
+        lengths = (ways * ways).sum(axis=2)
+        shares = [part / np.maximum(part.sum(axis=1, keepdims=True), tolerances.TINY) for part in (bends, lengths)]
+        chosen = pairs[(np.sqrt(shares[0]) + np.sqrt(shares[1])).argmax(axis=1)]
+        rows = np.arange(len(corners))[:, None]
+        return halved(corners, chosen, self.points.middles(corners[rows, chosen]))
+
+    def _described(self, corners: np.ndarray, question: Question) -> _Cells:
+        """Bounds of gains and regrets on cells, without cells in which there is nothing to find."""
+        outside = question.reference.sign > 0
+        points = self.points.beliefs[corners]
+        if self._quadratic is None:
+            regrets = self._by_values(corners)
+        else:
+            near, broken = self._quadratic.nearness(corners)
+            regrets = self._quadratic.regret_bounds(corners, near)
+            if not self._quadratic.bends:
+                regrets = np.concatenate([regrets, self._by_values(corners)], axis=2)
+        cells = _Cells(corners, _gains(points, question.reference), regrets, self._tiny(points))
+        alive = np.flatnonzero(cells.bounds(question) > question.floor)
+        if outside and self._fibres is not None and self._quadratic is not None and alive.size:
+            empty = self._fibres.passes(corners[alive], near[alive], broken[alive])
+            kept = np.ones(len(corners), dtype=np.bool_)
+            kept[alive[empty]] = False
+            cells = cells.pick(kept)
+        if outside and self.problem.costs_are_unique:
+            self._close_shared(cells)
+        return cells
+
+    def _tiny(self, points: Array) -> np.ndarray:
+        """Which cells (C,X,X) are not worth cutting any more."""
+        return np.asarray((points.max(axis=1) - points.min(axis=1)).max(axis=1) <= tolerances.FINEST_CELL)
+
+    def _by_values(self, corners: np.ndarray) -> Array:
+        """Bounds of the regret that need no more than optimal costs."""
+        points, pairs = self.points.beliefs[corners], edges(corners.shape[1])
+        longest = np.linalg.norm(points[:, pairs[:, 0]] - points[:, pairs[:, 1]], axis=2).max(axis=1)
+        farthest = np.linalg.norm(points - self.belief, axis=2).max(axis=1)
+        levels = np.clip(np.rint(-np.log2(_EDGE_SHARE * longest / farthest)), 1, N_LEVELS - 1).astype(np.intp)
+        self.points.look_on_the_way(corners, levels)
+        return self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
+
+    def _close_shared(self, cells: _Cells) -> None:
+        """Write into cells whose corners share one decision what it is worth."""
+        corners = cells.corners
+        upper = self.points.upper_costs(corners)
+        slack = tolerances.SHARED_DECISION * self.points.scale
+        optimal = (upper <= self.points.values[corners][:, :, None] + slack).all(axis=1)
+        width = np.abs(self.points.beliefs[corners] - self.points.beliefs[corners[:, :1]]).max(axis=(1, 2))
+        for cell in np.flatnonzero(optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)):
+            costs = self.points.costs[corners[cell, optimal[cell].argmax()]]
+            regret = float(costs @ self.belief) - self.points.optimal_cost - self.points.allowance
+            cells.gains[cell] = self._distance(costs, corners[cell])
+            cells.regrets[cell] = max(regret, 0.0)
+            cells.final[cell] = True
+
+    def _distance(self, costs: Array, corners: np.ndarray) -> float:
+        """An upper bound of the distance to the beliefs for which a decision of these state costs is optimal."""
+        for known, distance in self._shared:
+            if np.abs(known - costs).max() <= tolerances.SHARED_DECISION * self.points.scale:
+                return distance
+        start = self.points.beliefs[corners]
+        start = start[np.linalg.norm(start - self.belief, axis=1).argmin()]
+        trials = np.vstack([self._nearest(start) + _PULLS[:, None] * (start - self._nearest(start))])
+        values, _ = self.points.ask(trials)
+        members = values >= trials @ costs - tolerances.SHARED_DECISION * self.points.scale
+        reached = np.vstack([trials[members], start])
+        distance = float(np.linalg.norm(reached - self.belief, axis=1).min())
+        self._shared.append((costs, distance))
+        return distance
+
+    def _nearest(self, member: Array) -> Array:
+        """Where the observer's set of the decision at `member` comes nearest; only a proposal, to be asked about."""
+        try:
+            found = consistent_beliefs(self.problem, self.problem.solve(member)).nearest(self.belief)
+        except InscrutableError:
+            return member
+        return np.asarray(found) if np.isfinite(found).all() else member
+
+
+def _gains(points: Array, reference: Reference) -> Array:
+    """Privacy at the corners (C,X) of a function above the privacy and linear on each cell."""
+    if reference.sign > 0:
+        # The distance is convex: below the interpolation of its corners.
+        return np.asarray(np.linalg.norm(points - reference.point, axis=2))
+    directions = directions_to(reference.point, points)
+    return np.asarray(-np.einsum("cjx,cx->cj", points - reference.point, directions))

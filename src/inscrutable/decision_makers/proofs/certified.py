@@ -1,0 +1,237 @@
+"""Decisions and lotteries with a proof of how much more privacy there could be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from inscrutable import tolerances, validation
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.envelope import Mixture, concave_envelope, mixture_on_envelope
+from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.proofs.certificate import Prover, Question
+from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision
+from inscrutable.errors import InputError
+from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
+from inscrutable.privacy.measures import Reference
+from inscrutable.problems import DecisionProblem, FiniteProblem
+from inscrutable.validation import Array
+
+MOST_CALLS = 10_000
+"""Oracle calls of a proof unless said otherwise."""
+
+_MOST_ROUNDS = 100
+_JUDGED = 8  # beliefs found by a proof whose decisions are judged
+_REPLACED = (DecisionStatus.OPTIMAL, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDIDATE)
+
+
+def checked_gap(value: Any) -> float | None:
+    """Return the gap asked of a proof, None for no proof, or raise `InputError`."""
+    if value is None:
+        return None
+    gap = validation.non_negative(value, "certify")
+    if not 0 < gap < 1:
+        raise InputError(
+            f"certify must be a relative gap between 0 and 1 such as 0.01, or None for no proof, got {value!r}"
+        )
+    return gap
+
+
+def check_provable(measure: PrivacyMeasure, on_empty: str) -> None:
+    """Raise `InputError` where there is nothing that a proof could bound."""
+    if type(measure) not in (MaximalObfuscation, DesiredObfuscation):
+        raise InputError(
+            f"certify proves MaximalObfuscation() and DesiredObfuscation(...), not {measure!r}: give certify=None"
+        )
+    if on_empty != "exclude":
+        raise InputError('certify needs on_empty="exclude": unexplained decisions of infinite privacy have no bound')
+
+
+class Proofs:
+    """What a proof asks for: the goal, the budget, the relative gap, and how often the oracle may be called."""
+
+    def __init__(self, problem: DecisionProblem, budget: Budget, gap: float, most_calls: int = MOST_CALLS) -> None:
+        self.problem = problem
+        self.budget = budget
+        self.gap = gap
+        self.most_calls = most_calls
+
+    def single(self, belief: Array, measure: PrivacyMeasure, found: Decision) -> Decision:
+        """Return a decision with a proven bound, and a better one where the proof came across it."""
+        if isinstance(self.problem, FiniteProblem):
+            return self._best_choice(belief, measure, found)
+        reference = _reference(measure, belief)
+        prover = Prover(self.problem, belief, self.most_calls)
+        limit = self.budget.limit(found.optimal_cost)
+        answer = prover.answer(Question(reference, _spent(limit), None, found.privacy + self._allowed(found.privacy)))
+        bound = max(min(answer.bound, found.privacy_bound), found.privacy)
+        for index in prover.better(Question(reference, limit, None, found.privacy))[:_JUDGED]:
+            action = prover.points.actions[index]
+            met = decision_for(self.problem, belief, action, measure, DecisionStatus.BEST_CANDIDATE)
+            if met.regret <= limit and met.privacy > found.privacy + tolerances.NO_PRIVACY:
+                found = met
+                break
+        bound = max(bound, found.privacy)
+        status = self._status(found.privacy, bound, found.status)
+        return replace(found, privacy_bound=bound, status=status, oracle_calls=prover.points.calls)
+
+    def lottery(self, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> MixedDecision:
+        """Return a lottery with a proven bound over all distributions, more private where the proof came across better.
+
+        Formula: for every μ ≥ 0 the value is at most max_u {Ψ(u) − μ ρ(π,u)} + μ · budget.
+        """
+        if isinstance(self.problem, FiniteProblem):
+            return self._best_lottery(belief, measure, found)
+        reference = _reference(measure, belief)
+        limit = self.budget.limit(found.optimal_cost)
+        prover = Prover(self.problem, belief, self.most_calls)
+        atoms = _Atoms(self.problem, belief, measure, found)
+        bound = found.privacy_bound
+        for _ in range(_MOST_ROUNDS):
+            value, price = atoms.value(limit)
+            offset = price * _spent(limit)
+            multiplier = price if limit > 0 else None
+            floor = value + self._allowed(value) - (0.0 if multiplier is None else offset)
+            judged = frozenset(atoms.met)
+            answer = prover.answer(Question(reference, _spent(limit), multiplier, floor, judged))
+            bound = min(bound, answer.bound + (0.0 if multiplier is None else offset))
+            if bound <= value + self._allowed(value) or prover.points.calls >= self.most_calls:
+                break
+            line = value - offset if multiplier is not None else value
+            fresh = prover.better(Question(reference, _spent(limit), multiplier, line, judged))
+            if not atoms.extend(prover, fresh[:_JUDGED], price, line) and answer.complete:
+                break
+        improved = atoms.lottery(found, limit)
+        bound = max(bound, improved.expected_privacy)
+        status = self._status(improved.expected_privacy, bound, improved.status)
+        return replace(improved, privacy_bound=bound, status=status, oracle_calls=prover.points.calls)
+
+    def _choices(self, belief: Array, measure: PrivacyMeasure) -> list[Decision]:
+        """Every choice of a finite problem that a belief explains, judged: there are no other decisions."""
+        assert isinstance(self.problem, FiniteProblem)
+        points = np.eye(self.problem.n_choices)
+        status = DecisionStatus.BEST_CANDIDATE
+        judged = [decision_for(self.problem, belief, row, measure, status) for row in points]
+        return [each for each in judged if not each.belief_set.is_empty]
+
+    def _best_choice(self, belief: Array, measure: PrivacyMeasure, found: Decision) -> Decision:
+        limit = self.budget.limit(found.optimal_cost)
+        affordable = [each for each in self._choices(belief, measure) if each.regret <= limit]
+        best = max(affordable, key=lambda each: each.privacy, default=found)
+        if best.privacy > found.privacy + tolerances.NO_PRIVACY:
+            found = best
+        return replace(
+            found, privacy_bound=found.privacy, status=self._status(found.privacy, found.privacy, found.status)
+        )
+
+    def _best_lottery(self, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> MixedDecision:
+        limit, choices = self.budget.limit(found.optimal_cost), self._choices(belief, measure)
+        regrets = np.array([each.regret for each in choices])
+        privacies = np.array([each.privacy for each in choices])
+        mixture = mixture_on_envelope(regrets, privacies, concave_envelope(regrets, privacies), limit)
+        value = found.expected_privacy
+        if mixture is not None:
+            value = float(mixture.probabilities @ privacies[mixture.indices])
+        if mixture is not None and value > found.expected_privacy + tolerances.CHORD:
+            found = replace(
+                found,
+                actions=np.array([choices[index].action for index in mixture.indices]),
+                probabilities=mixture.probabilities,
+                regrets=regrets[mixture.indices],
+                privacies=privacies[mixture.indices],
+                expected_cost=found.optimal_cost + float(mixture.probabilities @ regrets[mixture.indices]),
+                expected_privacy=value,
+                price=mixture.price,
+                decoys=np.array([choices[index].decoy for index in mixture.indices]),
+            )
+        bound = max(value, found.expected_privacy)
+        return replace(found, privacy_bound=bound, status=self._status(bound, bound, found.status))
+
+    def _allowed(self, privacy: float) -> float:
+        return self.gap * max(abs(privacy), tolerances.PROOF_FLOOR)
+
+    def _status(self, privacy: float, bound: float, kept: DecisionStatus) -> DecisionStatus:
+        if kept not in _REPLACED:
+            return kept
+        if bound <= privacy + tolerances.PROVED:
+            return DecisionStatus.PROVED
+        # Rounding of the sum that made the floor.
+        within = bound <= privacy + self._allowed(privacy) * (1.0 + tolerances.BUDGET_SAFETY)
+        return DecisionStatus.GAP_REACHED if within else DecisionStatus.BOUNDED
+
+
+class _Atoms:
+    """Decisions that a lottery may mix: those of the lottery found first, the optimal one, and what proofs come across."""
+
+    def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> None:
+        self.problem = problem
+        self.belief = belief
+        self.measure = measure
+        own = decision_for(problem, belief, problem.solve(belief), measure, DecisionStatus.OPTIMAL)
+        self.actions = [*found.actions, own.action]
+        self.regrets = np.append(found.regrets, 0.0)
+        self.privacies = np.append(found.privacies, own.privacy)
+        self.decoys = [*found.decoys, own.decoy]
+        self.first_price = found.price
+        self.met: set[int] = set()
+
+    def _mixture(self, limit: float) -> Mixture:
+        hull = concave_envelope(self.regrets, self.privacies)
+        mixture = mixture_on_envelope(self.regrets, self.privacies, hull, limit)
+        assert mixture is not None  # the optimal decision costs nothing
+        return mixture
+
+    def value(self, limit: float) -> tuple[float, float]:
+        """Return the best expected privacy and its slope in the budget, the search's own where it knows one."""
+        mixture = self._mixture(limit)
+        price = mixture.price
+        if not self.met or not (self.regrets > limit).any():
+            price = self.first_price if np.isfinite(self.first_price) else price
+        return float(mixture.probabilities @ self.privacies[mixture.indices]), max(price, 0.0)
+
+    def extend(self, prover: Prover, fresh: np.ndarray, price: float, line: float) -> bool:
+        """Take in the decisions of points that lie above the line Ψ = line + price · regret; return whether one does."""
+        self.met.update(fresh.tolist())
+        before = len(self.actions)
+        for index in fresh:
+            action = prover.points.actions[index]
+            met = decision_for(self.problem, self.belief, action, self.measure, DecisionStatus.BEST_CANDIDATE)
+            if met.privacy - price * met.regret > line:
+                self.actions.append(action)
+                self.decoys.append(met.decoy)
+                self.regrets = np.append(self.regrets, met.regret)
+                self.privacies = np.append(self.privacies, met.privacy)
+        return len(self.actions) > before
+
+    def lottery(self, found: MixedDecision, limit: float) -> MixedDecision:
+        """Return the best lottery; the one found first where nothing better was met."""
+        mixture = self._mixture(limit)
+        privacies, regrets = self.privacies[mixture.indices], self.regrets[mixture.indices]
+        expected = float(mixture.probabilities @ privacies)
+        if expected <= found.expected_privacy + tolerances.CHORD:
+            return found
+        return replace(
+            found,
+            actions=np.array([self.actions[index] for index in mixture.indices]),
+            probabilities=mixture.probabilities,
+            regrets=regrets,
+            privacies=privacies,
+            expected_cost=found.optimal_cost + float(mixture.probabilities @ regrets),
+            expected_privacy=expected,
+            price=mixture.price,
+            decoys=np.array([self.decoys[index] for index in mixture.indices]),
+            status=DecisionStatus.BEST_CANDIDATE,
+        )
+
+
+def _spent(limit: float) -> float:
+    """The budget with the rounding that searches allow themselves."""
+    return limit * (1.0 + tolerances.BUDGET_SAFETY)
+
+
+def _reference(measure: PrivacyMeasure, belief: Array) -> Reference:
+    found = measure.reference(belief)
+    assert found is not None
+    return found

@@ -1,0 +1,1 @@
+"""The search for the most private decisions: faces, climbs, walks over many beliefs."""

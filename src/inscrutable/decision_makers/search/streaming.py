@@ -1,0 +1,255 @@
+"""Lotteries for many beliefs: one streaming pass over the candidates, block by block, in memory that does not grow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.results import Progress
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.face_search import rules_for
+from inscrutable.decision_makers.search.plane import plane_of
+from inscrutable.decision_makers.search.plane_walks import walk_costs, walk_lotteries, walking_order
+from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
+from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
+from inscrutable.kernels.threads import in_chunks
+from inscrutable.kernels.three_leaves import Plane, Scene
+from inscrutable.problems import QuadraticProblem
+from inscrutable.validation import Array
+
+_CHUNK = 256
+_ROUNDS = np.array([12, 16])  # of a climb, and of the golden sections on a line
+_BLOCK = 1 << 16
+_FIELDS = ("index", "face", "decoys", "regrets", "privacies", "probabilities", "prices")
+OWN, TARGET, KNOWN = FIRST_SEED, FIRST_SEED - 1, FIRST_SEED - 2
+"""Names of points that are no candidates: the optimal decision, the target's, and the polished single one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lotteries:
+    """Two atoms for each of T beliefs; `index` says which decision of the atlas an atom is, or that it was polished."""
+
+    atlas: Atlas
+    beliefs: Array  # (T,X)
+    optimal_costs: Array  # (T,)
+    limits: Array  # (T,)
+    index: np.ndarray  # (T,2)
+    face: np.ndarray  # (T,2)
+    decoys: Array  # (T,2,X)
+    regrets: Array  # (T,2)
+    privacies: Array  # (T,2)
+    probabilities: Array  # (T,2)
+    prices: Array  # (T,)
+    kept: list[Array]  # decisions that are no face's at a decoy: numbered on, behind the atlas's faces
+
+    @property
+    def problem(self) -> QuadraticProblem:
+        """The decision problem."""
+        return self.atlas.problem
+
+    def actions(self, step: int | slice | tuple[int, np.ndarray]) -> Array:
+        """Return the atoms of one step, shape (2,U), of many, shape (T,2,U), or chosen ones of a step."""
+        index, face, decoys = self.index[step], self.face[step], self.decoys[step]
+        flat = (index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
+        return decisions_at(self.atlas, *flat, self.kept).reshape(*index.shape, self.problem.n_actions)
+
+    def take(self, step: int, other: Lotteries) -> None:
+        """Put another search's lottery for one belief in the place of a step's."""
+        for name in _FIELDS:
+            getattr(self, name)[step] = getattr(other, name)[0]
+        beyond = self.face[step] >= len(self.atlas.patterns)
+        self.face[step, beyond] += len(self.kept)
+        self.kept.extend(other.kept)
+
+
+def decisions_at(atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, kept: Sequence[Array] = ()) -> Array:
+    """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys.
+
+    Numbers behind the atlas's faces are those of decisions kept as they are.
+    """
+    actions = np.empty((len(index), atlas.problem.n_actions))
+    polished = index == POLISHED
+    if not polished.all():
+        known = index >= 0
+        actions[known] = atlas.actions[index[known]]
+        own = (index == OWN) | (index == TARGET)
+        if own.any():
+            actions[own] = atlas.problem.solve(decoys[own])
+    n_known = len(atlas.patterns)
+    for i in polished.nonzero()[0]:
+        if face[i] < n_known:
+            atlas.faces(atlas.patterns[face[i]]).fill_decision(decoys[i], actions[i])
+        else:
+            actions[i] = kept[face[i] - n_known]
+    return actions
+
+
+class Spot(NamedTuple):
+    """An affordable decision known before the search, a decoy of it, and its point of the frontier.
+
+    A decoy alone does not tell the decision: with copies of an asset it has many.
+    """
+
+    action: Array
+    decoy: Array
+    regret: float
+    privacy: float
+    optimal_cost: float
+
+
+class Aims(NamedTuple):
+    """What the lotteries of a path seek: distance from points (T,X) (sign +) or nearness to them (−), within budgets."""
+
+    points: Array
+    sign: float
+    budgets: tuple[Budget, ...]
+
+
+def stream_lotteries(
+    atlas: Atlas, beliefs: Array, aims: Aims, *, known: Spot | None = None, progress: Progress | None = None
+) -> Lotteries:
+    """Return the lotteries of beliefs (T,X).
+
+    The optimal decision takes part with the least privacy it can have; `known`, for one belief, with its own.
+    """
+    count, n_states = beliefs.shape
+    pairs = (count, 2)
+    result = Lotteries(
+        atlas,
+        beliefs,
+        np.empty(count),
+        np.empty(count),
+        np.empty(pairs, dtype=np.int64),
+        np.empty(pairs, dtype=np.int64),
+        np.empty((*pairs, n_states)),
+        np.empty(pairs),
+        np.empty(pairs),
+        np.empty(pairs),
+        np.empty(count),
+        [] if known is None else [known.action],
+    )
+    for first in range(0, count, _BLOCK):
+        part = slice(first, min(first + _BLOCK, count))
+        seen = None if progress is None else partial(_report, progress, first, count)
+        _fill(result, part, aims._replace(points=aims.points[part]), known, seen)
+    for name, decoys in ((OWN, beliefs), (TARGET, aims.points)):
+        chosen = result.index == name
+        if chosen.any():
+            result.decoys[chosen] = np.broadcast_to(decoys[:, None], result.decoys.shape)[chosen]
+    if known is not None:
+        chosen = result.index == KNOWN
+        result.decoys[chosen], result.face[chosen], result.index[chosen] = known.decoy, len(atlas.patterns), POLISHED
+    return result
+
+
+def _report(progress: Progress, before: int, count: int, done: int, _: int) -> None:
+    progress(before + done, count)
+
+
+def _fill(result: Lotteries, part: slice, aims: Aims, known: Spot | None, progress: Progress | None) -> None:
+    atlas, beliefs = result.atlas, np.ascontiguousarray(result.beliefs[part])
+    order = walking_order(beliefs)
+    scene = scene_of(atlas.problem, beliefs, aims, known, walk=(plane_of(atlas), order))
+    result.optimal_costs[part], result.limits[part] = scene.optimal_costs, scene.limits[:, 0]
+    search(atlas, scene, order, tuple(getattr(result, name)[part, None] for name in _FIELDS), progress)
+
+
+def search(atlas: Atlas, scene: Scene, order: np.ndarray, out: tuple[Array, ...], progress: Progress | None) -> None:
+    """Fill the lotteries of all beliefs and budgets: three states in their plane; the general search for what that leaves.
+
+    order: of `walking_order`. out: the fields of `Lotteries`, each for every budget, (T,B,…).
+    """
+    plane = plane_of(atlas)
+    left = np.ones(scene.limits.shape, np.bool_)
+    if plane is not None:
+        left = walk_lotteries(plane, scene, order, out, progress)
+    for budget in range(left.shape[1]):
+        steps = left[:, budget].nonzero()[0]
+        if len(steps):
+            some = Scene._make(field[steps] if isinstance(field, np.ndarray) else field for field in scene)
+            found = tuple(np.empty_like(field[steps, budget]) for field in out)
+            _search_generally(atlas, some._replace(limits=some.limits[:, budget]), found, None if plane else progress)
+            for field, values in zip(out, found, strict=True):
+                field[steps, budget] = values
+
+
+def farthest_corners(points: Array) -> Array:
+    """Return the distances of points (T,X) from the corners of the simplex that are farthest: ‖p‖² − 2 min p_i + 1."""
+    least = points[:, 0]
+    for column in points.T[1:]:
+        least = np.minimum(least, column)
+    return np.asarray(np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * least + 1.0))
+
+
+def scene_of(
+    problem: QuadraticProblem,
+    beliefs: Array,
+    aims: Aims,
+    known: Spot | None = None,
+    *,
+    walk: tuple[Plane | None, np.ndarray] = (None, np.empty(0)),
+) -> Scene:
+    """Return what the searches of the lotteries of beliefs (T,X) start from; `walk` is the plane and the order of a walk."""
+    beliefs, points = np.ascontiguousarray(beliefs), np.ascontiguousarray(aims.points)
+    count = len(beliefs)
+    if known is None:
+        costs, _ = best_costs(problem, beliefs, beliefs, walk)
+    else:
+        costs = np.full(count, known.optimal_cost)
+    limits = np.empty((count, len(aims.budgets)))
+    for column, budget in enumerate(aims.budgets):
+        limits[:, column] = budget.limits(costs)
+    name, regrets, privacies = OWN, np.zeros(count), np.zeros(count)
+    target_regrets = np.full(count, np.inf)
+    if aims.sign < 0:
+        privacies = -np.linalg.norm(points - beliefs, axis=1)
+        # Nothing is nearer to a target than the decision that the target itself makes optimal.
+        costs_there, barred = best_costs(problem, points, beliefs, walk)
+        target_regrets = np.maximum(costs_there - costs, 0.0)
+        target_regrets[barred] = np.inf
+    if known is not None and known.privacy > privacies[0]:
+        name, regrets, privacies = KNOWN, np.minimum(known.regret, limits[:, 0]), np.full(count, known.privacy)
+    return Scene(beliefs, points, aims.sign, costs, limits, name, regrets, privacies, target_regrets)
+
+
+def best_costs(
+    problem: QuadraticProblem, decoys: Array, beliefs: Array, walk: tuple[Plane | None, np.ndarray]
+) -> tuple[Array, np.ndarray]:
+    """Return the costs (T,) under beliefs (T,X) of the optimal decisions of decoys (T,X), and which are not admissible."""
+    plane, order = walk
+    costs = np.full(len(beliefs), np.nan) if plane is None else walk_costs(plane, decoys, beliefs, order)
+    left = np.isnan(costs).nonzero()[0]
+    if not len(left):
+        return costs, left
+    actions = problem.solve_rows(np.ascontiguousarray(decoys[left]))
+    costs[left] = (problem.state_costs(actions) * beliefs[left]).sum(axis=1)
+    return costs, left[~problem.constraints.is_admissible(actions)]
+
+
+def _search_generally(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progress | None) -> None:
+    count = len(scene.beliefs)
+    seeds = np.zeros((count, 3, 2))
+    seeds[:, :, 1] = -np.inf
+    seeds[:, 0, 1] = -np.linalg.norm(scene.points - scene.beliefs, axis=1) if scene.sign < 0 else 0.0
+    reached = np.isfinite(scene.target_regrets)
+    seeds[reached, 1, 0], seeds[reached, 1, 1] = scene.target_regrets[reached], 0.0
+    if scene.first == KNOWN:
+        seeds[:, 2, 0], seeds[:, 2, 1] = scene.first_regrets, scene.first_privacies
+    scans, arena, rules = atlas.scans, atlas.arena, rules_for(scene.beliefs.shape[1])
+    found = (np.empty((count, 3), dtype=np.int64), np.empty((count, 3)), np.empty((count, 3)))
+    decoys, face = atlas.table.decoys, atlas.table.face
+    given = (scene.beliefs, scene.points, scene.sign, scene.optimal_costs, scene.limits)
+
+    def work(low: int, high: int) -> None:
+        search_lotteries(low, high, *given, seeds, scans.table, face, scans.leaves, scans.models, arena, rules,
+                         tolerances.CHORD, *found)  # fmt: skip
+        polish_lotteries(low, high, *given, decoys, face, arena, rules, tolerances.NEAR_ATOMS, tolerances.CHORD, _ROUNDS, found,
+                         out)  # fmt: skip
+
+    in_chunks(work, count, _CHUNK, progress)

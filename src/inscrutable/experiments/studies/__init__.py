@@ -1,0 +1,6 @@
+"""Studies: grids of markets, decision makers, budgets and adversaries that outgrow an afternoon, or a machine."""
+
+from inscrutable.experiments.studies.runner import StudyProgress, resume_study, run_study
+from inscrutable.experiments.studies.study import Study, StudyStatus
+
+__all__ = ["Study", "StudyProgress", "StudyStatus", "resume_study", "run_study"]

@@ -1,0 +1,183 @@
+"""Ways of doing tasks: in this process, in several on this machine, or on a Dask cluster that a user already has.
+
+Tasks go out in chunks that take about a second, whatever a task takes, so that handing them out costs next to nothing and a
+kill loses no more than the seconds under way. Chunks change no result.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain, islice
+from typing import Any
+
+from inscrutable.errors import InputError, SolverError
+from inscrutable.experiments.studies.workshop import FAILED, Row, Work, chunk_of_rows, figures_text, rows_of, workshop
+
+Keep = Callable[[list[Row]], None]
+"""Takes rows for good."""
+Executor = Callable[[Work, Iterable[int], Keep], None]
+"""Does tasks by their numbers and hands their rows over."""
+
+_SECONDS = 1.0
+_MOST = 5000
+_GROWTH = 8
+_IN_FLIGHT = 2
+_LOSSES = 3
+_WAIT = 30.0
+
+
+class Chunks:
+    """Cuts tasks into chunks of about a second, by what the ones before took; remembers which are out."""
+
+    def __init__(self, numbers: Iterable[int]) -> None:
+        self._numbers = iter(numbers)
+        self._size = 1
+        self.out: dict[int, list[int]] = {}
+
+    def __iter__(self) -> Iterator[list[int]]:
+        while chunk := list(islice(self._numbers, self._size)):
+            self.out[chunk[0]] = chunk
+            yield chunk
+
+    def came_back(self, rows: list[Row]) -> None:
+        """Learn from a chunk that is done."""
+        self.out.pop(rows[0].number, None)
+        each = max(sum(row.duration for row in rows) / len(rows), _SECONDS / _MOST)
+        self._size = max(1, min(int(_SECONDS / each), _GROWTH * self._size))
+
+    def again(self) -> None:
+        """Put what is out back to the front, one task at a time at first."""
+        waiting = [number for chunk in self.out.values() for number in chunk]
+        self.out.clear()
+        self._numbers = chain(waiting, self._numbers)
+        self._size = 1
+
+
+def serial(work: Work, numbers: Iterable[int], keep: Keep) -> None:
+    """Do tasks in this process; what is done when Ctrl-C comes is kept."""
+    batch: list[Row] = []
+    kept_at = time.monotonic()
+    try:
+        for row in rows_of(work, numbers):
+            batch.append(row)
+            if time.monotonic() - kept_at >= _SECONDS:
+                done, batch = batch, []
+                keep(done)
+                kept_at = time.monotonic()
+    finally:
+        if batch:
+            keep(batch)
+
+
+def in_processes(jobs: int) -> Executor:
+    """Return an executor with processes on this machine; −1 is one per core."""
+
+    def execute(work: Work, numbers: Iterable[int], keep: Keep) -> None:
+        from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+        chunks = Chunks(numbers)
+        for _ in range(_LOSSES):
+            try:
+                return _through_joblib(jobs, work, chunks, keep)
+            except TerminatedWorkerError:
+                chunks.again()
+        raise SolverError(
+            f"worker processes were lost {_LOSSES} times (killed, or out of memory); try fewer jobs, then resume"
+        )
+
+    return execute
+
+
+def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
+    from joblib import Parallel, delayed
+
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=f"{_IN_FLIGHT}*n_jobs")
+    found = parallel(delayed(chunk_of_rows)(work, chunk) for chunk in chunks)
+    try:
+        for rows in found:
+            chunks.came_back(rows)
+            keep(rows)
+    finally:
+        found.close()
+
+
+def on_cluster(address: str) -> Executor:
+    """Return an executor on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("a cluster needs Dask's client: pip install 'inscrutable[dask]'") from None
+    connect: Any = Client  # distributed publishes no types for it
+
+    def execute(work: Work, numbers: Iterable[int], keep: Keep) -> None:
+        try:
+            client = connect(address, timeout=_WAIT, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(f"no Dask scheduler answers at {address}: {error}") from None
+        with client:
+            _check_workers(client, address)
+            _through_dask(client, work, Chunks(numbers), keep)
+
+    return execute
+
+
+def _check_workers(client: Any, address: str) -> None:
+    """Wait for a worker, and refuse workers with another release."""
+    from inscrutable import __version__
+
+    try:
+        client.wait_for_workers(1, timeout=_WAIT)
+    except TimeoutError:
+        raise InputError(f"the scheduler at {address} has no workers; start some, then resume") from None
+    try:
+        versions = set(client.run(release).values())
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"the workers of {address} cannot import inscrutable {__version__}: {error}") from None
+    if versions != {__version__}:
+        raise InputError(f"the workers of {address} have inscrutable {sorted(versions)}, expected {__version__}")
+
+
+def release() -> str:
+    """Return the release of a worker."""
+    from inscrutable import __version__
+
+    return __version__
+
+
+def _through_dask(client: Any, work: Work, chunks: Chunks, keep: Keep) -> None:
+    from distributed import KilledWorker, as_completed
+
+    waiting = iter(chunks)
+    out: dict[str, list[int]] = {}
+    completed: Any = as_completed
+    running = completed(loop=client.loop)
+
+    def send(chunk: list[int]) -> None:
+        future = client.submit(chunk_of_rows, work, chunk, pure=False)
+        out[future.key] = chunk
+        running.add(future)
+
+    for chunk in islice(waiting, _IN_FLIGHT * max(1, sum(client.nthreads().values()))):
+        send(chunk)
+    for future in running:
+        chunk = out.pop(future.key)
+        try:
+            rows = future.result()
+        except KilledWorker:
+            if len(chunk) > 1:  # one of them may be at fault
+                for number in chunk:
+                    send([number])
+                continue
+            rows = [lost_row(work, chunk[0])]
+        chunks.came_back(rows)
+        keep(rows)
+        for chunk in islice(waiting, 1):
+            send(chunk)
+
+
+def lost_row(work: Work, number: int) -> Row:
+    """Return the row of a task that took its workers down with it."""
+    task = workshop(work).grid.task(number)
+    error = "SolverError: the workers doing this task were lost each time (killed, or out of memory)"
+    return Row(number, task.key, task.text, workshop(work).seed_text(task), FAILED, figures_text({}), 0.0, error)

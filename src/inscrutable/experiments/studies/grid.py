@@ -1,0 +1,218 @@
+"""The tasks of a study: every combination of what its lists hold, each with an identity and random streams of its own.
+
+An identity is a hash of the task's parameters, so neither it nor any draw depends on the order of tasks, on the number of
+processes or machines, or on what else the study holds.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from inscrutable.experiments.studies.layout import BudgetSection, FittedWorldSection, GivenWorld, Section, StudyFile
+
+PER_MARKET = ("world", "problem", "beliefs", "candidates", "repeat")
+"""What tasks on one and the same market, with the same candidates, have in common."""
+
+_PARAMETER_OF = {"exponential": "epsilon", "Dirichlet": "concentration", "coin": "probability", "rounding": "step"}
+"""Decision makers with a parameter instead of a budget: where it is given they take no budget."""
+
+_SPENDS_NOTHING = ("ODM",)
+_HASH_CHARACTERS = 32
+_WORD = 8  # hexadecimal characters of a 32-bit word
+
+
+def canonical(value: Any) -> str:
+    """Return plain data as the one JSON text that stands for it: sorted keys, no blanks, floats in full."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+
+
+def identity(text: str) -> str:
+    """Return the hash that stands for a text."""
+    return sha256(text.encode("ascii")).hexdigest()[:_HASH_CHARACTERS]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One choice in one part of a study, and its canonical text."""
+
+    data: dict[str, Any] | None
+    text: str
+
+    @classmethod
+    def of(cls, data: dict[str, Any] | None) -> Variant:
+        """Return the variant of plain data; None stands for nothing chosen."""
+        return cls(data, canonical(data))
+
+
+@dataclass(frozen=True)
+class Task:
+    """One row of a study: where it stands in the grid, what it is, and its identity.
+
+    Args:
+        number: Its place in the order of the grid, from 0.
+        places: The place of each part's choice.
+        text: Its parameters as canonical JSON.
+    """
+
+    number: int
+    places: tuple[int, ...]
+    text: str
+
+    @property
+    def key(self) -> str:
+        """Its identity: a hash of its parameters."""
+        return identity(self.text)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Its parameters as plain data."""
+        found: dict[str, Any] = json.loads(self.text)
+        return found
+
+
+class Plays(Sequence[tuple[Variant, Variant]]):
+    """Decision makers with the budgets they take, one after another."""
+
+    def __init__(self, makers: Sequence[Variant], budgets: Sequence[Variant]) -> None:
+        nothing = Variant.of(None)
+        self._pairs = [
+            (maker, budget) for maker in makers for budget in (budgets if _takes_budget(maker) else (nothing,))
+        ]
+
+    def __len__(self) -> int:
+        return len(self._pairs)
+
+    def __getitem__(self, place: Any) -> Any:
+        return self._pairs[place]
+
+
+def _takes_budget(maker: Variant) -> bool:
+    assert maker.data is not None
+    name = maker.data["name"]
+    return name not in _SPENDS_NOTHING and _PARAMETER_OF.get(name) not in maker.data
+
+
+class StudyGrid:
+    """All tasks of a study, in order: markets outermost, then decision makers with budgets, then adversaries.
+
+    Args:
+        study: The study.
+        data_hash: Hash of the data that its world is fitted to, or None.
+    """
+
+    def __init__(self, study: StudyFile, data_hash: str | None = None) -> None:
+        self.study = study
+        self.worlds = _worlds(study, data_hash)
+        self.problems = variants(study.problem)
+        self.beliefs = variants(study.beliefs)
+        self.candidates = variants(study.candidates)
+        self.plays = Plays(_joined(study.decision_makers), _budgets(study.budgets))
+        self.adversaries = _joined(study.adversaries)
+
+    @cached_property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers of choices, outermost part first."""
+        return (
+            len(self.worlds),
+            len(self.problems),
+            len(self.beliefs),
+            len(self.candidates),
+            self.study.repeats,
+            len(self.plays),
+            len(self.adversaries),
+        )
+
+    def __len__(self) -> int:
+        total = 1
+        for size in self.shape:
+            total *= size
+        return total
+
+    def task(self, number: int) -> Task:
+        """Return a task by its place in the order of the grid."""
+        places = [0] * len(self.shape)
+        rest = number
+        for part in reversed(range(len(self.shape))):
+            rest, places[part] = divmod(rest, self.shape[part])
+        return Task(number, tuple(places), self._text(places))
+
+    def parts(self, places: Sequence[int]) -> dict[str, str]:
+        """Return the canonical text of each part of a task, by name."""
+        maker, budget = self.plays[places[5]]
+        return {
+            "adversary": self.adversaries[places[6]].text,
+            "beliefs": self.beliefs[places[2]].text,
+            "budget": budget.text,
+            "candidates": self.candidates[places[3]].text,
+            "decision_maker": maker.text,
+            "problem": self.problems[places[1]].text,
+            "repeat": str(places[4]),
+            "world": self.worlds[places[0]].text,
+        }
+
+    def _text(self, places: Sequence[int]) -> str:
+        return joined_text(self.parts(places))
+
+    def seed(self, text: str) -> np.random.SeedSequence:
+        """Return the child seed of whatever a text identifies."""
+        key = identity(text)
+        words = tuple(int(key[place : place + _WORD], 16) for place in range(0, len(key), _WORD))
+        return np.random.SeedSequence(entropy=self.study.seed, spawn_key=words)
+
+    def stream(self, use: str, places: Sequence[int], parts: Sequence[str]) -> np.random.Generator:
+        """Return the random stream for one use, which some parts of a task decide and no other part does."""
+        texts = self.parts(places)
+        chosen = {name: texts[name] for name in sorted(parts)}
+        return np.random.default_rng(self.seed(joined_text({**chosen, "use": canonical(use)})))
+
+
+def joined_text(parts: Mapping[str, str]) -> str:
+    """Return the canonical text of a mapping from the texts of its values; the keys are in order."""
+    return "{" + ",".join(f'"{name}":{text}' for name, text in parts.items()) + "}"
+
+
+def variants(section: Section) -> list[Variant]:
+    """Return every combination of what the lists of a section hold."""
+    gridded = {name: value for name, value in section if isinstance(value, tuple) and name not in _FIXED}
+    fixed = {name: _plain(value) for name, value in section if name not in gridded and value is not None}
+    found = [fixed | dict(zip(gridded, choice, strict=True)) for choice in product(*gridded.values())]
+    for each in found:
+        if each.get("method") == "global":
+            del each["starts"]
+    return list({canonical(each): Variant.of(each) for each in found}.values())
+
+
+_FIXED = ("wind_buses",)  # a list that is one value
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _joined(sections: Sequence[Section]) -> list[Variant]:
+    found = [variant for section in sections for variant in variants(section)]
+    return list({each.text: each for each in found}.values())
+
+
+def _budgets(section: BudgetSection) -> list[Variant]:
+    return [Variant.of({"amount": amount, "unit": section.unit, "hold": section.hold}) for amount in section.values]
+
+
+def _worlds(study: StudyFile, data_hash: str | None) -> list[Variant]:
+    """The worlds; large tables of numbers are named by a hash, for the sake of short rows."""
+    world = study.world
+    if isinstance(world, GivenWorld):
+        data = world.model_dump(mode="json")
+        return [Variant.of({"kind": "given", "sha256": identity(canonical(data))})]
+    found = variants(world)
+    if isinstance(world, FittedWorldSection):
+        found = [Variant.of({**(each.data or {}), "sha256": data_hash}) for each in found]
+    return found

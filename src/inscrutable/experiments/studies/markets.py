@@ -1,0 +1,138 @@
+"""The worlds and decision problems of a study."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable import datasets
+from inscrutable.datasets.power import load_ieee_30_bus
+from inscrutable.errors import InputError
+from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
+from inscrutable.experiments.random_markets import MarketLaw, SensorLaw, random_market
+from inscrutable.experiments.studies.layout import FittedWorldSection, GivenWorld
+from inscrutable.files import reason
+from inscrutable.problems import (
+    DecisionProblem,
+    MarkowitzProblem,
+    Polyhedron,
+    dispatch_problem,
+    max_weights,
+    min_weights,
+    simplex,
+)
+from inscrutable.validation import Array
+from inscrutable.worlds import GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
+
+EMBEDDED = "industries"
+_EMBEDDED_FILE = "us_industries.csv.bz2"
+_EMBEDDED_TRAINING = "1989-12"
+_RESTARTS = 30
+
+
+class Regimes(NamedTuple):
+    """Means (X,D) and covariances (X,D,D) of the regimes, and the world they move in, where it is known."""
+
+    means: Array
+    covariances: Array
+    world: HiddenMarkovModel | None
+
+
+def given_world(section: GivenWorld) -> Regimes:
+    """Return the regimes of a study that gives them; raise what the library says of numbers that do not fit."""
+    try:
+        means, covariances = np.array(section.means), np.array(section.covariances)
+    except ValueError:
+        raise InputError("the rows of means and covariances must have the same length") from None
+    emission = GaussianEmission(means, covariances)
+    if section.transition is None:
+        return Regimes(emission.means, emission.covariances, None)
+    return Regimes(emission.means, emission.covariances, HiddenMarkovModel(section.transition, emission))
+
+
+def drawn_world(law: dict[str, Any], risk_aversion: float, *, rng: np.random.Generator) -> Regimes:
+    """Return regimes drawn from a law."""
+    market = random_market(
+        MarketLaw(
+            n_regimes=law["regimes"],
+            n_assets=law["assets"],
+            means=tuple(law["means"]),
+            volatilities=tuple(law["volatilities"]),
+            risk_aversion=risk_aversion,
+            persistence=law["persistence"],
+            sensor=SensorLaw(law["sensor"], law["accuracy"]),
+        ),
+        rng=rng,
+    )
+    return Regimes(market.problem.means, market.problem.covariances, market.world)
+
+
+def data_file(section: FittedWorldSection, folder: Path) -> Path | None:
+    """Return the file of a study's returns; None for the embedded ones."""
+    return None if section.data == EMBEDDED else folder / section.data
+
+
+def hash_of_data(section: FittedWorldSection, folder: Path) -> str:
+    """Return the SHA-256 of the returns' file, or raise `InputError`."""
+    path = data_file(section, folder)
+    try:
+        content = (
+            resources.files("inscrutable.datasets").joinpath(_EMBEDDED_FILE).read_bytes()
+            if path is None
+            else path.read_bytes()
+        )
+    except OSError as error:
+        raise InputError(
+            f'the returns {path} cannot be read: {reason(error)}; expected "{EMBEDDED}" or a CSV file, its place '
+            "relative to the study file"
+        ) from None
+    return hashlib.sha256(content).hexdigest()
+
+
+def fitted_world(
+    section: FittedWorldSection, regimes: int, folder: Path, *, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Return a world fitted to returns as plain data, as `HiddenMarkovModel.to_dict` gives it."""
+    path = data_file(section, folder)
+    if path is None:
+        table, middle = datasets.load_industry_returns().returns, _EMBEDDED_TRAINING
+    else:
+        table = datasets.read_returns(path, prices=section.prices)
+        middle = f"{table.index[(len(table) - 1) // 2]:%Y-%m-%d}"
+    settings = BacktestSettings(regimes, train_until=section.train_until or middle)
+    training = checked_market(table, settings, None).training
+    restarts = _RESTARTS if section.restarts is None else section.restarts
+    fit = fit_gaussian_hmm(training, regimes, rng=rng, n_restarts=restarts)
+    return fit.world.to_dict()
+
+
+def regimes_of(world: HiddenMarkovModel) -> Regimes:
+    """Return the regimes of a fitted world."""
+    emission = world.emission
+    assert isinstance(emission, GaussianEmission)
+    return Regimes(emission.means, emission.covariances, world)
+
+
+def problem_of(section: dict[str, Any], regimes: Regimes) -> DecisionProblem:
+    """Return the decision problem in given regimes."""
+    if section["kind"] == "dispatch":
+        deviations = np.sqrt(np.diagonal(regimes.covariances, axis1=1, axis2=2))
+        network = load_ieee_30_bus()
+        return dispatch_problem(network, section["wind_buses"], regimes.means, deviations, penalty=section["penalty"])
+    limits = _limits(section, regimes.means.shape[1])
+    return MarkowitzProblem(regimes.means, regimes.covariances, section["risk_aversion"], limits)
+
+
+def _limits(section: dict[str, Any], assets: int) -> Polyhedron | None:
+    region = simplex(assets)
+    if "max_weight" not in section and "min_weight" not in section:
+        return None
+    if "max_weight" in section:
+        region = region & max_weights(assets, section["max_weight"])
+    if "min_weight" in section:
+        region = region & min_weights(assets, section["min_weight"])
+    return region

@@ -1,0 +1,195 @@
+"""Reading a study file: whatever is wrong is said with file, line, what was expected and the nearest valid name."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from inscrutable.errors import InputError, InscrutableError
+from inscrutable.experiments.studies.layout import (
+    DispatchSection,
+    GivenWorld,
+    GridBeliefs,
+    StudyFile,
+)
+from inscrutable.experiments.studies.toml_lines import Place, key_lines
+
+_NEAR = 0.5
+_LONGEST = 60
+
+
+@dataclass(frozen=True)
+class StudySource:
+    """Where a study's text comes from, and in which line of it each key stands."""
+
+    name: str
+    lines: Mapping[Place, int] = field(default_factory=dict)
+
+    def at(self, place: Place) -> str:
+        """Say where a place is: file, line and key."""
+        for length in range(len(place), 0, -1):
+            if place[:length] in self.lines:
+                return f"{self.name}, line {self.lines[place[:length]]}, key {key_text(place)}"
+        return f"{self.name}, key {key_text(place)}" if place else self.name
+
+
+def read_study(path: Path) -> tuple[StudyFile, StudySource]:
+    """Return the study of a TOML file, or raise one `InputError` that says where it is wrong."""
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text: byte {error.start}; expected a study file in TOML") from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path} is nested too deeply to be a study") from None
+    source = StudySource(str(path), key_lines(text))
+    return checked_study(data, source), source
+
+
+def checked_study(data: Any, source: StudySource) -> StudyFile:
+    """Return a study from plain data, or raise one `InputError`."""
+    if not isinstance(data, dict):
+        raise InputError(f"{source.name}: a study is a table of keys, got {type(data).__name__}")
+    try:
+        study = StudyFile.model_validate(data)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        first = min(problems, key=lambda each: each["type"] != "extra_forbidden")  # a misspelt key explains others
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(_said(first, data, source) + more) from None
+    _check_together(study, source)
+    return study
+
+
+def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> str:
+    place = _without_tags(problem["loc"], data)
+    kind, context = problem["type"], problem.get("ctx", {})
+    where = source.at(place)
+    if kind == "extra_forbidden":
+        known = _known_keys(problem["loc"][:-1], data)
+        return f"{where}: there is no such key{_nearest(str(place[-1]), known)}; expected one of: {', '.join(known)}"
+    if kind == "missing":
+        return f"{source.at(place[:-1]) if place[:-1] else source.name}: the key {place[-1]} is missing"
+    if kind == "union_tag_not_found":
+        key = str(context["discriminator"]).strip("'")
+        given = problem["input"]
+        near = get_close_matches(key, given, n=1, cutoff=_NEAR) if isinstance(given, dict) else []
+        if near:
+            return f"{source.at((*place, near[0]))}: there is no such key; did you mean {key}?"
+        return f"{where}: the key {key} is missing; {_one_of(_names_of(place))}"
+    if kind == "union_tag_invalid":
+        names = [each.strip(" '") for each in str(context["expected_tags"]).split(",")]
+        key = str(context["discriminator"]).strip("'")
+        where = source.at((*place, key))
+        return f"{where}: unknown {context['tag']!r}{_nearest(str(context['tag']), names)}; {_one_of(names)}"
+    if kind == "literal_error":
+        names = [each.strip("' ") for each in str(context["expected"]).replace(" or ", ", ").split(",")]
+        given = problem["input"]
+        return f"{where}: unknown {_short(given)}{_nearest(str(given), names)}; {_one_of(names)}"
+    expected = problem["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    return f"{where}: {expected}, got {_short(problem['input'])}"
+
+
+def _one_of(names: Iterable[str]) -> str:
+    return f"expected one of: {', '.join(names)}"
+
+
+def _names_of(place: Place) -> list[str]:
+    """The names that may stand where a section has none."""
+    annotation: Any = StudyFile.model_fields[str(place[0])].annotation
+    return [
+        str(get_args(model.model_fields[key].annotation)[0])
+        for model in _models(annotation)
+        for key in ("kind", "name")
+        if key in model.model_fields
+    ]
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Every section that an annotation allows."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]
+
+
+def _known_keys(place: tuple[int | str, ...], data: dict[str, Any]) -> list[str]:
+    """The keys of the section in which an unknown one stands."""
+    if not place:
+        return list(StudyFile.model_fields)
+    models = _models(StudyFile.model_fields[str(place[0])].annotation)
+    for model in models:
+        fields = model.model_fields
+        tag = fields.get("kind") or fields.get("name")
+        if len(models) == 1 or (tag is not None and place[-1] in get_args(tag.annotation)):
+            return list(fields)
+    return sorted({name for model in models for name in model.model_fields})
+
+
+def _without_tags(place: tuple[int | str, ...], data: Any) -> Place:
+    """A place in the file: without the names that pydantic adds for a choice, and places in a list that is none."""
+    found: list[int | str] = []
+    here = data
+    for last, part in ((number == len(place) - 1, each) for number, each in enumerate(place)):
+        if isinstance(here, dict) and (part in here or (last and isinstance(part, str) and part not in _tag(here))):
+            found.append(part)
+            here = here.get(part)
+        elif isinstance(here, list) and isinstance(part, int) and part < len(here):
+            found.append(part)
+            here = here[part]
+    return tuple(found)
+
+
+def _tag(section: dict[str, Any]) -> tuple[Any, ...]:
+    return (section.get("kind", "markowitz"), section.get("name"))
+
+
+def _nearest(given: str, known: Iterable[str]) -> str:
+    names = list(known)
+    lowered = {each.lower(): each for each in names}
+    close = get_close_matches(given.lower(), lowered, n=1, cutoff=_NEAR)
+    return f"; did you mean {lowered[close[0]]}?" if close else ""
+
+
+def key_text(place: Place) -> str:
+    """Return a place as one would write it: world.means[0]."""
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
+    return text.lstrip(".")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+
+
+def _check_together(study: StudyFile, source: StudySource) -> None:
+    """Refuse parts that are well formed, but do not go together."""
+    world = study.world
+    if isinstance(study.problem, DispatchSection) and not isinstance(world, GivenWorld):
+        raise InputError(
+            f'{source.at(("problem", "kind"))}: dispatch needs a world of kind "given", got "{world.kind}"'
+        )
+    if not isinstance(world, GivenWorld):
+        return
+    if not isinstance(study.beliefs, GridBeliefs) and world.transition is None:
+        raise InputError(
+            f'{source.at(("beliefs", "kind"))}: beliefs of kind "{study.beliefs.kind}" need the key transition in '
+            "[world], expected its matrix"
+        )
+    from inscrutable.experiments.studies.markets import given_world
+
+    try:
+        given_world(world)
+    except InscrutableError as error:
+        raise type(error)(f"{source.at(('world',))}: {error}") from None

@@ -1,0 +1,262 @@
+"""Running a study: the tasks that have no row yet are done, and their rows kept."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inscrutable import validation
+from inscrutable.datasets import output_folder, write_json
+from inscrutable.errors import InputError
+from inscrutable.experiments.studies.executors import Executor, in_processes, on_cluster, serial
+from inscrutable.experiments.studies.layout import FittedWorldSection
+from inscrutable.experiments.studies.markets import fitted_world
+from inscrutable.experiments.studies.store import STORE, Store, created, locked, opened
+from inscrutable.experiments.studies.study import PathLike, Study
+from inscrutable.experiments.studies.workshop import FAILED, Row, Work
+
+MANIFEST = "manifest.json"
+_PACKAGES = ("inscrutable", "numpy", "scipy", "numba", "daqp", "pandas", "pydantic", "joblib")
+
+
+@dataclass(frozen=True)
+class StudyProgress:
+    """How far a run is.
+
+    Args:
+        done: Tasks that have a row, failed ones included.
+        failed: Those that failed.
+        total: Tasks in all.
+        fresh: Tasks done since this run began.
+        seconds: Time since then.
+        asked: Tasks that this run is to do.
+    """
+
+    done: int
+    failed: int
+    total: int
+    fresh: int
+    seconds: float
+    asked: int
+
+    @property
+    def rate(self) -> float:
+        """Tasks a second since this run began."""
+        return self.fresh / self.seconds if self.seconds > 0 else 0.0
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Time left at that rate; None before the first task is done."""
+        return (self.asked - self.fresh) / self.rate if self.rate > 0 else None
+
+
+Watch = Callable[[StudyProgress], None]
+
+
+def run_study(
+    study: Study | PathLike,
+    out: PathLike,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    limit: int | None = None,
+    progress: Watch | None = None,
+) -> Study:
+    """Do every task of a study, and keep their rows in a folder.
+
+    Args:
+        study: A study, or the path of its TOML file.
+        out: Folder for study.sqlite and manifest.json, without a study yet.
+        jobs: Processes on this machine; −1 is one per core. Changes nothing but the time.
+        cluster: Address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers then do the tasks.
+        limit: Most tasks to do now, spread evenly over the grid; `resume_study` does the others. None does all.
+        progress: Called with a `StudyProgress` after every batch of rows.
+
+    Returns:
+        The study with its rows. The same study gives the same rows, however it was run; a task that fails has a row too.
+
+    Raises:
+        InputError: The study is malformed, the folder cannot be written to, holds a study already, or is in use; the disk is
+            full: rows stored before are kept, and `resume_study` goes on.
+
+    Cost: the tasks', and some hundredths of a second beside each second of them.
+
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> study = Study.of({
+        ...     "name": "small", "world": {"kind": "random"}, "beliefs": {"kind": "grid", "resolution": 4},
+        ...     "candidates": {"resolution": 4}, "decision_makers": ["ODM", "uniform"], "measures": ["error"],
+        ... })
+        >>> with TemporaryDirectory() as folder:
+        ...     run_study(study, folder).frame()[["decision_maker", "status"]]
+               decision_maker status
+        number
+        0                 ODM   done
+        1             uniform   done
+    """
+    chosen = study if isinstance(study, Study) else Study.read(study)
+    execute = _executor(jobs, cluster)
+    folder = output_folder(out)
+    with locked(folder):
+        if (folder / STORE).exists():
+            raise InputError(f"{folder} holds a study already: resume it, or run into another folder")
+        if (folder / MANIFEST).exists():
+            raise InputError(f"{folder} has a {MANIFEST}, but no {STORE}: it was lost; run into another folder")
+        with closing(created(folder, _facts(chosen))) as store:
+            return _go_on(store, execute, progress, limit=limit, retry=False)
+
+
+def resume_study(
+    folder: PathLike,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    retry: bool = False,
+    limit: int | None = None,
+    progress: Watch | None = None,
+) -> Study:
+    """Do the tasks of a study that have no row yet.
+
+    Args:
+        folder: Where the study was run into.
+        jobs: As for `run_study`.
+        cluster: As for `run_study`.
+        retry: Whether tasks that failed are done again.
+        limit: As for `run_study`.
+        progress: As for `run_study`.
+
+    Returns:
+        The study with its rows: the same as if it had never stopped.
+
+    Raises:
+        InputError: The folder holds no study, is in use or cannot be written to, or the store is damaged.
+        ModelError: The store is one of another version.
+
+    Cost: the tasks'.
+
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable import run_study
+        >>> study = Study.of({
+        ...     "name": "small", "world": {"kind": "random"}, "beliefs": {"kind": "grid", "resolution": 4},
+        ...     "candidates": {"resolution": 4}, "decision_makers": ["ODM", "uniform"], "measures": ["error"],
+        ... })
+        >>> with TemporaryDirectory() as folder:
+        ...     half = run_study(study, folder, limit=1).status().left
+        ...     half, resume_study(folder).status().left
+        (1, 0)
+    """
+    execute = _executor(jobs, cluster)
+    place = Path(folder)
+    with closing(opened(place)):
+        pass  # say what is wrong with it before anything is written
+    with locked(place), closing(opened(place, writable=True)) as store:
+        store.check()
+        return _go_on(store, execute, progress, limit=limit, retry=retry)
+
+
+def _executor(jobs: int, cluster: str | None) -> Executor:
+    if jobs != -1:
+        validation.count(jobs, "jobs")
+    if cluster is not None and jobs != 1:
+        raise InputError(f"jobs={jobs} and a cluster exclude one another: a cluster has workers of its own")
+    if cluster is not None:
+        return on_cluster(cluster)
+    return serial if jobs == 1 else in_processes(jobs)
+
+
+def _facts(study: Study) -> dict[str, str]:
+    """What the store is to know from the start, so that nothing outside it is needed to go on."""
+    manifest = {
+        "study": study.plan.model_dump(mode="json", exclude_none=True),
+        "seed": study.plan.seed,
+        "tasks": study.n_tasks,
+        "versions": versions(),
+        "data_sha256": study.data_hash,
+    }
+    return {
+        "study": study.plan.model_dump_json(),
+        "data_hash": study.data_hash or "",
+        "worlds": json.dumps(_fitted(study)),
+        "manifest": json.dumps(manifest),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return what the figures may hang on: Python, packages and the kind of machine."""
+    machine = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
+    return machine | {name: version(name) for name in _PACKAGES}
+
+
+def _fitted(study: Study) -> list[dict[str, Any]]:
+    """The worlds that are fitted to data, once and here, so that all machines work with the same digits."""
+    world = study.plan.world
+    if not isinstance(world, FittedWorldSection):
+        return []
+    found = []
+    for place, choice in enumerate(study.grid.worlds):
+        assert choice.data is not None
+        rng = study.grid.stream("fit", (place, 0, 0, 0, 0, 0, 0), ("world",))
+        found.append(fitted_world(world, choice.data["regimes"], study.base, rng=rng))
+    return found
+
+
+def _go_on(store: Store, execute: Executor, progress: Watch | None, *, limit: int | None, retry: bool) -> Study:
+    study = Study.load(store.folder)
+    if not (store.folder / MANIFEST).exists():
+        write_json(study.manifest(), store.folder / MANIFEST)
+    work = Work(study.plan.model_dump_json(), study.data_hash, store.fact("worlds") or "[]")
+    missing = _missing(study.n_tasks, store.numbers(without_failed=retry))
+    if limit is not None and validation.count(limit, "limit") < len(missing):
+        missing = missing[np.linspace(0, len(missing) - 1, limit).round().astype(np.intp)]
+    keep = _Keeper(store, study.n_tasks, len(missing), progress, _failed_left(store, retry=retry))
+    keep.said()
+    execute(work, (int(number) for number in missing), keep)
+    return study
+
+
+def _failed_left(store: Store, *, retry: bool) -> tuple[int, int]:
+    """Rows that stay as they are, and how many of them failed."""
+    counts = store.counts()
+    failed = counts.get(FAILED, 0)
+    return (sum(counts.values()) - failed, 0) if retry else (sum(counts.values()), failed)
+
+
+def _missing(total: int, present: Iterable[int]) -> np.ndarray:
+    """The numbers of tasks without a row, in order."""
+    free = np.ones(total, dtype=bool)
+    for number in present:
+        free[number] = False
+    return np.flatnonzero(free)
+
+
+class _Keeper:
+    """Stores rows as they come and tells how far the run is."""
+
+    def __init__(self, store: Store, total: int, asked: int, progress: Watch | None, before: tuple[int, int]) -> None:
+        self._store, self._total, self._asked, self._progress = store, total, asked, progress
+        self._done, self._failed = before
+        self._fresh = 0
+        self._started = time.monotonic()
+
+    def __call__(self, rows: list[Row]) -> None:
+        self._store.add(rows)
+        self._fresh += len(rows)
+        self._failed += sum(row.status == FAILED for row in rows)
+        self.said()
+
+    def said(self) -> None:
+        """Tell the watcher how far it is."""
+        if self._progress is not None:
+            seconds = time.monotonic() - self._started
+            done = self._done + self._fresh
+            self._progress(StudyProgress(done, self._failed, self._total, self._fresh, seconds, self._asked))

@@ -1,0 +1,187 @@
+"""A study: what it asks, and, once it was run, its rows."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from pydantic import ValidationError
+
+from inscrutable.errors import InputError, ModelError
+from inscrutable.experiments.studies.grid import StudyGrid
+from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
+from inscrutable.experiments.studies.markets import hash_of_data
+from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
+from inscrutable.experiments.studies.store import opened
+from inscrutable.experiments.studies.tables import table_of
+from inscrutable.experiments.studies.workshop import DONE, FAILED
+
+PathLike = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class StudyStatus:
+    """How far a study is.
+
+    Args:
+        done: Tasks with figures.
+        failed: Tasks that ended with an error.
+        total: Tasks in all.
+        seconds: Time that all tasks took together.
+    """
+
+    done: int
+    failed: int
+    total: int
+    seconds: float
+
+    @property
+    def left(self) -> int:
+        """Tasks without a row."""
+        return self.total - self.done - self.failed
+
+    def summary(self) -> str:
+        """Return one line for a person to read."""
+        return f"{self.done} of {self.total} tasks done, {self.failed} failed, {self.left} left; {self.seconds:.3g} s of work"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Study:
+    """A grid of markets, decision makers, budgets and adversaries, and the rows that came of it.
+
+    Args:
+        plan: What is asked, validated; `Study.read` and `Study.of` make it.
+        folder: Where its rows are; None before it was run.
+        base: Folder in which the file of returns is looked for.
+        data_hash: SHA-256 of the returns that worlds are fitted to; None where there are none.
+
+    Cost: reading a study checks it; nothing is computed before `run_study`.
+
+    Example:
+        >>> study = Study.of({
+        ...     "name": "two ways", "repeats": 2, "world": {"kind": "random"}, "beliefs": {"kind": "grid", "resolution": 4},
+        ...     "decision_makers": ["ODM", "PDM"], "budgets": {"values": [0.1, 0.3]},
+        ... })
+        >>> study.n_tasks
+        6
+    """
+
+    plan: StudyFile
+    folder: Path | None = None
+    base: Path = field(default_factory=Path)
+    data_hash: str | None = None
+
+    @classmethod
+    def read(cls, path: PathLike) -> Study:
+        """Return the study of a TOML file.
+
+        Raises:
+            InputError: The file cannot be read, or something in it is wrong: file, line, key, what was expected, and the
+                nearest valid name.
+        """
+        source = Path(path)
+        plan, where = read_study(source)
+        return cls._of(plan, source.parent, where)
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any], *, base: PathLike = ".") -> Study:
+        """Return the study of plain data, laid out as a study file is; file names are relative to `base`.
+
+        Raises:
+            InputError: As `read`, without lines.
+        """
+        source = StudySource("study")
+        return cls._of(checked_study(dict(data), source), Path(base), source)
+
+    @classmethod
+    def _of(cls, plan: StudyFile, base: Path, source: StudySource) -> Study:
+        if not isinstance(plan.world, FittedWorldSection):
+            return cls(plan, base=base)
+        try:
+            return cls(plan, base=base, data_hash=hash_of_data(plan.world, base))
+        except InputError as error:
+            raise InputError(f"{source.at(('world', 'data'))}: {error}") from None
+
+    @classmethod
+    def load(cls, folder: PathLike) -> Study:
+        """Return the study that was run into a folder, finished or not.
+
+        Raises:
+            InputError: The folder holds no study, or its store is damaged.
+            ModelError: The store is one of another version.
+        """
+        place = Path(folder)
+        with closing(opened(place)) as store:
+            plan, data_hash = store.fact("study"), store.fact("data_hash")
+        try:
+            found = StudyFile.model_validate_json(plan or "")
+        except ValidationError as error:
+            raise ModelError(
+                f"{place} holds a study that this release cannot read: {error.errors()[0]['msg']}"
+            ) from None
+        return cls(found, place, data_hash=data_hash or None)
+
+    @cached_property
+    def grid(self) -> StudyGrid:
+        """Its tasks."""
+        return StudyGrid(self.plan, self.data_hash)
+
+    @property
+    def n_tasks(self) -> int:
+        """Number of tasks."""
+        return len(self.grid)
+
+    def status(self) -> StudyStatus:
+        """Return how far it is.
+
+        Raises:
+            InputError: It was not run, or its store is damaged.
+        """
+        with closing(opened(self._place())) as store:
+            counts, seconds = store.counts(), store.seconds()
+        return StudyStatus(counts.get(DONE, 0), counts.get(FAILED, 0), self.n_tasks, seconds)
+
+    def frame(self, *, durations: bool = False) -> pd.DataFrame:
+        """Return its rows in the order of the grid, one for each task done: what varies, status, figures, failure.
+
+        Args:
+            durations: Whether to add the seconds that each task took, which no two runs share.
+
+        Raises:
+            InputError: It was not run, or its store is damaged.
+        """
+        with closing(opened(self._place())) as store:
+            return table_of(self.grid, store.rows(), durations=durations)
+
+    def errors(self) -> Iterator[str]:
+        """Yield the reason of every task that failed, in the order of the grid."""
+        with closing(opened(self._place())) as store:
+            for row in store.rows():
+                if row.status == FAILED:
+                    yield f"task {row.number} ({row.task}): {row.error}"
+
+    def manifest(self) -> dict[str, Any]:
+        """Return versions, seed, resolved study and hash of the data, as they were when it was begun."""
+        with closing(opened(self._place())) as store:
+            found: dict[str, Any] = json.loads(store.fact("manifest") or "{}")
+        return found
+
+    def _place(self) -> Path:
+        if self.folder is None:
+            raise InputError(f"the study {self.plan.name!r} has no rows yet: run_study(study, folder) makes them")
+        return self.folder
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return one line for a person to read."""
+        size = f"{self.plan.name}: {self.n_tasks} tasks"
+        return size if self.folder is None else f"{self.plan.name}: {self.status().summary()}"

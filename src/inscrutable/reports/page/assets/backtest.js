@@ -1,0 +1,322 @@
+// The page of a backtest.
+(() => {
+  const { data, texts, svg, html, at, closed, marks, line, short, empty, chart, cursor, legend, sampleMark, sampleArea, follow, GREY } = Page;
+  const { regimes, makers, looks, beliefs, sets, factor, unit } = data;
+  const hiding = makers.slice(1);
+  const steps = data.dates.length;
+  const isLottery = (name) => data.lotteries.includes(name);
+  // An entry is [atoms [set, probability, regret, privacy], drawn, estimate of the one who knows].
+  const entry = (name, step, budget) => data.played[name][name === makers[0] ? 0 : budget][step];
+  const mean = (corners) => corners.length
+    ? regimes.map((_, i) => corners.reduce((sum, corner) => sum + corner[i], 0) / corners.length) : null;
+  const centres = sets.map(mean);
+  const guess = (belief) => belief === null ? "–" : belief.map((share) => share.toFixed(2)).join(" ");
+  const expected = (atoms, part) => atoms.some((atom) => atom[part] === null && atom[1] > 0)
+    ? null : atoms.reduce((sum, atom) => sum + atom[1] * atom[part], 0);
+  // A cross stays visible on a dot, a dot hides a cross.
+  const onTop = (list, name) => [...list].sort((a, b) => (looks[name(a)].marker === "x") - (looks[name(b)].marker === "x"));
+  const names = (name) => (isLottery(name) ? `${name}, drawn` : name);
+
+  // ---- the belief simplex: a triangle for three regimes, bars for any other number
+  function corner(width) {
+    const side = Math.min(width - 60, 430);
+    const top = [width / 2, 24];
+    const high = (side * Math.sqrt(3)) / 2;
+    return { points: [top, [width / 2 - side / 2, 24 + high], [width / 2 + side / 2, 24 + high]], height: high + 52 };
+  }
+  const triangle = (points) => (belief) => [0, 1].map((k) => belief.reduce((sum, share, i) => sum + share * points[i][k], 0));
+
+  function nearest(point, corners) {
+    if (corners.length === 1) return corners[0];
+    let best = null;
+    let least = Infinity;
+    corners.forEach((from, k) => {
+      const to = corners[(k + 1) % corners.length];
+      const along = [to[0] - from[0], to[1] - from[1]];
+      const length = along[0] ** 2 + along[1] ** 2;
+      const share = length ? Math.max(0, Math.min(1, ((point[0] - from[0]) * along[0] + (point[1] - from[1]) * along[1]) / length)) : 0;
+      const found = [from[0] + share * along[0], from[1] + share * along[1]];
+      const apart = Math.hypot(found[0] - point[0], found[1] - point[1]);
+      if (apart < least) [least, best] = [apart, found];
+    });
+    return best;
+  }
+
+  function drawSet(drawing, corners, look, faint) {
+    if (corners.length === 1) return marks(drawing, look.marker, corners, look.marker === "^" ? 9 : 6, look.colour, !faint && look.marker !== "^", faint);
+    if (corners.length === 2) {
+      line(drawing, corners, look.colour, faint ? ":" : "-", 4);
+      return marks(drawing, look.marker, corners, 4.5, look.colour, !faint && look.marker !== "^", faint);
+    }
+    return svg(drawing, "path", {
+      d: closed(corners), fill: look.colour, "fill-opacity": faint ? 0.15 : 0.4, stroke: look.colour, "stroke-dasharray": faint ? "3 3" : null,
+    });
+  }
+
+  function drawTriangle(step, budget, label) {
+    const width = document.querySelector("#simplex svg").parentElement.clientWidth || 400;
+    const { points, height } = corner(Math.max(260, width));
+    const { drawing } = empty("simplex", Math.round(height), label);
+    const place = triangle(points);
+    svg(drawing, "path", { d: closed(points), fill: "none", stroke: GREY });
+    for (let k = 1; k < 5; k += 1) {
+      for (let i = 0; i < 3; i += 1) {
+        const ends = [1, 2].map((j) => regimes.map((_, r) => (r === i ? k / 5 : r === (i + j) % 3 ? 1 - k / 5 : 0)));
+        line(drawing, ends.map(place), "#e4e4e4", "-", 1);
+      }
+    }
+    const anchors = [["middle", 0, -10], ["start", -20, 20], ["end", 20, 20]];
+    regimes.forEach((name, i) => svg(drawing, "text", {
+      x: at(points[i][0] + anchors[i][1]), y: at(points[i][1] + anchors[i][2]), "text-anchor": anchors[i][0], "font-weight": 600,
+    }, name));
+    svg(drawing, "path", { d: beliefs.map((belief) => { const [x, y] = place(belief); return `M${at(x - 1)} ${at(y)}h2`; }).join(""), stroke: "#b5b5b5", "stroke-width": 2 });
+    const star = place(beliefs[step]);
+    for (const name of onTop(makers, (each) => each)) {
+      const [atoms, drawn, aware] = entry(name, step, budget);
+      const look = looks[name];
+      atoms.forEach((atom, k) => {
+        const corners = sets[atom[0]].map(place);
+        if (!corners.length) return;
+        const faint = k !== drawn;
+        if (atom[3] !== null && Math.abs(atom[3]) > 0) line(drawing, [star, nearest(star, corners)], look.colour, faint ? ":" : "--", 1.2);
+        drawSet(drawing, corners, look, faint);
+        if (isLottery(name) && atoms.length > 1) {
+          const [x, y] = place(centres[atom[0]]);
+          svg(drawing, "text", { x: at(x + 9), y: at(y - 8), fill: look.colour }, atom[1].toFixed(2));
+        }
+      });
+      if (aware && name !== makers[0]) {
+        const [x, y] = place(aware);
+        svg(drawing, "circle", { cx: at(x), cy: at(y), r: 10, fill: "none", stroke: look.colour, "stroke-width": 1.4, "stroke-dasharray": "3 2" });
+        svg(drawing, "circle", { cx: at(x), cy: at(y), r: 2, fill: look.colour });
+      }
+    }
+    marks(drawing, "*", [star], 5, "#000", true);
+  }
+
+  function drawBars(step, budget, label) {
+    const row = 16 * makers.length + 26;
+    const { drawing, px, inside } = chart("simplex", {
+      height: row * regimes.length + 60, label, x: [0, 1], y: [0, 1], yTicks: [], xLabel: "probability of the regime",
+    });
+    regimes.forEach((regime, i) => {
+      const top = inside.top + i * row;
+      svg(drawing, "text", { x: 2, y: top + 8, "font-weight": 600 }, regime);
+      makers.forEach((name, m) => {
+        const y = top + 20 + 16 * m;
+        const [atoms, drawn, aware] = entry(name, step, budget);
+        const look = looks[name];
+        atoms.forEach((atom, k) => {
+          const shares = sets[atom[0]].map((each) => each[i]);
+          if (!shares.length) return;
+          line(drawing, [[px(Math.min(...shares)), y], [px(Math.max(...shares)), y]], look.colour, k === drawn ? "-" : ":", 4);
+          marks(drawing, look.marker, [[px(centres[atom[0]][i]), y]], 5, look.colour, k === drawn && look.marker !== "^", k !== drawn);
+        });
+        if (aware && m) svg(drawing, "circle", { cx: at(px(aware[i])), cy: y, r: 8, fill: "none", stroke: look.colour, "stroke-dasharray": "3 2" });
+      });
+      const x = px(beliefs[step][i]);
+      line(drawing, [[x, top + 10], [x, top + row - 8]], "#000", ":", 1);
+      marks(drawing, "*", [[x, top + 10]], 5, "#000", true);
+    });
+  }
+
+  function drawSimplex(step, budget) {
+    const label = `Belief ${guess(beliefs[step])} (${regimes.join(", ")}). ` + makers.map((name) => {
+      const [atoms, drawn] = entry(name, step, budget);
+      return `${names(name)} is read as ${guess(centres[atoms[drawn][0]])}`;
+    }).join("; ");
+    (regimes.length === 3 ? drawTriangle : drawBars)(step, budget, label);
+  }
+
+  // ---- the frontier of one decision
+  function drawFrontier(step, budget) {
+    const { single, mixed } = data.frontiers[step];
+    const most = data.amounts[data.amounts.length - 1];
+    const amount = data.amounts[budget];
+    const shown = Math.min(most, Math.max(3 * amount, 0.3 * most));
+    const points = [...single, ...mixed].filter(([x]) => x <= shown);
+    const price = slope(mixed, amount);
+    const heights = points.map(([, y]) => y).concat(0);
+    const frame = chart("frontier", {
+      height: 330, label: `Privacy against regret. The price of privacy at this budget is ${short(price)} for one more ${unit}.`,
+      x: [0, factor * shown], y: [Math.min(...heights), Math.max(...heights, 0.01) * 1.05],
+      xLabel: `regret, ${unit}`, yLabel: "privacy Ψ",
+    });
+    const { drawing, place } = frame;
+    const scaled = (list) => list.map(([x, y]) => place([factor * Math.min(x, shown), y]));
+    const stairs = [];
+    single.filter(([x]) => x <= shown).forEach(([x, y], k, all) => {
+      if (k) stairs.push([x, all[k - 1][1]]);
+      stairs.push([x, y]);
+    });
+    if (stairs.length) stairs.push([shown, stairs[stairs.length - 1][1]]);
+    line(drawing, scaled(stairs), looks.CDM.colour, "-");
+    const bend = mixed.filter(([x]) => x <= shown);
+    if (bend.length) bend.push([shown, height(mixed, shown)]);
+    line(drawing, scaled(bend), looks.PDM.colour, "--");
+    cursor(frame, factor * amount);
+    svg(drawing, "text", { x: frame.inside.right, y: 11, "text-anchor": "end" }, `price ${short(price)} per ${unit === "% of |c*|" ? unit : "unit of regret"}`);
+    for (const name of onTop(makers, (each) => each)) {
+      const [atoms] = entry(name, step, budget);
+      const look = looks[name];
+      const seen = atoms.filter((atom) => atom[2] !== null && atom[3] !== null && atom[2] <= shown);
+      if (isLottery(name) && atoms.length > 1) marks(drawing, look.marker, seen.map((atom) => place([factor * atom[2], atom[3]])), 5, look.colour, false);
+      const [cost, privacy] = [expected(atoms, 2), expected(atoms, 3)];
+      if (cost !== null && privacy !== null && cost <= shown) {
+        marks(drawing, look.marker, [place([factor * cost, privacy])], 6, look.colour, look.marker !== "^");
+      }
+    }
+  }
+
+  function height(corners, x) {
+    const right = corners.findIndex((each) => each[0] > x);
+    if (right < 0) return corners[corners.length - 1][1];
+    if (right === 0) return corners[0][1];
+    const [[a, b], [c, d]] = [corners[right - 1], corners[right]];
+    return b + ((x - a) / (c - a)) * (d - b);
+  }
+
+  function slope(corners, x) {
+    const right = corners.findIndex((each) => each[0] > x);
+    if (right < 1) return 0;
+    const [[a, b], [c, d]] = [corners[right - 1], corners[right]];
+    return (d - b) / (c - a) / factor;
+  }
+
+  // ---- the numbers of one decision
+  function drawNumbers(step, budget) {
+    const place = document.getElementById("now");
+    place.replaceChildren();
+    place.setAttribute("role", "region");
+    place.setAttribute("tabindex", "0");
+    place.setAttribute("aria-label", "This decision in numbers");
+    const table = html(place, "table");
+    html(table, "caption", `${texts.step[step]}: belief ${guess(beliefs[step])} (${regimes.join(", ")})`);
+    const head = html(html(table, "thead"), "tr");
+    for (const text of ["Played", `regret, ${unit}`, "privacy Ψ", "read at face value", "read by one who knows the method"]) html(head, "th", text, { scope: "col" });
+    const body = html(table, "tbody");
+    const row = (cells, kind) => {
+      const made = html(body, "tr", undefined, kind ? { class: kind } : {});
+      cells.forEach((text, k) => html(made, k ? "td" : "th", text, k ? {} : { scope: "row" }));
+    };
+    for (const name of makers) {
+      const [atoms, drawn, aware] = entry(name, step, budget);
+      const cost = expected(atoms, 2);
+      const mixed = isLottery(name) && atoms.length > 1;
+      row([
+        mixed ? `${name}, in expectation` : name, cost === null ? "–" : short(factor * cost), short(expected(atoms, 3)),
+        mixed ? "" : guess(centres[atoms[drawn][0]]), mixed ? "" : guess(aware),
+      ]);
+      if (!mixed) continue;
+      atoms.forEach((atom, k) => row([
+        `probability ${atom[1].toFixed(2)}${k === drawn ? ", drawn" : ""}`, atom[2] === null ? "–" : short(factor * atom[2]), short(atom[3]),
+        guess(centres[atom[0]]), k === drawn ? guess(aware) : "",
+      ], "atom"));
+    }
+  }
+
+  // ---- over time
+  function years(width) {
+    const starts = [];
+    data.dates.forEach((date, t) => {
+      if (!t || date.slice(0, 4) !== data.dates[t - 1].slice(0, 4)) starts.push([t, date.slice(0, 4)]);
+    });
+    if (starts.length > 1 && starts[1][0] < 6) starts.shift();
+    const every = Math.max(1, Math.ceil(starts.length / Math.max(2, Math.floor(width / 70))));
+    return starts.filter((_, k) => k % every === 0);
+  }
+
+  function overTime(id, step, budget, { part, scale, yLabel, least }) {
+    const series = makers.map((name) => [name, data.dates.map((_, t) => {
+      const value = expected(entry(name, t, budget)[0], part);
+      return value === null ? null : scale * value;
+    })]);
+    const every = series.flatMap(([, values]) => values).filter((value) => value !== null);
+    const width = document.getElementById(id).clientWidth || 640;
+    const now = series.map(([name, values]) => `${name} ${short(values[step])}`).join(", ");
+    const frame = chart(id, {
+      height: 190, label: `${yLabel}; at ${texts.step[step]}: ${now}`, x: [-0.5, steps - 0.5],
+      y: [Math.min(0, ...every), Math.max(least, ...every) * 1.05], xTicks: years(width), yLabel,
+    });
+    cursor(frame, step);
+    for (const [name, values] of onTop(series, ([name]) => name)) {
+      const points = values.map((value, t) => value === null ? null : frame.place([t, value])).filter((each) => each);
+      marks(frame.drawing, looks[name].marker, points, 2.4, looks[name].colour, name !== makers[0]);
+    }
+  }
+
+  function drawBeliefs(step, budget) {
+    const strips = [["the investor's own belief π", beliefs]];
+    for (const name of makers) {
+      strips.push([`read at face value from the ${names(name)}`, data.dates.map((_, t) => {
+        const [atoms, drawn] = entry(name, t, budget);
+        return centres[atoms[drawn][0]];
+      })]);
+    }
+    for (const name of hiding) {
+      const rows = data.dates.map((_, t) => entry(name, t, budget)[2]);
+      if (rows.some((each) => each)) strips.push([`read from the ${names(name)} by one who knows the method`, rows]);
+    }
+    const [tall, gap] = [56, 26];
+    const { drawing, width } = empty("beliefs", strips.length * (tall + gap) + 24, strips.map(([title, rows]) => `${title} at ${texts.step[step]}: ${guess(rows[step] || null)}`).join("; "));
+    const px = (t) => 8 + (t / steps) * (width - 16);
+    strips.forEach(([title, rows], k) => {
+      const top = k * (tall + gap) + 18;
+      svg(drawing, "text", { x: 8, y: top - 5 }, title);
+      let below = rows.map(() => 0);
+      regimes.forEach((_, i) => {
+        const above = rows.map((row, t) => (row ? below[t] + row[i] : 0));
+        const y = (share) => at(top + tall * (1 - share));
+        const path = rows.map((row, t) => (row ? `M${at(px(t))} ${y(below[t])}V${y(above[t])}H${at(px(t + 1))}V${y(below[t])}Z` : "")).join("");
+        svg(drawing, "path", { d: path, fill: data.colours[i], stroke: data.colours[i], "stroke-width": 0.3 });
+        below = above;
+      });
+      svg(drawing, "rect", { x: 8, y: top, width: width - 16, height: tall, fill: "none", stroke: GREY, "stroke-width": 0.5 });
+      const x = at(px(step + 0.5));
+      svg(drawing, "line", { x1: x, x2: x, y1: top - 3, y2: top + tall + 3, stroke: "#000", "stroke-width": 1.4 });
+    });
+    const foot = strips.length * (tall + gap) + 12;
+    for (const [t, year] of years(width)) svg(drawing, "text", { x: at(px(t)), y: foot, "text-anchor": px(t) > 24 ? "middle" : "start" }, year);
+  }
+
+  // ---- every budget
+  function drawSweep(budget) {
+    const curves = hiding.flatMap((name) => ["naive", "aware"].map((who) => [name, who, data.sweep[name][who]]));
+    const every = curves.flatMap(([, , values]) => values).filter((value) => value !== null);
+    const now = curves.map(([name, who, values]) => `${name}, ${who}: ${short(values[budget])}`).join("; ");
+    const frame = chart("sweep", {
+      height: 240, label: `Error of the estimate at ${texts.budget[budget]}: ${now}`, x: [0, factor * data.amounts[data.amounts.length - 1]],
+      y: [0, Math.max(0.01, ...every) * 1.05], xLabel: `budget, ${unit}`, yLabel: "error of the estimate",
+    });
+    cursor(frame, factor * data.amounts[budget]);
+    for (const [name, who, values] of curves) {
+      const look = looks[name];
+      const points = values.map((value, b) => value === null ? null : frame.place([factor * data.amounts[b], value])).filter((each) => each);
+      line(frame.drawing, points, look.colour, who === "naive" ? "-" : ":");
+      marks(frame.drawing, look.marker, points, 4, look.colour, who === "naive" ? true : "#fff");
+    }
+  }
+
+  function legends() {
+    const maker = (name) => [names(name), sampleMark(looks[name].marker, looks[name].colour, name !== makers[0])];
+    legend("simplex", [["belief π", sampleMark("*", "#000", true)], ...makers.map(maker)]);
+    legend("frontier", [["best single decision", sampleMark(null, looks.CDM.colour, false, "-")], ["best lottery", sampleMark(null, looks.PDM.colour, false, "--")], ...makers.map((name) => [name, maker(name)[1]])]);
+    for (const id of ["privacy", "cost"]) legend(id, makers.map((name) => [name, maker(name)[1]]));
+    legend("beliefs", regimes.map((name, i) => [name, sampleArea(data.colours[i])]));
+    legend("sweep", hiding.flatMap((name) => [
+      [`${name}, at face value`, sampleMark(looks[name].marker, looks[name].colour, true, "-")],
+      [`${name}, knows the method`, sampleMark(looks[name].marker, looks[name].colour, "#fff", ":")],
+    ]));
+  }
+
+  legends();
+  follow(({ step, budget }) => {
+    drawSimplex(step, budget);
+    drawFrontier(step, budget);
+    drawNumbers(step, budget);
+    overTime("privacy", step, budget, { part: 3, scale: 1, yLabel: "privacy Ψ", least: 0.01 });
+    overTime("cost", step, budget, { part: 2, scale: factor, yLabel: `regret, ${unit}`, least: factor * data.amounts[1] });
+    drawBeliefs(step, budget);
+    drawSweep(budget);
+  });
+})();

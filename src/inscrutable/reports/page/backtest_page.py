@@ -1,0 +1,308 @@
+"""The page of a backtest: what the sliders over time and budget show, thinned and rounded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from inscrutable.decision_makers import Frontier
+from inscrutable.experiments.backtest_results import Backtest
+from inscrutable.geometry import BeliefSet
+from inscrutable.reports.backtest import cautions, headline, notes_of, timing_of, verdict, written_table
+from inscrutable.reports.backtest_plots import step_of
+from inscrutable.reports.page.budget_sweep import BudgetSweep, PlayedAt
+from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
+from inscrutable.reports.page.manifest import hash_of, versions
+from inscrutable.reports.style import REGIME_COLOURS, around, looks_of
+from inscrutable.validation import Array
+
+_DIGITS = 4
+_CURVE_POINTS = 64
+_PERCENT = 100.0
+
+
+def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str, str]) -> PageContent:
+    """Return the content of a backtest's page; `manifest` are further lines of its own."""
+    sweep = BudgetSweep(result)
+    played = {name: [sweep.played(name, b) for b in range(len(sweep.amounts))] for name in result.names}
+    figures = sweep_figures(sweep, played)
+    word, market = result.market.frequency.word, result.market
+    start = int(np.abs(sweep.steps - step_of(result)).argmin())
+    budgets = budget_texts(result, sweep.amounts)
+    budgets[sweep.own] += ", the backtest's own"
+    return PageContent(
+        title=title or f"Backtest: {len(result.assets)} assets, {len(result.beliefs)} {word}s",
+        header=f"{result.dates[0]:%Y-%m-%d} to {result.dates[-1]:%Y-%m-%d}; {timing_of(result)}.",
+        verdict=[each for each in (headline(result), verdict(result)) if each],
+        cautions=cautions(result),
+        tables=[PageTable("Figures of the backtest", ["", *result.names], written_table(result))],
+        sliders=[
+            PageSlider("step", f"Decision at the end of {word}", sweep.dates, start),
+            PageSlider("budget", "Budget for privacy", budgets, sweep.own),
+        ],
+        figures=_figures(result, sweep),
+        details=[_budget_table(result, figures, budgets), *_asset_tables(result)],
+        failures=_failures(result),
+        notes=[*notes_of(result), *_own_notes(result, sweep)],
+        manifest={
+            **{f"version of {name}": number for name, number in versions().items()},
+            "seed": str(result.settings.seed),
+            "budget": str(result.budget),
+            "privacy measure": repr(result.settings.measure),
+            "regimes": ", ".join(result.regimes),
+            "risk aversion": f"{result.settings.risk_aversion:g}",
+            "cost of trading": f"{result.settings.cost_bps:g} bp a unit traded",
+            "training sample": f"to {market.training.index[-1]:%Y-%m-%d}, {market.n_training} rows",
+            "data": f"{len(market.returns)} rows, {market.returns.index[0]:%Y-%m-%d} to {market.returns.index[-1]:%Y-%m-%d}",
+            "data, SHA-256 as CSV": hash_of(market.returns),
+            "fit": f"log-likelihood {result.fit.log_likelihood:.2f}, best of {len(result.fit.restarts)} starts",
+            **manifest,
+        },
+        script="backtest.js",
+        data={**page_data(sweep, played), "sweep": figures},
+    )
+
+
+def budget_texts(result: Backtest, amounts: Array) -> list[str]:
+    """Return budgets as text, in the unit of the backtest's own."""
+    if result.budget.is_relative:
+        return [f"{_PERCENT * amount:.3g}% of |c*|" for amount in amounts]
+    return [f"regret of {amount:.3g}" for amount in amounts]
+
+
+def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]]]) -> dict[str, Any]:
+    """Return what the script reads: rounded numbers, every belief set once."""
+    result, sets = sweep.result, _Sets()
+    looks = looks_of(result.names)
+    scale = np.where(sweep.scale > 0, sweep.scale, np.nan)
+    relative = result.budget.is_relative
+    return {
+        "regimes": result.regimes,
+        "colours": [REGIME_COLOURS[i % len(REGIME_COLOURS)] for i in range(len(result.regimes))],
+        "makers": result.names,
+        "looks": {name: looks[name]._asdict() for name in result.names},
+        "lotteries": [name for name in result.names if result.episode.records[name].lotteries is not None],
+        "word": result.market.frequency.word,
+        "dates": sweep.dates,
+        "unit": "% of |c*|" if relative else "the cost's unit",
+        "factor": _PERCENT if relative else 1.0,
+        "amounts": [float(f"{amount:.6g}") for amount in sweep.amounts],
+        "own": sweep.own,
+        "beliefs": sweep.beliefs.round(_DIGITS),
+        "played": {
+            name: [
+                [_entry(each, float(scale[t]), sets) for t, each in enumerate(at)]
+                for at in (budgets if name != "ODM" else budgets[:1])
+            ]
+            for name, budgets in played.items()
+        },
+        "sets": sets.corners,
+        "frontiers": [
+            _curves(front, float(scale[t]), float(sweep.amounts[-1])) for t, front in enumerate(sweep.frontiers)
+        ],
+    }
+
+
+class _Sets:
+    """Belief sets as lists of corners, each listed once."""
+
+    def __init__(self) -> None:
+        self.corners: list[list[list[float]]] = []
+        self._places: dict[bytes, int] = {}
+
+    def place(self, found: BeliefSet) -> int:
+        corners = found.vertices()
+        if found.dimension > 1 and found.n_states == 3:
+            corners = around(corners)
+        rounded = np.round(corners, _DIGITS) + 0.0
+        key = rounded.tobytes()
+        if key not in self._places:
+            self._places[key] = len(self.corners)
+            self.corners.append(rounded.tolist())
+        return self._places[key]
+
+
+def _entry(each: PlayedAt, scale: float, sets: _Sets) -> list[Any]:
+    """[atoms [set, probability, regret in the budget's unit, privacy], drawn, estimate of the one who knows]."""
+    atoms = [
+        [sets.place(found), round(atom.probability, _DIGITS), _significant(atom.regret / scale), _rounded(atom.privacy)]
+        for atom, found in zip(each.atoms, each.sets, strict=True)
+    ]
+    return [atoms, each.drawn, None if each.aware is None else np.round(each.aware, _DIGITS)]
+
+
+def _significant(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _rounded(value: float) -> float:
+    return round(value, _DIGITS) if np.isfinite(value) else value
+
+
+def _curves(front: Frontier, scale: float, most: float) -> dict[str, Any]:
+    """Both curves up to the largest budget, in the budget's unit: steps of single decisions, corners of lotteries."""
+    if not scale > 0:
+        return {"single": [], "mixed": []}
+    single = front.points / [scale, 1.0]
+    single = single[(single[:, 0] <= most) & np.isfinite(single[:, 1])]
+    if len(single) > _CURVE_POINTS:
+        # The last point of each cell: finest where budgets are small.
+        cell = np.floor(np.sqrt(single[:, 0] / most) * _CURVE_POINTS)
+        single = single[np.append(cell[1:] > cell[:-1], True)]
+    corners = front.corners / [scale, 1.0]
+    corners = corners[np.isfinite(corners[:, 1])]
+    mixed = corners[corners[:, 0] <= most]
+    if len(mixed) and len(mixed) < len(corners):
+        mixed = np.vstack([mixed, [most, front.randomized(most * scale)]])
+    return {"single": _points(single), "mixed": _points(mixed)}
+
+
+def _points(points: Array) -> list[list[float]]:
+    return [[_significant(x), round(float(y), _DIGITS)] for x, y in points]
+
+
+def sweep_figures(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]]]) -> dict[str, dict[str, Any]]:
+    """Return means over the steps at every budget: privacy, regret, and errors of both observers (root mean square)."""
+    found = {}
+    for name, budgets in played.items():
+        rows = [_means(sweep, at) for at in budgets]
+        found[name] = {key: [row[key] for row in rows] for key in rows[0]}
+    return found
+
+
+def _means(sweep: BudgetSweep, at: tuple[PlayedAt, ...]) -> dict[str, float]:
+    privacy = np.array([sum(a.probability * a.privacy for a in each.atoms) for each in at])
+    regret = np.array([sum(a.probability * a.regret for a in each.atoms) for each in at])
+    centres = np.array([each.sets[each.drawn].center() for each in at])
+    aware = np.array([np.full(centres.shape[1], np.nan) if each.aware is None else each.aware for each in at])
+    reached = np.isfinite(privacy)
+    total = float(sweep.scale.sum())
+    return {
+        "privacy": _rounded(float(privacy[reached].mean())) if reached.any() else float("nan"),
+        "regret": _significant(float(regret.sum()) / total) if total > 0 else float("nan"),
+        "naive": _error(centres, sweep.beliefs),
+        "aware": _error(aware, sweep.beliefs),
+        "named": _named(centres, sweep.beliefs),
+        "named_aware": _named(aware, sweep.beliefs),
+    }
+
+
+def _error(estimates: Array, beliefs: Array) -> float:
+    read = ~np.isnan(estimates).any(axis=1)
+    if not read.any():
+        return float("nan")
+    return _rounded(float(np.sqrt(((estimates - beliefs)[read] ** 2).sum(axis=1).mean())))
+
+
+def _named(estimates: Array, beliefs: Array) -> float:
+    read = ~np.isnan(estimates).any(axis=1)
+    if not read.any():
+        return float("nan")
+    return _rounded(float((estimates[read].argmax(axis=1) == beliefs[read].argmax(axis=1)).mean()))
+
+
+def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
+    word = result.market.frequency.word
+    return [
+        PageFigure(
+            "simplex",
+            "What the observer reads from one decision",
+            "Star: the private belief π. For every decision maker the beliefs Π that explain its decision, for an observer "
+            "who takes it at face value; hollow and faint: decisions of the lottery, with their probabilities; dashed: the "
+            "distance to π. Ringed: what an observer concludes who knows the method.",
+        ),
+        PageFigure(
+            "frontier",
+            "Privacy against regret, every budget",
+            "Solid: the best single decision; dashed: the best lottery, in expectation; the vertical line is the budget. "
+            "The price of privacy, what one more unit of expected regret buys, is the slope of the dashed line there.",
+        ),
+        PageFigure(
+            "now", "This decision in numbers", "What was played at this budget, what it cost, what was read.", True
+        ),
+        PageFigure(
+            "privacy",
+            "Privacy over time, at this budget",
+            f"One mark per {word}; of a lottery the expectation. The vertical line is the decision above.",
+            True,
+        ),
+        PageFigure("cost", "Regret over time, at this budget", "Of a lottery the expectation.", True),
+        PageFigure(
+            "beliefs",
+            "What each observer believes, at this budget",
+            "Shares of the regimes: first the investor's own belief, then what is read from what was published (of a lottery, "
+            "the draw) at face value, and by an observer who knows the method. Gaps: no belief explains the decision.",
+            True,
+        ),
+        PageFigure(
+            "sweep", "Both observers at every budget", "Error of the estimate, root mean square; means over time.", True
+        ),
+    ]
+
+
+def _budget_table(result: Backtest, figures: Mapping[str, Mapping[str, Any]], budgets: list[str]) -> PageTable:
+    hiding = result.names[1:]
+    columns = ["Budget"]
+    keys = {
+        "privacy": "privacy, mean",
+        "regret": "regret, % of |c*|" if result.budget.is_relative else "regret, mean",
+        "naive": "error, at face value",
+        "aware": "error, knows the method",
+    }
+    for name in hiding:
+        columns += [f"{name}: {label}" for label in keys.values()]
+    rows = []
+    for b, text in enumerate(budgets):
+        cells = [text]
+        for name in hiding:
+            for key in keys:
+                value = figures[name][key][b] * (_PERCENT if key == "regret" and result.budget.is_relative else 1.0)
+                cells.append("-" if np.isnan(value) else f"{value:.3g}")
+        rows.append(cells)
+    return PageTable("Every budget, means over time", columns, rows)
+
+
+def _asset_tables(result: Backtest) -> list[PageTable]:
+    weights = {name: result.weights(name).mean() for name in result.names}
+    rows = [[label, *(f"{_PERCENT * weights[name][label]:.1f}" for name in result.names)] for label in result.assets]
+    return [PageTable("Mean weights, % of wealth", ["Asset", *result.names], rows)]
+
+
+def _failures(result: Backtest) -> list[str]:
+    word, found = result.market.frequency.word, []
+    for name in result.names:
+        figures = result.figures[name]
+        for key, text in (
+            ("n_nothing_affordable", "no privacy was affordable and the optimal decision was played"),
+            ("n_empty_sets", "no belief explains the published weights"),
+            ("n_privacy_not_finite", "the goal was missed or the set is empty, and privacy is left out of the mean"),
+        ):
+            if figures[key] > 0:
+                found.append(f"{name}: in {figures[key]:.0f} of {len(result.beliefs)} {word}s {text}.")
+    collapsed = sum(bool(each.collapsed) for each in result.fit.restarts)
+    if collapsed:
+        found.append(f"Fit: {collapsed} of {len(result.fit.restarts)} starts collapsed and were left out.")
+    return found
+
+
+def _own_notes(result: Backtest, sweep: BudgetSweep) -> list[str]:
+    limits = sweep.amounts[sweep.own] * sweep.scale
+    rough = np.array([front.deterministic(limit) for front, limit in zip(sweep.frontiers, limits, strict=True)])
+    fine = result.privacy("CDM")[sweep.steps]
+    both = np.isfinite(rough) & np.isfinite(fine)
+    notes = []
+    if both.any():
+        notes.append(
+            "At the backtest's own budget the page shows what was published. At other budgets it shows the best of "
+            f"{len(result.candidates)} candidates without the last polish: at the own budget these reach a mean privacy of "
+            f"{rough[both].mean():.3f} (CDM) where {fine[both].mean():.3f} was published. Lotteries are drawn with the same "
+            "luck at every budget but the own one."
+        )
+    if len(sweep.steps) < len(result.beliefs):
+        notes.append(
+            f"Figures show {len(sweep.steps)} of {len(result.beliefs)} decisions, evenly over time; tables of the backtest "
+            "rest on all, those of every budget on the ones shown."
+        )
+    return notes

@@ -1,0 +1,120 @@
+"""The page of a comparison: budgets and numbers of decisions seen, to slide through."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from inscrutable.experiments.comparison import Comparison
+from inscrutable.reports.comparison import notes_of, short_table, worth
+from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
+from inscrutable.reports.page.manifest import versions
+from inscrutable.reports.style import looks_of
+
+_DIGITS = 4
+_SPENT_LESS = 0.98
+_PERCENT = 100.0
+
+
+def comparison_content(comparison: Comparison, title: str | None, manifest: Mapping[str, str]) -> PageContent:
+    """Return the content of a comparison's page; `manifest` are further lines of its own."""
+    seen = [_decisions(n) for n in comparison.repeats]
+    budgets = [worth(comparison, budget) for budget in comparison.budgets]
+    header = comparison.header()
+    return PageContent(
+        title=title or "Ways of hiding at equal expected regret",
+        header=f"{header[0].upper()}{header[1:]}.",
+        verdict=[comparison.summary()],
+        tables=[_table(comparison, b, text) for b, text in enumerate(budgets)],
+        sliders=[
+            PageSlider("budget", "Expected regret", budgets, len(budgets) // 2),
+            PageSlider("seen", "Decisions seen", seen, 0),
+        ],
+        figures=[
+            PageFigure(
+                "naive",
+                "Takes one decision at face value",
+                "Error of the estimate (root mean square) against the expected regret; dashed: the prior alone. The vertical "
+                "line is the expected regret of the table.",
+            ),
+            PageFigure(
+                "aware",
+                "Knows the mechanism and the prior",
+                "The same for an observer who knows how decisions are made; bars are 95 % intervals where sampled.",
+            ),
+            PageFigure(
+                "both",
+                "Both observers at this expected regret",
+                "Left mark, hollow: what is left to the one who knows; filled: to the one who takes decisions at face value.",
+                True,
+            ),
+        ],
+        failures=_failures(comparison),
+        notes=notes_of(comparison),
+        manifest={
+            **{f"version of {name}": number for name, number in versions().items()},
+            "budgets": ", ".join(f"{budget:.6g}" for budget in comparison.budgets),
+            "unit of the budgets": comparison.unit,
+            "decisions under one belief": ", ".join(str(n) for n in comparison.repeats),
+            "sequences sampled": str(comparison.n_draws),
+            "beliefs of the prior": str(comparison.n_beliefs),
+            "candidate decisions": str(comparison.n_candidates),
+            **manifest,
+        },
+        script="comparison.js",
+        data=page_data(comparison),
+    )
+
+
+def _decisions(n: int) -> str:
+    return "1 decision" if n == 1 else f"{n} decisions on one belief"
+
+
+def _table(comparison: Comparison, place: int, text: str) -> PageTable:
+    frame = short_table(comparison, comparison.budgets[place])
+    rows = [[str(name), *map(str, row)] for name, row in zip(frame.index, frame.to_numpy(), strict=True)]
+    return PageTable(f"Expected regret of {text}", ["Decision maker", *frame.columns], rows, ("budget", place))
+
+
+def page_data(comparison: Comparison) -> dict[str, Any]:
+    """Return what the script reads, rounded."""
+    looks = looks_of(comparison.makers)
+    silent = comparison.silence_regret > 0
+    scale = _PERCENT / comparison.silence_regret if silent else 1.0
+    return {
+        "makers": comparison.makers,
+        "looks": {name: look._asdict() for name, look in looks.items()},
+        "budgets": [float(f"{scale * budget:.6g}") for budget in comparison.budgets],
+        "unit": "% of the silence regret" if silent else "the cost's unit",
+        "prior": round(comparison.prior_error, _DIGITS),
+        "rows": {
+            maker: [
+                {
+                    "budget": comparison.budgets.index(row.budget) if row.budget in comparison.budgets else None,
+                    "regret": float(f"{scale * row.expected_regret:.6g}"),
+                    "naive": round(row.naive_error, _DIGITS),
+                    "aware": np.round(row.repeated_errors, _DIGITS),
+                    "se": np.round(row.repeated_error_se, _DIGITS),
+                }
+                for row in comparison.of(maker)
+            ]
+            for maker in comparison.makers
+        },
+    }
+
+
+def _failures(comparison: Comparison) -> list[str]:
+    found = [f"{name} is left out: it does not suit the problem." for name in comparison.left_out]
+    for row in comparison.rows:
+        if row.budget > 0 and row.expected_regret < _SPENT_LESS * row.budget:
+            share = row.expected_regret / row.budget
+            found.append(
+                f"{row.maker}, asked to spend {row.budget:.3g}, spends {share:.0%} of it: nothing more to buy."
+            )
+        if row.implausible_share > 0:
+            found.append(
+                f"{row.maker} at {row.budget:.3g}: no belief explains {row.implausible_share:.1%} of its decisions."
+            )
+    return found

@@ -1,0 +1,93 @@
+"""What a page is made of, as plain data: sentences, sliders, figures that a script draws, tables, and the script's data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table of text; the first column holds the rows' headers.
+
+    Args:
+        heading: What it shows; shown as its caption.
+        columns: Headers, one per column.
+        rows: Cells, one per column.
+        choice: A slider's name and the position at which the table is shown; None is always. Print shows all.
+    """
+
+    heading: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    choice: tuple[str, int] | None = None
+
+
+@dataclass(frozen=True)
+class PageSlider:
+    """A slider: one position per text.
+
+    Args:
+        name: Its name in the address, as in `#budget=3`, and in the script; letters only.
+        label: What it moves.
+        texts: What each position means.
+        start: The position at first.
+    """
+
+    name: str
+    label: str
+    texts: Sequence[str]
+    start: int = 0
+
+
+@dataclass(frozen=True)
+class PageFigure:
+    """A place where the script draws.
+
+    Args:
+        name: The figure's name in the script; letters only.
+        heading: Its title.
+        caption: What it shows, for those who see it and those who do not.
+        is_wide: Whether it takes the whole width of a wide screen.
+    """
+
+    name: str
+    heading: str
+    caption: str
+    is_wide: bool = False
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """All that a page holds.
+
+    Args:
+        title: The heading.
+        header: One line below it.
+        verdict: Sentences: what was found.
+        cautions: Sentences: what the verdict leaves out.
+        tables: The main tables.
+        sliders: What a reader can move.
+        figures: What the script draws, in order.
+        details: Tables that are folded at first.
+        failures: What went wrong or was left out, one sentence each.
+        notes: Definitions.
+        manifest: Versions, seed, settings, data: what it takes to make the page again.
+        script: Name of the asset that draws the figures; None for a page without.
+        data: What the script reads: numbers, text, lists, mappings; NaN and infinities become null.
+    """
+
+    title: str
+    header: str
+    verdict: Sequence[str]
+    cautions: Sequence[str] = ()
+    tables: Sequence[PageTable] = ()
+    sliders: Sequence[PageSlider] = ()
+    figures: Sequence[PageFigure] = ()
+    details: Sequence[PageTable] = ()
+    failures: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    manifest: Mapping[str, str] = field(default_factory=dict)
+    script: str | None = None
+    data: Mapping[str, Any] = field(default_factory=dict)

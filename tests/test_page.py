@@ -1,0 +1,332 @@
+"""The page of a result: one file, nothing from outside, nothing unescaped, and the numbers of the result at every position."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import linprog
+
+from inscrutable import Budget, InputError, MarkowitzProblem, NonExistence, consistent_beliefs, uniform_prior
+from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
+from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
+from inscrutable.reports.page import PageContent, can_write_pages, write_content, write_page
+from inscrutable.reports.page.budget_sweep import BudgetSweep
+from inscrutable.reports.page.writing import embedded
+
+EVIL = "<script>alert(1)</script>"
+MEGABYTE = 1_000_000
+VOID = {"meta", "link", "input", "br", "img"}
+
+
+def backtest(regimes: int, budget: Budget | float = 0.05, **settings: Any) -> Backtest:
+    rng = np.random.default_rng(0)
+    rows = 120
+    regime = (np.arange(rows) // 8) % 3
+    mean = 0.01 + 0.012 * np.stack([[-1, 0, 0.4, 1], [1, 0, -0.4, -1], [-0.9, 1, 0.3, -0.9]])[regime]
+    returns = mean + np.array([0.02, 0.04, 0.08])[regime][:, None] * rng.normal(size=(rows, 4))
+    frame = pd.DataFrame(
+        returns, index=pd.date_range("2001-01", periods=rows, freq="ME"), columns=[EVIL, "B", "C", "D"]
+    )
+    chosen = BacktestSettings(regimes=regimes, train_until="2008-12", budget=budget, **settings)  # type: ignore[arg-type]
+    return run_backtest(frame, chosen, restarts=2)
+
+
+@pytest.fixture(scope="module")
+def found() -> Backtest:
+    return backtest(3)
+
+
+@pytest.fixture(scope="module")
+def compared() -> Comparison:
+    problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+    settings = ComparisonSettings((0.25, 0.5), repeats=(1, 5), n_draws=20)
+    return compare(problem, uniform_prior(2, 6), settings, rng=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def page(found: Backtest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_page(found, tmp_path_factory.mktemp("page") / "report.html")
+
+
+@pytest.fixture(scope="module")
+def compared_page(compared: Comparison, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    return write_page(compared, path, title=f"Ways {EVIL}", manifest={"market": EVIL, "seed": 0})
+
+
+class Reader(HTMLParser):
+    """Reads a page and fails where an element is not closed, or closed by another."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.inside: dict[str, list[str]] = {}
+        self.feed(path.read_text("utf-8"))
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert len({name for name, _ in attrs}) == len(attrs), tag
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+            self.inside.setdefault(tag, []).append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        for tag in set(self.open):
+            self.inside[tag][-1] += data
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def data_of(path: Path) -> Any:
+    scripts = Reader(path).inside["script"]
+    return json.loads(scripts[0])
+
+
+both = pytest.mark.parametrize("which", ["page", "compared_page"])
+
+
+@both
+def test_html_is_well_formed_and_made_for_all_readers(which: str, request: pytest.FixtureRequest) -> None:
+    path = request.getfixturevalue(which)
+    assert path.read_text("utf-8").startswith("<!DOCTYPE html>\n")
+    read = Reader(path)
+    assert read.all("html")[0]["lang"] == "en"
+    assert any(each.get("name") == "viewport" for each in read.all("meta"))
+    ids = [attributes["id"] for _, attributes in read.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    sliders = read.all("input")
+    assert len(sliders) == 2
+    for slider in sliders:
+        assert slider["type"] == "range"
+        assert slider["aria-valuetext"]
+        assert slider["id"] in {label["for"] for label in read.all("label")}
+    for drawing in read.all("svg"):
+        assert drawing["role"] == "img"
+        assert drawing["aria-label"]
+    assert {each["scope"] for each in read.all("th")} == {"col", "row"}
+    assert "@media print" in read.inside["style"][0]
+    headings = " ".join(read.inside["h2"])
+    assert all(word in headings for word in ("Verdict", "Table", "Failures", "Manifest"))
+
+
+@both
+def test_nothing_is_loaded_from_anywhere(which: str, request: pytest.FixtureRequest) -> None:
+    path = request.getfixturevalue(which)
+    text, read = path.read_text("utf-8"), Reader(path)
+    assert not re.search(r"https?:|//[\w.]+\.\w|@import|url\(|\bfetch\b|XMLHttpRequest|\bimport\(", text)
+    for _, attributes in read.elements:
+        assert "src" not in attributes
+        assert attributes.get("href", "data:,") == "data:,"
+        assert not [name for name in attributes if name.startswith("on") or name == "style"]
+
+
+@both
+def test_policy_admits_only_the_pages_own_script_and_style(which: str, request: pytest.FixtureRequest) -> None:
+    read = Reader(request.getfixturevalue(which))
+    policy = next(each["content"] for each in read.all("meta") if each.get("http-equiv"))
+    assert policy is not None
+    for kind, text in (("style", read.inside["style"][0]), ("script", read.inside["script"][-1])):
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+
+
+@both
+def test_labels_are_escaped(which: str, request: pytest.FixtureRequest) -> None:
+    path = request.getfixturevalue(which)
+    text = path.read_text("utf-8")
+    assert EVIL not in text
+    assert "&lt;script&gt;alert(1)" in text
+    assert len(Reader(path).all("script")) == 3
+    for script in Reader(path).inside["script"][:2]:
+        assert not set("<>&") & set(script)
+
+
+def test_embedded_data_have_no_sign_of_html_and_no_odd_number() -> None:
+    text = embedded(
+        {"</script>": ["<!--", "&amp;", np.float64("nan"), np.inf], "a": np.array([1.0, 0.25]), "b": np.int64(3)}
+    )
+    assert not set("<>&") & set(text)
+    assert json.loads(text) == {"</script>": ["<!--", "&amp;", None, None], "a": [1, 0.25], "b": 3}
+
+
+def test_page_is_small_and_stays_so(page: Path) -> None:
+    data = data_of(page)
+    per_step = len(json.dumps(data["played"])) + len(json.dumps(data["frontiers"])) + len(json.dumps(data["sets"]))
+    assert page.stat().st_size + 330 / len(data["dates"]) * per_step < 6 * MEGABYTE
+
+
+def test_same_result_gives_the_same_bytes(found: Backtest, page: Path, tmp_path: Path) -> None:
+    assert write_page(found, tmp_path / "again.html").read_bytes() == page.read_bytes()
+
+
+def test_verdict_table_failures_and_manifest_are_the_results(found: Backtest, page: Path) -> None:
+    from inscrutable.reports.backtest import headline
+
+    read = Reader(page)
+    assert any(headline(found) == each.strip() for each in read.inside["p"])
+    cells = " ".join(read.inside["td"])
+    assert f"{found.figures['CDM']['error_face_value']:.3f}" in cells
+    manifest = dict(zip(read.inside["dt"], read.inside["dd"], strict=True))
+    assert manifest["seed"] == "0"
+    assert re.fullmatch(r"[0-9a-f]{64}", manifest["data, SHA-256 as CSV"])
+    assert manifest["version of numpy"] == np.__version__
+
+
+@pytest.mark.parametrize("step", [0, 5, 20])
+@pytest.mark.parametrize("budget", [0, 2, 8])
+def test_every_budget_holds_the_best_of_the_candidates(found: Backtest, page: Path, step: int, budget: int) -> None:
+    """Against all candidates, one by one, and the paper's linear programme."""
+    data = data_of(page)
+    belief, candidates = found.beliefs.to_numpy()[step], found.candidates
+    optimal = float(found.problem.optimal_cost(belief))
+    regrets = np.append(np.maximum(candidates.state_costs @ belief - optimal, 0.0), 0.0)
+    own = consistent_beliefs(found.problem, found.problem.solve(belief)).distance(belief)
+    distances = np.append(candidates.sets.distances(belief), own)
+    usable = np.append(candidates.usable, True) & np.isfinite(distances)
+    regrets, distances = regrets[usable], distances[usable]
+    limit = data["amounts"][budget] * abs(optimal)
+
+    (atom,) = data["played"]["CDM"][budget][step][0]
+    affordable = regrets <= limit * (1 + 1e-5)
+    assert atom[3] == pytest.approx(distances[affordable].max(), abs=2e-3)
+    assert atom[2] * abs(optimal) <= limit * (1 + 1e-3) + 1e-12
+
+    atoms = data["played"]["PDM"][budget][step][0]
+    answer = linprog(
+        -distances, regrets[None] / abs(optimal), [limit / abs(optimal)], np.ones((1, len(regrets))), [1.0]
+    )
+    assert sum(p * privacy for _, p, _, privacy in atoms) == pytest.approx(-answer.fun, abs=2e-3)
+    assert sum(p for _, p, _, _ in atoms) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_own_budget_shows_what_was_published(found: Backtest, page: Path) -> None:
+    data = data_of(page)
+    assert data["amounts"][data["own"]] == found.budget.amount
+    assert found.aware is not None
+    for name in found.names:
+        for step in (0, 7, len(found.beliefs) - 1):
+            atoms, drawn, aware = data["played"][name][0 if name == "ODM" else data["own"]][step]
+            corners = np.array(data["sets"][atoms[drawn][0]])
+            published = consistent_beliefs(found.problem, found.weights(name).to_numpy()[step])
+            assert sorted(corners.tolist()) == pytest.approx(
+                np.array(sorted(published.vertices().round(4).tolist())), abs=1e-3
+            )
+            assert aware == pytest.approx(found.aware.estimates[name][step], abs=1e-4)
+            assert atoms[drawn][3] == pytest.approx(found.privacy(name)[step], abs=1e-4)
+        assert data["sweep"][name]["naive"][data["own"]] == pytest.approx(
+            found.figures[name]["error_face_value"], abs=1e-4
+        )
+        assert data["sweep"][name]["aware"][data["own"]] == pytest.approx(found.figures[name]["error_aware"], abs=1e-4)
+
+
+def test_observer_who_knows_the_method_knows_the_budget_as_well() -> None:
+    """Bayes' rule by enumeration: who else would play the decision that was drawn?"""
+    found = backtest(2, Budget.regret(0.002))
+    sweep, budget = BudgetSweep(found), 4
+    assert found.aware is not None
+    prior, candidates = found.aware.prior, found.candidates
+    optimal = found.problem.optimal_cost(prior.beliefs)
+    chosen = []
+    for belief, least in zip(prior.beliefs, optimal, strict=True):
+        regrets = candidates.state_costs @ belief - least
+        distances = np.where(
+            candidates.usable & (regrets <= sweep.amounts[budget]), candidates.sets.distances(belief), -1.0
+        )
+        best = np.flatnonzero(distances >= distances.max() - 1e-9)
+        chosen.append(candidates.actions[best[regrets[best].argmin()]])
+    played = sweep.played("CDM", budget)
+    compared = 0
+    for each in played:
+        index = each.atoms[0].candidate
+        if index == len(candidates):
+            continue
+        same = np.abs(np.array(chosen) - candidates.actions[index]).max(axis=1) < 1e-7
+        if same.any():
+            weights = prior.weights[same] / prior.weights[same].sum()
+            assert each.aware == pytest.approx(weights @ prior.beliefs[same], abs=1e-6)
+            compared += 1
+    assert compared > 3
+
+
+def test_without_a_budget_all_observers_read_the_optimal_decision(found: Backtest, page: Path) -> None:
+    data = data_of(page)
+    assert data["amounts"][0] == 0
+    for name in ("CDM", "PDM"):
+        for step in range(len(found.beliefs)):
+            (atom,), _, aware = data["played"][name][0][step]
+            assert atom[2] == pytest.approx(0.0, abs=1e-9)
+            if atom[3] < 1e-6:
+                assert found.aware is not None
+                assert aware == pytest.approx(found.aware.estimates["ODM"][step], abs=0.05)
+
+
+def test_long_backtests_are_thinned(found: Backtest) -> None:
+    sweep = BudgetSweep(found, most_steps=10)
+    assert len(sweep.steps) <= 10
+    assert (np.diff(sweep.steps) == sweep.steps[1]).all()
+    assert sweep.beliefs == pytest.approx(found.beliefs.to_numpy()[sweep.steps])
+
+
+def test_goals_and_misses_have_a_page_too(tmp_path: Path) -> None:
+    data = data_of(write_page(backtest(3, 0.0, measure=NonExistence()), tmp_path / "report.html"))
+    assert data["own"] == 0
+    assert {atom[3] for at in data["played"]["CDM"] for entry in at for atom in entry[0]} <= {0, None}
+
+
+def test_comparison_page_holds_its_rows(compared: Comparison, compared_page: Path) -> None:
+    data = data_of(compared_page)
+    for maker in compared.makers:
+        for shown, row in zip(data["rows"][maker], compared.of(maker), strict=True):
+            assert shown["naive"] == pytest.approx(row.naive_error, abs=1e-4)
+            assert shown["aware"] == pytest.approx(row.repeated_errors, abs=1e-4)
+            assert shown["regret"] == pytest.approx(100 * row.silence_share, rel=1e-4, abs=1e-6)
+    text = compared_page.read_text("utf-8")
+    assert compared.header()[1:] in Reader(compared_page).inside["p"][0] or compared.header()[1:] in text
+
+
+def test_missing_extra_is_named(found: Backtest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    assert not can_write_pages()
+    with pytest.raises(InputError, match=r"pip install 'inscrutable\[report\]'"):
+        write_page(found, tmp_path / "report.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_extra_is_loaded_only_for_a_page() -> None:
+    code = "import sys, inscrutable.reports.page; print('jinja2' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+
+
+def test_other_results_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no page for a dict"):
+        write_page({}, tmp_path / "report.html")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="cannot be written"):
+        write_content(PageContent("t", "h", ["v"]), tmp_path / "none" / "report.html")
+
+
+def test_content_without_figures_is_a_page(tmp_path: Path) -> None:
+    path = write_content(PageContent(EVIL, "h", ["v"], manifest={"seed": "1"}), tmp_path / "report.html")
+    read = Reader(path)
+    assert EVIL not in path.read_text("utf-8")
+    assert not read.all("script")
+    assert not read.all("figure")

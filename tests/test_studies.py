@@ -1,0 +1,475 @@
+"""Studies as they are run: the same rows however they are run, nothing lost by a kill, clear words where a disk fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections import Counter
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from inscrutable import (
+    Budget,
+    OriginalDecisionMaker,
+    ProbabilisticDecisionMaker,
+    Study,
+    action_grid,
+    cli,
+    leakage,
+    mechanism,
+    resume_study,
+    run_study,
+    uniform_prior,
+)
+from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.experiments.random_markets import random_market
+from inscrutable.experiments.studies import StudyProgress, executors, runner
+from inscrutable.experiments.studies.executors import Chunks
+from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, locked
+from inscrutable.experiments.studies.workshop import DONE, FAILED, Row, Work, Workshop, chunk_of_rows
+from study_runs import SMALL, environment, killed, table, worker_processes
+
+ROOT = Path(__file__).resolve().parent.parent
+PLAN = json.dumps(SMALL)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """The small study, run without disturbance."""
+    return run_study(Study.of(SMALL), tmp_path_factory.mktemp("whole"))
+
+
+@pytest.fixture
+def copy(whole: Study, tmp_path: Path) -> Path:
+    """A copy of its folder."""
+    assert whole.folder is not None
+    return Path(shutil.copytree(whole.folder, tmp_path / "copy"))
+
+
+def small(**changes: object) -> Study:
+    return Study.of(SMALL | changes)
+
+
+def test_every_task_has_one_row(whole: Study) -> None:
+    frame = whole.frame(durations=True)
+    assert list(frame.index) == list(range(whole.n_tasks))
+    assert frame["task"].is_unique
+    assert frame["seed"].is_unique
+    assert (frame["status"] == DONE).all()
+    assert frame["duration"].gt(0).all()
+    assert np.isfinite(frame[list(SMALL["measures"])]).all(axis=None)
+    assert whole.status().left == 0
+    assert "small: 112 of 112 tasks done, 0 failed" in whole.summary()
+
+
+def test_figures_are_those_of_the_library(tmp_path: Path) -> None:
+    """The same mechanism built by hand, on the market that the task's stream draws."""
+    plan = SMALL | {
+        "repeats": 2,
+        "beliefs": {"kind": "grid", "resolution": 4},
+        "candidates": {"kind": "actions", "resolution": 6},
+        "decision_makers": ["ODM", "PDM"],
+        "adversaries": ["bayesian"],
+    }
+    study = run_study(Study.of(plan), tmp_path)
+    frame = study.frame()
+    prior = uniform_prior(3, 4)
+    for repeat in (0, 1):
+        rng = study.grid.stream("world", (0, 0, 0, 0, repeat, 0, 0), ("world", "repeat"))
+        problem = random_market(rng=rng).problem
+        candidates = action_grid(problem, 6)
+        makers = {
+            ("ODM", None): OriginalDecisionMaker(problem),
+            ("PDM", 0.1): ProbabilisticDecisionMaker(problem, None, Budget.relative(0.1), candidates=candidates),
+            ("PDM", 0.3): ProbabilisticDecisionMaker(problem, None, Budget.relative(0.3), candidates=candidates),
+        }
+        for (name, budget), maker in makers.items():
+            told = leakage(mechanism(maker, prior.beliefs), prior, problem)
+            rows = frame[(frame["decision_maker"] == name) & (frame["repeat"] == repeat)]
+            row = rows.iloc[0] if budget is None else rows[rows["budget"] == budget].iloc[0]
+            found = row[["error", "expected_regret", "mutual_information"]].astype(float)
+            assert_allclose(
+                found, [told.bayes_error, told.expected_regret, told.mutual_information], rtol=1e-12, atol=1e-15
+            )
+
+
+def test_equal_spending_is_equal(tmp_path: Path) -> None:
+    study = small(
+        repeats=1,
+        beliefs={"kind": "grid", "resolution": 4},
+        decision_makers=["PDM", "uniform", "exponential", "coin", "rate-distortion", "rounding"],
+        budgets={"unit": "silence", "hold": "mean", "values": [0.4]},
+        measures=["silence_share"],
+        adversaries=["naive", "near-optimal", "budget-aware", "bayesian"],
+    )
+    frame = run_study(study, tmp_path).frame()
+    spent = frame.groupby("decision_maker")["silence_share"].first()
+    assert_allclose(spent[["PDM", "uniform", "exponential", "coin", "rate-distortion"]], 0.4, rtol=0.01)
+    assert spent["rounding"] <= 0.4  # it comes in steps
+
+
+def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study, tmp_path: Path) -> None:
+    seen: list[StudyProgress] = []
+    lost: list[int] = []
+
+    def watch(progress: StudyProgress) -> None:
+        seen.append(progress)
+        if progress.fresh and not lost:
+            lost.append(worker_processes()[0])
+            os.kill(lost[0], signal.SIGKILL)
+
+    other = run_study(Study.of(SMALL), tmp_path / "two", jobs=2, progress=watch)
+    assert lost
+    for study in (whole, other):
+        assert (
+            cli.main(["study", "export", str(study.folder), "--out", str(tmp_path / f"{study is other}.csv"), "-q"])
+            == 0
+        )
+    assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()
+    assert seen[0].fresh == 0
+    assert (seen[-1].done, seen[-1].total, seen[-1].failed, seen[-1].seconds_left) == (112, 112, 0, 0.0)
+    assert [each.done for each in seen] == sorted(each.done for each in seen)
+
+
+def test_the_order_of_tasks_and_what_was_done_before_change_nothing(whole: Study, tmp_path: Path) -> None:
+    grid = whole.grid
+    work = Work(whole.plan.model_dump_json(), None, "[]")
+    backwards = chunk_of_rows(work, reversed(range(0, len(grid), 7)))
+    alone = [Workshop(work).row(row.number) for row in backwards]
+    stored = whole.frame()
+    for row, other in zip(backwards, alone, strict=True):
+        assert row._replace(duration=0) == other._replace(duration=0)
+        assert json.loads(row.figures)["error"] == stored.loc[row.number, "error"]
+
+
+def test_killed_at_any_moment_and_resumed_it_has_the_same_rows(whole: Study, tmp_path: Path) -> None:
+    """Within a transaction, and at random moments; every process is killed before it ends."""
+    moment = float(np.random.default_rng(0).uniform(0.0, 0.3))
+    for place in (("transaction", 2.0), ("moment", moment), ("transaction", 4.0)):
+        assert killed(*place, tmp_path, PLAN) == -signal.SIGKILL
+    before = Study.load(tmp_path).status()
+    assert 0 < before.done < before.total
+    assert table(resume_study(tmp_path)) == table(whole)
+
+
+def test_a_limited_run_is_spread_and_can_be_gone_on_with(whole: Study, tmp_path: Path) -> None:
+    part = run_study(Study.of(SMALL), tmp_path, limit=10)
+    assert part.frame()["repeat"].nunique() == 8
+    assert part.status().left == 102
+    assert table(resume_study(tmp_path, limit=1000)) == table(whole)
+
+
+def test_a_task_that_fails_is_a_row_and_the_others_are_done(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = tmp_path / "study.toml"
+    plan.write_text(
+        'name = "a"\nrepeats = 2\ndecision_makers = ["ODM", "uniform"]\n[world]\nkind = "random"\n'
+        "[problem]\nmin_weight = [0.1, 0.5]\n[beliefs]\nkind = 'grid'\nresolution = 3\n[candidates]\nresolution = 3\n"
+    )
+    out = tmp_path / "out"
+    assert cli.main(["study", "run", str(plan), "--out", str(out)]) == 1
+    said = capsys.readouterr()
+    assert "4 of 8 tasks done, 4 failed" in said.out
+    assert "4 failed" in said.err
+    assert "ModelError: no decision satisfies all constraints" in said.err
+    frame = Study.load(out).frame()
+    assert (frame["status"] == np.where(frame["problem.min_weight"] == 0.5, FAILED, DONE)).all()
+    assert frame.loc[frame["status"] == FAILED, "failure"].str.startswith("ModelError").all()
+    assert cli.main(["study", "resume", str(out), "-q"]) == 1
+    seen: list[StudyProgress] = []
+    again = resume_study(out, retry=True, progress=seen.append)
+    assert seen[-1].asked == 4
+    assert table(again) == frame.to_csv(lineterminator="\n")
+
+
+def test_an_unexpected_error_is_a_failed_row_too(whole: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    shop = Workshop(Work(whole.plan.model_dump_json(), None, "[]"))
+
+    def broken(places: tuple[int, ...]) -> None:
+        raise ZeroDivisionError("oh")
+
+    monkeypatch.setattr(shop, "judged", broken)
+    row = shop.row(0)
+    assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", "{}")
+
+
+def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
+    whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = tmp_path / "study.toml"
+    plan.write_text(toml_of(SMALL), "utf-8")
+    done = Workshop.row
+
+    def interrupted(self: Workshop, number: int) -> Row:
+        if number == 40:
+            raise KeyboardInterrupt
+        return done(self, number)
+
+    monkeypatch.setattr(Workshop, "row", interrupted)
+    out = tmp_path / "out"
+    assert cli.main(["study", "run", str(plan), "--out", str(out)]) == 130
+    assert f"inscrutable study resume {out}" in capsys.readouterr().err
+    assert Study.load(out).status().done == 40
+    monkeypatch.undo()
+    assert table(resume_study(out)) == table(whole)
+
+
+def toml_of(plan: dict[str, object]) -> str:
+    """Plain data as TOML with inline tables."""
+
+    def text(value: object) -> str:
+        if isinstance(value, dict):
+            return "{" + ", ".join(f"{key} = {text(each)}" for key, each in value.items()) + "}"
+        if isinstance(value, list):
+            return "[" + ", ".join(text(each) for each in value) + "]"
+        return json.dumps(value)
+
+    return "\n".join(f"{key} = {text(value)}" for key, value in plan.items())
+
+
+def test_a_second_run_into_the_same_folder_is_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (copy / STORE).read_bytes()
+    with pytest.raises(InputError, match="holds a study already"):
+        run_study(Study.of(SMALL), copy)
+    with locked(copy):
+        with pytest.raises(InputError, match="another process runs this study"):
+            resume_study(copy)
+        assert Study.load(copy).status().left == 0  # reading is possible meanwhile
+    assert (copy / STORE).read_bytes() == before
+    assert cli.main(["study", "resume", str(copy), "-q"]) == 0
+
+
+def test_the_lock_of_another_process_holds_until_it_ends(copy: Path) -> None:
+    code = (
+        "import sqlite3, sys; c = sqlite3.connect(sys.argv[1], isolation_level=None); c.execute('BEGIN EXCLUSIVE');"
+        "print('held', flush=True); sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(copy / LOCK)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        with pytest.raises(InputError, match="in use"):
+            resume_study(copy)
+        other.kill()
+    assert resume_study(copy).status().left == 0
+
+
+@pytest.mark.parametrize(("version", "age"), [(VERSION - 1, "an older"), (VERSION + 1, "a newer")])
+def test_a_store_of_another_version_is_left_alone(copy: Path, version: int, age: str) -> None:
+    with closing(sqlite3.connect(copy / STORE)) as connection:
+        connection.execute(f"PRAGMA user_version = {version}")
+    before = (copy / STORE).read_bytes()
+    for use in (Study.load, resume_study):
+        with pytest.raises(ModelError, match=f"{age} release"):
+            use(copy)
+    assert (copy / STORE).read_bytes() == before
+    assert cli.main(["study", "status", str(copy)]) == 4
+
+
+@pytest.mark.parametrize("left", [0, 50, 1000, 4096, 9000])
+def test_a_truncated_store_is_refused_and_left_as_it_is(copy: Path, left: int) -> None:
+    os.truncate(copy / STORE, left)
+    for use in (lambda: run_study(Study.of(SMALL), copy), lambda: resume_study(copy), lambda: Study.load(copy).frame()):
+        with pytest.raises(InputError, match=r"damaged|already"):
+            use()
+        assert (copy / STORE).stat().st_size == left
+
+
+def test_a_store_with_a_spoilt_page_is_refused(copy: Path) -> None:
+    size = (copy / STORE).stat().st_size
+    with (copy / STORE).open("r+b") as file:
+        file.seek(size // 2 // 4096 * 4096)
+        file.write(b"\x07" * 4096)
+    with pytest.raises(InputError, match="damaged"):
+        resume_study(copy)
+
+
+def test_other_files_in_its_place_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no study"):
+        Study.load(tmp_path)
+    with closing(sqlite3.connect(tmp_path / STORE)) as connection:
+        connection.execute("CREATE TABLE t (x)")
+    with pytest.raises(InputError, match="another program"):
+        Study.load(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        run_study(Study.of(SMALL), tmp_path / "file")
+    lost = tmp_path / "lost"
+    lost.mkdir()
+    (lost / "manifest.json").write_text("{}")
+    with pytest.raises(InputError, match="was lost"):
+        run_study(Study.of(SMALL), lost)
+
+
+DISKS = """
+import json, os, subprocess, sys
+from pathlib import Path
+from inscrutable.errors import InputError
+from inscrutable.experiments.studies import Study, executors, resume_study, run_study
+place, plan, mounted = Path(sys.argv[1]), json.loads(sys.argv[2]), sys.argv[3] == "mounted"
+executors._SECONDS = 0.01
+out = place / "out"
+if mounted:
+    ballast = place / "ballast"
+    ballast.write_bytes(bytes(300_000))
+    freed = ballast.unlink
+else:
+    import resource
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY))
+    freed = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+try:
+    run_study(Study.of(plan), out)
+    print("no error")
+except InputError as error:
+    print("full:", error)
+kept = Study.load(out).status()
+print("kept:", kept.done, kept.left)
+freed()
+half = resume_study(out, limit=10)
+if mounted:
+    subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+    for use in (lambda: resume_study(out), lambda: run_study(Study.of(plan), place / "new")):
+        try:
+            use()
+            print("no error")
+        except InputError as error:
+            print("read-only:", error)
+    print("read:", Study.load(out).status().done - kept.done)
+    subprocess.run(["mount", "-o", "remount,rw", str(place)], check=True)
+print("rows:", json.dumps(resume_study(out).frame().to_csv(lineterminator="\\n")))
+"""
+
+
+def can_mount() -> bool:
+    """Whether a small disk can be made for a process."""
+    command = ["unshare", "-rm", "mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", "/mnt"]
+    try:
+        return subprocess.run(command, capture_output=True).returncode == 0
+    except OSError:
+        return False
+
+
+def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Path) -> None:
+    """On a small disk of its own, or, where none can be mounted, with a limit on the size of files."""
+    kind = "mounted" if can_mount() else "limited"
+    command = [sys.executable, "-c", DISKS, str(tmp_path), PLAN, kind]
+    if kind == "mounted":
+        mount = 'mount -t tmpfs -o size=400k tmpfs "$1" && shift && exec "$@"'
+        command = ["unshare", "-rm", "sh", "-c", mount, "sh", str(tmp_path), *command]
+    run = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    said = dict(line.split(": ", 1) for line in run.stdout.splitlines() if ": " in line)
+    assert "no error" not in run.stdout
+    assert re.search(r"full|disk I/O", said["full"]), said["full"]
+    assert "are kept" in said["full"]
+    done, left = map(int, said["kept"].split())
+    assert 0 < done < 112
+    assert done + left == 112
+    if kind == "mounted":
+        assert "read" in said["read-only"]
+        assert int(said["read"]) == 10
+    assert json.loads(said["rows"]) == table(whole)
+
+
+def test_the_manifest_says_all_that_is_needed(whole: Study) -> None:
+    assert whole.folder is not None
+    manifest = json.loads((whole.folder / "manifest.json").read_text("utf-8"))
+    assert manifest == whole.manifest()
+    assert (manifest["seed"], manifest["tasks"], manifest["data_sha256"]) == (7, 112, None)
+    assert {"python", "inscrutable", "numpy", "scipy"} <= set(manifest["versions"])
+    assert Study.of(manifest["study"]).plan == whole.plan
+
+
+def test_a_study_on_a_file_of_returns_needs_it_no_more_once_begun(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    spread = np.repeat([0.01, 0.05, 0.02], 20)[:, None]
+    rows = 0.01 + spread * rng.normal(size=(60, 2))
+    dates = np.arange("2001-01", "2006-01", dtype="datetime64[M]")
+    lines = [f"{date},{a!r},{b!r}" for date, (a, b) in zip(dates, rows.tolist(), strict=True)]
+    (tmp_path / "r.csv").write_text("date,A,B\n" + "\n".join(lines) + "\n")
+    (tmp_path / "s.toml").write_text(
+        toml_of(
+            SMALL
+            | {
+                "repeats": 2,
+                "world": {"kind": "fitted", "data": "r.csv", "regimes": 2, "restarts": 2},
+                "beliefs": {"kind": "stationary", "resolution": 5},
+            }
+        )
+    )
+    study = run_study(tmp_path / "s.toml", tmp_path / "out", limit=3)
+    assert study.data_hash == json.loads((tmp_path / "out" / "manifest.json").read_text())["data_sha256"]
+    (tmp_path / "r.csv").unlink()
+    assert resume_study(tmp_path / "out").status().failed == 0
+
+
+def test_a_table_is_written_whole_or_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["study", "export", str(copy), "--durations"]) == 0
+    text = (copy / "rows.csv").read_text("utf-8")
+    assert text.splitlines()[0].endswith("duration,failure")
+    assert len(text.splitlines()) == 113
+    assert cli.main(["study", "export", str(copy), "--out", str(copy / "a.csv"), "--to", "parquet"]) == 2
+    assert cli.main(["study", "status", str(copy), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.split("rows.csv\n")[1])["done"] == 112
+
+
+def test_parquet_has_the_same_rows(copy: Path) -> None:
+    pytest.importorskip("pyarrow")
+    import pandas as pd
+
+    assert cli.main(["study", "export", str(copy), "--to", "parquet", "-q"]) == 0
+    pd.testing.assert_frame_equal(pd.read_parquet(copy / "rows.parquet"), Study.load(copy).frame())
+
+
+def test_chunks_take_about_a_second_and_none_is_lost() -> None:
+    chunks = Chunks(range(20_000))
+    sizes, seen = [], []
+    for number, chunk in enumerate(chunks):
+        sizes.append(len(chunk))
+        if number == 6:
+            chunks.again()  # the worker is lost
+            continue
+        seen += chunk
+        chunks.came_back([Row(each, "", "", "", DONE, "{}", 0.001, "") for each in chunk])
+    assert Counter(seen) == Counter(range(20_000))
+    assert 990 <= max(sizes) <= 1000
+
+
+def test_worker_processes_that_keep_dying_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    def dead(*_: object) -> None:
+        raise TerminatedWorkerError("killed")
+
+    monkeypatch.setattr(executors, "_through_joblib", dead)
+    with pytest.raises(SolverError, match="lost 3 times"):
+        executors.in_processes(2)(Work("", None, ""), [1, 2], lambda rows: None)
+
+
+def test_bad_arguments_are_refused_before_anything_is_written(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match="jobs"):
+        run_study(Study.of(SMALL), out, jobs=0)
+    with pytest.raises(InputError, match="exclude one another"):
+        run_study(Study.of(SMALL), out, jobs=2, cluster="tcp://127.0.0.1:1")
+    assert not out.exists()
+    with pytest.raises(InputError, match="no rows yet"):
+        Study.of(SMALL).frame()
+    assert runner.versions()["python"]
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("studies/*.toml")), ids=lambda path: path.stem)
+def test_a_shipped_study_runs(path: Path, tmp_path: Path) -> None:
+    """A few of its tasks, spread over the grid."""
+    study = run_study(path, tmp_path, limit=4)
+    assert study.status().failed == 0, list(study.errors())
+    assert study.status().done == 4

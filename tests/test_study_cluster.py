@@ -1,0 +1,106 @@
+"""Studies on a real Dask scheduler with worker processes on this machine: the same rows, also when a worker is lost."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from inscrutable import Study, run_study
+from inscrutable.errors import InputError
+from inscrutable.experiments.studies.executors import lost_row, on_cluster
+from inscrutable.experiments.studies.workshop import FAILED, Work
+from study_runs import SMALL, environment, table
+
+with_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="distributed is not installed")
+PLAN = SMALL | {"name": "on a cluster", "repeats": 60, "decision_makers": ["ODM", "uniform", "coin"]}
+RUN = """
+import json, sys
+from inscrutable.experiments.studies import Study, executors, run_study
+executors._SECONDS = 0.05
+study = run_study(Study.of(json.loads(sys.argv[1])), sys.argv[2], cluster=sys.argv[3])
+"""
+
+
+@contextmanager
+def started(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process of Dask's own command line, ended afterwards."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dask", *arguments],
+        env=environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def cluster(folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """The address of a scheduler and its two workers."""
+    file = folder / "scheduler.json"
+    options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+    worker = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    local = ("--local-directory", str(folder))
+    with started("scheduler", *options), started(*worker, *local) as one, started(*worker, *local) as other:
+        while not file.exists() or not file.stat().st_size:
+            time.sleep(0.05)
+        yield json.loads(file.read_text())["address"], [one, other]
+
+
+@with_dask
+def test_a_cluster_that_loses_a_worker_gives_the_same_rows(tmp_path: Path) -> None:
+    serial = run_study(Study.of(PLAN), tmp_path / "serial")
+    with cluster(tmp_path) as (address, workers):
+        command = [sys.executable, "-c", RUN, json.dumps(PLAN), str(tmp_path / "out"), address]
+        with subprocess.Popen(command, env=environment(), stderr=subprocess.PIPE, text=True) as client:
+            while client.poll() is None and rows_in(tmp_path / "out") < 20:
+                time.sleep(0.02)
+            before = rows_in(tmp_path / "out")
+            workers[0].kill()
+            _, errors = client.communicate(timeout=120)
+        assert client.returncode == 0, errors
+    assert 20 <= before < serial.n_tasks, "the worker was to be lost in between"
+    assert table(Study.load(tmp_path / "out")) == table(serial)
+
+
+def rows_in(folder: Path) -> int:
+    """Rows stored so far."""
+    try:
+        return Study.load(folder).status().done
+    except InputError:
+        return 0
+
+
+@with_dask
+@pytest.mark.filterwarnings("ignore")  # what the client of an absent scheduler leaves behind
+def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    from inscrutable.experiments.studies import executors
+
+    monkeypatch.setattr(executors, "_WAIT", 0.3)
+    with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        on_cluster("tcp://127.0.0.1:9")(Work("", None, ""), [], lambda rows: None)
+
+
+def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'inscrutable\[dask\]'"):
+        run_study(Study.of(SMALL), tmp_path / "out", cluster="tcp://127.0.0.1:1")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_task_that_takes_its_workers_down_is_a_failed_row() -> None:
+    row = lost_row(Work(Study.of(SMALL).plan.model_dump_json(), None, "[]"), 3)
+    assert (row.number, row.status, row.figures) == (3, FAILED, "{}")
+    assert "workers doing this task were lost" in row.error
+    assert row.task == Study.of(SMALL).grid.task(3).key

@@ -1,0 +1,261 @@
+"""Study files: every mistake is said with file, line, what was expected and the nearest valid name; lists make a grid."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from pydantic import BaseModel
+
+from inscrutable import Study
+from inscrutable.errors import InputError, InscrutableError
+from inscrutable.experiments.studies import layout
+from inscrutable.experiments.studies.reading import StudySource, checked_study
+from inscrutable.experiments.studies.toml_lines import key_lines
+
+ROOT = Path(__file__).resolve().parent.parent
+HEAD = 'name = "a"\ndecision_makers = ["ODM"]\n'
+RANDOM = '[world]\nkind = "random"\n'
+
+
+def sections() -> list[tuple[str, type[BaseModel], str]]:
+    """Every section that a file may have: how it is opened, its model, and the lines it cannot do without."""
+    found = []
+    for header, models in {
+        "[world]": (layout.GivenWorld, layout.RandomWorld, layout.FittedWorldSection),
+        "[problem]": (layout.MarkowitzSection, layout.DispatchSection),
+        "[beliefs]": (layout.GridBeliefs, layout.StationaryBeliefs, layout.PathBeliefs),
+        "[candidates]": (layout.CandidateSection,),
+        "[budgets]": (layout.BudgetSection,),
+        "[[decision_makers]]": get_args(layout.MakerSection),
+        "[[adversaries]]": get_args(layout.AdversarySection),
+    }.items():
+        for model in models:
+            tag = next((name for name in ("kind", "name") if name in model.model_fields), None)
+            needs = ""
+            if (
+                tag is not None
+                and get_args(model.model_fields[tag].annotation)
+                and model is not layout.CandidateSection
+            ):
+                needs = f'{tag} = "{get_args(model.model_fields[tag].annotation)[0]}"\n'
+            found.append((header, model, needs))
+    return found
+
+
+KEYS = [(header, needs, key) for header, model, needs in sections() for key in model.model_fields]
+KEYS += [("", "", key) for key in layout.StudyFile.model_fields]
+
+
+@st.composite
+def misspelt(draw: st.DrawFn, word: str) -> str:
+    """A word with one slip: a letter doubled, left out, or two swapped."""
+    place = draw(st.integers(0, len(word) - 2))
+    slips = (
+        word[:place] + word[place] + word[place:],
+        word[:place] + word[place + 1 :],
+        word[:place] + word[place + 1] + word[place] + word[place + 2 :],
+    )
+    slip = draw(st.sampled_from(slips))
+    assume(slip != word)
+    return slip
+
+
+def refused(text: str, folder: Path) -> str:
+    path = folder / "study.toml"
+    path.write_text(text, "utf-8")
+    with pytest.raises(InscrutableError) as error:
+        Study.read(path)
+    assert str(error.value).startswith(f"{path}"), error.value
+    return str(error.value).removeprefix(f"{path}")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("files")
+
+
+@given(st.sampled_from(KEYS), st.data())
+def test_a_misspelt_key_is_named_with_its_line_and_the_right_one(
+    folder: Path, place: tuple[str, str, str], data: st.DataObject
+) -> None:
+    header, needs, key = place
+    slip = data.draw(misspelt(key))
+    assume(slip not in {other for where, also, other in KEYS if (where, also) == (header, needs)})
+    own = f"{header}\n{needs}{slip} = 1\n"
+    if key in ("kind", "name") and needs.startswith(key):
+        own = f"{header}\n{slip} = 1\n"
+    before = HEAD if header != "[[decision_makers]]" else 'name = "a"\n'
+    text = f"{before}{own}" if not header else f"{before}\n{own}{RANDOM if header != '[world]' else ''}"
+    line = next(n for n, each in enumerate(text.splitlines(), 1) if each.startswith(f"{slip} ="))
+    said = refused(text, folder)
+    assert said.startswith(f", line {line}, key ")
+    assert f"did you mean {key}?" in said
+
+
+NAMES = {
+    ("[world]", "kind"): ("given", "random", "fitted"),
+    ("[[decision_makers]]", "name"): [
+        str(get_args(each.model_fields["name"].annotation)[0]) for each in get_args(layout.MakerSection)
+    ],
+    ("[[adversaries]]", "name"): [
+        str(get_args(each.model_fields["name"].annotation)[0]) for each in get_args(layout.AdversarySection)
+    ],
+    ("", "measures"): get_args(layout.Measure),
+    ("[budgets]", "unit"): ("relative", "regret", "silence", "cost"),
+}
+
+
+@given(st.sampled_from([(where, name) for where, names in NAMES.items() for name in names]), st.data())
+def test_a_misspelt_name_is_answered_with_the_nearest(
+    folder: Path, case: tuple[tuple[str, str], str], data: st.DataObject
+) -> None:
+    (header, key), name = case
+    slip = data.draw(misspelt(name))
+    assume(slip not in NAMES[header, key])
+    before = HEAD if header != "[[decision_makers]]" else 'name = "a"\n'
+    own = f'{header}\n{key} = "{slip}"\n'
+    text = f"{before}{own}{RANDOM}" if header != "[world]" else f"{before}{own}"
+    line = next(n for n, each in enumerate(text.splitlines(), 1) if slip in each and each.startswith(key))
+    said = refused(text, folder)
+    assert f", line {line}, " in said
+    assert f"did you mean {name}?" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "told"),
+    [
+        (HEAD + "repeats = 0\n" + RANDOM, 3, "greater than or equal to 1"),
+        (HEAD + "seed = 1.5\n" + RANDOM, 3, "valid integer"),
+        (HEAD + RANDOM + "regimes = [2, 2]\n", 5, "2 stands twice"),
+        (HEAD + RANDOM + "regimes = []\n", 5, "at least 1 item"),
+        (HEAD + RANDOM + 'persistence = [0.5,\n "much"]\n', 6, "'much'"),
+        (HEAD + RANDOM + "[budgets]\nvalues = [0.1, -1.0]\n", 6, "greater than or equal to 0"),
+        (HEAD + RANDOM + "[budgets]\nvalues = [inf]\n", 6, "finite"),
+        (HEAD + RANDOM + '[problem]\nkind = "dispatch"\nwind_buses = [1]\n', 6, 'world of kind "given"'),
+        (HEAD + '[world]\nkind = "fitted"\ndata = "no.csv"\n', 5, "cannot be read"),
+        (HEAD + '[world]\nkind = "given"\nmeans = [[1.0], [2.0, 3.0]]\ncovariances = []\n', 3, "same length"),
+        (
+            HEAD
+            + '[world]\nkind = "given"\nmeans = [[1.0], [2.0]]\ncovariances = [[[1.0]], [[1.0]]]\n'
+            + '[beliefs]\nkind = "path"\n',
+            8,
+            "transition",
+        ),
+        (
+            'name = "a"\n[[decision_makers]]\nname = "CDM"\n[[decision_makers]]\nname = "ODM"\ngoal = "maximal"\n',
+            6,
+            "goal",
+        ),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_line(folder: Path, text: str, line: int, told: str) -> None:
+    said = refused(text, folder)
+    assert said.startswith(f", line {line}, "), said
+    assert told in said
+
+
+def test_what_is_no_study_is_refused(tmp_path: Path) -> None:
+    assert "line 1" in refused("name = \n", tmp_path)
+    assert "world is missing" in refused(HEAD, tmp_path)
+    with pytest.raises(InputError, match="cannot be read"):
+        Study.read(tmp_path / "none.toml")
+    (tmp_path / "study.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="UTF-8"):
+        Study.read(tmp_path / "study.toml")
+    with pytest.raises(InputError, match="table of keys"):
+        checked_study([], StudySource("study"))
+
+
+def test_lines_of_keys_in_every_notation() -> None:
+    text = (
+        '# [no] table\r\na = """x\n[b]\n""" # c = 1\n"d e".f = {g = [1, # 2\n {h = \'i\'}], j.k = 2}\n'
+        "[[l]]\n[[l.m]]\nn = 1979-05-27 07:32:00\n[[l]]\n[l.m]\no = 1\n"
+    )
+    tomllib.loads(text)
+    assert key_lines(text) == {
+        ("a",): 2,
+        ("d e",): 5,
+        ("d e", "f"): 5,
+        ("d e", "f", "g"): 5,
+        ("d e", "f", "g", 0): 5,
+        ("d e", "f", "g", 1): 6,
+        ("d e", "f", "g", 1, "h"): 6,
+        ("d e", "f", "j"): 6,
+        ("d e", "f", "j", "k"): 6,
+        ("l",): 7,
+        ("l", 0): 7,
+        ("l", 0, "m"): 8,
+        ("l", 0, "m", 0): 8,
+        ("l", 0, "m", 0, "n"): 9,
+        ("l", 1): 10,
+        ("l", 1, "m"): 11,
+        ("l", 1, "m", "o"): 12,
+    }
+
+
+def plan(**changes: Any) -> dict[str, Any]:
+    return {"name": "a", "world": {"kind": "random"}, "decision_makers": ["ODM", "PDM"]} | changes
+
+
+def test_lists_make_a_grid_and_who_spends_nothing_has_no_budgets() -> None:
+    study = Study.of(
+        plan(
+            repeats=3,
+            world={"kind": "random", "persistence": [0.5, 0.9], "assets": [3, 4]},
+            decision_makers=[
+                "ODM",
+                {"name": "PDM", "goal": ["maximal", "reversed"]},
+                {"name": "coin", "probability": 0.1},
+            ],
+            budgets={"values": [0.1, 0.2, 0.3]},
+            adversaries=["naive", "bayesian"],
+        )
+    )
+    assert study.n_tasks == 2 * 2 * 3 * (1 + 2 * 3 + 1) * 2
+    tasks = [study.grid.task(number) for number in range(study.n_tasks)]
+    assert len({task.key for task in tasks}) == len(tasks)
+    assert [task.number for task in tasks] == list(range(len(tasks)))
+    assert {(task.parameters["decision_maker"]["name"], task.parameters["budget"] is None) for task in tasks} == {
+        ("ODM", True),
+        ("PDM", False),
+        ("coin", True),
+    }
+
+
+def test_an_identity_hangs_on_the_task_alone() -> None:
+    small = Study.of(plan(budgets={"values": [0.1]}))
+    large = Study.of(
+        plan(budgets={"values": [0.3, 0.1]}, decision_makers=["uniform", "PDM", "ODM"], repeats=2, note="b")
+    )
+    keys = {large.grid.task(number).key for number in range(large.n_tasks)}
+    assert {small.grid.task(number).key for number in range(small.n_tasks)} <= keys
+    task = small.grid.task(1)
+    again = next(t for t in map(large.grid.task, range(large.n_tasks)) if t.key == task.key)
+    assert again.number != task.number
+    assert (small.grid.seed(task.text).generate_state(4) == large.grid.seed(again.text).generate_state(4)).all()
+
+
+def test_whole_numbers_and_fractions_of_one_value_are_one_task() -> None:
+    one, other = (Study.of(plan(problem={"risk_aversion": value})) for value in (5, 5.0))
+    assert one.grid.task(0).key == other.grid.task(0).key
+
+
+def test_decision_makers_share_a_market_and_repeats_do_not() -> None:
+    grid = Study.of(plan(repeats=2)).grid
+    first, second, other = (grid.task(number) for number in (0, 1, 2))
+    draws = [grid.stream("world", each.places, ("world", "repeat")).random() for each in (first, second, other)]
+    assert draws[0] == draws[1] != draws[2]
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("studies/*.toml")), ids=lambda path: path.stem)
+def test_a_shipped_study_says_how_it_is_run_and_how_long(path: Path) -> None:
+    top = "\n".join(path.read_text("utf-8").splitlines()[:2])
+    assert f"inscrutable study run studies/{path.name} --out" in top
+    assert re.search(r"second|minute", top)
+    assert Study.read(path).n_tasks > 20

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
@@ -18,11 +18,7 @@ OPTIMAL = 0
 _DECIDED = (OPTIMAL, 2, 3)
 """Statuses that answer the question: solved, infeasible, unbounded."""
 
-_WAYS: tuple[tuple[str, dict[str, bool]], ...] = (
-    ("highs", {}),
-    ("highs-ipm", {}),
-    ("highs-ds", {"presolve": False}),
-)
+_WAYS: Any = (("highs", {}), ("highs-ipm", {}), ("highs-ds", {"presolve": False}))
 """Ways of HiGHS, tried until one answers: at these tolerances each gives up on some small programmes that others solve."""
 
 _FREE = (None, None)
@@ -57,8 +53,9 @@ def minimise(
     """Return min objective'x over rows `below` and `equal`; variables are free unless bounded."""
     upper = None if below is None or not len(below.sides) else below
     exact = None if equal is None or not len(equal.sides) else equal
+    solve: Any = linprog  # its overloads are too many for a type checker
     for method, options in _WAYS:
-        answer = linprog(
+        answer = solve(
             objective,
             A_ub=None if upper is None else upper.matrix,
             b_ub=None if upper is None else upper.sides,

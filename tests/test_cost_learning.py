@@ -40,6 +40,19 @@ def test_risk_aversion_is_recovered_from_decisions_that_hold_more_assets_than_st
     assert learned.residual <= 1e-9
 
 
+@pytest.mark.parametrize(("seed", "bounds"), [(10, (0.1, 50.0)), (39, (0.5, 20.0))])
+def test_programmes_that_the_simplex_method_gives_up_on_are_solved_otherwise(
+    seed: int, bounds: tuple[float, float]
+) -> None:
+    rng = np.random.default_rng(seed)
+    means, roots = rng.normal(0.05, 0.02, (2, 5)), rng.normal(size=(2, 5, 5)) * 0.05
+    covariances = roots @ roots.transpose(0, 2, 1) + 0.02 * np.eye(5)
+    truth = float(rng.uniform(1, 8))
+    actions = MarkowitzProblem(means, covariances, truth).solve(rng.dirichlet(np.ones(2), 6))
+    low, high = CostLearningAdversary.risk_aversion(means, covariances, bounds).learn(actions).interval
+    assert low - 1e-9 <= truth <= high + 1e-9
+
+
 def test_one_decision_can_be_enough() -> None:
     rng = np.random.default_rng(3)
     means, covariances = market(rng, 2, 6)

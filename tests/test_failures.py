@@ -7,6 +7,7 @@ import pytest
 
 from inscrutable import (
     Budget,
+    CoinDecisionMaker,
     ConvexProblem,
     CounterAdversarialDecisionMaker,
     DecisionStatus,
@@ -75,6 +76,7 @@ ENDS = {
         market(5), regret=1e-9, method=LocalSearch(n_starts=1, rng=np.random.default_rng(0))
     ),
     DecisionStatus.UNBOUNDED: unbounded,
+    DecisionStatus.RULE_OF_THUMB: lambda: CoinDecisionMaker(market(), 0.5).decide(BELIEF).status,
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
@@ -14,6 +14,12 @@ from inscrutable.validation import Array
 
 OPTIMAL = 0
 """The status of `scipy.optimize.linprog` for a programme solved to its tolerance."""
+
+_DECIDED = (OPTIMAL, 2, 3)
+"""Statuses that answer the question: solved, infeasible, unbounded."""
+
+_WAYS: Any = (("highs", {}), ("highs-ipm", {}), ("highs-ds", {"presolve": False}))
+"""Ways of HiGHS, tried until one answers: at these tolerances each gives up on some small programmes that others solve."""
 
 _FREE = (None, None)
 
@@ -47,19 +53,24 @@ def minimise(
     """Return min objective'x over rows `below` and `equal`; variables are free unless bounded."""
     upper = None if below is None or not len(below.sides) else below
     exact = None if equal is None or not len(equal.sides) else equal
-    answer = linprog(
-        objective,
-        A_ub=None if upper is None else upper.matrix,
-        b_ub=None if upper is None else upper.sides,
-        A_eq=None if exact is None else exact.matrix,
-        b_eq=None if exact is None else exact.sides,
-        bounds=bounds,
-        method="highs",
-        options={
-            "primal_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
-            "dual_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
-        },
-    )
+    solve: Any = linprog  # its overloads are too many for a type checker
+    for method, options in _WAYS:
+        answer = solve(
+            objective,
+            A_ub=None if upper is None else upper.matrix,
+            b_ub=None if upper is None else upper.sides,
+            A_eq=None if exact is None else exact.matrix,
+            b_eq=None if exact is None else exact.sides,
+            bounds=bounds,
+            method=method,
+            options={
+                "primal_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
+                "dual_feasibility_tolerance": tolerances.LINEAR_PROGRAMME,
+                **options,
+            },
+        )
+        if answer.status in _DECIDED:
+            break
     if answer.x is None or answer.fun is None or answer.status != OPTIMAL:
         nothing = np.full(objective.size, np.nan)
         return LinearAnswer(int(answer.status), nothing, float("nan"), np.zeros(0), str(answer.message))

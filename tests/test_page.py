@@ -19,7 +19,7 @@ import pytest
 from scipy.optimize import linprog
 
 import browser
-from inscrutable import Budget, InputError, MarkowitzProblem, NonExistence, consistent_beliefs, uniform_prior
+from inscrutable import Budget, InputError, MarkowitzProblem, NonExistence, cli, consistent_beliefs, uniform_prior
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.reports.page import PageContent, can_write_pages, write_content, write_page
@@ -441,3 +441,39 @@ def test_paper_shows_all_tables_in_few_pages(compared_page: Path, tab: browser.B
     pages = len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes()))
     assert 1 <= pages <= 8
     assert tab.run("document.querySelectorAll('[data-slider]:not([hidden])').length") == 1, "as before on the screen"
+
+
+# ---- from the command line ----------------------------------------------------------------------------
+
+
+def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(31)
+    spread = np.repeat([0.01, 0.05, 0.02], 20)[:, None]
+    months = pd.date_range("2001-01", periods=60, freq="ME", name="date")
+    returns = pd.DataFrame(0.01 + spread * rng.normal(size=(60, 2)), index=months, columns=["A", EVIL])
+    returns.to_csv(tmp_path / "returns.csv")
+    asked = {
+        "backtest": ["--returns", str(tmp_path / "returns.csv"), "--regimes", "2", "--train-until", "2005-06"],
+        "compare": ["--resolution", "2", "--budgets", "silence:0.5"],
+    }
+    for verb, arguments in asked.items():
+        assert cli.main([verb, *arguments, "--out", str(tmp_path / verb), "--seed", "0", "-q"]) == 0
+        assert "report.html" in capsys.readouterr().out
+        read = Reader(tmp_path / verb / "report.html")
+        assert dict(zip(read.inside["dt"], read.inside["dd"], strict=True))["seed"] == "0"
+
+
+def test_command_line_does_without_the_extra(
+    compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert cli._write_report(compared, tmp_path) == [tmp_path / "report.html"]
+    (tmp_path / "report.html").unlink()
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    assert cli._write_report(compared, tmp_path) == []
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("verb", ["backtest", "compare"])
+def test_help_names_the_extra(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    cli.main([verb, "--help"])
+    assert "inscrutable[report]" in " ".join(capsys.readouterr().out.split()).replace("│ │ ", "")

@@ -98,10 +98,12 @@
     const row = 16 * makers.length + 26;
     const { drawing, px, inside } = chart("simplex", {
       height: row * regimes.length + 60, label, x: [0, 1], y: [0, 1], yTicks: [], xLabel: "probability of the regime",
+      left: 14 + 7.5 * Math.min(14, Math.max(...regimes.map((name) => name.length))),
     });
     regimes.forEach((regime, i) => {
       const top = inside.top + i * row;
-      svg(drawing, "text", { x: 2, y: top + 8, "font-weight": 600 }, regime);
+      svg(drawing, "text", { x: 2, y: top + row / 2, "font-weight": 600 }, regime);
+      if (i) line(drawing, [[2, top - 4], [inside.right, top - 4]], "#e4e4e4", "-", 1);
       makers.forEach((name, m) => {
         const y = top + 20 + 16 * m;
         const [atoms, drawn, aware] = entry(name, step, budget);

@@ -116,7 +116,8 @@ const Page = (() => {
     const along = xTicks || ticks(x[0], x[1], Math.max(2, Math.floor(width / 90))).map((value) => [value, short(value)]);
     for (const [value, text] of along) {
       svg(drawing, "line", { x1: at(px(value)), x2: at(px(value)), y1: inside.bottom, y2: inside.bottom + 4, stroke: GREY });
-      svg(drawing, "text", { x: at(px(value)), y: inside.bottom + 17, "text-anchor": "middle" }, text);
+      const isLast = px(value) > width - 30;
+      svg(drawing, "text", { x: isLast ? width - 2 : at(px(value)), y: inside.bottom + 17, "text-anchor": isLast ? "end" : "middle" }, text);
     }
     svg(drawing, "line", { x1: inside.left, x2: inside.right, y1: inside.bottom, y2: inside.bottom, stroke: GREY });
     if (xLabel) svg(drawing, "text", { x: (inside.left + inside.right) / 2, y: height - 4, "text-anchor": "middle" }, xLabel);

@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ import pandas as pd
 import pytest
 from scipy.optimize import linprog
 
-from inscrutable import Budget, InputError, MarkowitzProblem, NonExistence, consistent_beliefs, uniform_prior
+import browser
+from inscrutable import Budget, InputError, MarkowitzProblem, NonExistence, cli, consistent_beliefs, uniform_prior
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.reports.page import PageContent, can_write_pages, write_content, write_page
@@ -330,3 +332,148 @@ def test_content_without_figures_is_a_page(tmp_path: Path) -> None:
     assert EVIL not in path.read_text("utf-8")
     assert not read.all("script")
     assert not read.all("figure")
+
+
+# ---- in a real browser --------------------------------------------------------------------------------
+
+needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")
+
+
+@pytest.fixture(scope="module")
+def tab() -> Iterator[browser.Browser]:
+    with browser.Browser() as opened:
+        yield opened
+
+
+def drawings(tab: browser.Browser) -> dict[str, str]:
+    code = "Object.fromEntries([...document.querySelectorAll('.drawing')].map(each => [each.id, each.innerHTML]))"
+    return dict(tab.run(code))
+
+
+def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
+    return {name for name in before if before[name] != after[name]}
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1200, 390])
+@both
+def test_page_opens_without_complaint_or_request(
+    which: str, width: int, tab: browser.Browser, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    path: Path = request.getfixturevalue(which)
+    tab.size(width, 800)
+    tab.requests.clear()
+    tab.complaints.clear()
+    tab.open(path)
+    assert tab.run("document.documentElement.dataset.drawn")
+    assert tab.run("document.documentElement.scrollWidth") <= width, "no sideways scrolling of the page"
+    assert all("<" in each for each in drawings(tab).values())
+    assert not re.search(r"NaN|undefined|Infinity", "".join(drawings(tab).values()))
+    tab.screenshot(tmp_path / "page.png")
+    assert (tmp_path / "page.png").stat().st_size > 20_000
+    assert tab.complaints == []
+    assert tab.requests == [path.as_uri()]
+
+
+@needs_browser
+def test_keys_move_both_sliders_and_what_they_should(found: Backtest, page: Path, tab: browser.Browser) -> None:
+    data = data_of(page)
+    tab.size(1200, 800)
+    tab.open(page, "#step=3&budget=6")
+    start = drawings(tab)
+    assert json.loads(tab.run("document.documentElement.dataset.drawn")) == {"step": 3, "budget": 6}
+
+    tab.run("document.getElementById('step').focus()")
+    tab.press("ArrowRight")
+    later = drawings(tab)
+    assert tab.run("document.getElementById('step').value") == "4"
+    assert tab.run("document.getElementById('step').getAttribute('aria-valuetext')") == data["dates"][4]
+    assert changed(start, later) == {"simplex", "frontier", "now", "privacy", "cost", "beliefs"}
+
+    tab.press("Tab")
+    assert tab.run("document.activeElement.id") == "budget"
+    tab.press("End")
+    richer = drawings(tab)
+    assert changed(later, richer) == {"simplex", "frontier", "now", "privacy", "cost", "beliefs", "sweep"}
+    assert tab.run("location.hash") == f"#step=4&budget={len(data['amounts']) - 1}"
+    rows = "[...document.querySelectorAll('#now tbody tr')].map(row => [...row.cells].map(cell => cell.textContent))"
+    cdm = next(row for row in tab.run(rows) if row[0] == "CDM")
+    (atom,) = data["played"]["CDM"][-1][4][0]
+    assert float(cdm[1]) == pytest.approx(100 * atom[2], rel=5e-3)
+    assert float(cdm[2]) == pytest.approx(atom[3], rel=5e-3)
+    centre = np.mean(data["sets"][atom[0]], axis=0)
+    assert [float(each) for each in cdm[3].split()] == pytest.approx(centre, abs=0.0051)
+    assert tab.complaints == []
+
+
+@needs_browser
+def test_comparisons_sliders_choose_table_and_observer(compared_page: Path, tab: browser.Browser) -> None:
+    tab.size(1200, 800)
+    tab.open(compared_page, "#budget=0&seen=0")
+    shown = "[...document.querySelectorAll('[data-slider]')].map(each => !each.hidden)"
+    assert tab.run(shown) == [True, False]
+    start = drawings(tab)
+    tab.run("document.getElementById('budget').focus()")
+    tab.press("ArrowRight")
+    assert tab.run(shown) == [False, True]
+    middle = drawings(tab)
+    assert changed(start, middle) == {"naive", "aware", "both"}
+    tab.press("Tab")
+    tab.press("ArrowRight")
+    assert changed(middle, drawings(tab)) == {"aware", "both"}
+    assert tab.complaints == []
+
+
+@needs_browser
+def test_odd_results_are_drawn_too(tab: browser.Browser, tmp_path: Path) -> None:
+    """Two regimes and a budget of regret; a goal that is met or missed, at no budget."""
+    for number, result in enumerate((backtest(2, Budget.regret(0.001)), backtest(3, 0.0, measure=NonExistence()))):
+        tab.open(write_page(result, tmp_path / f"{number}.html"), "#step=999&budget=2")
+        assert tab.run("document.getElementById('step').value") == str(len(result.beliefs) - 1)
+        assert not re.search(r"NaN|undefined|Infinity", "".join(drawings(tab).values()))
+    assert tab.complaints == []
+
+
+@needs_browser
+def test_paper_shows_all_tables_in_few_pages(compared_page: Path, tab: browser.Browser, tmp_path: Path) -> None:
+    tab.open(compared_page)
+    tab.printed(tmp_path / "page.pdf")
+    pages = len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes()))
+    assert 1 <= pages <= 8
+    assert tab.run("document.querySelectorAll('[data-slider]:not([hidden])').length") == 1, "as before on the screen"
+
+
+# ---- from the command line ----------------------------------------------------------------------------
+
+
+def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(31)
+    spread = np.repeat([0.01, 0.05, 0.02], 20)[:, None]
+    months = pd.date_range("2001-01", periods=60, freq="ME", name="date")
+    returns = pd.DataFrame(0.01 + spread * rng.normal(size=(60, 2)), index=months, columns=["A", EVIL])
+    returns.to_csv(tmp_path / "returns.csv")
+    asked = {
+        "backtest": ["--returns", str(tmp_path / "returns.csv"), "--regimes", "2", "--train-until", "2005-06"],
+        "compare": ["--resolution", "2", "--budgets", "silence:0.5"],
+    }
+    for verb, arguments in asked.items():
+        assert cli.main([verb, *arguments, "--out", str(tmp_path / verb), "--seed", "0", "-q"]) == 0
+        assert "report.html" in capsys.readouterr().out
+        read = Reader(tmp_path / verb / "report.html")
+        assert dict(zip(read.inside["dt"], read.inside["dd"], strict=True))["seed"] == "0"
+
+
+def test_command_line_does_without_the_extra(
+    compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert cli._write_report(compared, tmp_path) == [tmp_path / "report.html"]
+    (tmp_path / "report.html").unlink()
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    assert cli._write_report(compared, tmp_path) == []
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("verb", ["backtest", "compare"])
+def test_help_names_the_extra(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    cli.main([verb, "--help"])
+    assert "inscrutable[report]" in " ".join(capsys.readouterr().out.split()).replace("│ │ ", "")

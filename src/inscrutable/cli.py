@@ -175,8 +175,8 @@ def backtest(
     with speech.progress("Decisions") as move:
         result = run_backtest(table, settings, beliefs=own, riskless=riskless, progress=move)
     speech.log("Drawing the figures")
-    files = [*write_backtest(result, folder), _save_model(result, settings.train_until, folder)]
-    files += _write_report(result, folder)
+    files = [*write_backtest(result, folder), *_write_report(result, folder)]
+    files.append(_save_model(result, settings.train_until, folder))
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

@@ -21,6 +21,8 @@ from inscrutable.validation import Array
 _DIGITS = 4
 _CURVE_POINTS = 64
 _PERCENT = 100.0
+_TRIANGLE = 3
+"""Regimes whose beliefs are drawn on a triangle."""
 
 
 def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str, str]) -> PageContent:
@@ -114,7 +116,7 @@ class _Sets:
 
     def place(self, found: BeliefSet) -> int:
         corners = found.vertices()
-        if found.dimension > 1 and found.n_states == 3:
+        if found.dimension > 1 and found.n_states == _TRIANGLE:
             corners = around(corners)
         rounded = np.round(corners, _DIGITS) + 0.0
         key = rounded.tobytes()
@@ -205,13 +207,16 @@ def _named(estimates: Array, beliefs: Array) -> float:
 
 def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
     word = result.market.frequency.word
+    shown, distance = "the least and greatest probability and the centre of the beliefs Π", ""
+    if len(result.regimes) == _TRIANGLE:
+        shown, distance = "the beliefs Π", ", and dashed their distance from π"
     return [
         PageFigure(
             "simplex",
             "What the observer reads from one decision",
-            "Star: the private belief π. For every decision maker the beliefs Π that explain its decision, for an observer "
-            "who takes it at face value; hollow and faint: decisions of the lottery, with their probabilities; dashed: the "
-            "distance to π. Ringed: what an observer concludes who knows the method.",
+            f"Star: the private belief π. For every decision maker {shown} that explain its decision, for an observer who "
+            f"takes it at face value{distance}; hollow or faint: the lottery's other decisions, with their probabilities. "
+            "Dashed ring: what an observer concludes who knows the method.",
         ),
         PageFigure(
             "frontier",

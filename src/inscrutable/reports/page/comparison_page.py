@@ -107,14 +107,14 @@ def page_data(comparison: Comparison) -> dict[str, Any]:
 
 def _failures(comparison: Comparison) -> list[str]:
     found = [f"{name} is left out: it does not suit the problem." for name in comparison.left_out]
-    for row in comparison.rows:
-        if row.budget > 0 and row.expected_regret < _SPENT_LESS * row.budget:
-            share = row.expected_regret / row.budget
-            found.append(
-                f"{row.maker}, asked to spend {row.budget:.3g}, spends {share:.0%} of it: nothing more to buy."
-            )
-        if row.implausible_share > 0:
-            found.append(
-                f"{row.maker} at {row.budget:.3g}: no belief explains {row.implausible_share:.1%} of its decisions."
-            )
+    for maker in comparison.makers:
+        rows = comparison.of(maker)
+        spent = [row for row in rows if row.budget > 0 and row.expected_regret < _SPENT_LESS * row.budget]
+        if spent:
+            shares = ", ".join(f"{row.expected_regret / row.budget:.0%} of {row.budget:.3g}" for row in spent)
+            found.append(f"{maker} finds nothing more to buy and spends {shares}.")
+        odd = [row for row in rows if row.implausible_share > 0]
+        if odd:
+            shares = ", ".join(f"{row.implausible_share:.1%} at {row.budget:.3g}" for row in odd)
+            found.append(f"{maker}: no belief explains a share of its decisions: {shares}.")
     return found

@@ -1,6 +1,6 @@
 // The page of a backtest.
 (() => {
-  const { data, texts, svg, html, at, closed, marks, line, short, empty, chart, cursor, legend, sampleMark, sampleArea, follow, GREY } = Page;
+  const { data, texts, svg, html, at, closed, marks, line, short, widthOf, empty, chart, cursor, legend, sampleMark, sampleArea, follow, GREY } = Page;
   const { regimes, makers, looks, beliefs, sets, factor, unit } = data;
   const hiding = makers.slice(1);
   const steps = data.dates.length;
@@ -54,8 +54,7 @@
   }
 
   function drawTriangle(step, budget, label) {
-    const width = document.querySelector("#simplex svg").parentElement.clientWidth || 400;
-    const { points, height } = corner(Math.max(260, width));
+    const { points, height } = corner(widthOf("simplex"));
     const { drawing } = empty("simplex", Math.round(height), label);
     const place = triangle(points);
     svg(drawing, "path", { d: closed(points), fill: "none", stroke: GREY });
@@ -82,7 +81,8 @@
         drawSet(drawing, corners, look, faint);
         if (isLottery(name) && atoms.length > 1) {
           const [x, y] = place(centres[atom[0]]);
-          svg(drawing, "text", { x: at(x + 9), y: at(y - 8), fill: look.colour }, atom[1].toFixed(2));
+          const isLeft = x > points[2][0] - 30;
+          svg(drawing, "text", { x: at(isLeft ? x - 9 : x + 9), y: at(y - 8), "text-anchor": isLeft ? "end" : "start" }, atom[1].toFixed(2));
         }
       });
       if (aware && name !== makers[0]) {
@@ -98,10 +98,12 @@
     const row = 16 * makers.length + 26;
     const { drawing, px, inside } = chart("simplex", {
       height: row * regimes.length + 60, label, x: [0, 1], y: [0, 1], yTicks: [], xLabel: "probability of the regime",
+      left: 14 + 7.5 * Math.min(14, Math.max(...regimes.map((name) => name.length))),
     });
     regimes.forEach((regime, i) => {
       const top = inside.top + i * row;
-      svg(drawing, "text", { x: 2, y: top + 8, "font-weight": 600 }, regime);
+      svg(drawing, "text", { x: 2, y: top + row / 2, "font-weight": 600 }, regime);
+      if (i) line(drawing, [[2, top - 4], [inside.right, top - 4]], "#e4e4e4", "-", 1);
       makers.forEach((name, m) => {
         const y = top + 20 + 16 * m;
         const [atoms, drawn, aware] = entry(name, step, budget);
@@ -136,7 +138,7 @@
     const shown = Math.min(most, Math.max(3 * amount, 0.3 * most));
     const points = [...single, ...mixed].filter(([x]) => x <= shown);
     const price = slope(mixed, amount);
-    const heights = points.map(([, y]) => y).concat(0);
+    const heights = points.map(([, y]) => y).concat(0, mixed.length ? height(mixed, shown) : 0);
     const frame = chart("frontier", {
       height: 330, label: `Privacy against regret. The price of privacy at this budget is ${short(price)} for one more ${unit}.`,
       x: [0, factor * shown], y: [Math.min(...heights), Math.max(...heights, 0.01) * 1.05],
@@ -155,7 +157,7 @@
     if (bend.length) bend.push([shown, height(mixed, shown)]);
     line(drawing, scaled(bend), looks.PDM.colour, "--");
     cursor(frame, factor * amount);
-    svg(drawing, "text", { x: frame.inside.right, y: 11, "text-anchor": "end" }, `price ${short(price)} per ${unit === "% of |c*|" ? unit : "unit of regret"}`);
+    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end" }, `price ${short(price)} per ${unit === "% of |c*|" ? unit : "unit of regret"}`);
     for (const name of onTop(makers, (each) => each)) {
       const [atoms] = entry(name, step, budget);
       const look = looks[name];
@@ -163,6 +165,7 @@
       if (isLottery(name) && atoms.length > 1) marks(drawing, look.marker, seen.map((atom) => place([factor * atom[2], atom[3]])), 5, look.colour, false);
       const [cost, privacy] = [expected(atoms, 2), expected(atoms, 3)];
       if (cost !== null && privacy !== null && cost <= shown) {
+        // The middle of a lottery lies on its line, its decisions at the ends.
         marks(drawing, look.marker, [place([factor * cost, privacy])], 6, look.colour, look.marker !== "^");
       }
     }
@@ -232,7 +235,7 @@
       return value === null ? null : scale * value;
     })]);
     const every = series.flatMap(([, values]) => values).filter((value) => value !== null);
-    const width = document.getElementById(id).clientWidth || 640;
+    const width = widthOf(id);
     const now = series.map(([name, values]) => `${name} ${short(values[step])}`).join(", ");
     const frame = chart(id, {
       height: 190, label: `${yLabel}; at ${texts.step[step]}: ${now}`, x: [-0.5, steps - 0.5],
@@ -241,7 +244,7 @@
     cursor(frame, step);
     for (const [name, values] of onTop(series, ([name]) => name)) {
       const points = values.map((value, t) => value === null ? null : frame.place([t, value])).filter((each) => each);
-      marks(frame.drawing, looks[name].marker, points, 2.4, looks[name].colour, name !== makers[0]);
+      marks(frame.drawing, looks[name].marker, points, 3 * steps > width ? 1.8 : 2.6, looks[name].colour, name !== makers[0]);
     }
   }
 

@@ -84,9 +84,18 @@ const Page = (() => {
 
   const short = (value) => value === null || value === undefined ? "–" : String(Number(value.toPrecision(3)));
 
+  // On paper a figure has a width of its own, whatever the window's.
+  const PAPER = { wide: 680, half: 330 };
+  let isPrinting = false;
+  function widthOf(id) {
+    const place = document.getElementById(id);
+    if (isPrinting) return place.closest(".wide") ? PAPER.wide : PAPER.half;
+    return Math.max(260, place.clientWidth || 640);
+  }
+
   function empty(id, height, label) {
     const drawing = document.querySelector(`#${id} svg`);
-    const width = Math.max(260, drawing.parentElement.clientWidth || 640);
+    const width = widthOf(id);
     drawing.replaceChildren();
     drawing.setAttribute("viewBox", `0 0 ${width} ${height}`);
     drawing.setAttribute("aria-label", label);
@@ -107,7 +116,8 @@ const Page = (() => {
     const along = xTicks || ticks(x[0], x[1], Math.max(2, Math.floor(width / 90))).map((value) => [value, short(value)]);
     for (const [value, text] of along) {
       svg(drawing, "line", { x1: at(px(value)), x2: at(px(value)), y1: inside.bottom, y2: inside.bottom + 4, stroke: GREY });
-      svg(drawing, "text", { x: at(px(value)), y: inside.bottom + 17, "text-anchor": "middle" }, text);
+      const isLast = px(value) > width - 30;
+      svg(drawing, "text", { x: isLast ? width - 2 : at(px(value)), y: inside.bottom + 17, "text-anchor": isLast ? "end" : "middle" }, text);
     }
     svg(drawing, "line", { x1: inside.left, x2: inside.right, y1: inside.bottom, y2: inside.bottom, stroke: GREY });
     if (xLabel) svg(drawing, "text", { x: (inside.left + inside.right) / 2, y: height - 4, "text-anchor": "middle" }, xLabel);
@@ -183,9 +193,17 @@ const Page = (() => {
     }
     addEventListener("resize", soon);
     addEventListener("hashchange", fromAddress);
-    addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((part) => { part.open = true; }));
+    addEventListener("beforeprint", () => {
+      document.querySelectorAll("details").forEach((part) => { part.open = true; });
+      isPrinting = true;
+      show();
+    });
+    addEventListener("afterprint", () => {
+      isPrinting = false;
+      show();
+    });
     fromAddress();
   }
 
-  return { data, texts, svg, html, at, closed, open, marks, line, short, ticks, empty, chart, cursor, legend, sampleMark, sampleArea, follow, GREY };
+  return { data, texts, svg, html, at, closed, open, marks, line, short, widthOf, empty, chart, cursor, legend, sampleMark, sampleArea, follow, GREY };
 })();

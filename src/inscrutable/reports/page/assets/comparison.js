@@ -29,9 +29,8 @@
 
   function both(budget, seen) {
     const shown = makers.map((name) => [name, rows[name].find((row) => row.budget === budget) || (rows[name].length === 1 ? rows[name][0] : null)]).filter(([, row]) => row);
-    const wide = (document.getElementById("both").clientWidth || 640) > 520;
     const { drawing, px, inside } = chart("both", {
-      height: 26 * shown.length + 58, left: wide ? 170 : 120, x: [0, highest], y: [0, 1], yTicks: [], xLabel: "error of the estimate",
+      height: 26 * shown.length + 58, left: 150, x: [0, highest], y: [0, 1], yTicks: [], xLabel: "error of the estimate",
       label: shown.map(([name, row]) => `${name}: at face value ${short(row.naive)}, ${texts.seen[seen]} to one who knows ${short(row.aware[seen])}`).join("; "),
     });
     svg(drawing, "line", { x1: at(px(data.prior)), x2: at(px(data.prior)), y1: inside.top, y2: inside.bottom, stroke: "#000", "stroke-dasharray": "6 4" });

@@ -22,7 +22,7 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers import stackelberg_solver
-from inscrutable.decision_makers.stackelberg_game import Game
+from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.experiments.random_markets import random_market
 from strategies import SEEDS
 from test_rate_distortion import CORNERS, TWO, market, regrets_of, silence

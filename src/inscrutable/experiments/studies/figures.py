@@ -11,7 +11,7 @@ import numpy as np
 from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
 from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.budgets import Budget
-from inscrutable.experiments.studies.makers import Play, Setting
+from inscrutable.experiments.studies.makers import StudyPlay, StudySetting
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy import Detectability, Leakage, detectability, leakage
 from inscrutable.validation import Array
@@ -34,7 +34,7 @@ _OF_DETECTABILITY = ("implausible_share", "expected_gap", "read_auc")
 class JudgedPlay:
     """A mechanism in a setting, measured once whatever number of observers look at it."""
 
-    def __init__(self, setting: Setting, play: Play) -> None:
+    def __init__(self, setting: StudySetting, play: StudyPlay) -> None:
         self.setting = setting
         self.play = play
 

@@ -49,7 +49,7 @@ _MOST_STEPS = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
+class StudySetting:
     """What every decision maker of a market starts from."""
 
     problem: DecisionProblem
@@ -81,7 +81,7 @@ class Setting:
         return float(self.prior.weights @ budget.limits(self.optimal_costs))
 
 
-class Play(NamedTuple):
+class StudyPlay(NamedTuple):
     """A mechanism and what is known of its regret."""
 
     mechanism: Mechanism
@@ -102,7 +102,7 @@ class _Family(NamedTuple):
     high: float
 
 
-def play(setting: Setting, maker: Mapping[str, Any], budget: Mapping[str, Any] | None, *, seed: Seed) -> Play:
+def play(setting: StudySetting, maker: Mapping[str, Any], budget: Mapping[str, Any] | None, *, seed: Seed) -> StudyPlay:
     """Return what a decision maker plays on the beliefs of a setting when it spends a budget."""
     name = maker["name"]
     if budget is None:
@@ -123,45 +123,47 @@ def play(setting: Setting, maker: Mapping[str, Any], budget: Mapping[str, Any] |
     return _played(setting, spent.decision_maker, asked)
 
 
-def _played(setting: Setting, decision_maker: Any, asked: float | None, promise: Budget | None = None) -> Play:
-    return Play(mechanism(decision_maker, setting.prior.beliefs), asked, promise)
+def _played(
+    setting: StudySetting, decision_maker: Any, asked: float | None, promise: Budget | None = None
+) -> StudyPlay:
+    return StudyPlay(mechanism(decision_maker, setting.prior.beliefs), asked, promise)
 
 
 Seed = Callable[[], np.random.Generator]
 """Gives the same random stream at every call."""
 
 
-def _scaled(setting: Setting, maker: Mapping[str, Any], limit: Budget, seed: Seed) -> _Family:
+def _scaled(setting: StudySetting, maker: Mapping[str, Any], limit: Budget, seed: Seed) -> _Family:
     make = _PER_BELIEF[maker["name"]]
     return _Family(
         lambda factor: make(setting, maker, Budget(factor * limit.amount, limit.is_relative), seed), 0.0, _MOST_SCALED
     )
 
 
-def _counter_adversarial(setting: Setting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
+def _counter_adversarial(setting: StudySetting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
     method = LocalSearch(maker["starts"], seed()) if maker["method"] == "local" else None
     candidates = None if maker["method"] == "local" else setting.candidates
     goal = goal_of(maker["goal"])
     return CounterAdversarialDecisionMaker(setting.problem, goal, budget, candidates=candidates, method=method)
 
 
-def _probabilistic(setting: Setting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
+def _probabilistic(setting: StudySetting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
     goal = goal_of(maker["goal"])
     return ProbabilisticDecisionMaker(setting.problem, goal, budget, candidates=setting.candidates)
 
 
-def _uniform(setting: Setting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
+def _uniform(setting: StudySetting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
     return UniformDecisionMaker(setting.problem, budget, candidates=setting.candidates)
 
 
-def _exponential(setting: Setting, maker: Mapping[str, Any], asked: float, seed: Seed) -> _Family:
+def _exponential(setting: StudySetting, maker: Mapping[str, Any], asked: float, seed: Seed) -> _Family:
     low, high = (bound / asked for bound in _EPSILONS)
     return _Family(
         lambda epsilon: ExponentialDecisionMaker(setting.problem, epsilon, candidates=setting.candidates), low, high
     )
 
 
-def _dirichlet(setting: Setting, maker: Mapping[str, Any], asked: float, seed: Seed) -> _Family:
+def _dirichlet(setting: StudySetting, maker: Mapping[str, Any], asked: float, seed: Seed) -> _Family:
     def make(concentration: float) -> Any:
         return DirichletDecisionMaker(
             setting.problem,
@@ -174,29 +176,29 @@ def _dirichlet(setting: Setting, maker: Mapping[str, Any], asked: float, seed: S
     return _Family(make, *_CONCENTRATIONS)
 
 
-def _coin(setting: Setting, maker: Mapping[str, Any], asked: float, seed: Seed) -> _Family:
+def _coin(setting: StudySetting, maker: Mapping[str, Any], asked: float, seed: Seed) -> _Family:
     decoy = setting.prior.mean
     return _Family(lambda share: CoinDecisionMaker(setting.problem, share, decoy), 0.0, 1.0)
 
 
-def _rounding(setting: Setting, maker: Mapping[str, Any], asked: float, seed: Seed) -> _Family:
+def _rounding(setting: StudySetting, maker: Mapping[str, Any], asked: float, seed: Seed) -> _Family:
     return _Family(lambda steps: RoundingDecisionMaker(setting.problem, 1.0 / round(steps)), 1.0, float(_MOST_STEPS))
 
 
-def _alone(parameter: str, family: Callable[..., _Family]) -> Callable[[Setting, Mapping[str, Any], Seed], Any]:
+def _alone(parameter: str, family: Callable[..., _Family]) -> Callable[[StudySetting, Mapping[str, Any], Seed], Any]:
     """A decision maker whose parameter is given, so that it takes no budget."""
     return lambda setting, maker, seed: family(setting, maker, 1.0, seed).make(maker[parameter])
 
 
-def _original(setting: Setting, maker: Mapping[str, Any], seed: Seed) -> Any:
+def _original(setting: StudySetting, maker: Mapping[str, Any], seed: Seed) -> Any:
     return OriginalDecisionMaker(setting.problem)
 
 
-def _rounded(setting: Setting, maker: Mapping[str, Any], seed: Seed) -> Any:
+def _rounded(setting: StudySetting, maker: Mapping[str, Any], seed: Seed) -> Any:
     return RoundingDecisionMaker(setting.problem, maker["step"])
 
 
-_PER_BELIEF: Mapping[str, Callable[[Setting, Mapping[str, Any], Budget, Seed], Any]] = {
+_PER_BELIEF: Mapping[str, Callable[[StudySetting, Mapping[str, Any], Budget, Seed], Any]] = {
     "CDM": _counter_adversarial,
     "PDM": _probabilistic,
     "uniform": _uniform,
@@ -206,7 +208,7 @@ _PER_BELIEF: Mapping[str, Callable[[Setting, Mapping[str, Any], Budget, Seed], A
 _IN_EXPECTATION: Mapping[str, Callable[..., Any]] = {"rate-distortion": RateDistortionDecisionMaker}
 """Those whose budget holds in expectation over the law of beliefs, which they know."""
 
-_FAMILIES: Mapping[str, Callable[[Setting, Mapping[str, Any], float, Seed], _Family]] = {
+_FAMILIES: Mapping[str, Callable[[StudySetting, Mapping[str, Any], float, Seed], _Family]] = {
     "exponential": _exponential,
     "Dirichlet noise": _dirichlet,
     "coin": _coin,
@@ -214,7 +216,7 @@ _FAMILIES: Mapping[str, Callable[[Setting, Mapping[str, Any], float, Seed], _Fam
 }
 """Those with a parameter in place of a budget."""
 
-_WITHOUT_BUDGET: Mapping[str, Callable[[Setting, Mapping[str, Any], Seed], Any]] = {
+_WITHOUT_BUDGET: Mapping[str, Callable[[StudySetting, Mapping[str, Any], Seed], Any]] = {
     "ODM": _original,
     "exponential": _alone("epsilon", _exponential),
     "Dirichlet noise": _alone("concentration", _dirichlet),

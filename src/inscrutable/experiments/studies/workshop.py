@@ -18,7 +18,7 @@ from inscrutable.experiments.random_markets import WARM_UP
 from inscrutable.experiments.studies.figures import JudgedPlay
 from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid, Task
 from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
-from inscrutable.experiments.studies.makers import Setting, play
+from inscrutable.experiments.studies.makers import StudySetting, play
 from inscrutable.experiments.studies.markets import Regimes, drawn_world, given_world, problem_of, regimes_of
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior, stationary_prior, uniform_prior
@@ -101,14 +101,14 @@ class Workshop:
         assert maker.data is not None
         return JudgedPlay(setting, play(setting, maker.data, budget.data, seed=seed))
 
-    def _setting(self, places: tuple[int, ...]) -> Setting:
+    def _setting(self, places: tuple[int, ...]) -> StudySetting:
         whole = (*places, 0, 0)
         regimes = self._regimes(whole)
         section = self.grid.problems[places[1]].data
         assert section is not None
         problem = problem_of(section, regimes)
         prior = self._prior(whole, regimes, problem)
-        return Setting(problem, prior, self._candidates(places[3], problem))
+        return StudySetting(problem, prior, self._candidates(places[3], problem))
 
     def _regimes(self, places: Sequence[int]) -> Regimes:
         world = self.study.world

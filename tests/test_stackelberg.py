@@ -21,7 +21,7 @@ from inscrutable import (
     mechanism,
     uniform_prior,
 )
-from inscrutable.decision_makers import stackelberg_solver
+from inscrutable.decision_makers.aware import stackelberg_solver
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.experiments.random_markets import random_market
 from strategies import SEEDS

@@ -161,6 +161,7 @@ class _Search:
         self.best: _Trial
 
     def run(self) -> CalibrationStatus:
+        """Search the range for the target; the best trial is kept in `best`."""
         first, last = (self._tried(end, self._place(end)) for end in self.ends)
         trials = [first, last]
         if self._is_below(first) == self._is_below(last) and not self._is_reached():

@@ -68,7 +68,7 @@ endef
 	@touch .venv/.core $@
 
 .venv/.core: pyproject.toml constraints.txt | $(BIN)/pip
-	$(call install,.)
+	$(call install,.[report])
 	@touch $@
 
 $(BIN)/pip:

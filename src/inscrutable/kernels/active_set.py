@@ -80,7 +80,8 @@ def _back(matrix: Any, n: int, row: int) -> None:
 def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
     """Put u at its bounds, and at zero where free; list what is free in some lane and what is held in some."""
     lower, upper = region[0], region[1]
-    n, n_held, zero = 0, 0, spread(0.0)
+    # Of the type they end with: a plain zero would have what is called with them compiled for it as well.
+    n, n_held, zero = np.int64(0), np.int64(0), spread(0.0)
     for j in range(u.shape[0]):
         side = load(state, j)
         is_free = side == zero

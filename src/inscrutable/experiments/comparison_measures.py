@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
-from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.budgets import Budget
 from inscrutable.experiments.comparison_makers import Play, Setting
-from inscrutable.mechanisms.joint import Joint, joint_law
+from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
+from inscrutable.mechanisms.joint import joint_law
 from inscrutable.privacy import detectability, leakage, repeated_leakage
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
@@ -98,7 +98,7 @@ def measured(
         "near": NearOptimalAdversary(problem, regret, prior=prior),
         "budget": BudgetAwareAdversary(problem, promise, prior=prior),
     }
-    guesses = {key: _guesses(each, played.actions, joint) for key, each in observers.items()}
+    guesses = {key: guesses_of(each, played.actions, joint) for key, each in observers.items()}
     mean_cost = setting.mean_cost
     return ComparisonRow(
         maker=name,
@@ -107,7 +107,7 @@ def measured(
         worst_regret=told.worst_regret,
         cost_share=told.expected_regret / mean_cost if mean_cost > 0 else float("nan"),
         silence_share=told.silence_share,
-        naive_privacy=naive_privacy(setting, played.actions, joint),
+        naive_privacy=naive_privacy(setting.problem, played.actions, joint),
         naive_error=guess_error(joint, guesses["naive"]),
         near_optimal_error=guess_error(joint, guesses["near"]),
         budget_aware_error=guess_error(joint, guesses["budget"]),
@@ -115,7 +115,7 @@ def measured(
         mutual_information=told.mutual_information,
         min_entropy_leakage=told.min_entropy_leakage,
         maximal_leakage=told.maximal_leakage,
-        naive_top_state=_top_state(joint, guesses["naive"]),
+        naive_top_state=top_state_share(joint, guesses["naive"]),
         top_state_accuracy=told.top_state_accuracy,
         read_auc=seen.read_auc,
         expected_gap=seen.expected_gap,
@@ -126,38 +126,3 @@ def measured(
         repeated_information=again.mutual_information,
         repeated_top_state=again.top_state_accuracy,
     )
-
-
-def _guesses(observer: Adversary, actions: Array, joint: Joint) -> Array:
-    """The estimates (M,X) of the decisions that are played; zeros elsewhere."""
-    shown = np.flatnonzero(joint.played > 0)
-    found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))
-    found[shown] = observer.estimates(actions[shown], nearest=True)
-    return found
-
-
-def guess_error(joint: Joint, guesses: Array) -> float:
-    """Return √Σ p(b,u) ‖π_b − guess(u)‖² for guesses (M,X)."""
-    apart = ((joint.beliefs[joint.row] - guesses[joint.column]) ** 2).sum(axis=1)
-    return float(np.sqrt(joint.mass @ apart))
-
-
-def _top_state(joint: Joint, guesses: Array) -> float:
-    named = guesses.argmax(axis=1)
-    return min(float(joint.mass @ joint.top_states[joint.row, named[joint.column]]), 1.0)
-
-
-def naive_privacy(setting: Setting, actions: Array, joint: Joint) -> float:
-    """Return the mean distance of the belief from Π(u) over decisions that some belief explains; NaN without any."""
-    shown = np.flatnonzero(joint.played > 0)
-    sets = consistent_sets(setting.problem, setting.problem.check_actions(np.asarray(actions)[shown]))
-    place = np.zeros(joint.n_actions, dtype=np.intp)
-    place[shown] = np.arange(len(shown))
-    total = explained = 0.0
-    for b in np.unique(joint.row):
-        entries = joint.row == b
-        distances, mass = sets.distances(joint.beliefs[b])[place[joint.column[entries]]], joint.mass[entries]
-        known = np.isfinite(distances)
-        total += float(mass[known] @ distances[known])
-        explained += float(mass[known].sum())
-    return total / explained if explained > 0 else float("nan")

@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
-from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.budgets import Budget
+from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
 from inscrutable.experiments.studies.makers import StudyPlay, StudySetting
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy import Detectability, Leakage, detectability, leakage
-from inscrutable.validation import Array
 
 _OF_LEAKAGE = {
     "expected_regret": "expected_regret",
@@ -56,19 +53,7 @@ class JudgedPlay:
     @cached_property
     def naive_privacy(self) -> float:
         """Mean distance of the belief from Π(u) over decisions that some belief explains; NaN without any."""
-        joint, problem = self.joint, self.setting.problem
-        shown = np.flatnonzero(joint.played > 0)
-        sets = consistent_sets(problem, problem.check_actions(np.asarray(self.play.mechanism.actions)[shown]))
-        place = np.zeros(joint.n_actions, dtype=np.intp)
-        place[shown] = np.arange(len(shown))
-        total = explained = 0.0
-        for b in np.unique(joint.row):
-            entries = joint.row == b
-            distances, mass = sets.distances(joint.beliefs[b])[place[joint.column[entries]]], joint.mass[entries]
-            known = np.isfinite(distances)
-            total += float(mass[known] @ distances[known])
-            explained += float(mass[known].sum())
-        return total / explained if explained > 0 else float("nan")
+        return naive_privacy(self.setting.problem, self.play.mechanism.actions, self.joint)
 
     def figures(self, observer: Mapping[str, Any], measures: Sequence[str]) -> dict[str, float]:
         """Return the figures asked for, by name, with one observer's error where it is among them."""
@@ -92,12 +77,8 @@ class JudgedPlay:
         """An observer's root mean square error, and how often it names a most likely state."""
         if observer["name"] == "bayesian":
             return self.leakage.bayes_error, self.leakage.top_state_accuracy
-        joint = self.joint
-        guesses = self._guesses(self._observer(observer))
-        apart = ((joint.beliefs[joint.row] - guesses[joint.column]) ** 2).sum(axis=1)
-        named = guesses.argmax(axis=1)[joint.column]
-        right = float(joint.mass @ joint.top_states[joint.row, named])
-        return float(np.sqrt(joint.mass @ apart)), min(right, 1.0)
+        guesses = guesses_of(self._observer(observer), self.play.mechanism.actions, self.joint)
+        return guess_error(self.joint, guesses), top_state_share(self.joint, guesses)
 
     def _observer(self, data: Mapping[str, Any]) -> Adversary:
         problem, prior = self.setting.problem, self.setting.prior
@@ -111,11 +92,3 @@ class JudgedPlay:
         return BudgetAwareAdversary(
             problem, Budget.regret(self.leakage.worst_regret) if promise is None else promise, prior=prior
         )
-
-    def _guesses(self, observer: Adversary) -> Array:
-        """The estimates (M,X) of the decisions that are played; zeros elsewhere."""
-        joint = self.joint
-        shown = np.flatnonzero(joint.played > 0)
-        found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))
-        found[shown] = observer.estimates(self.play.mechanism.actions[shown], nearest=True)
-        return found

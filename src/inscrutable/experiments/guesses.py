@@ -1,0 +1,47 @@
+"""What observers' guesses are worth, over all decisions of a mechanism."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable.adversaries import Adversary
+from inscrutable.adversaries.consistent_sets import consistent_sets
+from inscrutable.mechanisms.joint import Joint
+from inscrutable.problems import DecisionProblem
+from inscrutable.validation import Array
+
+
+def guesses_of(observer: Adversary, actions: Array, joint: Joint) -> Array:
+    """Return the estimates (M,X) of the decisions that are played; zeros elsewhere."""
+    shown = np.flatnonzero(joint.played > 0)
+    found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))
+    found[shown] = observer.estimates(actions[shown], nearest=True)
+    return found
+
+
+def guess_error(joint: Joint, guesses: Array) -> float:
+    """Return √Σ p(b,u) ‖π_b − guess(u)‖² for guesses (M,X)."""
+    apart = ((joint.beliefs[joint.row] - guesses[joint.column]) ** 2).sum(axis=1)
+    return float(np.sqrt(joint.mass @ apart))
+
+
+def top_state_share(joint: Joint, guesses: Array) -> float:
+    """Return how often guesses (M,X) name a most likely state of the belief."""
+    named = guesses.argmax(axis=1)
+    return min(float(joint.mass @ joint.top_states[joint.row, named[joint.column]]), 1.0)
+
+
+def naive_privacy(problem: DecisionProblem, actions: Array, joint: Joint) -> float:
+    """Return the mean distance of the belief from Π(u) over decisions that some belief explains; NaN without any."""
+    shown = np.flatnonzero(joint.played > 0)
+    sets = consistent_sets(problem, problem.check_actions(np.asarray(actions)[shown]))
+    place = np.zeros(joint.n_actions, dtype=np.intp)
+    place[shown] = np.arange(len(shown))
+    total = explained = 0.0
+    for b in np.unique(joint.row):
+        entries = joint.row == b
+        distances, mass = sets.distances(joint.beliefs[b])[place[joint.column[entries]]], joint.mass[entries]
+        known = np.isfinite(distances)
+        total += float(mass[known] @ distances[known])
+        explained += float(mass[known].sum())
+    return total / explained if explained > 0 else float("nan")

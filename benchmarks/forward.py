@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from benchmarks import markets
 from benchmarks.quadratic_peers import PEERS, kkt_residual, polished
 from benchmarks.table import Quality, Row, Target, at_least, seconds_text, times_text
 from benchmarks.timing import PATIENCE, Timing, best_of, loop
-from inscrutable import MarkowitzProblem, decoy_grid, simplex_grid
+from inscrutable import Candidates, MarkowitzProblem, decoy_grid, simplex_grid
 
 Array = NDArray[np.float64]
 
@@ -76,15 +76,37 @@ def _compared(problem: MarkowitzProblem, decoys: Array, sizes: Sizes, what: str)
             {"assets": n_assets, "seconds": ours.seconds, "peer_seconds": peer.seconds, "held": held},
         )
     if is_standard:
-        yield _whole(problem, sizes, size, fastest, peers[fastest])
+        yield from _whole(problem, sizes, size, fastest, peers[fastest])
 
 
-def _whole(problem: MarkowitzProblem, sizes: Sizes, size: str, name: str, peer: Timing) -> Row:
-    """`decoy_grid` also computes the state costs and prepares what an observer infers; the peer only solves."""
-    ours = _grid_timed(problem, sizes)
-    ratio, asked = peer.seconds / ours.seconds, SPEED_UPS.get(problem.n_actions)
+def _whole(problem: MarkowitzProblem, sizes: Sizes, size: str, name: str, peer: Timing) -> Iterator[Row]:
+    """`decoy_grid` also computes the state costs, and for a search what an observer infers; the peer only solves."""
+    asked = SPEED_UPS.get(problem.n_actions)
+    yield _grid_row(
+        "candidates (decoy_grid)", problem, _grid_timed(problem, sizes, decoy_grid), size, name, peer, asked
+    )
+    ours = _grid_timed(problem, sizes, _with_sets)
+    yield _grid_row("candidates with consistent sets", problem, ours, size, name, peer, None)
+
+
+def _with_sets(problem: MarkowitzProblem, resolution: int) -> Candidates:
+    made = decoy_grid(problem, resolution)
+    assert len(made.sets) == len(made)
+    return made
+
+
+def _grid_row(
+    what: str,
+    problem: MarkowitzProblem,
+    ours: Timing,
+    size: str,
+    name: str,
+    peer: Timing,
+    asked: tuple[float, float] | None,
+) -> Row:
+    ratio = peer.seconds / ours.seconds
     return Row(
-        "candidates in full (decoy_grid)",
+        what,
         size,
         ours.text,
         f"{name}, solves alone",
@@ -96,15 +118,15 @@ def _whole(problem: MarkowitzProblem, sizes: Sizes, size: str, name: str, peer: 
     )
 
 
-def _grid_timed(problem: MarkowitzProblem, sizes: Sizes) -> Timing:
+def _grid_timed(problem: MarkowitzProblem, sizes: Sizes, make: Callable[[MarkowitzProblem, int], Candidates]) -> Timing:
     """The best of all tries, or extrapolated from a coarse grid where even one would take too long."""
     coarse = min(COARSE, sizes.resolution)
     few, n = len(simplex_grid(N_STATES, coarse)), len(simplex_grid(N_STATES, sizes.resolution))
-    probe = best_of(1, lambda _: decoy_grid(problem, coarse))
+    probe = best_of(1, lambda _: make(problem, coarse))
     expected = probe.seconds * n / few
     if expected > PATIENCE:
         return Timing(expected, f"extrapolated from {few}", probe.result)
-    return best_of(sizes.tries, lambda _: decoy_grid(problem, sizes.resolution))
+    return best_of(sizes.tries, lambda _: make(problem, sizes.resolution))
 
 
 def _costs_right(problem: MarkowitzProblem, ours: Timing) -> Quality:

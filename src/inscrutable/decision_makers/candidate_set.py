@@ -33,7 +33,7 @@ class Candidates:
         actions: Decisions, shape (M,U).
         state_costs: c(i, u_l), shape (M,X), in the cost's unit.
         decoys: The beliefs that the decisions are optimal for, shape (M,X), or None where they are not known.
-        sets: The consistent beliefs of every decision.
+        problem: The decision problem, from which `sets` are found when first asked for.
         usable: Which decisions are feasible and admissible, shape (M,).
         n_outside: How many decisions lie outside the feasible set; they are never chosen.
         decided: The latest searches from these candidates, which decision makers share.
@@ -55,13 +55,18 @@ class Candidates:
     actions: Array
     state_costs: Array
     decoys: Array | None
-    sets: ConsistentSets
+    problem: DecisionProblem
     usable: np.ndarray
     n_outside: int = 0
     decided: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return int(self.actions.shape[0])
+
+    @cached_property
+    def sets(self) -> ConsistentSets:
+        """The consistent beliefs of every decision, described when first asked for: a search needs them, solves do not."""
+        return consistent_sets(self.problem, self.actions, self.decoys)
 
     @cached_property
     def same_as(self) -> np.ndarray:
@@ -87,7 +92,7 @@ class Candidates:
 
     @property
     def memory(self) -> int:
-        """Bytes held by the candidates' arrays, each counted once, without what is found when first asked for."""
+        """Bytes held by the candidates' arrays and consistent sets, each counted once, without what searches keep."""
         held = [getattr(part, each.name) for part in (self, self.sets) for each in fields(part)]
         return sum({id(array): array.nbytes for array in held if isinstance(array, np.ndarray)}.values())
 
@@ -104,14 +109,17 @@ class Candidates:
     def joined(self, other: Candidates) -> Candidates:
         """Return these candidates followed by others of the same problem; decoys are kept where both have them."""
         both = self.decoys is not None and other.decoys is not None
-        return Candidates(
+        joined = Candidates(
             np.vstack([self.actions, other.actions]),
             np.vstack([self.state_costs, other.state_costs]),
             np.vstack([self.decoys, other.decoys]) if both else None,  # type: ignore[list-item]
-            self.sets.joined(other.sets),
+            self.problem,
             np.concatenate([self.usable, other.usable]),
             self.n_outside + other.n_outside,
         )
+        # What is known of each need not be found again; a decoy stands for a set that was found with it.
+        vars(joined)["sets"] = self.sets.joined(other.sets)
+        return joined
 
     def summary(self) -> str:
         """Return one line: how many decisions, distinct, usable, explained, outside; their memory; how near a decoy is."""
@@ -140,4 +148,4 @@ def make_candidates(problem: DecisionProblem, actions: ArrayLike, decoys: Array 
         costs[block] = problem.state_costs(points[block])
         doubtful = points[block][~usable[block]]
         n_outside += int(np.count_nonzero(region.violation(doubtful) > tolerances.FEASIBILITY))
-    return Candidates(points, costs, decoys, consistent_sets(problem, points, decoys), usable, n_outside)
+    return Candidates(points, costs, decoys, problem, usable, n_outside)

@@ -96,7 +96,18 @@ class Polyhedron:
     def slacks(self, actions: ArrayLike) -> Array:
         """Return (b_ub − A_ub u) per unit of the row's largest coefficient, shape (…, n)."""
         points = np.asarray(actions, dtype=np.float64)
-        return np.asarray((self.b_ub - points @ self.A_ub.T) / self.row_scale)
+        column, factor = self._bounds
+        sides = points @ self.A_ub.T if column is None else points[..., column] * factor
+        return np.asarray((self.b_ub - sides) / self.row_scale)
+
+    @cached_property
+    def _bounds(self) -> tuple[np.ndarray | slice | None, Array]:
+        """Where every inequality bounds one coordinate: which, and with which factor; a product would take its square."""
+        if not len(self.A_ub) or np.any(np.count_nonzero(self.A_ub, axis=1) != 1):
+            return None, np.empty(0)
+        column = np.abs(self.A_ub).argmax(axis=1)
+        factor = self.A_ub[np.arange(len(column)), column]
+        return (slice(None) if np.array_equal(column, np.arange(self.n_actions)) else column), factor
 
     def tight_rows(self, actions: ArrayLike) -> np.ndarray:
         """Return which inequality rows an observer counts as tight: slack below `min_slack`, shape (…, n)."""
@@ -117,17 +128,21 @@ class Polyhedron:
         """Return the largest violation of any row, per unit of its largest coefficient and of the decision's size where
         that is above one, shape (…)."""
         points = np.asarray(actions, dtype=np.float64)
-        beyond = -self.slacks(points).min(axis=-1, initial=np.inf)
+        return self._beyond(points, self.slacks(points))
+
+    def _beyond(self, points: Array, slacks: Array) -> Array:
+        beyond = -slacks.min(axis=-1, initial=np.inf)
         scale = np.abs(self.A_eq).max(axis=1, initial=0.0)
         off = (np.abs(points @ self.A_eq.T - self.b_eq) / scale).max(axis=-1, initial=0.0)
         return np.asarray(np.maximum(np.maximum(beyond, off), 0.0) / _size(points))
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
         """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""
-        slack = self.slacks(actions)
-        tight = np.abs(slack) <= tolerances.FEASIBILITY * _size(np.asarray(actions, dtype=np.float64))[..., None]
+        points = np.asarray(actions, dtype=np.float64)
+        slack = self.slacks(points)
+        tight = np.abs(slack) <= tolerances.FEASIBILITY * _size(points)[..., None]
         return np.asarray(np.all(tight | (slack >= self.min_slack), axis=-1)) & (
-            self.violation(actions) <= tolerances.FEASIBILITY
+            self._beyond(points, slack) <= tolerances.FEASIBILITY
         )
 
     def __and__(self, other: Polyhedron) -> Polyhedron:

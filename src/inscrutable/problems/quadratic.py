@@ -167,7 +167,10 @@ class QuadraticProblem(DecisionProblem):
         if points.ndim == 2 and len(points) <= _FEW:
             curved = np.einsum("xmu,mu->mx", points @ self.hessians, points)
             return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
-        curved = np.stack([((points @ hessian) * points).sum(axis=-1) for hessian in self.hessians], axis=-1)
+        # Coordinates that are zero in all decisions take no part; a portfolio of many assets holds few.
+        held = np.flatnonzero(points.reshape(-1, points.shape[-1]).any(axis=0))
+        some, hessians = points[..., held], self.hessians[:, held[:, None], held]
+        curved = np.stack([np.einsum("...u,...u->...", some @ hessian, some) for hessian in hessians], axis=-1)
         return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
 
     def cost_gradients(self, action: ArrayLike) -> Array:

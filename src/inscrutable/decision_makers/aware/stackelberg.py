@@ -46,7 +46,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker):
     Raises:
         InputError: An argument is malformed.
 
-    Cost: four to nine seconds for 500 beliefs and 2,000 candidates at 1 %, a tenth of one for 15,000 pairs at 1e-6.
+    Cost: three to nine seconds for 500 beliefs and 2,000 candidates at 1 %, a tenth of one for 15,000 pairs at 1e-6.
     Source: the saddle point of a Stackelberg game whose follower estimates; compare Crawford and Sobel, Strategic
     Information Transmission (Econometrica 50, 1982).
 

@@ -304,15 +304,17 @@ def _sides_of(start: Any, region: Any, state: Any) -> None:
 
 
 @kernel
-def solve_path(beliefs: Any, costs: Any, region: Any, limits: Any, start: Any, actions: Any, solved: Any) -> None:
-    """Fill actions (T,U) for beliefs (T,X) in order.
+def solve_path(
+    beliefs: Any, order: Any, costs: Any, region: Any, limits: Any, start: Any, actions: Any, solved: Any
+) -> None:
+    """Fill the rows `order` of actions (T,U) for those of beliefs (T,X), one after the other.
 
     `costs` is (H_jki at (j·U + k)·X + i, g_ji at j·X + i), `region` (lower, upper, equalities, sides, the equalities'
     entries row by row, column by column), `limits` (least share of a pivot that may remain, largest KKT residual
     relative to the gradient); the assets that `start` (U,) holds are the first guess. Where solved[t] stays False the
     caller must use another method.
     """
-    count, size = actions.shape
+    count, size = order.size, actions.shape[1]
     n_states, n_equal = beliefs.shape[1], region[3].size
     matrix, small = blank(256 + n_equal), blank((n_equal + _TILE) * n_equal)
     belief, state = blank(n_states), blank(size)
@@ -334,15 +336,15 @@ def solve_path(beliefs: Any, costs: Any, region: Any, limits: Any, start: Any, a
         for lane in range(LANES):
             # A last group that is not full repeats its last belief.
             for i in range(n_states):
-                belief[i, lane] = beliefs[min(first + lane, count - 1), i]
+                belief[i, lane] = beliefs[order[min(first + lane, count - 1)], i]
         matrix = _solve_group(belief, costs, region, limits, state, (matrix, small), room)
         last = -1
         for lane in range(min(LANES, count - first)):
             if lanes[_SOUND, lane] > 0.0:
                 last = lane
-                solved[first + lane] = True
+                solved[order[first + lane]] = True
                 for j in range(size):
-                    actions[first + lane, j] = u[j, lane]
+                    actions[order[first + lane], j] = u[j, lane]
         if last < 0:
             _sides_of(start, region, state)
         else:

@@ -30,7 +30,7 @@ _PROBLEM = (
     " [np.diag([.01, .02, .01]), np.diag([.02, .01, .02]), np.diag([.01, .01, .03])], 5.0)\n"
 )
 _NO_KERNEL = (
-    _PROBLEM
+    _PROBLEM.replace(_NAMES, "MarkowitzProblem")
     + "problem.expected_cost([.5, .3, .2], [.5, .3, .2]); bare = 'numba' in sys.modules\n"
     + "problem.solve([.5, .3, .2]); print(json.dumps([bare, 'numba' in sys.modules]))"
 )

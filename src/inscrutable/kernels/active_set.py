@@ -349,10 +349,11 @@ def solve_path(
     """
     count, size = order.size, actions.shape[1]
     n_states, n_equal = beliefs.shape[1], region[3].size
+    room_at_first = _ROOM + n_equal
     factors = (
-        blank(_ROOM + n_equal),  # L D of H_FF, A_F and −∇_F below it
+        blank(room_at_first),  # L D of H_FF, A_F and −∇_F below it
         blank((n_equal + _TILE) * n_equal),  # that of S
-        blank(np.int64(_ROOM)),  # H_FF
+        blank(room_at_first),  # H_FF
         blank(size),  # H_FB u_B + g_F
     )
     belief, state = blank(n_states), blank(size)

@@ -26,7 +26,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "myst_parser",
 ]
-exclude_patterns = ["images", "made/*/*.ipynb", "made/*/*.py", "made/*/*.md5", "concepts", "examples"]
+exclude_patterns = ["images", "concepts", "made/benchmarks/*.md", "made/claims/*.rst"]
 
 html_theme = "furo"
 html_title = f"inscrutable {release}"

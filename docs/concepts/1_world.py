@@ -5,7 +5,7 @@ World
 A *state* x moves from step to step and nobody sees it; a *sensor* reports an *observation* y that depends on it. Together
 they are a hidden Markov model: P says how the state moves, p(y | x) what the sensor reports.
 
-Here the state is the regime of a market, and the sensor a monthly signal that is red, amber or green.
+Here the state is the regime of a market, and the sensor a monthly signal of volatility that is low, middle or high.
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ path = world.sample(120, rng=np.random.default_rng(3))
 months = np.arange(120)
 with drawing(6.0, 2.4) as (figure, axes):
     axes.step(months, path.states, where="mid", color="#000000", label="regime, unseen")
-    for signal, (colour, name) in enumerate(zip(REGIME_COLOURS, ("green", "amber", "red"), strict=False)):
+    for signal, (colour, name) in enumerate(zip(REGIME_COLOURS, ("low", "middle", "high"), strict=False)):
         seen = months[path.observations == signal]
         axes.plot(seen, np.full(len(seen), -0.45), "|", color=colour, markersize=9, label=f"signal: {name}")
     axes.set_yticks(range(3), regimes)

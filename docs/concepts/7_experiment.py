@@ -39,7 +39,7 @@ with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
             look = looks[name]
             axes.plot(each.budget, each.error, look.line, color=look.colour, marker=look.marker, label=name)
         axes.axhline(part.prior_error.iloc[0], color="#000000", linestyle=":", linewidth=0.9)
-        axes.set(xlabel="budget, share of the silence regret", ylim=(0, None))
+        axes.set(xlabel="budget, share of the silence regret", ylim=(-0.03, None))
         axes.set_title(f"{observer} observer", loc="left")
     panels[0].set_ylabel("error of its estimate")
     panels[0].legend()

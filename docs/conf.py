@@ -22,20 +22,29 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
     "sphinx_gallery.gen_gallery",
     "myst_parser",
 ]
-exclude_patterns = ["images", "concepts", "made/benchmarks/*.md", "made/claims/*.rst"]
+exclude_patterns = [
+    "images",
+    "concepts",
+    "made/benchmarks/*.md",
+    "made/claims/*.rst",
+]
 
 html_theme = "furo"
 html_title = f"inscrutable {release}"
+html_static_path = ["static"]
+html_css_files = ["tables.css"]
 html_show_copyright = False
 html_show_sourcelink = False
 
 # A decision maker's docstring says `code`, as this project's comments do.
 default_role = "code"
-autodoc_default_options = {"members": True, "inherited-members": "Enum,Exception,tuple"}
+autodoc_default_options = {
+    "members": True,
+    "inherited-members": "Enum,Exception,tuple",
+}
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
@@ -45,7 +54,7 @@ python_use_unqualified_type_names = True
 add_module_names = False
 napoleon_numpy_docstring = False
 
-myst_enable_extensions = ["colon_fence", "dollarmath", "deflist"]
+myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
 myst_fence_as_directive = []
 
@@ -64,6 +73,5 @@ sphinx_gallery_conf = {
     "min_reported_time": 3600,
     "remove_config_comments": True,
     "doc_module": ("inscrutable",),
-    "reference_url": {"inscrutable": None},
     "plot_gallery": True,
 }

@@ -18,7 +18,9 @@ def plain(lines: list[str]) -> Iterator[str]:
     """Yield the lines of a docstring with |c*| and u* as they stand; examples stay untouched."""
     in_example = False
     for line in lines:
-        in_example = line.lstrip().startswith(">>>") or (in_example and bool(line.strip()))
+        in_example = line.lstrip().startswith(">>>") or (
+            in_example and bool(line.strip())
+        )
         yield line if in_example else linked(line)
 
 
@@ -36,7 +38,9 @@ def reference(match: re.Match[str]) -> str:
     return f":py:obj:`~inscrutable.{match[1]}`" if known else match[0]
 
 
-def clean(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+def clean(
+    app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
+) -> None:
     """Clean a docstring in place, before its sections are read."""
     lines[:] = plain(lines)
     # What stands before a colon is no type here: neither in the line of an attribute nor in what is returned.
@@ -45,15 +49,33 @@ def clean(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[
     lines[:] = [":returns:" if line == "Returns:" else line for line in lines]
 
 
-def signature(app: Any, what: str, name: str, thing: Any, options: Any, found: str, returned: str) -> Any:
+def signature(
+    app: Any,
+    what: str,
+    name: str,
+    thing: Any,
+    options: Any,
+    found: str,
+    returned: str,
+) -> Any:
     """Return a signature as the source has it, `ArrayLike` and not what that stands for."""
     if what not in ("class", "function", "method") or not found:
         return None
     written = inspect.signature(thing)
-    kept = [each for each in written.parameters.values() if each.name not in ("self", "cls")]
+    kept = [
+        each
+        for each in written.parameters.values()
+        if each.name not in ("self", "cls")
+    ]
     result = written.return_annotation
-    shown = str(result) if what != "class" and result is not inspect.Signature.empty else None
-    return stringify_signature(written.replace(parameters=kept, return_annotation=inspect.Signature.empty)), shown
+    shown = (
+        str(result)
+        if what != "class" and result is not inspect.Signature.empty
+        else None
+    )
+    return stringify_signature(
+        written.replace(parameters=kept, return_annotation=inspect.Signature.empty)
+    ), shown
 
 
 def resolve(app: Any, env: Any, node: Any, content: Any) -> Any:
@@ -64,7 +86,15 @@ def resolve(app: Any, env: Any, node: Any, content: Any) -> Any:
     if name not in inscrutable.__all__:
         return content
     domain = env.get_domain("py")
-    return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", f"inscrutable.{name}", node, content)
+    return domain.resolve_xref(
+        env,
+        node["refdoc"],
+        app.builder,
+        "obj",
+        f"inscrutable.{name}",
+        node,
+        content,
+    )
 
 
 def setup(app: Any) -> dict[str, Any]:

@@ -35,11 +35,20 @@ ENTRIES = """.. autoclass:: {name}
 
 def steps_of_names() -> dict[str, list[str]]:
     """Return the public names of every step; each name is in exactly one."""
-    homes = {name: module.split(".")[0] for name, module in inscrutable._EXPORTS.items()}
-    grouped = {key: [n for n, home in homes.items() if home in modules] for key, (_, modules) in STEPS.items()}
-    missing = set(inscrutable.__all__) - {name for names in grouped.values() for name in names}
+    homes = {
+        name: module.split(".")[0] for name, module in inscrutable._EXPORTS.items()
+    }
+    grouped = {
+        key: [n for n, home in homes.items() if home in modules]
+        for key, (_, modules) in STEPS.items()
+    }
+    missing = set(inscrutable.__all__) - {
+        name for names in grouped.values() for name in names
+    }
     if missing:
-        raise RuntimeError(f"public names without a step of the story: {sorted(missing)}")
+        raise RuntimeError(
+            f"public names without a step of the story: {sorted(missing)}"
+        )
     return grouped
 
 
@@ -48,27 +57,50 @@ def api_pages(folder: Path) -> None:
     folder.mkdir(parents=True)
     for key, names in steps_of_names().items():
         title = STEPS[key][0]
-        parts = [f".. _api-{key}:\n", title, "=" * len(title), "\n.. currentmodule:: inscrutable\n"]
-        parts += [".. autosummary::\n   :nosignatures:\n", *(f"   {name}" for name in names), ""]
+        parts = [
+            f".. _api-{key}:\n",
+            title,
+            "=" * len(title),
+            "\n.. currentmodule:: inscrutable\n",
+        ]
+        parts += [
+            ".. autosummary::\n   :nosignatures:\n",
+            *(f"   {name}" for name in names),
+            "",
+        ]
         for name in names:
-            kind = "class" if isinstance(getattr(inscrutable, name), type) else "function"
+            kind = (
+                "class"
+                if isinstance(getattr(inscrutable, name), type)
+                else "function"
+            )
             parts.append(f"{name}\n{'-' * len(name)}\n\n.. auto{kind}:: {name}\n")
         folder.joinpath(f"{key}.rst").write_text("\n".join(parts), "utf-8")
 
 
 def claims(folder: Path, n_markets: int) -> None:
     """Judge the paper's claims, and write the table and the figures."""
-    from inscrutable.experiments.reproduction import Effort, ReproductionSettings, reproduce
+    from inscrutable.experiments.reproduction import (
+        Effort,
+        ReproductionSettings,
+        reproduce,
+    )
     from inscrutable.reports.reproduction import claims_table, write_reproduction
 
     effort = Effort(n_simulations=min(20, n_markets))
     result = reproduce(ReproductionSettings(n_markets=n_markets, effort=effort))
     write_reproduction(result, folder)
     table = claims_table(result)
-    lines = [f"Over {n_markets} random markets, means over {effort.n_simulations}, seed 0:\n", ".. list-table::"]
+    lines = [
+        f"Over {n_markets} random markets, means over {effort.n_simulations}, seed 0:\n",
+        ".. list-table::",
+    ]
     lines += ["   :header-rows: 1\n   :widths: 40 22 22 16\n"]
     for row in (tuple(table.columns), *table.itertuples(index=False)):
-        lines += [f"   {'*' if place == 0 else ' '} - {literal(str(cell))}" for place, cell in enumerate(row)]
+        lines += [
+            f"   {'*' if place == 0 else ' '} - {literal(str(cell))}"
+            for place, cell in enumerate(row)
+        ]
     folder.joinpath("claims.rst").write_text("\n".join(lines) + "\n", "utf-8")
 
 
@@ -84,8 +116,13 @@ def curves(folder: Path) -> None:
 
     folder.mkdir(parents=True)
     shutil.copy(ROOT / "benchmarks" / "results" / "table.md", folder)
-    kept = json.loads(ROOT.joinpath("benchmarks", "results", "growth.json").read_text("utf-8"))["rows"]
-    rows = [Row(row["what"], row["size"], row["ours"], numbers=row["numbers"]) for row in kept]
+    kept = json.loads(
+        ROOT.joinpath("benchmarks", "results", "growth.json").read_text("utf-8")
+    )["rows"]
+    rows = [
+        Row(row["what"], row["size"], row["ours"], numbers=row["numbers"])
+        for row in kept
+    ]
     draw_growth(rows, folder)
 
 
@@ -95,19 +132,29 @@ def first_steps(page: Path, folder: Path) -> None:
     names: dict[str, object] = {"__name__": "__main__"}
     program = Path(sys.executable).with_name("inscrutable")
     with contextlib.chdir(folder):
-        for language, text in re.findall(r"^```(\w+)\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S):
+        for language, text in re.findall(
+            r"^```(\w+)\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S
+        ):
             if language == "python":
                 with contextlib.redirect_stdout(io.StringIO()):
                     exec(compile(text, page.name, "exec"), names)
-            for command in re.findall(r"^\$ inscrutable (.+)$", text, re.M) if language == "console" else ():
-                subprocess.run([program, *command.split()], check=True, capture_output=True)
+            for command in (
+                re.findall(r"^\$ inscrutable (.+)$", text, re.M)
+                if language == "console"
+                else ()
+            ):
+                subprocess.run(
+                    [program, *command.split()], check=True, capture_output=True
+                )
 
 
 def pictures(block: Any, block_vars: Any, gallery_conf: dict[str, Any]) -> str:
     """Take what a block drew, or wrote as PNG beside its script, into the page: a scraper of the gallery."""
     from sphinx_gallery.scrapers import figure_rst, matplotlib_scraper
 
-    drawn = matplotlib_scraper(block, block_vars, gallery_conf, bbox_inches="tight", dpi=160)
+    drawn = matplotlib_scraper(
+        block, block_vars, gallery_conf, bbox_inches="tight", dpi=160
+    )
     taken = []
     for path in sorted(Path.cwd().glob("*.png")):
         taken.append(next(block_vars["image_path_iterator"]))

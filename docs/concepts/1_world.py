@@ -16,7 +16,9 @@ from inscrutable.reports.style import REGIME_COLOURS, drawing
 regimes = ("calm", "normal", "crisis")
 world = HiddenMarkovModel(
     transition=[[0.90, 0.09, 0.01], [0.06, 0.90, 0.04], [0.02, 0.18, 0.80]],
-    emission=CategoricalEmission([[0.70, 0.25, 0.05], [0.25, 0.50, 0.25], [0.05, 0.25, 0.70]]),
+    emission=CategoricalEmission(
+        [[0.70, 0.25, 0.05], [0.25, 0.50, 0.25], [0.05, 0.25, 0.70]]
+    ),
 )
 
 # %%
@@ -31,10 +33,21 @@ for name, share in zip(regimes, world.initial, strict=True):
 path = world.sample(120, rng=np.random.default_rng(3))
 months = np.arange(120)
 with drawing(6.0, 2.4) as (figure, axes):
-    axes.step(months, path.states, where="mid", color="#000000", label="regime, unseen")
-    for signal, (colour, name) in enumerate(zip(REGIME_COLOURS, ("low", "middle", "high"), strict=False)):
+    axes.step(
+        months, path.states, where="mid", color="#000000", label="regime, unseen"
+    )
+    for signal, (colour, name) in enumerate(
+        zip(REGIME_COLOURS, ("low", "middle", "high"), strict=False)
+    ):
         seen = months[path.observations == signal]
-        axes.plot(seen, np.full(len(seen), -0.45), "|", color=colour, markersize=9, label=f"signal: {name}")
+        axes.plot(
+            seen,
+            np.full(len(seen), -0.45),
+            "|",
+            color=colour,
+            markersize=9,
+            label=f"signal: {name}",
+        )
     axes.set_yticks(range(3), regimes)
     axes.set_xlabel("month")
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)

@@ -4,7 +4,9 @@ Decision problem
 
 A decision u costs c(i, u) in state i. The agent does not know the state, so it takes the decision of least expected cost:
 
-.. math:: u^*(\\pi) = \\arg\\min_{u \\in C} \\sum_i \\pi_i\\, c(i, u), \\qquad V(\\pi) = \\min_{u \\in C} \\sum_i \\pi_i\\, c(i, u).
+.. code-block:: text
+
+   u*(π) = argmin Σ_i π_i c(i,u) over u ∈ C,    V(π) = min Σ_i π_i c(i,u) over u ∈ C
 
 The *state costs* s(u) = (c(1,u), …, c(X,u)) do not depend on the belief. What a decision costs above the optimum is its
 *regret* ρ(π, u) = π·s(u) − V(π), which is never negative.
@@ -39,12 +41,24 @@ crisis = np.linspace(0.0, 1.0, 201)
 beliefs = np.column_stack([1 - crisis, np.zeros(201), crisis])
 held = np.array([0.8, 0.0, 0.2])
 with drawing(6.4, 2.6, ncols=2) as (figure, (left, right)):
-    left.stackplot(crisis, problem.solve(beliefs).T, colors=REGIME_COLOURS, labels=("stocks", "credit", "bills"))
-    left.set(xlabel="probability of a crisis", ylabel="optimal weight", xlim=(0, 1), ylim=(0, 1))
+    left.stackplot(
+        crisis,
+        problem.solve(beliefs).T,
+        colors=REGIME_COLOURS,
+        labels=("stocks", "credit", "bills"),
+    )
+    left.set(
+        xlabel="probability of a crisis",
+        ylabel="optimal weight",
+        xlim=(0, 1),
+        ylim=(0, 1),
+    )
     left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
     right.plot(crisis, 1e4 * problem.regret(held, problem.solve(beliefs)))
     right.axvline(0.2, color="#000000", linestyle=":", linewidth=0.9)
-    right.set(xlabel="probability of a crisis acted upon", ylabel="regret, basis points")
+    right.set(
+        xlabel="probability of a crisis acted upon", ylabel="regret, basis points"
+    )
     right.set_title("true probability 0.2", loc="left")
     figure.savefig("problem.png")
 
@@ -52,7 +66,10 @@ with drawing(6.4, 2.6, ncols=2) as (figure, (left, right)):
 # Feasible sets are combined with ``&``; every row has a name that errors and reports use.
 
 capped = MarkowitzProblem(
-    problem.means, problem.covariances, risk_aversion=3.0, constraints=simplex(3) & max_weights(3, 0.5)
+    problem.means,
+    problem.covariances,
+    risk_aversion=3.0,
+    constraints=simplex(3) & max_weights(3, 0.5),
 )
 print("at most a half in each:", capped.solve(belief).round(3))
 

@@ -5,13 +5,19 @@ Adversary
 An *adversary* sees the decision and knows the costs. The naive one takes the decision for optimal and asks which beliefs it
 would be optimal for. These *consistent beliefs* are a polytope, given by the optimality conditions read backwards:
 
-.. math:: \\Pi(u) = \\{\\pi \\in \\Delta : \\exists\\, \\lambda \\ge 0, \\nu :\\;
-    \\textstyle\\sum_i \\pi_i \\nabla_u c(i, u) + A_{act}^\\top \\lambda + A_{eq}^\\top \\nu = 0 \\}.
+.. code-block:: text
+
+   Π(u) = {π ∈ Δ : Σ_i π_i ∇c(i,u) + A_act'λ + A_eq'ν = 0 for some λ ≥ 0 and ν}
 """
 
 import numpy as np
 
-from inscrutable import MarkowitzProblem, consistent_beliefs, explain_action, near_optimal_beliefs
+from inscrutable import (
+    MarkowitzProblem,
+    consistent_beliefs,
+    explain_action,
+    near_optimal_beliefs,
+)
 from inscrutable.reports.simplex_plots import plot_beliefs
 from inscrutable.reports.style import drawing
 
@@ -37,7 +43,10 @@ print("holds", weights.round(3), "and gives away", seen.center().round(3))
 for acted in ([0.6, 0.3, 0.1], [0.85, 0.1, 0.05], [0.99, 0.01, 0.0]):
     action = problem.solve(acted)
     found = consistent_beliefs(problem, action)
-    print(f"{np.count_nonzero(action > 0)} held, dimension {found.dimension}, bounds", found.bounds().round(2).tolist())
+    print(
+        f"{np.count_nonzero(action > 0)} held, dimension {found.dimension}, bounds",
+        found.bounds().round(2).tolist(),
+    )
 
 # %%
 # A portfolio that is rounded, or a little off, is read through the *near-optimal* beliefs: those that leave it at most some
@@ -45,7 +54,9 @@ for acted in ([0.6, 0.3, 0.1], [0.85, 0.1, 0.05], [0.99, 0.01, 0.0]):
 
 rounded = weights.round(2)
 rounded[1] += 1 - rounded.sum()
-near = near_optimal_beliefs(problem, rounded, float(problem.regret(belief, rounded)))
+near = near_optimal_beliefs(
+    problem, rounded, float(problem.regret(belief, rounded))
+)
 print("rounded to", rounded, "and read as", near.bounds().round(3).tolist())
 print(explain_action(problem, [0.1, 0.8, 0.1]).summary())
 

@@ -5,7 +5,9 @@ Privacy
 *Privacy* Ψ says how wrong an observer is. The paper has five measures of what Π(u) says about the true belief π. The one used
 most, *maximal obfuscation*, is the distance from the belief to everything that the naive observer thinks possible:
 
-.. math:: \\Psi(u) = \\mathrm{dist}(\\pi, \\Pi(u)).
+.. code-block:: text
+
+   Ψ(u) = dist(π, Π(u))
 """
 
 import numpy as np
@@ -37,7 +39,12 @@ problem = MarkowitzProblem(
 )
 belief = np.array([0.6, 0.3, 0.1])
 instead = consistent_beliefs(problem, problem.solve([0.2, 0.6, 0.2]))
-for measure in (MaximalObfuscation(), DesiredObfuscation([0.0, 0.0, 1.0]), NonExistence(), NonUniqueness()):
+for measure in (
+    MaximalObfuscation(),
+    DesiredObfuscation([0.0, 0.0, 1.0]),
+    NonExistence(),
+    NonUniqueness(),
+):
     print(f"{type(measure).__name__:20} {measure(belief, instead):6.3f}")
 
 # %%
@@ -46,14 +53,31 @@ for measure in (MaximalObfuscation(), DesiredObfuscation([0.0, 0.0, 1.0]), NonEx
 
 candidates = decoy_grid(problem, 60)
 regrets = candidates.state_costs @ belief - problem.optimal_cost(belief)
-privacy = np.array([consistent_beliefs(problem, action).distance(belief) for action in candidates.actions])
+privacy = np.array(
+    [
+        consistent_beliefs(problem, action).distance(belief)
+        for action in candidates.actions
+    ]
+)
 afforded = regrets <= 0.1 * abs(problem.optimal_cost(belief))
 with drawing(4.6, 3.8, subplot_kw={"projection": "ternary"}) as (figure, axes):
     ternary_labels(axes, regimes)
-    axes.scatter(*candidates.decoys[~afforded].T, s=5, color="#dddddd", label="too dear")
-    shown = axes.scatter(*candidates.decoys[afforded].T, s=11, c=privacy[afforded], cmap="viridis", label="affordable")
-    axes.plot(*belief[:, None], "*", color="#000000", markersize=8, label="private belief")
-    figure.colorbar(shown, ax=axes, shrink=0.6, pad=0.12, label="privacy of the decoy")
+    axes.scatter(
+        *candidates.decoys[~afforded].T, s=5, color="#dddddd", label="too dear"
+    )
+    shown = axes.scatter(
+        *candidates.decoys[afforded].T,
+        s=11,
+        c=privacy[afforded],
+        cmap="viridis",
+        label="affordable",
+    )
+    axes.plot(
+        *belief[:, None], "*", color="#000000", markersize=8, label="private belief"
+    )
+    figure.colorbar(
+        shown, ax=axes, shrink=0.6, pad=0.12, label="privacy of the decoy"
+    )
     axes.legend(loc="upper left", bbox_to_anchor=(-0.2, 1.08))
     figure.savefig("privacy.png")
 
@@ -62,4 +86,8 @@ with drawing(4.6, 3.8, subplot_kw={"projection": "ternary"}) as (figure, axes):
 # best estimate, both under a prior over beliefs. Of the optimal decisions:
 
 prior = uniform_prior(3, 20)
-print(leakage(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, problem).summary())
+print(
+    leakage(
+        mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, problem
+    ).summary()
+)

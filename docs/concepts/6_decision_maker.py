@@ -5,8 +5,10 @@ Decision maker
 The *original* decision maker (ODM) takes the cheapest decision. The *counter-adversarial* one (CDM) takes the most private
 decision that a cost budget affords; the *probabilistic* one (PDM) draws from a lottery whose budget holds on average.
 
-.. math:: \\text{CDM:}\\; \\max_{u \\in C} \\Psi(u) \\;\\text{ with }\\; \\rho(\\pi, u) \\le r, \\qquad
-    \\text{PDM:}\\; \\max_p \\sum_l p_l \\Psi(u_l) \\;\\text{ with }\\; \\sum_l p_l\\, \\rho(\\pi, u_l) \\le r.
+.. code-block:: text
+
+   CDM: max Ψ(u) over u ∈ C with ρ(π,u) ≤ r
+   PDM: max Σ_l p_l Ψ(u_l) over lotteries p with Σ_l p_l ρ(π,u_l) ≤ r
 
 A budget that is a plain number c_b means ``r = c_b |c*|``, the paper's share of the optimal cost; ``Budget.regret`` is a regret.
 """
@@ -44,9 +46,22 @@ print(cdm.summary(), pdm.summary(), sep="\n\n")
 # without a generator comes from the operating system, because a rival who knows the seed knows the draw.
 
 drawn = pdm.sample(rng=np.random.default_rng(0))
-with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (figure, (left, right)):
-    plot_actions(left, {"ODM": odm.action, "CDM": cdm.action, "PDM": drawn.action}, assets, lottery=pdm)
-    plot_beliefs(right, belief, {"ODM": odm.belief_set, "CDM": cdm.belief_set, "PDM": drawn.belief_set}, regimes)
+with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
+    figure,
+    (left, right),
+):
+    plot_actions(
+        left,
+        {"ODM": odm.action, "CDM": cdm.action, "PDM": drawn.action},
+        assets,
+        lottery=pdm,
+    )
+    plot_beliefs(
+        right,
+        belief,
+        {"ODM": odm.belief_set, "CDM": cdm.belief_set, "PDM": drawn.belief_set},
+        regimes,
+    )
     figure.savefig("decisions.png")
 
 # %%
@@ -56,12 +71,29 @@ with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (figure
 frontier = privacy_frontier(problem, belief)
 regrets = np.linspace(0.0, 0.5 * abs(cdm.optimal_cost), 301)
 with drawing(4.4, 2.8) as (figure, axes):
-    axes.plot(1e4 * regrets, frontier.deterministic(regrets), color=LOOKS["CDM"].colour, label="CDM: one decision")
     axes.plot(
-        1e4 * regrets, frontier.randomized(regrets), "--", color=LOOKS["PDM"].colour, label="PDM: a lottery, on average"
+        1e4 * regrets,
+        frontier.deterministic(regrets),
+        color=LOOKS["CDM"].colour,
+        label="CDM: one decision",
     )
-    axes.axvline(1e3 * abs(cdm.optimal_cost), color="#000000", linestyle=":", linewidth=0.9, label="a tenth of |c*|")
-    axes.set(xlabel="regret allowed, basis points", ylabel="privacy", ylim=(0, None))
+    axes.plot(
+        1e4 * regrets,
+        frontier.randomized(regrets),
+        "--",
+        color=LOOKS["PDM"].colour,
+        label="PDM: a lottery, on average",
+    )
+    axes.axvline(
+        1e3 * abs(cdm.optimal_cost),
+        color="#000000",
+        linestyle=":",
+        linewidth=0.9,
+        label="a tenth of |c*|",
+    )
+    axes.set(
+        xlabel="regret allowed, basis points", ylabel="privacy", ylim=(0, None)
+    )
     axes.legend()
     figure.savefig("frontier.png")
 

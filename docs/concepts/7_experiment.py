@@ -33,12 +33,23 @@ print(rows[columns].round(3).to_string(index=False))
 # error is that of the observer's estimate; above the dotted line it errs by more than before it looked.
 
 with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
-    for axes, (observer, part) in zip(panels, rows.groupby("adversary", sort=False), strict=True):
+    for axes, (observer, part) in zip(
+        panels, rows.groupby("adversary", sort=False), strict=True
+    ):
         looks = looks_of(part.decision_maker.unique())
         for name, each in part.groupby("decision_maker", sort=False):
             look = looks[name]
-            axes.plot(each.budget, each.error, look.line, color=look.colour, marker=look.marker, label=name)
-        axes.axhline(part.prior_error.iloc[0], color="#000000", linestyle=":", linewidth=0.9)
+            axes.plot(
+                each.budget,
+                each.error,
+                look.line,
+                color=look.colour,
+                marker=look.marker,
+                label=name,
+            )
+        axes.axhline(
+            part.prior_error.iloc[0], color="#000000", linestyle=":", linewidth=0.9
+        )
         axes.set(xlabel="budget, share of the silence regret", ylim=(-0.03, None))
         axes.set_title(f"{observer} observer", loc="left")
     panels[0].set_ylabel("error of its estimate")

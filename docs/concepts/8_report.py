@@ -28,7 +28,9 @@ from inscrutable.reports.time_plots import plot_costs, plot_privacy
 
 world = HiddenMarkovModel(
     transition=[[0.90, 0.09, 0.01], [0.06, 0.90, 0.04], [0.02, 0.18, 0.80]],
-    emission=CategoricalEmission([[0.70, 0.25, 0.05], [0.25, 0.50, 0.25], [0.05, 0.25, 0.70]]),
+    emission=CategoricalEmission(
+        [[0.70, 0.25, 0.05], [0.25, 0.50, 0.25], [0.05, 0.25, 0.70]]
+    ),
 )
 problem = MarkowitzProblem(
     means=[[0.014, 0.005, 0.002], [0.004, 0.008, 0.002], [-0.030, -0.004, 0.003]],
@@ -39,17 +41,34 @@ problem = MarkowitzProblem(
     ],
     risk_aversion=3.0,
 )
-beliefs = filter_beliefs(world, world.sample(24, rng=np.random.default_rng(3)).observations).predicted
+beliefs = filter_beliefs(
+    world, world.sample(24, rng=np.random.default_rng(3)).observations
+).predicted
 candidates = decoy_grid(problem, 30)
 makers = {
     "ODM": OriginalDecisionMaker(problem),
-    "CDM": CounterAdversarialDecisionMaker(problem, budget=0.1, candidates=candidates),
+    "CDM": CounterAdversarialDecisionMaker(
+        problem, budget=0.1, candidates=candidates
+    ),
     "PDM": ProbabilisticDecisionMaker(problem, budget=0.1, candidates=candidates),
 }
 episode = run_episode(problem, beliefs, makers, rng=np.random.default_rng(1))
 with drawing(7.0, 2.8, ncols=2) as (figure, (left, right)):
-    plot_privacy(left, {name: record.decisions.privacy for name, record in episode.records.items()})
-    plot_costs(right, {name: record.relative_increase for name, record in episode.records.items()}, budget=0.1)
+    plot_privacy(
+        left,
+        {
+            name: record.decisions.privacy
+            for name, record in episode.records.items()
+        },
+    )
+    plot_costs(
+        right,
+        {
+            name: record.relative_increase
+            for name, record in episode.records.items()
+        },
+        budget=0.1,
+    )
     figure.savefig("report.png")
 
 # %%

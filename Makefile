@@ -25,6 +25,7 @@ demo: .venv/.core ## walk an investor through 27 years of real returns, into dem
 docs: export OPENBLAS_NUM_THREADS := 1
 docs: export OMP_NUM_THREADS := 1
 docs: .venv/.docs ## build the documents from executed sources; a warning is an error
+	@rm -rf build/docs
 	$(BIN)/python -m sphinx -W --keep-going -n -q -E -j 2 docs build/docs
 	@echo "The first page: $(CURDIR)/build/docs/index.html"
 

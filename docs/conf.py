@@ -64,6 +64,8 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("made_pages.pictures",),
+    "reset_modules": ("made_pages.strict",),
+    "reset_modules_order": "both",
     "run_stale_examples": True,  # what a page shows is what the code does today
     "abort_on_example_error": False,
     "download_all_examples": False,

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import inscrutable
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 MADE = HERE / "made"
+KEPT: list[Any] = []
 
 # The steps of the story in its order, each with the modules whose public names belong to it.
 STEPS = {
@@ -146,6 +148,15 @@ def first_steps(page: Path, folder: Path) -> None:
                 subprocess.run(
                     [program, *command.split()], check=True, capture_output=True
                 )
+
+
+def strict(gallery_conf: dict[str, Any], script: str, when: str) -> None:
+    """Make a warning in a script an error, as in the tests, and let it be a warning again after it."""
+    if when == "before":
+        KEPT.append(warnings.catch_warnings(action="error"))
+        KEPT[-1].__enter__()
+    elif KEPT:
+        KEPT.pop().__exit__(None, None, None)
 
 
 def pictures(block: Any, block_vars: Any, gallery_conf: dict[str, Any]) -> str:

@@ -40,7 +40,7 @@ print("holds", weights.round(3), "and gives away", seen.center().round(3))
 # An asset that is not held says less: its weight would be zero for many beliefs. So the sets of portfolios that hold three,
 # two and one asset are a point, a segment and an area.
 
-for acted in ([0.6, 0.3, 0.1], [0.85, 0.1, 0.05], [0.99, 0.01, 0.0]):
+for acted in ([0.6, 0.3, 0.1], [0.85, 0.1, 0.05], [0.2, 0.2, 0.6]):
     action = problem.solve(acted)
     found = consistent_beliefs(problem, action)
     print(
@@ -58,13 +58,13 @@ near = near_optimal_beliefs(
     problem, rounded, float(problem.regret(belief, rounded))
 )
 print("rounded to", rounded, "and read as", near.bounds().round(3).tolist())
-print(explain_action(problem, [0.1, 0.8, 0.1]).summary())
+print(explain_action(problem, [0.5, 0.0, 0.5]).summary())
 
 # %%
 sets = {
     "three held": seen,
     "two held": consistent_beliefs(problem, problem.solve([0.85, 0.1, 0.05])),
-    "one held": consistent_beliefs(problem, problem.solve([0.99, 0.01, 0.0])),
+    "one held": consistent_beliefs(problem, problem.solve([0.2, 0.2, 0.6])),
 }
 with drawing(4.2, 3.8, subplot_kw={"projection": "ternary"}) as (figure, axes):
     plot_beliefs(axes, belief, sets, regimes)

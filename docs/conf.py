@@ -39,7 +39,7 @@ html_css_files = ["tables.css"]
 html_show_copyright = False
 html_show_sourcelink = False
 
-# A decision maker's docstring says `code`, as this project's comments do.
+# Docstrings write `code` between single marks.
 default_role = "code"
 autodoc_default_options = {
     "members": True,
@@ -56,7 +56,6 @@ napoleon_numpy_docstring = False
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
-myst_fence_as_directive = []
 
 sphinx_gallery_conf = {
     "examples_dirs": ["concepts", "../examples"],

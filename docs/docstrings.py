@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from sphinx.util.inspect import stringify_signature
+from sphinx.util.inspect import TypeAliasForwardRef, stringify_signature
 
 import inscrutable
 
@@ -100,6 +100,8 @@ def resolve(app: Any, env: Any, node: Any, content: Any) -> Any:
 def setup(app: Any) -> dict[str, Any]:
     """Connect the steps."""
     app.setup_extension("sphinx.ext.autodoc")
+    # Inside a tuple the name of an alias is printed by its `repr`.
+    TypeAliasForwardRef.__repr__ = lambda self: self.name  # type: ignore[method-assign]
     app.connect("autodoc-process-docstring", clean, priority=100)
     app.connect("autodoc-process-signature", signature)
     app.connect("missing-reference", resolve)

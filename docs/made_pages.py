@@ -31,51 +31,34 @@ STEPS = {
     "experiment": ("Experiment", ("experiments", "datasets")),
     "checks": ("Errors and contract checks", ("errors", "testing")),
 }
-ENTRIES = """.. autoclass:: {name}
-"""
 
 
 def steps_of_names() -> dict[str, list[str]]:
     """Return the public names of every step; each name is in exactly one."""
-    homes = {
-        name: module.split(".")[0] for name, module in inscrutable._EXPORTS.items()
+    grouped: dict[str, list[str]] = {key: [] for key in STEPS}
+    steps = {
+        module: key for key, (_, modules) in STEPS.items() for module in modules
     }
-    grouped = {
-        key: [n for n, home in homes.items() if home in modules]
-        for key, (_, modules) in STEPS.items()
-    }
-    missing = set(inscrutable.__all__) - {
-        name for names in grouped.values() for name in names
-    }
-    if missing:
-        raise RuntimeError(
-            f"public names without a step of the story: {sorted(missing)}"
-        )
+    for name, module in inscrutable._EXPORTS.items():
+        first = module.split(".")[0]
+        if first not in steps:
+            raise RuntimeError(f"{name}: {first} belongs to no step of the story")
+        grouped[steps[first]].append(name)
     return grouped
 
 
 def api_pages(folder: Path) -> None:
-    """Write one page per step of the story with all its public names, and the page that lists the steps."""
+    """Write one page per step of the story with all its public names, each with its docstring."""
     folder.mkdir(parents=True)
     for key, names in steps_of_names().items():
         title = STEPS[key][0]
-        parts = [
-            f".. _api-{key}:\n",
-            title,
-            "=" * len(title),
-            "\n.. currentmodule:: inscrutable\n",
-        ]
-        parts += [
-            ".. autosummary::\n   :nosignatures:\n",
-            *(f"   {name}" for name in names),
-            "",
-        ]
+        parts = [f"{title}\n{'=' * len(title)}\n"]
+        parts += [".. currentmodule:: inscrutable\n"]
+        parts += [".. autosummary::\n   :nosignatures:\n"]
+        parts += [*(f"   {name}" for name in names), ""]
         for name in names:
-            kind = (
-                "class"
-                if isinstance(getattr(inscrutable, name), type)
-                else "function"
-            )
+            is_class = isinstance(getattr(inscrutable, name), type)
+            kind = "class" if is_class else "function"
             parts.append(f"{name}\n{'-' * len(name)}\n\n.. auto{kind}:: {name}\n")
         folder.joinpath(f"{key}.rst").write_text("\n".join(parts), "utf-8")
 
@@ -133,21 +116,26 @@ def first_steps(page: Path, folder: Path) -> None:
     folder.mkdir(parents=True)
     names: dict[str, object] = {"__name__": "__main__"}
     program = Path(sys.executable).with_name("inscrutable")
+    blocks = re.findall(
+        r"^```(\w+)\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S
+    )
     with contextlib.chdir(folder):
-        for language, text in re.findall(
-            r"^```(\w+)\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S
-        ):
+        for language, text in blocks:
             if language == "python":
                 with contextlib.redirect_stdout(io.StringIO()):
                     exec(compile(text, page.name, "exec"), names)
-            for command in (
-                re.findall(r"^\$ inscrutable (.+)$", text, re.M)
-                if language == "console"
-                else ()
-            ):
-                subprocess.run(
-                    [program, *command.split()], check=True, capture_output=True
-                )
+            elif language == "console":
+                for command in re.findall(r"^\$ inscrutable (.+)$", text, re.M):
+                    run_command([str(program), *command.split()])
+
+
+def run_command(words: list[str]) -> None:
+    """Run a command of a page; raise with what it said if it fails."""
+    run = subprocess.run(words, capture_output=True, text=True)
+    if run.returncode:
+        raise RuntimeError(
+            f"{' '.join(words)}: exit code {run.returncode}\n{run.stderr}"
+        )
 
 
 def strict(gallery_conf: dict[str, Any], script: str, when: str) -> None:

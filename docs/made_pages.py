@@ -19,6 +19,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 MADE = HERE / "made"
 KEPT: list[Any] = []
+WORTH_PROCESSES = 10  # markets; each process has to start first
 
 # The steps of the story in its order, each with the modules whose public names belong to it.
 STEPS = {
@@ -73,7 +74,11 @@ def claims(folder: Path, n_markets: int) -> None:
     from inscrutable.reports.reproduction import claims_table, write_reproduction
 
     effort = Effort(n_simulations=min(20, n_markets))
-    result = reproduce(ReproductionSettings(n_markets=n_markets, effort=effort))
+    n_jobs = -1 if n_markets >= WORTH_PROCESSES else 1
+    settings = ReproductionSettings(
+        n_markets=n_markets, n_jobs=n_jobs, effort=effort
+    )
+    result = reproduce(settings)
     write_reproduction(result, folder)
     table = claims_table(result)
     lines = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import logging
 import re
 import shutil
 import subprocess
@@ -168,6 +169,8 @@ def pictures(block: Any, block_vars: Any, gallery_conf: dict[str, Any]) -> str:
 
 def make(app: Any) -> None:
     """Make everything afresh."""
+    # That kernels are compiled on a new machine belongs on no page.
+    logging.getLogger("inscrutable").setLevel(logging.ERROR)
     shutil.rmtree(MADE, ignore_errors=True)
     api_pages(MADE / "api")
     curves(MADE / "benchmarks")

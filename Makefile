@@ -11,7 +11,7 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types imports bench audit clean
+.PHONY: help demo docs test lint types imports bench audit clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | while IFS='|' read -r name text; do \
@@ -21,6 +21,13 @@ demo: .venv/.core ## walk an investor through 27 years of real returns, into dem
 	$(BIN)/inscrutable backtest --out demo
 	@echo "The table and the figures are in the folder demo:"
 	@ls -1 demo | sed 's/^/  demo\//'
+
+docs: export OPENBLAS_NUM_THREADS := 1
+docs: export OMP_NUM_THREADS := 1
+docs: .venv/.docs ## build the documents from executed sources; a warning is an error
+	@rm -rf build/docs
+	$(BIN)/python -m sphinx -W --keep-going -n -q -E -j 2 docs build/docs
+	@echo "The first page: $(CURDIR)/build/docs/index.html"
 
 # Two test processes share two cores, so each does its linear algebra on one thread.
 test: export OPENBLAS_NUM_THREADS := 1
@@ -45,12 +52,13 @@ audit: .venv/.test ## the checks that take longer; their log is kept in audit/lo
 	$(BIN)/python tools/audit.py
 
 clean: ## remove the environment, the caches and the demo
-	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist demo
+	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist demo docs/made
 	find src tests tools benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # ---- the environment: made once, renewed when a requirement changes -----------------------------
 
-EVERYTHING := .[test,global,data,bench]
+comma := ,
+EVERYTHING := .[test,docs,global,data,bench]
 
 define install
 	@echo "Installing into .venv (a minute or two the first time) ..."
@@ -65,11 +73,15 @@ endef
 
 .venv/.test: pyproject.toml constraints.txt | $(BIN)/pip
 	$(call install,$(EVERYTHING))
-	@touch .venv/.core $@
+	@touch .venv/.core .venv/.docs $@
 
 .venv/.core: pyproject.toml constraints.txt | $(BIN)/pip
 	$(call install,.[report])
 	@touch $@
+
+.venv/.docs: pyproject.toml constraints.txt | $(BIN)/pip
+	$(call install,.[docs$(comma)report])
+	@touch .venv/.core $@
 
 $(BIN)/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' 2>/dev/null || { \

@@ -1,4 +1,7 @@
-"""A system operator whose public schedule of power plants tells a private wind forecast, on the IEEE 30-bus network.
+"""An operator with a wind forecast
+================================
+
+A system operator whose public schedule of power plants tells a private wind forecast, on the IEEE 30-bus network.
 
 Writes dispatch_with_wind.png into the current folder.
 """

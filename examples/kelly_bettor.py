@@ -1,4 +1,7 @@
-"""A bettor whose stakes tell what she knows: the best stakes are her belief itself, so what does it cost to bluff?
+"""A bettor and her stakes
+=======================
+
+A bettor whose stakes tell what she knows: the best stakes are her belief itself, so what does it cost to bluff?
 
 Writes kelly_bettor.png into the current folder.
 """

@@ -1,4 +1,7 @@
-"""The paper samples M actions and lets M grow: where does that lead, and how fast, by actions and by decoys?
+"""The limit of many samples
+=========================
+
+The paper samples M actions and lets M grow: where does that lead, and how fast, by actions and by decoys?
 
 Writes limit_of_candidates.png into the current folder.
 """

@@ -1,4 +1,7 @@
-"""An investor over three market regimes: what its portfolio says, and what to publish instead.
+"""An investor over three regimes
+==============================
+
+An investor over three market regimes: what its portfolio says, and what to publish instead.
 
 Writes three_regimes.png into the current folder.
 """

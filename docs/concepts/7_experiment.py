@@ -1,0 +1,64 @@
+"""
+Experiment
+==========
+
+One decision proves little. A *study* is a grid, worlds × problems × decision makers × budgets × observers × repeats, written
+down as plain data; every value that is a list stands for each of its elements.
+"""
+
+from tempfile import TemporaryDirectory
+
+from inscrutable import Study, run_study
+from inscrutable.reports.style import drawing, looks_of
+
+study = Study.of(
+    {
+        "name": "five budgets, three rules, two observers",
+        "world": {"kind": "random"},
+        "beliefs": {"kind": "grid", "resolution": 8},
+        "candidates": {"resolution": 12},
+        "decision_makers": ["CDM", "PDM", "rate-distortion"],
+        "budgets": {"unit": "silence", "values": [0.1, 0.25, 0.5, 0.75, 1.0]},
+        "adversaries": ["naive", "bayesian"],
+        "measures": ["error", "prior_error", "expected_regret"],
+    }
+)
+with TemporaryDirectory() as folder:
+    rows = run_study(study, folder).frame()
+columns = ["decision_maker", "budget", "adversary", "error", "prior_error"]
+print(rows[columns].round(3).to_string(index=False))
+
+# %%
+# The unit of the budget is the *silence regret*: what it costs to play the best constant decision, which says nothing. The
+# error is that of the observer's estimate; above the dotted line it errs by more than before it looked.
+
+with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
+    for axes, (observer, part) in zip(
+        panels, rows.groupby("adversary", sort=False), strict=True
+    ):
+        looks = looks_of(part.decision_maker.unique())
+        for name, each in part.groupby("decision_maker", sort=False):
+            look = looks[name]
+            axes.plot(
+                each.budget,
+                each.error,
+                look.line,
+                color=look.colour,
+                marker=look.marker,
+                label=name,
+            )
+        axes.axhline(
+            part.prior_error.iloc[0], color="#000000", linestyle=":", linewidth=0.9
+        )
+        axes.set(xlabel="budget, share of the silence regret", ylim=(-0.03, None))
+        axes.set_title(f"{observer} observer", loc="left")
+    panels[0].set_ylabel("error of its estimate")
+    panels[0].legend()
+    figure.savefig("experiment.png")
+
+# %%
+# ``inscrutable study run FILE --out DIR --jobs -1`` does the same from a TOML file, on all cores or a Dask cluster. Rows go to
+# one SQLite file; a study that was stopped or killed goes on with ``inscrutable study resume DIR``.
+#
+# ``inscrutable backtest`` walks an investor through real returns, ``inscrutable compare`` sets ways of hiding side by side,
+# and ``inscrutable reproduce`` does the paper's numerical section.

@@ -1,0 +1,185 @@
+"""What the build makes before it reads: the pages of the API, the claims of the paper, curves, the first steps."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import logging
+import re
+import shutil
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import inscrutable
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+MADE = HERE / "made"
+KEPT: list[Any] = []
+WORTH_PROCESSES = 10  # markets; each process has to start first
+
+# The steps of the story in its order, each with the modules whose public names belong to it.
+STEPS = {
+    "world": ("World", ("worlds",)),
+    "filter": ("Filter", ("filtering",)),
+    "problem": ("Decision problem", ("problems", "budgets")),
+    "adversary": ("Adversary", ("adversaries", "geometry", "mechanisms")),
+    "privacy": ("Privacy", ("privacy",)),
+    "decision-maker": ("Decision maker", ("decision_makers",)),
+    "experiment": ("Experiment", ("experiments", "datasets")),
+    "checks": ("Errors and contract checks", ("errors", "testing")),
+}
+
+
+def steps_of_names() -> dict[str, list[str]]:
+    """Return the public names of every step; each name is in exactly one."""
+    grouped: dict[str, list[str]] = {key: [] for key in STEPS}
+    steps = {
+        module: key for key, (_, modules) in STEPS.items() for module in modules
+    }
+    for name, module in inscrutable._EXPORTS.items():
+        first = module.split(".")[0]
+        if first not in steps:
+            raise RuntimeError(f"{name}: {first} belongs to no step of the story")
+        grouped[steps[first]].append(name)
+    return grouped
+
+
+def api_pages(folder: Path) -> None:
+    """Write one page per step of the story with all its public names, each with its docstring."""
+    folder.mkdir(parents=True)
+    for key, names in steps_of_names().items():
+        title = STEPS[key][0]
+        parts = [f"{title}\n{'=' * len(title)}\n"]
+        parts += [".. currentmodule:: inscrutable\n"]
+        parts += [".. autosummary::\n   :nosignatures:\n"]
+        parts += [*(f"   {name}" for name in names), ""]
+        for name in names:
+            is_class = isinstance(getattr(inscrutable, name), type)
+            kind = "class" if is_class else "function"
+            parts.append(f"{name}\n{'-' * len(name)}\n\n.. auto{kind}:: {name}\n")
+        folder.joinpath(f"{key}.rst").write_text("\n".join(parts), "utf-8")
+
+
+def claims(folder: Path, n_markets: int) -> None:
+    """Judge the paper's claims, and write the table and the figures."""
+    from inscrutable.experiments.reproduction import (
+        Effort,
+        ReproductionSettings,
+        reproduce,
+    )
+    from inscrutable.reports.reproduction import claims_table, write_reproduction
+
+    effort = Effort(n_simulations=min(20, n_markets))
+    n_jobs = -1 if n_markets >= WORTH_PROCESSES else 1
+    settings = ReproductionSettings(
+        n_markets=n_markets, n_jobs=n_jobs, effort=effort
+    )
+    result = reproduce(settings)
+    write_reproduction(result, folder)
+    table = claims_table(result)
+    lines = [
+        f"Over {n_markets} random markets, means over {effort.n_simulations}, seed 0:\n",
+        ".. list-table::",
+    ]
+    lines += ["   :header-rows: 1\n   :widths: 40 22 22 16\n"]
+    for row in (tuple(table.columns), *table.itertuples(index=False)):
+        lines += [
+            f"   {'*' if place == 0 else ' '} - {literal(str(cell))}"
+            for place, cell in enumerate(row)
+        ]
+    folder.joinpath("claims.rst").write_text("\n".join(lines) + "\n", "utf-8")
+
+
+def literal(text: str) -> str:
+    """Return text that no character of is read as markup."""
+    return re.sub(r"([|*`\\])", r"\\\1", text)
+
+
+def curves(folder: Path) -> None:
+    """Draw the growth curves from the measurements that are kept."""
+    from benchmarks.plots import draw_growth
+    from benchmarks.table import Row
+
+    folder.mkdir(parents=True)
+    shutil.copy(ROOT / "benchmarks" / "results" / "table.md", folder)
+    kept = json.loads(
+        ROOT.joinpath("benchmarks", "results", "growth.json").read_text("utf-8")
+    )["rows"]
+    rows = [
+        Row(row["what"], row["size"], row["ours"], numbers=row["numbers"])
+        for row in kept
+    ]
+    draw_growth(rows, folder)
+
+
+def first_steps(page: Path, folder: Path) -> None:
+    """Run the code and the commands of a page in a folder of its own; the page shows the pictures that they write."""
+    folder.mkdir(parents=True)
+    names: dict[str, object] = {"__name__": "__main__"}
+    program = Path(sys.executable).with_name("inscrutable")
+    blocks = re.findall(
+        r"^```(\w+)\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S
+    )
+    with contextlib.chdir(folder):
+        for language, text in blocks:
+            if language == "python":
+                with contextlib.redirect_stdout(io.StringIO()):
+                    exec(compile(text, page.name, "exec"), names)
+            elif language == "console":
+                for command in re.findall(r"^\$ inscrutable (.+)$", text, re.M):
+                    run_command([str(program), *command.split()])
+
+
+def run_command(words: list[str]) -> None:
+    """Run a command of a page; raise with what it said if it fails."""
+    run = subprocess.run(words, capture_output=True, text=True)
+    if run.returncode:
+        raise RuntimeError(
+            f"{' '.join(words)}: exit code {run.returncode}\n{run.stderr}"
+        )
+
+
+def strict(gallery_conf: dict[str, Any], script: str, when: str) -> None:
+    """Make a warning in a script an error, as in the tests, and let it be a warning again after it."""
+    if when == "before":
+        KEPT.append(warnings.catch_warnings(action="error"))
+        KEPT[-1].__enter__()
+    elif KEPT:
+        KEPT.pop().__exit__(None, None, None)
+
+
+def pictures(block: Any, block_vars: Any, gallery_conf: dict[str, Any]) -> str:
+    """Take what a block drew, or wrote as PNG beside its script, into the page: a scraper of the gallery."""
+    from sphinx_gallery.scrapers import figure_rst, matplotlib_scraper
+
+    drawn = matplotlib_scraper(
+        block, block_vars, gallery_conf, bbox_inches="tight", dpi=160
+    )
+    taken = []
+    for path in sorted(Path.cwd().glob("*.png")):
+        taken.append(next(block_vars["image_path_iterator"]))
+        shutil.move(path, taken[-1])
+    return drawn + (figure_rst(taken, gallery_conf["src_dir"]) if taken else "")
+
+
+def make(app: Any) -> None:
+    """Make everything afresh."""
+    # That kernels are compiled on a new machine belongs on no page.
+    logging.getLogger("inscrutable").setLevel(logging.ERROR)
+    shutil.rmtree(MADE, ignore_errors=True)
+    api_pages(MADE / "api")
+    curves(MADE / "benchmarks")
+    first_steps(HERE / "start-here.md", MADE / "start")
+    claims(MADE / "claims", app.config.claims_markets)
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Connect before the galleries are made."""
+    app.add_config_value("claims_markets", 100, "env", types=[int])
+    app.connect("builder-inited", make, priority=100)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""The verbs of `inscrutable study`: run, status, resume, export."""
+"""The verbs of `inscrutable study`: run, status, resume, export, report."""
 
 from __future__ import annotations
 
@@ -143,6 +143,34 @@ def export(
         speech.summary({"rows": len(frame), "file": path})
         return
     speech.sentence(f"{len(frame)} rows")
+    speech.files([path])
+
+
+@study.command
+def report(
+    folder: Path,
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(group=_OUTPUT)] = None,
+    title: Annotated[str | None, Parameter(group=_OUTPUT)] = None,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Write the study, finished or not, as one HTML page that works offline (needs the extra `inscrutable[report]`).
+
+    Args:
+        folder: The folder that the study was run into.
+        out: The file. Default: report.html in the study's folder.
+        title: The heading. Default: the study's name.
+    """
+    from inscrutable.experiments.studies import Study
+    from inscrutable.reports.page import write_page
+
+    found = Study.load(folder)
+    path = write_page(found, folder / "report.html" if out is None else out, title=title)
+    if speech.json:
+        speech.summary({"name": found.plan.name, "file": path})
+        return
+    speech.sentence(found.summary())
     speech.files([path])
 
 

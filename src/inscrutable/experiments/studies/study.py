@@ -18,6 +18,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
 from inscrutable.experiments.studies.markets import hash_of_data
+from inscrutable.experiments.studies.means import means_of
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
 from inscrutable.experiments.studies.store import opened
 from inscrutable.experiments.studies.tables import table_of
@@ -159,6 +160,14 @@ class Study:
         """
         with closing(opened(self._place())) as store:
             return table_of(self.grid, store.rows(), durations=durations)
+
+    def means(self) -> pd.DataFrame:
+        """Return every figure's mean over the repeats and half of its 95 % interval, one row per setting and decision maker.
+
+        Raises:
+            InputError: It was not run, or its store is damaged.
+        """
+        return means_of(self.grid, self.frame()).frame()
 
     def errors(self) -> Iterator[str]:
         """Yield the reason of every task that failed, in the order of the grid."""

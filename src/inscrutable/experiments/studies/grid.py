@@ -190,8 +190,8 @@ def variants(section: Section) -> list[Variant]:
     fixed = {name: _plain(value) for name, value in section if name not in gridded and value is not None}
     found = [fixed | dict(zip(gridded, choice, strict=True)) for choice in product(*gridded.values())]
     for each in found:
-        if each.get("method") == "global":
-            del each["starts"]
+        if each.get("method") in ("global", "candidates"):
+            each.pop("starts", None)
     return list({canonical(each): Variant.of(each) for each in found}.values())
 
 

@@ -138,6 +138,11 @@ def make_candidates(problem: DecisionProblem, actions: ArrayLike, decoys: Array 
     points = validation.finite_array(given, "candidate actions", ndim=2)
     if points.shape[1] != problem.n_actions or not len(points):
         raise InputError(f"candidate actions have shape {points.shape}, expected (M, {problem.n_actions}) with M >= 1")
+    return known_candidates(problem, points, decoys)
+
+
+def known_candidates(problem: DecisionProblem, points: Array, decoys: Array | None) -> Candidates:
+    """Return candidates for decisions (M,U) that are numbers of the right shape."""
     region = problem.constraints
     usable = np.empty(len(points), dtype=np.bool_)
     costs = np.empty((len(points), problem.n_states))

@@ -7,13 +7,13 @@ import numpy as np
 from inscrutable import validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.action_candidates import bounding_box_of, coordinate_ends
-from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
+from inscrutable.decision_makers.candidate_set import Candidates, known_candidates, make_candidates
 from inscrutable.decision_makers.proofs.tied_faces import tied_mixtures
 from inscrutable.errors import InputError
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import grid_size
 from inscrutable.geometry.low_discrepancy import simplex_cover
-from inscrutable.problems import DecisionProblem, FiniteProblem, LinearProblem, checked_problem
+from inscrutable.problems import DecisionProblem, FiniteProblem, LinearProblem, QuadraticProblem, checked_problem
 from inscrutable.validation import Array
 
 DEFAULT_SIZE = 5000
@@ -87,7 +87,10 @@ def _explained(problem: FiniteProblem, choices: Array) -> Candidates | None:
 
 def decided_by(problem: DecisionProblem, decoys: Array) -> Candidates:
     """Return the decisions that are optimal for the beliefs `decoys` (M,X), with these."""
-    return make_candidates(problem, problem.solve(decoys), decoys)
+    actions = problem.solve(decoys)
+    if isinstance(problem, QuadraticProblem):
+        return known_candidates(problem, actions, decoys)
+    return make_candidates(problem, actions, decoys)
 
 
 def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candidates:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain, combinations
 from math import comb
 
 import numpy as np
@@ -37,18 +36,16 @@ def simplex_grid(n: int, resolution: int) -> Array:
     """
     count(n, "n")
     count(resolution, "resolution")
-    if n == 1:
-        return np.ones((1, 1))
-    size = grid_size(n, resolution)
-    bars = np.fromiter(
-        chain.from_iterable(combinations(range(resolution + n - 1), n - 1)), dtype=np.int64, count=size * (n - 1)
-    ).reshape(size, n - 1)
-    points = np.empty((size, n))
-    points[:, 0] = bars[:, 0]
-    points[:, 1:-1] = np.diff(bars, axis=1) - 1
-    points[:, -1] = resolution + n - 2 - bars[:, -1]
-    points /= resolution
-    return points
+    left = np.array([resolution])
+    counts: list[np.ndarray] = []
+    for _ in range(n - 1):
+        # Every row so far is continued by 0, 1, …, what is left of it.
+        rows = np.repeat(np.arange(len(left)), left + 1)
+        ends = np.cumsum(left + 1)
+        count_here = np.arange(len(rows)) - (ends - left - 1)[rows]
+        counts = [column[rows] for column in counts] + [count_here]
+        left = left[rows] - count_here
+    return np.stack([*counts, left], axis=1) / resolution
 
 
 def grid_size(n: int, resolution: int) -> int:

@@ -96,8 +96,10 @@ def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
 
 
 @woven
-def _assemble(belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: int, matrix: Any, n_equal: int) -> None:
-    """H_FF over A_F; a coordinate not free in a lane has a row of the unit matrix and of zeros there."""
+def _assemble(
+    belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: int, matrix: Any, curved: Any, n_equal: int
+) -> None:
+    """H_FF over A_F, and H_FF once more; a coordinate not free in a lane has a row of the unit matrix and of zeros there."""
     size, n_states = state.shape[0], belief.shape[0]
     zero = spread(0.0)
     for a in range(n):
@@ -108,7 +110,10 @@ def _assemble(belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: i
             total = spread(0.0)
             for i in range(n_states):
                 total += load(belief, i) * entry(hessians, place + i)
-            store(matrix, a * n + c, where(mine & (load(state, free[c]) == zero), total, zero))
+            total = where(mine & (load(state, free[c]) == zero), total, zero)
+            store(matrix, a * n + c, total)
+            store(curved, a * n + c, total)
+            store(curved, c * n + a, total)
         store(matrix, a * n + a, where(mine, load(matrix, a * n + a), spread(1.0)))
         for e in range(n_equal):
             store(matrix, (n + e) * n + a, where(mine, entry(rows, e * size + j), zero))
@@ -161,6 +166,28 @@ def _residual(belief: Any, costs: Any, region: Any, rows: Any, n_rows: int, room
         for e in range(n_equal):
             total -= entry(transposed, rows[r] * n_equal + e) * load(nu, e)
         store(reduced, rows[r], total)
+    store(lanes, _SCALE, largest)
+
+
+@part
+def _residual_on_face(region: Any, state: Any, n: int, curved: Any, base: Any, room: Any) -> None:
+    """H u + g − A'ν in the rows of a lane's free coordinates, from the part `base` that those at their bounds make."""
+    u, reduced, nu, _, _, _, lanes, _, free, _ = room
+    transposed, n_equal, zero = region[5], region[3].size, spread(0.0)
+    largest = load(lanes, _SCALE)
+    for a in range(n):
+        total, more = load(base, a), spread(0.0)
+        for c in range(0, n - 1, 2):
+            total += load(curved, a * n + c) * load(u, free[c])
+            more += load(curved, a * n + c + 1) * load(u, free[c + 1])
+        if n % 2:
+            total += load(curved, a * n + n - 1) * load(u, free[n - 1])
+        mine = load(state, free[a]) == zero
+        total = where(mine, total + more, zero)
+        largest = where(magnitude(total) > largest, magnitude(total), largest)
+        for e in range(n_equal):
+            total -= entry(transposed, free[a] * n_equal + e) * load(nu, e)
+        store(reduced, free[a], where(mine, total, load(reduced, free[a])))
     store(lanes, _SCALE, largest)
 
 
@@ -236,7 +263,7 @@ def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
 
 
 @woven
-def _settle(belief: Any, costs: Any, region: Any, state: Any, near: float, n: int, room: Any) -> Any:
+def _settle(region: Any, state: Any, near: float, n: int, curved: Any, base: Any, room: Any) -> Any:
     """Put u inside its bounds, exactly on those it is near; sound where H u + g = A'ν on F and A u = b still hold."""
     u, reduced, _, _, _, _, lanes, _, free, _ = room
     lower, upper, _, sides, rows, _ = region
@@ -247,7 +274,7 @@ def _settle(belief: Any, costs: Any, region: Any, state: Any, near: float, n: in
         value, low, high = load(u, free[a]), entry(lower, free[a]), entry(upper, free[a])
         value = where(value - low <= margin, low, where(high - value <= margin, high, value))
         store(u, free[a], value)
-    _residual(belief, costs, region, free, n, room)
+    _residual_on_face(region, state, n, curved, base, room)
     for a in range(n):
         fine = (magnitude(load(reduced, free[a])) <= allowed) | (load(state, free[a]) != zero)
         good = where(fine, good, zero)
@@ -266,8 +293,8 @@ def _settle(belief: Any, costs: Any, region: Any, state: Any, near: float, n: in
 def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, factors: Any, room: Any) -> Any:
     """Exchange until no lane offends; the minimisers are then in the room, where `_SOUND` holds."""
     pivot, near = limits
-    matrix, small = factors
-    u, _, nu, _, _, _, lanes, _, free, held = room
+    matrix, small, curved, base = factors
+    u, reduced, nu, _, _, _, lanes, _, free, held = room
     size, n_equal = u.shape[0], nu.shape[0]
     store(lanes, _SOUND, spread(1.0))
     store(lanes, _FEWEST, spread(size + 1.0))
@@ -276,13 +303,18 @@ def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, 
         n, n_held = _guess(region, state, u, free, held)
         if (n + n_equal + _TILE) * n > matrix.shape[0]:
             matrix = blank((n + 2 * _TILE + n_equal + _TILE) * (n + 2 * _TILE))
-        _assemble(belief, costs[0], region[4], state, free, n, matrix, n_equal)
+            curved = blank((n + 2 * _TILE) * (n + 2 * _TILE))
+        _assemble(belief, costs[0], region[4], state, free, n, matrix, curved, n_equal)
         store(lanes, _SCALE, spread(0.0))
         store(lanes, _OFFENDERS, spread(0.0))
         for e in range(n_equal):
             store(nu, e, spread(0.0))
+        _residual(belief, costs, region, free, n, room)
+        for a in range(n):
+            store(base, a, load(reduced, free[a]))
         for again in range(2):
-            _residual(belief, costs, region, free, n, room)
+            if again == 1:
+                _residual_on_face(region, state, n, curved, base, room)
             _improve(region, state, (matrix, small), n, again, pivot, room)
             if again == 0:
                 _residual(belief, costs, region, held, n_held, room)
@@ -290,9 +322,9 @@ def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, 
             if offended and attempt < _ROUNDS:
                 break
         if not offended or attempt == _ROUNDS:
-            _settle(belief, costs, region, state, near, n, room)
+            _settle(region, state, near, n, curved, base, room)
             break
-    return matrix
+    return matrix, small, curved, base
 
 
 @woven
@@ -304,17 +336,24 @@ def _sides_of(start: Any, region: Any, state: Any) -> None:
 
 
 @kernel
-def solve_path(beliefs: Any, costs: Any, region: Any, limits: Any, start: Any, actions: Any, solved: Any) -> None:
-    """Fill actions (T,U) for beliefs (T,X) in order.
+def solve_path(
+    beliefs: Any, order: Any, costs: Any, region: Any, limits: Any, start: Any, actions: Any, solved: Any
+) -> None:
+    """Fill the rows `order` of actions (T,U) for those of beliefs (T,X), one after the other.
 
     `costs` is (H_jki at (j·U + k)·X + i, g_ji at j·X + i), `region` (lower, upper, equalities, sides, the equalities'
     entries row by row, column by column), `limits` (least share of a pivot that may remain, largest KKT residual
     relative to the gradient); the assets that `start` (U,) holds are the first guess. Where solved[t] stays False the
     caller must use another method.
     """
-    count, size = actions.shape
+    count, size = order.size, actions.shape[1]
     n_states, n_equal = beliefs.shape[1], region[3].size
-    matrix, small = blank(256 + n_equal), blank((n_equal + _TILE) * n_equal)
+    factors = (
+        blank(256 + n_equal),  # L D of H_FF, A_F and −∇_F below it
+        blank((n_equal + _TILE) * n_equal),  # that of S
+        blank(256),  # H_FF
+        blank(size),  # H_FB u_B + g_F
+    )
     belief, state = blank(n_states), blank(size)
     room = (
         blank(size),  # u
@@ -334,15 +373,15 @@ def solve_path(beliefs: Any, costs: Any, region: Any, limits: Any, start: Any, a
         for lane in range(LANES):
             # A last group that is not full repeats its last belief.
             for i in range(n_states):
-                belief[i, lane] = beliefs[min(first + lane, count - 1), i]
-        matrix = _solve_group(belief, costs, region, limits, state, (matrix, small), room)
+                belief[i, lane] = beliefs[order[min(first + lane, count - 1)], i]
+        factors = _solve_group(belief, costs, region, limits, state, factors, room)
         last = -1
         for lane in range(min(LANES, count - first)):
             if lanes[_SOUND, lane] > 0.0:
                 last = lane
-                solved[first + lane] = True
+                solved[order[first + lane]] = True
                 for j in range(size):
-                    actions[first + lane, j] = u[j, lane]
+                    actions[order[first + lane], j] = u[j, lane]
         if last < 0:
             _sides_of(start, region, state)
         else:

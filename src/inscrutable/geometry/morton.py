@@ -1,0 +1,35 @@
+"""An order in which points that follow each other lie close together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable.validation import Array
+
+_MOST_BITS = 10
+_CODE_BITS = 63
+_FEW = 8  # points that are not worth sorting
+
+
+def morton_order(points: Array) -> np.ndarray:
+    """Return the indices (T,) that sort points (T,X) of the simplex along Morton's curve.
+
+    The curve visits the cells of ever finer grids one after the other: the bits of the first X − 1 coordinates (the last
+    follows from them), most significant first, are those of a point's place. Equal places keep their order,
+    and so do eight points or fewer.
+
+    Source: G. M. Morton, A computer oriented geodetic data base and a new technique in file sequencing, IBM (1966).
+    """
+    n_points, n = len(points), min(points.shape[1] - 1, _CODE_BITS)
+    if n == 0 or n_points <= _FEW:
+        return np.arange(n_points)
+    bits = min(_MOST_BITS, _CODE_BITS // n)
+    cells = np.minimum((points[:, :n] * 2**bits).astype(np.int64), 2**bits - 1)
+    numbers = np.arange(2**bits)
+    spread = np.zeros(2**bits, dtype=np.int64)
+    for bit in range(bits):
+        spread |= ((numbers >> bit) & 1) << (bit * n)
+    places = np.zeros(n_points, dtype=np.int64)
+    for i in range(n):
+        places |= spread[cells[:, i]] << i
+    return np.argsort(places, kind="stable")

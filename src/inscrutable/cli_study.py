@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from inscrutable.experiments.studies import Study, StudyProgress
 
 FAILED_TASKS = 1
+STUDY, AGAIN = "study", "give the same command again"
+"""Where other verbs keep the study behind their results, and how one that was stopped is gone on with."""
 _SECONDS_BETWEEN_LINES = 10.0
 _ERRORS_SHOWN = 3
 
@@ -201,7 +203,7 @@ def _say_errors(found: Study, speech: Speech) -> None:
 
 
 @contextmanager
-def resumable(folder: Path) -> Iterator[None]:
+def resumable(folder: Path, how: str = "inscrutable study resume {}") -> Iterator[None]:
     """Say how to go on where a run is stopped after it began."""
     from inscrutable.experiments.studies.store import STORE
 
@@ -211,7 +213,7 @@ def resumable(folder: Path) -> Iterator[None]:
     except BaseException as error:
         began = before != _stamp(folder / STORE) or not isinstance(error, InscrutableError)
         if began and (folder / STORE).exists():
-            print(f"Rows so far are kept. To go on: inscrutable study resume {folder}", file=sys.stderr, flush=True)
+            print(f"Rows so far are kept. To go on: {how.format(folder)}", file=sys.stderr, flush=True)
         raise
 
 

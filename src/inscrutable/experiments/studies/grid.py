@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -83,6 +83,18 @@ class Task:
         return found
 
 
+class TaskGrid(Protocol):
+    """The tasks of a study of any kind."""
+
+    def __len__(self) -> int: ...
+
+    def task(self, number: int) -> Task:
+        """Return a task by its place."""
+
+    def task_seed(self, task: Task) -> np.random.SeedSequence:
+        """Return the child seed of a task."""
+
+
 class Plays(Sequence[tuple[Variant, Variant]]):
     """Decision makers with the budgets they take, one after another."""
 
@@ -148,6 +160,10 @@ class StudyGrid:
         for part in reversed(range(len(self.shape))):
             rest, places[part] = divmod(rest, self.shape[part])
         return Task(number, tuple(places), self._text(places))
+
+    def task_seed(self, task: Task) -> np.random.SeedSequence:
+        """Return the child seed of a task, which its identity decides."""
+        return self.seed(task.text)
 
     def parts(self, places: Sequence[int]) -> dict[str, str]:
         """Return the canonical text of each part of a task, by name."""

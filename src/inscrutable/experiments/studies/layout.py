@@ -293,12 +293,17 @@ class BudgetSection(Section):
     hold: Literal["each", "mean"] = "each"
 
 
-class StudyFile(Section):
-    """The whole file."""
+class PlanFile(Section):
+    """What every kind of study says of itself."""
 
     name: Annotated[str, Field(min_length=1)]
     note: str = ""
     seed: Annotated[int, Field(ge=0)] = 0
+
+
+class StudyFile(PlanFile):
+    """The whole file of a grid, the common kind of study."""
+
     repeats: Count = 1
     world: World
     problem: Problem = MarkowitzSection(kind="markowitz")

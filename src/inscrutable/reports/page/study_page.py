@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.experiments.studies import Study
+from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import PER_OBSERVER, Figure, StudyMeans, means_of
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.style import Look, looks_of
@@ -70,10 +71,9 @@ _HEADLINES = (("error", 1), ("naive_privacy", 1), ("mutual_information", -1), ("
 
 def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) -> PageContent:
     """Return the content of a study's page; `manifest` are further lines of its own."""
-    frame, status = study.frame(), study.status()
-    means = means_of(study.grid, frame)
+    means, status = means_of(*study.gridded()), study.status()
     shown = _shown(means)
-    section = study.plan.budgets
+    section = file_of(study).budgets
     spent = ", ".join(filter(None, [_UNITS[section.unit], "" if section.unit == "relative" else _HOLDS[section.hold]]))
     header = ". ".join(filter(None, [study.plan.note.rstrip("."), f"{study.n_tasks} tasks; budgets: {spent}"]))
     return PageContent(
@@ -85,7 +85,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
         sliders=_sliders(means, shown, _WORTH[section.unit]),
         figures=_drawn(means) if status.done else [],
         failures=_failures(study) if status.failed else [],
-        notes=[*_NOTES, *(text for name, text in _MEANING.items() if name in study.plan.measures)],
+        notes=[*_NOTES, *(text for name, text in _MEANING.items() if name in file_of(study).measures)],
         manifest={**_manifest(study), **manifest},
         script="study.js" if status.done else None,
         data=page_data(means, shown),
@@ -99,6 +99,12 @@ _NOTES = (
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian knows "
     "how decisions are made.",
 )
+
+
+def file_of(study: Study) -> StudyFile:
+    """Return the file of a grid."""
+    assert isinstance(study.plan, StudyFile)
+    return study.plan
 
 
 def _shown(means: StudyMeans) -> list[int]:
@@ -118,7 +124,11 @@ def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTa
     for place, (maker, budget) in enumerate(zip(means.makers, means.budgets, strict=True)):
         counts = means.count[setting, place]
         cells = [_cell(means.mean[setting, place, f], means.half_width[setting, place, f]) for f in range(len(counts))]
-        repeats = f"{counts.max()} of {study.plan.repeats}" if counts.max() < study.plan.repeats else str(counts.max())
+        repeats = (
+            f"{counts.max()} of {file_of(study).repeats}"
+            if counts.max() < file_of(study).repeats
+            else str(counts.max())
+        )
         rows.append([maker, "–" if budget is None else f"{budget:g}", repeats, *cells])
     columns = ["Decision maker", "budget", "repeats", *map(title_of, means.figures)]
     heading = means.settings[setting] or "All figures"
@@ -251,7 +261,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     setting = int(means.count.any(axis=(1, 2)).argmax())
     budgets = _budgets(means)
     budget = budgets[_middle(budgets)] if budgets else None
-    at = [] if budget is None else [f"at a budget of {_WORTH[study.plan.budgets.unit].format(budget)}"]
+    at = [] if budget is None else [f"at a budget of {_WORTH[file_of(study).budgets.unit].format(budget)}"]
     at += [f"in the setting {means.settings[setting]}"] if means.settings[setting] else []
     text = ", ".join([*at, "; ".join(filter(None, (_ranked(means, setting, budget, each, sign) for each in places)))])
     return [f"{text[0].upper()}{text[1:]}.", *_elsewhere(means, setting, budget, places[0], sign)]
@@ -302,11 +312,11 @@ def _cautions(study: Study, means: StudyMeans, shown: int) -> list[str]:
         )
     if status.failed:
         found.append(f"{status.failed} of {status.total} tasks failed, for the reasons below; no mean holds them.")
-    if study.plan.repeats == 1:
+    if file_of(study).repeats == 1:
         found.append("There is one repeat: nothing is known of the spread.")
     if shown < len(means.settings):
         found.append(f"The page shows {shown} of {len(means.settings)} settings; the exported rows have all.")
-    if not any(measure in PER_OBSERVER for measure in study.plan.measures):
+    if not any(measure in PER_OBSERVER for measure in file_of(study).measures):
         found.append("The study measures no observer's error: its figures are the mechanism's.")
     return found
 

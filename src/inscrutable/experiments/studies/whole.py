@@ -89,6 +89,8 @@ def all_rows(
 
             def watch(progress: StudyProgress) -> None:
                 count.upto(progress.done)
+                if progress.failed:
+                    check_done(list(store.rows()))
 
             worlds = json.loads(store.fact("worlds") or "[]")
             prepared(worlds)

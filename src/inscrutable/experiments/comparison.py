@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from inscrutable import validation
 from inscrutable.decision_makers import Candidates, decoy_grid
@@ -232,12 +233,13 @@ def compare(
     source = validation.generator(rng)
     terms = Terms.of(problem, prior, chosen, checked_makers(makers), candidates)
     rows = []
-    for done, (name, budget) in enumerate(terms.tasks):
-        row = terms.row(name, budget, rng=source.spawn(1)[0])
-        if row is not None:
-            rows.append(row)
-        if progress is not None:
-            progress(done + 1, len(terms.tasks))
+    with threadpool_limits(limits=1):  # many small products: threads would wait for one another, and change last digits
+        for done, (name, budget) in enumerate(terms.tasks):
+            row = terms.row(name, budget, rng=source.spawn(1)[0])
+            if row is not None:
+                rows.append(row)
+            if progress is not None:
+                progress(done + 1, len(terms.tasks))
     return terms.comparison(rows)
 
 

@@ -31,6 +31,7 @@ from inscrutable.kernels.options import kernel, part, woven
 
 _ROUNDS = 60  # block exchanges before a belief is left to another method; three to six are usual
 _PATIENCE = 3.0  # exchanges in a row that may fail to lower the number of offenders
+_ROOM = 256  # entries of the first matrices; larger ones are made when needed
 _TILE = 4  # rows or columns worked on together; arrays have room for a last tile that is not full
 _LANES = _SOUND, _SCALE, _OFFENDERS, _FEWEST, _LEFT = 0, 1, 2, 3, 4  # rows of `lanes`; _LEFT is the patience left
 
@@ -348,10 +349,11 @@ def solve_path(
     """
     count, size = order.size, actions.shape[1]
     n_states, n_equal = beliefs.shape[1], region[3].size
+    room_at_first = _ROOM + n_equal
     factors = (
-        blank(256 + n_equal),  # L D of H_FF, A_F and −∇_F below it
+        blank(room_at_first),  # L D of H_FF, A_F and −∇_F below it
         blank((n_equal + _TILE) * n_equal),  # that of S
-        blank(256),  # H_FF
+        blank(room_at_first),  # H_FF
         blank(size),  # H_FB u_B + g_F
     )
     belief, state = blank(n_states), blank(size)

@@ -22,15 +22,19 @@ from inscrutable import (
     Budget,
     OriginalDecisionMaker,
     ProbabilisticDecisionMaker,
+    StackelbergDecisionMaker,
     Study,
     action_grid,
     cli,
+    consistent_beliefs,
+    decoy_grid,
     leakage,
     mechanism,
     resume_study,
     run_study,
     uniform_prior,
 )
+from inscrutable.decision_makers import LinearProgramme
 from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.studies import StudyProgress, executors, runner
@@ -107,15 +111,54 @@ def test_equal_spending_is_equal(tmp_path: Path) -> None:
     study = small(
         repeats=1,
         beliefs={"kind": "grid", "resolution": 4},
-        decision_makers=["PDM", "uniform", "exponential", "coin", "rate-distortion", "rounding"],
+        decision_makers=["PDM", "uniform", "exponential", "coin", "rate-distortion", "Stackelberg", "rounding"],
         budgets={"unit": "silence", "hold": "mean", "values": [0.4]},
         measures=["silence_share"],
         adversaries=["naive", "near-optimal", "budget-aware", "bayesian"],
     )
     frame = run_study(study, tmp_path).frame()
     spent = frame.groupby("decision_maker")["silence_share"].first()
-    assert_allclose(spent[["PDM", "uniform", "exponential", "coin", "rate-distortion"]], 0.4, rtol=0.01)
+    equal = ["PDM", "uniform", "exponential", "coin", "rate-distortion", "Stackelberg"]
+    assert_allclose(spent[equal], 0.4, rtol=0.01)
     assert spent["rounding"] <= 0.4  # it comes in steps
+
+
+def test_aware_mechanisms_and_searches_among_candidates_alone(tmp_path: Path) -> None:
+    """Each budget per belief, built by hand: by enumeration, the paper's programme, and the library's own Stackelberg."""
+    plan = SMALL | {
+        "repeats": 1,
+        "beliefs": {"kind": "grid", "resolution": 3},
+        "candidates": {"resolution": 5},
+        "decision_makers": [
+            {"name": "CDM", "method": "candidates"},
+            {"name": "PDM", "method": ["global", "candidates"]},
+            {"name": "Stackelberg", "gap": 0.001},
+        ],
+        "budgets": {"values": 0.3},
+        "adversaries": "bayesian",
+        "measures": ["error", "naive_privacy", "expected_regret"],
+    }
+    study = run_study(Study.of(plan), tmp_path)
+    cdm, pdm, mixed, hidden = (row for _, row in study.frame().iterrows())
+    rng = study.grid.stream("world", (0, 0, 0, 0, 0, 0, 0), ("world", "repeat"))
+    problem, prior = random_market(rng=rng).problem, uniform_prior(3, 3)
+    candidates, budget = decoy_grid(problem, 5), Budget.relative(0.3)
+
+    best = []
+    for belief in prior.beliefs:
+        limit = 0.3 * abs(float(problem.optimal_cost(belief)))
+        affordable = [u for u in candidates.actions if float(problem.regret(belief, u)) <= limit]
+        best.append(max([0.0, *(consistent_beliefs(problem, u).distance(belief) for u in affordable)]))
+    assert cdm["naive_privacy"] == pytest.approx(np.mean(best), abs=1e-7)
+
+    programme = ProbabilisticDecisionMaker(problem, None, budget, candidates=candidates, method=LinearProgramme())
+    expected = np.asarray(programme.decide_many(prior.beliefs).expected_privacy)
+    assert mixed["naive_privacy"] == pytest.approx(expected.mean(), abs=1e-6)
+    assert pdm["naive_privacy"] >= mixed["naive_privacy"] - 1e-9
+
+    maker = StackelbergDecisionMaker(problem, budget, prior=prior, candidates=candidates, gap=0.001)
+    assert hidden["error"] == pytest.approx(np.sqrt(maker.value), rel=1e-6)
+    assert hidden["error"] >= max(cdm["error"], pdm["error"], mixed["error"]) - 1e-3
 
 
 def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study, tmp_path: Path) -> None:
@@ -139,6 +182,14 @@ def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study,
     assert seen[0].fresh == 0
     assert (seen[-1].done, seen[-1].total, seen[-1].failed, seen[-1].seconds_left) == (112, 112, 0, 0.0)
     assert [each.done for each in seen] == sorted(each.done for each in seen)
+
+
+def test_four_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> None:
+    other = run_study(Study.of(SMALL), tmp_path / "four", jobs=4)
+    for study in (whole, other):
+        out = tmp_path / f"{study is other}.csv"
+        assert cli.main(["study", "export", str(study.folder), "--out", str(out), "-q"]) == 0
+    assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()
 
 
 def test_the_order_of_tasks_and_what_was_done_before_change_nothing(whole: Study, tmp_path: Path) -> None:
@@ -378,6 +429,19 @@ def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Pa
         assert "read" in said["read-only"]
         assert int(said["read"]) == 10
     assert json.loads(said["rows"]) == table(whole)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="permissions do not bind the superuser; a read-only disk is tried above")
+def test_a_read_only_folder_is_refused_and_can_be_read(copy: Path) -> None:
+    before = table(Study.load(copy))
+    copy.chmod(0o500)
+    try:
+        for use in (lambda: resume_study(copy), lambda: run_study(Study.of(SMALL), copy / "new")):
+            with pytest.raises(InputError, match=r"cannot be (written|created|used)"):
+                use()
+        assert table(Study.load(copy)) == before
+    finally:
+        copy.chmod(0o700)
 
 
 def test_the_manifest_says_all_that_is_needed(whole: Study) -> None:

@@ -152,6 +152,11 @@ def test_a_misspelt_name_is_answered_with_the_nearest(
             6,
             "goal",
         ),
+        (
+            'name = "a"\n[[decision_makers]]\nname = "PDM"\ngoal = "reversed"\nmethod = "candidates"\n' + RANDOM,
+            2,
+            'knows the goal "maximal" alone',
+        ),
     ],
 )
 def test_a_wrong_value_is_named_with_its_line(folder: Path, text: str, line: int, told: str) -> None:

@@ -17,7 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
-from inscrutable.cli_study import study
+from inscrutable.cli_study import AGAIN, STUDY, resumable, study
 from inscrutable.cli_values import (
     MeasureName,
     UsageError,
@@ -92,7 +92,8 @@ def reproduce(
         resolution: Of the action grid and the decoy grid; 40 gives 861 samples.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
-        out: Folder for figures, claims.csv and summary.json.
+        out: Folder for figures, claims.csv and summary.json. The study behind them is kept in its folder "study": a run that
+            was stopped goes on there when the same command is given again.
     """
     from inscrutable.experiments.reproduction import Effort, ReproductionSettings, reproduce
     from inscrutable.reports.reproduction import claims_table, write_reproduction
@@ -103,8 +104,8 @@ def reproduce(
     )
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
-    with speech.progress("Random markets") as move:
-        result = reproduce(settings, progress=move)
+    with resumable(folder / STUDY, AGAIN), speech.progress("Random markets") as move:
+        result = reproduce(settings, folder=folder / STUDY, progress=move)
     speech.log("Drawing the figures")
     files = write_reproduction(result, folder)
     if speech.json:
@@ -354,6 +355,7 @@ def compare(
     market: Annotated[str, Parameter(group=_DATA)] = "paper",
     resolution: Annotated[int, Parameter(group=_DATA)] = 30,
     budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
+    jobs: int = -1,
     seed: Seed = 0,
     out: Out = Path("comparison"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
@@ -368,31 +370,27 @@ def compare(
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
+        jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
-            report.html, one page to play with that works offline.
+            report.html, one page to play with that works offline. The study behind them is kept in its folder "study": a
+            run that was stopped goes on there when the same command is given again.
     """
     unit, shares = budgets_of(budgets)
 
-    import numpy as np
-
     from inscrutable.experiments.comparison import ComparisonSettings
-    from inscrutable.experiments.comparison import compare as compared
-    from inscrutable.experiments.comparison_markets import market_of
+    from inscrutable.experiments.comparison_study import compared, comparison_study
     from inscrutable.reports.comparison import terminal_table, write_comparison
 
     settings = ComparisonSettings(shares, unit)
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
-    chosen = market_of(market, resolution, seed)
-    speech.log(f"{chosen.note}; {len(chosen.prior)} beliefs")
-    with speech.progress("Decision makers at budgets") as move:
-        result = compared(
-            chosen.problem, chosen.prior, settings, rng=np.random.default_rng([seed, len(shares)]), progress=move
-        )
+    asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)
+    with resumable(folder / STUDY, AGAIN), speech.progress("Decision makers at budgets") as move:
+        result, note = compared(asked, folder / STUDY, jobs=jobs, say=speech.log, progress=move)
     speech.log("Drawing the figure")
-    files = write_comparison(result, folder, title=chosen.note)
-    files += _write_report(result, folder, manifest={"market": chosen.note, "seed": seed})
+    files = write_comparison(result, folder, title=note)
+    files += _write_report(result, folder, manifest={"market": note, "seed": seed})
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

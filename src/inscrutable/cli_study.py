@@ -1,4 +1,4 @@
-"""The verbs of `inscrutable study`: run, status, resume, export."""
+"""The verbs of `inscrutable study`: run, status, resume, export, report."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from inscrutable.experiments.studies import Study, StudyProgress
 
 FAILED_TASKS = 1
+STUDY, AGAIN = "study", "give the same command again"
+"""Where other verbs keep the study behind their results, and how one that was stopped is gone on with."""
 _SECONDS_BETWEEN_LINES = 10.0
 _ERRORS_SHOWN = 3
 
@@ -146,6 +148,34 @@ def export(
     speech.files([path])
 
 
+@study.command
+def report(
+    folder: Path,
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(group=_OUTPUT)] = None,
+    title: Annotated[str | None, Parameter(group=_OUTPUT)] = None,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Write the study, finished or not, as one HTML page that works offline (needs the extra `inscrutable[report]`).
+
+    Args:
+        folder: The folder that the study was run into.
+        out: The file. Default: report.html in the study's folder.
+        title: The heading. Default: the study's name.
+    """
+    from inscrutable.experiments.studies import Study
+    from inscrutable.reports.page import write_page
+
+    found = Study.load(folder)
+    path = write_page(found, folder / "report.html" if out is None else out, title=title)
+    if speech.json:
+        speech.summary({"name": found.plan.name, "file": path})
+        return
+    speech.sentence(found.summary())
+    speech.files([path])
+
+
 def _told(done: Study, speech: Speech) -> int:
     _say_status(done, speech)
     failed = done.status().failed
@@ -173,7 +203,7 @@ def _say_errors(found: Study, speech: Speech) -> None:
 
 
 @contextmanager
-def resumable(folder: Path) -> Iterator[None]:
+def resumable(folder: Path, how: str = "inscrutable study resume {}") -> Iterator[None]:
     """Say how to go on where a run is stopped after it began."""
     from inscrutable.experiments.studies.store import STORE
 
@@ -183,7 +213,7 @@ def resumable(folder: Path) -> Iterator[None]:
     except BaseException as error:
         began = before != _stamp(folder / STORE) or not isinstance(error, InscrutableError)
         if began and (folder / STORE).exists():
-            print(f"Rows so far are kept. To go on: inscrutable study resume {folder}", file=sys.stderr, flush=True)
+            print(f"Rows so far are kept. To go on: {how.format(folder)}", file=sys.stderr, flush=True)
         raise
 
 

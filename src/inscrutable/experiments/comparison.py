@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from inscrutable import validation
 from inscrutable.decision_makers import Candidates, decoy_grid
@@ -228,40 +230,83 @@ def compare(
         (('ODM', 'CDM', 'PDM'), 0.0)
     """
     chosen = ComparisonSettings() if settings is None else settings
-    source, by_name = validation.generator(rng), checked_makers(makers)
-    setting = _setting(problem, prior, candidates)
-    silent = silence_regret(problem, prior.beliefs, prior.weights)
-    unit = {"silence": silent, "cost": setting.mean_cost, "regret": 1.0}[chosen.unit]
-    budgets = tuple(unit * share for share in chosen.budgets)
-    tasks = [
-        (name, make, budget)
-        for name, make in by_name.items()
-        for budget in ((0.0,) if name in SPENDS_NOTHING else budgets)
-    ]
+    source = validation.generator(rng)
+    terms = Terms.of(problem, prior, chosen, checked_makers(makers), candidates)
     rows = []
-    for done, (name, make, budget) in enumerate(tasks):
-        play, own = make(setting, budget), source.spawn(1)[0]
-        if play is not None:
-            rows.append(measured(setting, name, budget, play, (chosen.repeats, chosen.n_draws), rng=own))
-        if progress is not None:
-            progress(done + 1, len(tasks))
-    top = (prior.beliefs >= prior.beliefs.max(axis=1, keepdims=True)).astype(np.float64)
-    return Comparison(
-        rows=tuple(rows),
-        left_out=tuple(name for name in by_name if all(row.maker != name for row in rows)),
-        budgets=budgets,
-        unit=chosen.unit,
-        repeats=chosen.repeats,
-        n_draws=chosen.n_draws,
-        n_beliefs=int(np.count_nonzero(prior.weights)),
-        n_candidates=len(setting.candidates.distinct),
-        prior_entropy=prior.entropy,
-        prior_error=prior.error,
-        prior_top_state=min(float((prior.weights @ top).max()), 1.0),
-        silence_regret=silent,
-        mean_cost=setting.mean_cost,
-        per_belief_unit="|c*|" if setting.is_relative else "regret",
-    )
+    with threadpool_limits(limits=1):  # many small products: threads would wait for one another, and change last digits
+        for done, (name, budget) in enumerate(terms.tasks):
+            row = terms.row(name, budget, rng=source.spawn(1)[0])
+            if row is not None:
+                rows.append(row)
+            if progress is not None:
+                progress(done + 1, len(terms.tasks))
+    return terms.comparison(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """What is compared on what: one row per task, and the comparison of all rows."""
+
+    setting: Setting
+    settings: ComparisonSettings
+    makers: Mapping[str, Maker]
+    silence_regret: float
+
+    @classmethod
+    def of(
+        cls,
+        problem: DecisionProblem,
+        prior: Prior,
+        settings: ComparisonSettings,
+        makers: Mapping[str, Maker],
+        candidates: Candidates | None,
+    ) -> Terms:
+        """Return the terms for arguments as `compare` takes them."""
+        setting = _setting(problem, prior, candidates)
+        return cls(setting, settings, makers, silence_regret(problem, prior.beliefs, prior.weights))
+
+    @cached_property
+    def budgets(self) -> tuple[float, ...]:
+        """Expected regrets, in the cost's unit."""
+        unit = {"silence": self.silence_regret, "cost": self.setting.mean_cost, "regret": 1.0}[self.settings.unit]
+        return tuple(unit * share for share in self.settings.budgets)
+
+    @cached_property
+    def tasks(self) -> list[tuple[str, float]]:
+        """Every decision maker with its budgets, in the cost's unit."""
+        return pairs_of(self.makers, self.budgets)
+
+    def row(self, name: str, budget: float, *, rng: np.random.Generator) -> ComparisonRow | None:
+        """Return the figures of one task; None where the decision maker does not suit the problem."""
+        play = self.makers[name](self.setting, budget)
+        sampled = (self.settings.repeats, self.settings.n_draws)
+        return None if play is None else measured(self.setting, name, budget, play, sampled, rng=rng)
+
+    def comparison(self, rows: Sequence[ComparisonRow]) -> Comparison:
+        """Return the comparison that rows make, in the order of the tasks."""
+        setting, prior = self.setting, self.setting.prior
+        top = (prior.beliefs >= prior.beliefs.max(axis=1, keepdims=True)).astype(np.float64)
+        return Comparison(
+            rows=tuple(rows),
+            left_out=tuple(name for name in self.makers if all(row.maker != name for row in rows)),
+            budgets=self.budgets,
+            unit=self.settings.unit,
+            repeats=self.settings.repeats,
+            n_draws=self.settings.n_draws,
+            n_beliefs=int(np.count_nonzero(prior.weights)),
+            n_candidates=len(setting.candidates.distinct),
+            prior_entropy=prior.entropy,
+            prior_error=prior.error,
+            prior_top_state=min(float((prior.weights @ top).max()), 1.0),
+            silence_regret=self.silence_regret,
+            mean_cost=setting.mean_cost,
+            per_belief_unit="|c*|" if setting.is_relative else "regret",
+        )
+
+
+def pairs_of(makers: Iterable[str], budgets: Sequence[float]) -> list[tuple[str, float]]:
+    """Return every decision maker with every budget; those who spend nothing come once."""
+    return [(name, budget) for name in makers for budget in ((0.0,) if name in SPENDS_NOTHING else budgets)]
 
 
 def _setting(problem: DecisionProblem, prior: Prior, candidates: Candidates | None) -> Setting:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMark
 from inscrutable.worlds.hidden_markov import default_names
 
 if TYPE_CHECKING:
-    from inscrutable.experiments.model_file import ModelFile
+    from inscrutable.experiments.model_file import ModelFile, ProblemPart
 
 FORMAT = "inscrutable investor model"
 VERSION = 1
@@ -89,7 +90,6 @@ class InvestorModel:
         """
         if not isinstance(self.world.emission, (CategoricalEmission, GaussianEmission)):
             raise InputError(f"a {type(self.world.emission).__name__} cannot be saved; only this library's sensors can")
-        region = self.problem.constraints
         data = {
             "format": FORMAT,
             "version": VERSION,
@@ -98,20 +98,7 @@ class InvestorModel:
             "regimes": list(self.regimes),
             "budget": {"amount": self.budget.amount, "is_relative": self.budget.is_relative},
             "world": self.world.to_dict(),
-            "problem": {
-                "type": "markowitz",
-                "means": self.problem.means,
-                "covariances": self.problem.covariances,
-                "risk_aversion": self.problem.risk_aversion,
-                "constraints": {
-                    "A_ub": region.A_ub,
-                    "b_ub": region.b_ub,
-                    "A_eq": region.A_eq,
-                    "b_eq": region.b_eq,
-                    "names": list(region.names),
-                    "min_slack": region.min_slack,
-                },
-            },
+            "problem": problem_data(self.problem),
         }
         write_json(data, path)
         return Path(path)
@@ -129,6 +116,41 @@ class InvestorModel:
 
         source = Path(path)
         return _built(source, checked(source, _read(source)))
+
+
+def problem_data(problem: MarkowitzProblem) -> dict[str, Any]:
+    """Return a portfolio problem as plain data with arrays."""
+    region = problem.constraints
+    return {
+        "type": "markowitz",
+        "means": problem.means,
+        "covariances": problem.covariances,
+        "risk_aversion": problem.risk_aversion,
+        "constraints": {
+            "A_ub": region.A_ub,
+            "b_ub": region.b_ub,
+            "A_eq": region.A_eq,
+            "b_eq": region.b_eq,
+            "names": list(region.names),
+            "min_slack": region.min_slack,
+        },
+    }
+
+
+def problem_of(given: ProblemPart, naming: Callable[[str], AbstractContextManager[None]]) -> MarkowitzProblem:
+    """Return the problem of checked data; `naming` says of an error which key it is about."""
+    with naming("problem.constraints"):
+        rows = given.constraints
+        region = Polyhedron(
+            rows.A_ub or None,
+            rows.b_ub or None,
+            rows.A_eq or None,
+            rows.b_eq or None,
+            names=rows.names,
+            min_slack=rows.min_slack,
+        )
+    with naming("problem"):
+        return MarkowitzProblem(given.means, given.covariances, given.risk_aversion, region)
 
 
 def _labels(given: Any, what: str, count: int) -> tuple[str, ...]:
@@ -181,19 +203,7 @@ def _read(source: Path) -> dict[str, Any]:
 def _built(source: Path, file: ModelFile) -> InvestorModel:
     with _naming(source, "world"):
         world = HiddenMarkovModel.from_dict(file.world.model_dump())
-    given = file.problem
-    with _naming(source, "problem.constraints"):
-        rows = given.constraints
-        region = Polyhedron(
-            rows.A_ub or None,
-            rows.b_ub or None,
-            rows.A_eq or None,
-            rows.b_eq or None,
-            names=rows.names,
-            min_slack=rows.min_slack,
-        )
-    with _naming(source, "problem"):
-        problem = MarkowitzProblem(given.means, given.covariances, given.risk_aversion, region)
+    problem = problem_of(file.problem, partial(_naming, source))
     with _naming(source, "budget"):
         budget = Budget(file.budget.amount, file.budget.is_relative)
     with _naming(source, "assets and regimes"):

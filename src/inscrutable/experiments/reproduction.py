@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Mapping
-from contextlib import closing
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import comb
@@ -16,8 +16,12 @@ from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.claims import JudgedClaim, judge_claims
 from inscrutable.experiments.episodes import DecisionMaker, Episode, run_episode
-from inscrutable.experiments.market_runs import GLOBAL, PAPER, MarketRun, Plan, decision_makers, run_market
+from inscrutable.experiments.market_runs import GLOBAL, PAPER, MarketRun, Plan, decision_makers
 from inscrutable.experiments.random_markets import Market, MarketLaw, random_market
+from inscrutable.experiments.reproduction_study import law_section, run_of
+from inscrutable.experiments.studies import Study
+from inscrutable.experiments.studies.whole import all_rows, shipped
+from inscrutable.files import PathLike
 from inscrutable.validation import Array
 
 _SIDES = 3  # the paper draws actions and beliefs as triangles
@@ -177,17 +181,24 @@ class Reproduction:
         return {kind: np.array([each[kind] for each in found]) for kind in found[0]}
 
 
-def reproduce(settings: ReproductionSettings | None = None, *, progress: Progress | None = None) -> Reproduction:
+def reproduce(
+    settings: ReproductionSettings | None = None, *, folder: PathLike | None = None, progress: Progress | None = None
+) -> Reproduction:
     """Return every result of the paper's numerical section and each of its claims, judged over seeded random markets.
+
+    The markets are a study: one task each, `studies/shipped/reproduction.toml` with the settings in place of its values.
 
     Args:
         settings: What to do; None is `ReproductionSettings()`.
+        folder: Where the study's rows are kept while it runs, so that a run that was stopped is gone on with; None keeps
+            nothing.
         progress: Called with (parts done, parts in all).
 
     Returns:
         A `Reproduction`, the same for the same settings whatever the number of jobs.
 
     Raises:
+        InputError: The folder cannot be written to, is in use, or holds another study.
         ModelError: The law admits no market with positive optimal costs.
 
     Cost: about a tenth of a second of one core per market, a third of it in the paper's local solver.
@@ -200,19 +211,38 @@ def reproduce(settings: ReproductionSettings | None = None, *, progress: Progres
         'holds'
     """
     chosen = ReproductionSettings() if settings is None else settings
-    n_runs = max(chosen.n_markets, chosen.effort.n_simulations)
-    drawn, *others = np.random.SeedSequence(chosen.seed).spawn(1 + n_runs)
-    with closing(_started(chosen, others)) as started:
-        # Meanwhile, where there are processes.
-        market, beliefs, episodes = _drawn_market(chosen, drawn)
-        runs = _collected(started, len(others), progress)
+    with ThreadPoolExecutor(1) as beside:
+        # Where there are processes, the market of the figures is done while they work.
+        drawn = None if chosen.n_jobs == 1 else beside.submit(_drawn_market, chosen)
+        rows, _ = all_rows(study_of(chosen), folder, jobs=chosen.n_jobs, progress=progress)
+        market, beliefs, episodes = _drawn_market(chosen) if drawn is None else drawn.result()
+    runs = tuple(run_of(chosen.plan, row) for row in rows)
     step = _telling_step(episodes[PAPER].episode)
     return Reproduction(chosen, market, beliefs, step, episodes, runs, judge_claims(runs[: chosen.n_markets]))
 
 
-def _drawn_market(
-    settings: ReproductionSettings, seed: np.random.SeedSequence
-) -> tuple[Market, Array, dict[str, VariantEpisode]]:
+def study_of(settings: ReproductionSettings) -> Study:
+    """Return the study of the markets: the shipped one with the settings in place of its values."""
+    effort = settings.effort
+    return Study.of(
+        shipped("reproduction")
+        | {
+            "seed": int(settings.seed),
+            "budget": float(settings.budget),
+            "markets": int(settings.n_markets),
+            "simulations": int(effort.n_simulations),
+            "market_steps": int(effort.n_market_steps),
+            "resolution": int(effort.resolution),
+            "budgets": [float(share) for share in effort.budgets],
+            "starts": [int(number) for number in effort.starts],
+            "sample_resolutions": [int(number) for number in effort.sample_resolutions],
+            "law": law_section(settings.law),
+        }
+    )
+
+
+def _drawn_market(settings: ReproductionSettings) -> tuple[Market, Array, dict[str, VariantEpisode]]:
+    (seed,) = np.random.SeedSequence(settings.seed).spawn(1)
     draw, path, local, lottery = (np.random.default_rng(child) for child in seed.spawn(4))
     market = random_market(settings.law, rng=draw)
     beliefs = market.beliefs(settings.n_steps, rng=path)
@@ -227,24 +257,6 @@ def _drawn_market(
         episode = run_episode(market.problem, beliefs, by_name, rng=lottery)
         episodes[variant] = VariantEpisode(episode, makers.pdm.candidates)
     return market, beliefs, episodes
-
-
-def _started(settings: ReproductionSettings, seeds: list[np.random.SeedSequence]) -> Generator[MarketRun, None, None]:
-    from joblib import Parallel, delayed
-
-    counted = settings.effort.n_simulations
-    tasks = (delayed(run_market)(settings.plan, seed, number < counted) for number, seed in enumerate(seeds))
-    started: Generator[MarketRun, None, None] = Parallel(n_jobs=settings.n_jobs, return_as="generator")(tasks)
-    return started
-
-
-def _collected(started: Iterable[MarketRun], number: int, progress: Progress | None) -> tuple[MarketRun, ...]:
-    runs: list[MarketRun] = []
-    for run in started:
-        runs.append(run)
-        if progress is not None:
-            progress(len(runs), number)
-    return tuple(runs)
 
 
 def _telling_step(episode: Episode) -> int:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -83,6 +83,18 @@ class Task:
         return found
 
 
+class TaskGrid(Protocol):
+    """The tasks of a study of any kind."""
+
+    def __len__(self) -> int: ...
+
+    def task(self, number: int) -> Task:
+        """Return a task by its place."""
+
+    def task_seed(self, task: Task) -> np.random.SeedSequence:
+        """Return the child seed of a task."""
+
+
 class Plays(Sequence[tuple[Variant, Variant]]):
     """Decision makers with the budgets they take, one after another."""
 
@@ -149,6 +161,10 @@ class StudyGrid:
             rest, places[part] = divmod(rest, self.shape[part])
         return Task(number, tuple(places), self._text(places))
 
+    def task_seed(self, task: Task) -> np.random.SeedSequence:
+        """Return the child seed of a task, which its identity decides."""
+        return self.seed(task.text)
+
     def parts(self, places: Sequence[int]) -> dict[str, str]:
         """Return the canonical text of each part of a task, by name."""
         maker, budget = self.plays[places[5]]
@@ -190,8 +206,8 @@ def variants(section: Section) -> list[Variant]:
     fixed = {name: _plain(value) for name, value in section if name not in gridded and value is not None}
     found = [fixed | dict(zip(gridded, choice, strict=True)) for choice in product(*gridded.values())]
     for each in found:
-        if each.get("method") == "global":
-            del each["starts"]
+        if each.get("method") in ("global", "candidates"):
+            each.pop("starts", None)
     return list({canonical(each): Variant.of(each) for each in found}.values())
 
 

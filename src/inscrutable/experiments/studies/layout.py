@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 _Entry = TypeVar("_Entry")
+_Hiding = TypeVar("_Hiding", bound="CounterAdversarial | Probabilistic")
 
 
 def _listed(value: Any) -> Any:
@@ -140,20 +141,29 @@ class Original(Section):
     name: Literal["ODM"]
 
 
+def _candidates_seek_distance(section: _Hiding) -> _Hiding:
+    if "candidates" in section.method and section.goal != ("maximal",):
+        raise ValueError('the method "candidates" knows the goal "maximal" alone')
+    return section
+
+
 class CounterAdversarial(Section):
-    """The most private decision that is affordable."""
+    """The most private decision that is affordable: searched globally, among candidates alone, or by the paper's solver."""
 
     name: Literal["CDM"]
     goal: Grid[Goal] = ("maximal",)
-    method: Grid[Literal["global", "local"]] = ("global",)
+    method: Grid[Literal["global", "candidates", "local"]] = ("global",)
     starts: Grid[Count] = (1,)
+    _knows = model_validator(mode="after")(_candidates_seek_distance)
 
 
 class Probabilistic(Section):
-    """The most private lottery that is affordable in expectation."""
+    """The most private lottery that is affordable in expectation, over all decisions or over candidates alone."""
 
     name: Literal["PDM"]
     goal: Grid[Goal] = ("maximal",)
+    method: Grid[Literal["global", "candidates"]] = ("global",)
+    _knows = model_validator(mode="after")(_candidates_seek_distance)
 
 
 class Uniform(Section):
@@ -197,6 +207,13 @@ class RateDistortion(Section):
     name: Literal["rate-distortion"]
 
 
+class Stackelberg(Section):
+    """The mechanism that leaves one who knows it the largest error, with a budget per belief; `gap` is the proof's."""
+
+    name: Literal["Stackelberg"]
+    gap: Grid[Annotated[float, Field(gt=0, lt=1)]] | None = None
+
+
 class Naive(Section):
     """Takes every decision for optimal."""
 
@@ -228,7 +245,16 @@ Problem = Annotated[
 ]
 Beliefs = Annotated[GridBeliefs | StationaryBeliefs | PathBeliefs, Field(discriminator="kind")]
 MakerSection = (
-    Original | CounterAdversarial | Probabilistic | Uniform | Exponential | Dirichlet | Coin | Rounding | RateDistortion
+    Original
+    | CounterAdversarial
+    | Probabilistic
+    | Uniform
+    | Exponential
+    | Dirichlet
+    | Coin
+    | Rounding
+    | RateDistortion
+    | Stackelberg
 )
 Maker = Annotated[Annotated[MakerSection, Field(discriminator="name")], BeforeValidator(_named)]
 AdversarySection = Naive | NearOptimal | BudgetAware | Bayesian
@@ -267,12 +293,17 @@ class BudgetSection(Section):
     hold: Literal["each", "mean"] = "each"
 
 
-class StudyFile(Section):
-    """The whole file."""
+class PlanFile(Section):
+    """What every kind of study says of itself."""
 
     name: Annotated[str, Field(min_length=1)]
     note: str = ""
     seed: Annotated[int, Field(ge=0)] = 0
+
+
+class StudyFile(PlanFile):
+    """The whole file of a grid, the common kind of study."""
+
     repeats: Count = 1
     world: World
     problem: Problem = MarkowitzSection(kind="markowitz")

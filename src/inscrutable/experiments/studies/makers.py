@@ -17,6 +17,7 @@ from inscrutable.decision_makers import (
     OriginalDecisionMaker,
     ProbabilisticDecisionMaker,
     RateDistortionDecisionMaker,
+    StackelbergDecisionMaker,
 )
 from inscrutable.decision_makers.baselines import (
     CoinDecisionMaker,
@@ -26,6 +27,7 @@ from inscrutable.decision_makers.baselines import (
     UniformDecisionMaker,
     calibrate,
 )
+from inscrutable.experiments.comparison_makers import CandidateDecisionMaker
 from inscrutable.mechanisms import Mechanism, Prior, mechanism
 from inscrutable.privacy import (
     DesiredObfuscation,
@@ -110,7 +112,7 @@ def play(setting: StudySetting, maker: Mapping[str, Any], budget: Mapping[str, A
     limit = setting.budget(budget)
     asked = setting.mean_limit(limit)
     if name in _PER_BELIEF and (budget["hold"] == "each" or asked <= 0):
-        promise = None if name == "PDM" else limit
+        promise = None if name in _PROMISES_NOTHING else limit
         return _played(setting, _PER_BELIEF[name](setting, maker, limit, seed), asked, promise)
     if asked <= 0:
         return _played(setting, OriginalDecisionMaker(setting.problem), asked)
@@ -141,6 +143,8 @@ def _scaled(setting: StudySetting, maker: Mapping[str, Any], limit: Budget, seed
 
 
 def _counter_adversarial(setting: StudySetting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
+    if maker["method"] == "candidates":
+        return CandidateDecisionMaker(setting.problem, budget, setting.candidates)
     method = LocalSearch(maker["starts"], seed()) if maker["method"] == "local" else None
     candidates = None if maker["method"] == "local" else setting.candidates
     goal = goal_of(maker["goal"])
@@ -148,8 +152,15 @@ def _counter_adversarial(setting: StudySetting, maker: Mapping[str, Any], budget
 
 
 def _probabilistic(setting: StudySetting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
+    if maker["method"] == "candidates":
+        return CandidateDecisionMaker(setting.problem, budget, setting.candidates, mixes=True)
     goal = goal_of(maker["goal"])
     return ProbabilisticDecisionMaker(setting.problem, goal, budget, candidates=setting.candidates)
+
+
+def _stackelberg(setting: StudySetting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
+    prior, candidates, gap = setting.prior, setting.candidates, maker.get("gap")
+    return StackelbergDecisionMaker(setting.problem, budget, prior=prior, candidates=candidates, gap=gap)
 
 
 def _uniform(setting: StudySetting, maker: Mapping[str, Any], budget: Budget, seed: Seed) -> Any:
@@ -202,8 +213,12 @@ _PER_BELIEF: Mapping[str, Callable[[StudySetting, Mapping[str, Any], Budget, See
     "CDM": _counter_adversarial,
     "PDM": _probabilistic,
     "uniform": _uniform,
+    "Stackelberg": _stackelberg,
 }
 """Those whose budget is one per belief."""
+
+_PROMISES_NOTHING = ("PDM", "Stackelberg")
+"""Those of them whose budget holds in expectation, not for every decision."""
 
 _IN_EXPECTATION: Mapping[str, Callable[..., Any]] = {"rate-distortion": RateDistortionDecisionMaker}
 """Those whose budget holds in expectation over the law of beliefs, which they know."""

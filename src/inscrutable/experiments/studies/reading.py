@@ -17,6 +17,7 @@ from inscrutable.experiments.studies.layout import (
     DispatchSection,
     GivenWorld,
     GridBeliefs,
+    PlanFile,
     StudyFile,
 )
 from inscrutable.experiments.studies.toml_lines import Place, key_lines
@@ -40,7 +41,7 @@ class StudySource:
         return f"{self.name}, key {key_text(place)}" if place else self.name
 
 
-def read_study(path: Path) -> tuple[StudyFile, StudySource]:
+def read_study(path: Path) -> tuple[PlanFile, StudySource]:
     """Return the study of a TOML file, or raise one `InputError` that says where it is wrong."""
     try:
         text = path.read_bytes().decode("utf-8")
@@ -58,19 +59,31 @@ def read_study(path: Path) -> tuple[StudyFile, StudySource]:
     return checked_study(data, source), source
 
 
-def checked_study(data: Any, source: StudySource) -> StudyFile:
+def checked_study(data: Any, source: StudySource) -> PlanFile:
     """Return a study from plain data, or raise one `InputError`."""
     if not isinstance(data, dict):
         raise InputError(f"{source.name}: a study is a table of keys, got {type(data).__name__}")
     try:
-        study = StudyFile.model_validate(data)
+        study = _layout(data, source).model_validate(data)
     except ValidationError as error:
         problems = error.errors(include_url=False)
         first = min(problems, key=lambda each: each["type"] != "extra_forbidden")  # a misspelt key explains others
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InputError(_said(first, data, source) + more) from None
-    _check_together(study, source)
+    if isinstance(study, StudyFile):
+        _check_together(study, source)
     return study
+
+
+def _layout(data: dict[str, Any], source: StudySource | None = None) -> type[PlanFile]:
+    """What a file may hold, by the kind that it names; a file that names none is a grid."""
+    from inscrutable.experiments.studies.kinds import OTHER_KINDS, kind_named
+
+    name = data.get("kind")
+    if source is not None and "kind" in data and name not in OTHER_KINDS:
+        near = _nearest(str(name), OTHER_KINDS)
+        raise InputError(f"{source.at(('kind',))}: unknown {_short(name)}{near}; {_one_of(OTHER_KINDS)}, or no kind")
+    return kind_named(name).layout
 
 
 def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> str:
@@ -126,9 +139,10 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
 
 def _known_keys(place: tuple[int | str, ...], data: dict[str, Any]) -> list[str]:
     """The keys of the section in which an unknown one stands."""
+    fields_of = _layout(data).model_fields
     if not place:
-        return list(StudyFile.model_fields)
-    models = _models(StudyFile.model_fields[str(place[0])].annotation)
+        return list(fields_of)
+    models = _models(fields_of[str(place[0])].annotation)
     for model in models:
         fields = model.model_fields
         tag = fields.get("kind") or fields.get("name")

@@ -10,7 +10,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,7 @@ from inscrutable import validation
 from inscrutable.datasets import output_folder, write_json
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies.executors import Executor, in_processes, on_cluster, serial
-from inscrutable.experiments.studies.layout import FittedWorldSection
-from inscrutable.experiments.studies.markets import fitted_world
+from inscrutable.experiments.studies.kinds import kind_of
 from inscrutable.experiments.studies.store import STORE, Store, created, locked, opened
 from inscrutable.experiments.studies.study import PathLike, Study
 from inscrutable.experiments.studies.workshop import FAILED, Row, Work
@@ -104,15 +102,15 @@ def run_study(
         1             uniform   done
     """
     chosen = study if isinstance(study, Study) else Study.read(study)
-    execute = _executor(jobs, cluster)
+    execute = executor(jobs, cluster)
     folder = output_folder(out)
     with locked(folder):
         if (folder / STORE).exists():
             raise InputError(f"{folder} holds a study already: resume it, or run into another folder")
         if (folder / MANIFEST).exists():
             raise InputError(f"{folder} has a {MANIFEST}, but no {STORE}: it was lost; run into another folder")
-        with closing(created(folder, _facts(chosen))) as store:
-            return _go_on(store, execute, progress, limit=limit, retry=False)
+        with closing(created(folder, facts_of(chosen))) as store:
+            return continued(store, execute, progress, limit=limit, retry=False)
 
 
 def resume_study(
@@ -155,16 +153,17 @@ def resume_study(
         ...     half, resume_study(folder).status().left
         (1, 0)
     """
-    execute = _executor(jobs, cluster)
+    execute = executor(jobs, cluster)
     place = Path(folder)
     with closing(opened(place)):
         pass  # say what is wrong with it before anything is written
     with locked(place), closing(opened(place, writable=True)) as store:
         store.check()
-        return _go_on(store, execute, progress, limit=limit, retry=retry)
+        return continued(store, execute, progress, limit=limit, retry=retry)
 
 
-def _executor(jobs: int, cluster: str | None) -> Executor:
+def executor(jobs: int, cluster: str | None) -> Executor:
+    """Return the way of doing tasks that is asked for, or raise `InputError`."""
     if jobs != -1:
         validation.count(jobs, "jobs")
     if cluster is not None and jobs != 1:
@@ -174,7 +173,7 @@ def _executor(jobs: int, cluster: str | None) -> Executor:
     return serial if jobs == 1 else in_processes(jobs)
 
 
-def _facts(study: Study) -> dict[str, str]:
+def facts_of(study: Study) -> dict[str, str]:
     """What the store is to know from the start, so that nothing outside it is needed to go on."""
     manifest = {
         "study": study.plan.model_dump(mode="json", exclude_none=True),
@@ -186,7 +185,7 @@ def _facts(study: Study) -> dict[str, str]:
     return {
         "study": study.plan.model_dump_json(),
         "data_hash": study.data_hash or "",
-        "worlds": json.dumps(_fitted(study)),
+        "worlds": _prepared(study),
         "manifest": json.dumps(manifest),
     }
 
@@ -197,20 +196,12 @@ def versions() -> dict[str, str]:
     return machine | {name: version(name) for name in _PACKAGES}
 
 
-def _fitted(study: Study) -> list[dict[str, Any]]:
-    """The worlds that are fitted to data, once and here, so that all machines work with the same digits."""
-    world = study.plan.world
-    if not isinstance(world, FittedWorldSection):
-        return []
-    found = []
-    for place, choice in enumerate(study.grid.worlds):
-        assert choice.data is not None
-        rng = study.grid.stream("fit", (place, 0, 0, 0, 0, 0, 0), ("world",))
-        found.append(fitted_world(world, choice.data["regimes"], study.base, rng=rng))
-    return found
+def _prepared(study: Study) -> str:
+    return json.dumps(kind_of(study.plan).prepared(study.plan, study.base, study.grid))
 
 
-def _go_on(store: Store, execute: Executor, progress: Watch | None, *, limit: int | None, retry: bool) -> Study:
+def continued(store: Store, execute: Executor, progress: Watch | None, *, limit: int | None, retry: bool) -> Study:
+    """Do the tasks that a store has no row of."""
     study = Study.load(store.folder)
     if not (store.folder / MANIFEST).exists():
         write_json(study.manifest(), store.folder / MANIFEST)

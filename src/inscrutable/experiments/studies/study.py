@@ -15,12 +15,12 @@ import pandas as pd
 from pydantic import ValidationError
 
 from inscrutable.errors import InputError, ModelError
-from inscrutable.experiments.studies.grid import StudyGrid
-from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
-from inscrutable.experiments.studies.markets import hash_of_data
+from inscrutable.experiments.studies.grid import StudyGrid, TaskGrid
+from inscrutable.experiments.studies.kinds import kind_named, kind_of
+from inscrutable.experiments.studies.layout import PlanFile, StudyFile
+from inscrutable.experiments.studies.means import means_of
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
 from inscrutable.experiments.studies.store import opened
-from inscrutable.experiments.studies.tables import table_of
 from inscrutable.experiments.studies.workshop import DONE, FAILED
 
 PathLike = str | os.PathLike[str]
@@ -73,7 +73,7 @@ class Study:
         6
     """
 
-    plan: StudyFile
+    plan: PlanFile
     folder: Path | None = None
     base: Path = field(default_factory=Path)
     data_hash: str | None = None
@@ -101,13 +101,12 @@ class Study:
         return cls._of(checked_study(dict(data), source), Path(base), source)
 
     @classmethod
-    def _of(cls, plan: StudyFile, base: Path, source: StudySource) -> Study:
-        if not isinstance(plan.world, FittedWorldSection):
-            return cls(plan, base=base)
+    def _of(cls, plan: PlanFile, base: Path, source: StudySource) -> Study:
         try:
-            return cls(plan, base=base, data_hash=hash_of_data(plan.world, base))
+            return cls(plan, base=base, data_hash=kind_of(plan).data_hash(plan, base))
         except InputError as error:
-            raise InputError(f"{source.at(('world', 'data'))}: {error}") from None
+            place = ("world", "data") if isinstance(plan, StudyFile) else ()
+            raise InputError(f"{source.at(place)}: {error}") from None
 
     @classmethod
     def load(cls, folder: PathLike) -> Study:
@@ -121,7 +120,8 @@ class Study:
         with closing(opened(place)) as store:
             plan, data_hash = store.fact("study"), store.fact("data_hash")
         try:
-            found = StudyFile.model_validate_json(plan or "")
+            name = json.loads(plan or "{}").get("kind")
+            found = kind_named(name).layout.model_validate_json(plan or "")
         except ValidationError as error:
             raise ModelError(
                 f"{place} holds a study that this release cannot read: {error.errors()[0]['msg']}"
@@ -129,9 +129,9 @@ class Study:
         return cls(found, place, data_hash=data_hash or None)
 
     @cached_property
-    def grid(self) -> StudyGrid:
+    def grid(self) -> TaskGrid:
         """Its tasks."""
-        return StudyGrid(self.plan, self.data_hash)
+        return kind_of(self.plan).grid(self.plan, self.data_hash)
 
     @property
     def n_tasks(self) -> int:
@@ -158,7 +158,21 @@ class Study:
             InputError: It was not run, or its store is damaged.
         """
         with closing(opened(self._place())) as store:
-            return table_of(self.grid, store.rows(), durations=durations)
+            return kind_of(self.plan).table(self.grid, store.rows(), durations)
+
+    def means(self) -> pd.DataFrame:
+        """Return every figure's mean over the repeats and half of its 95 % interval, one row per setting and decision maker.
+
+        Raises:
+            InputError: It was not run, its store is damaged, or it is no grid.
+        """
+        return means_of(*self.gridded()).frame()
+
+    def gridded(self) -> tuple[StudyGrid, pd.DataFrame]:
+        """Return its grid and its rows; raise `InputError` for a study of another kind."""
+        if not isinstance(self.grid, StudyGrid):
+            raise InputError(f"{self.plan.name} is no grid of settings, which have means over repeats")
+        return self.grid, self.frame()
 
     def errors(self) -> Iterator[str]:
         """Yield the reason of every task that failed, in the order of the grid."""

@@ -77,6 +77,23 @@ def _varying(grid: StudyGrid) -> list[tuple[str, str]]:
     return found
 
 
+def plain_table(rows: Iterable[Row], *, durations: bool) -> pd.DataFrame:
+    """Return rows of any kind in order: identity, parameters, seed, status, every figure that a row has, why it failed."""
+    held = list(rows)
+    parameters = [json.loads(row.parameters) for row in held]
+    figures = [json.loads(row.figures) for row in held]
+    index = pd.Index([row.number for row in held], name="number", dtype="int64")
+    parts = [
+        pd.DataFrame({"task": [row.task for row in held]}, index=index),
+        pd.DataFrame(parameters, index=index),
+        pd.DataFrame({"seed": [row.seed for row in held], "status": [row.status for row in held]}, index=index),
+        pd.DataFrame([{name: _figure(each) for name, each in found.items()} for found in figures], index=index),
+        *([pd.DataFrame({"duration": [row.duration for row in held]}, index=index)] if durations else []),
+        pd.DataFrame({"failure": [row.error for row in held]}, index=index),
+    ]
+    return pd.concat(parts, axis=1)
+
+
 def write_rows(frame: pd.DataFrame, path: Path) -> None:
     """Write a table of rows as CSV or, where the name ends so, as Parquet; whole or not at all.
 

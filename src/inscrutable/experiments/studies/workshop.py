@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
@@ -16,7 +17,7 @@ from inscrutable.decision_makers.candidates import as_candidates
 from inscrutable.errors import InscrutableError
 from inscrutable.experiments.random_markets import WARM_UP
 from inscrutable.experiments.studies.figures import JudgedPlay
-from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid, Task
+from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid, Task, TaskGrid
 from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
 from inscrutable.experiments.studies.makers import StudySetting, play
 from inscrutable.experiments.studies.markets import Regimes, drawn_world, given_world, problem_of, regimes_of
@@ -58,15 +59,14 @@ class Row(NamedTuple):
     error: str
 
 
-class Workshop:
-    """Does the tasks of one study."""
+class Shop(ABC):
+    """Does the tasks of one study, of whatever kind."""
 
-    def __init__(self, work: Work) -> None:
-        self.study = StudyFile.model_validate_json(work.study)
-        self.grid = StudyGrid(self.study, work.data_hash)
-        self._fitted = [HiddenMarkovModel.from_dict(world) for world in json.loads(work.worlds)]
-        self.setting = lru_cache(_SETTINGS_KEPT)(self._setting)
-        self.judged = lru_cache(_PLAYS_KEPT)(self._judged)
+    grid: TaskGrid
+
+    @abstractmethod
+    def figures(self, task: Task) -> dict[str, float]:
+        """Return the figures of one task, by name."""
 
     def row(self, number: int) -> Row:
         """Do one task; one that fails is a row that says why."""
@@ -74,9 +74,7 @@ class Workshop:
         task = self.grid.task(number)
         status, error, found = DONE, "", {}
         try:
-            observer = self.grid.adversaries[task.places[-1]].data
-            assert observer is not None
-            found = self.judged(task.places[:-1]).figures(observer, self.study.measures)
+            found = self.figures(task)
         except InscrutableError as reason:
             status, error = FAILED, f"{type(reason).__name__}: {reason}"
         except Exception as reason:
@@ -87,8 +85,27 @@ class Workshop:
 
     def seed_text(self, task: Task) -> str:
         """Return the child seed of a task as one number."""
-        words = self.grid.seed(task.text).generate_state(1, np.uint64)
+        words = self.grid.task_seed(task).generate_state(1, np.uint64)
         return str(int(words[0]))
+
+
+class Workshop(Shop):
+    """Does the tasks of a grid."""
+
+    grid: StudyGrid
+
+    def __init__(self, work: Work) -> None:
+        self.study = StudyFile.model_validate_json(work.study)
+        self.grid = StudyGrid(self.study, work.data_hash)
+        self._fitted = [HiddenMarkovModel.from_dict(world) for world in json.loads(work.worlds)]
+        self.setting = lru_cache(_SETTINGS_KEPT)(self._setting)
+        self.judged = lru_cache(_PLAYS_KEPT)(self._judged)
+
+    def figures(self, task: Task) -> dict[str, float]:
+        """Return the measures of one mechanism against one observer."""
+        observer = self.grid.adversaries[task.places[-1]].data
+        assert observer is not None
+        return self.judged(task.places[:-1]).figures(observer, self.study.measures)
 
     def _judged(self, places: tuple[int, ...]) -> JudgedPlay:
         setting = self.setting(places[:5])
@@ -167,9 +184,11 @@ def _plain(value: float) -> float | str | None:
 
 
 @lru_cache(maxsize=2)
-def workshop(work: Work) -> Workshop:
+def workshop(work: Work) -> Shop:
     """Return this process's workshop for a study, made once."""
-    return Workshop(work)
+    from inscrutable.experiments.studies.kinds import kind_named
+
+    return kind_named(json.loads(work.study).get("kind")).shop(work)
 
 
 def rows_of(work: Work, numbers: Iterable[int]) -> Iterator[Row]:

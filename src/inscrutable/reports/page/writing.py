@@ -17,10 +17,12 @@ import numpy as np
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.comparison import Comparison
+from inscrutable.experiments.studies import Study
 from inscrutable.files import PathLike, whole_file
 from inscrutable.reports.page.backtest_page import backtest_content
 from inscrutable.reports.page.comparison_page import comparison_content
 from inscrutable.reports.page.content import PageContent
+from inscrutable.reports.page.study_page import study_content
 
 _ENGINE = "jinja2"
 _TEMPLATE = "page.html"
@@ -32,7 +34,7 @@ def can_write_pages() -> bool:
 
 
 def write_page(
-    result: Backtest | Comparison,
+    result: Backtest | Comparison | Study,
     path: PathLike,
     *,
     title: str | None = None,
@@ -45,7 +47,7 @@ def write_page(
     a small script in the file; a security policy in it forbids to load anything. The same result gives the same bytes.
 
     Args:
-        result: A backtest or a comparison.
+        result: A backtest, a comparison, or a study that was run, finished or not.
         path: The file to create or replace; its folder must exist.
         title: The heading; None says what was done.
         manifest: More lines for the manifest, such as the seed of a comparison; values are written as text.
@@ -75,7 +77,9 @@ def write_page(
         return write_content(backtest_content(result, title, more), path)
     if isinstance(result, Comparison):
         return write_content(comparison_content(result, title, more), path)
-    raise InputError(f"there is no page for a {type(result).__name__}; expected a Backtest or a Comparison")
+    if isinstance(result, Study):
+        return write_content(study_content(result, title, more), path)
+    raise InputError(f"there is no page for a {type(result).__name__}; expected a Backtest, a Comparison or a Study")
 
 
 def write_content(content: PageContent, path: PathLike) -> Path:

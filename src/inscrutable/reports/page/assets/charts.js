@@ -38,6 +38,12 @@ const Page = (() => {
     return closed(around);
   }
 
+  function plus(x, y, r, turn) {
+    const corners = [[1, 3], [1, 1], [3, 1], [3, -1], [1, -1], [1, -3], [-1, -3], [-1, -1], [-3, -1], [-3, 1], [-1, 1], [-1, 3]];
+    const [c, s] = [Math.cos(turn) * r / 3, Math.sin(turn) * r / 3];
+    return closed(corners.map(([a, b]) => [x + c * a - s * b, y + s * a + c * b]));
+  }
+
   // Matplotlib's letters, as the pictures beside the page use them.
   function shape(kind, x, y, r) {
     switch (kind) {
@@ -49,6 +55,8 @@ const Page = (() => {
       case "D": return closed([[x, y - 1.3 * r], [x + 1.3 * r, y], [x, y + 1.3 * r], [x - 1.3 * r, y]]);
       case "d": return closed([[x, y - 1.4 * r], [x + 0.8 * r, y], [x, y + 1.4 * r], [x - 0.8 * r, y]]);
       case "p": return closed([0, 1, 2, 3, 4].map((k) => [x + 1.15 * r * Math.sin(k * 1.2566), y - 1.15 * r * Math.cos(k * 1.2566)]));
+      case "P": return plus(x, y, 1.25 * r, 0);
+      case "X": return plus(x, y, 1.25 * r, Math.PI / 4);
       case "*": return star(x, y, 1.5 * r);
       default: return `M${at(x - r)} ${at(y)}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0Z`;
     }

@@ -1,0 +1,184 @@
+"""What the rows of a study come to: each figure's mean over the repeats, its interval and its spread."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.experiments.studies.grid import StudyGrid, Variant
+from inscrutable.experiments.studies.workshop import DONE
+from inscrutable.validation import Array
+
+PER_OBSERVER = ("error", "top_state")
+"""Measures that are an observer's; every other one is the mechanism's, whoever looks at it."""
+QUANTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
+_MARKET = 4  # parts of a task's place that make its setting; then come repeat, play and observer
+_LEVEL = 0.975
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measure, and the observer it belongs to where it is one's.
+
+    Args:
+        measure: Its name in the study.
+        observer: The observer; empty for a figure of the mechanism.
+    """
+
+    measure: str
+    observer: str = ""
+
+    @property
+    def name(self) -> str:
+        """Both in one text."""
+        return f"{self.measure}, {self.observer}" if self.observer else self.measure
+
+
+@dataclass(frozen=True, eq=False)
+class StudyMeans:
+    """Means of a study's figures over its repeats; S settings, P plays (decision maker and budget), F figures.
+
+    Args:
+        settings: What varies of market, beliefs and candidates, one text per setting.
+        makers: The decision maker of each play.
+        budgets: The amount each play spends; None where it takes no budget.
+        figures: What the columns are.
+        count: Repeats with a number, shape (S,P,F).
+        mean: Mean over them, shape (S,P,F); NaN without any.
+        half_width: Half of the 95 % interval (Student's t over the repeats), shape (S,P,F); NaN below two.
+        quantiles: Least, quartiles and greatest, shape (S,P,F,5).
+    """
+
+    settings: tuple[str, ...]
+    makers: tuple[str, ...]
+    budgets: tuple[float | None, ...]
+    figures: tuple[Figure, ...]
+    count: np.ndarray
+    mean: Array
+    half_width: Array
+    quantiles: Array
+
+    @cached_property
+    def place(self) -> dict[str, int]:
+        """The place of a figure by its name."""
+        return {figure.name: place for place, figure in enumerate(self.figures)}
+
+    def frame(self) -> pd.DataFrame:
+        """Return one row per setting, play and figure that has a number."""
+        s, p, f = np.nonzero(self.count)
+        return pd.DataFrame(
+            {
+                "setting": [self.settings[k] for k in s],
+                "decision_maker": [self.makers[k] for k in p],
+                "budget": pd.Series([self.budgets[k] for k in p], dtype="float64"),
+                "measure": [self.figures[k].measure for k in f],
+                "adversary": [self.figures[k].observer for k in f],
+                "repeats": self.count[s, p, f],
+                "mean": self.mean[s, p, f],
+                "half_width": self.half_width[s, p, f],
+            }
+        )
+
+
+def means_of(grid: StudyGrid, frame: pd.DataFrame) -> StudyMeans:
+    """Return the means of a study's rows; tasks that failed, or have no row yet, are left out.
+
+    Args:
+        grid: The study's tasks.
+        frame: Its rows, as `Study.frame` gives them.
+    """
+    observers = labels(grid.adversaries, name="name")
+    makers = labels([maker for maker, _ in grid.plays], name="name")
+    figures = tuple(
+        Figure(measure, observer)
+        for measure in grid.study.measures
+        for observer in (observers if measure in PER_OBSERVER else ("",))
+    )
+    values = _values(grid, frame)  # settings, repeats, plays, observers, measures
+    columns = []
+    for figure in figures:
+        found = values[..., grid.study.measures.index(figure.measure)]
+        columns.append(found[..., observers.index(figure.observer)] if figure.observer else _any_of(found))
+    table = np.stack(columns, axis=-1)
+    return StudyMeans(
+        _settings(grid),
+        tuple(makers),
+        tuple((budget.data or {}).get("amount") for _, budget in grid.plays),
+        figures,
+        *_over_repeats(table),
+    )
+
+
+def _values(grid: StudyGrid, frame: pd.DataFrame) -> Array:
+    measures = list(grid.study.measures)
+    flat = np.full((len(grid), len(measures)), np.nan)
+    done = frame[frame["status"] == DONE]
+    flat[done.index.to_numpy(dtype=np.intp)] = done[measures].to_numpy(dtype=np.float64)
+    return flat.reshape(prod(grid.shape[:_MARKET]), *grid.shape[_MARKET:], len(measures))
+
+
+def _any_of(found: Array) -> Array:
+    """The same figure from whichever observer's task is done."""
+    first = found[..., 0].copy()
+    for place in range(1, found.shape[-1]):
+        first = np.where(np.isnan(first), found[..., place], first)
+    return first
+
+
+def _over_repeats(table: Array) -> tuple[np.ndarray, Array, Array, Array]:
+    """Count, mean, half width and quantiles over axis 1; NaN is no number."""
+    from scipy.stats import t
+
+    known = ~np.isnan(table)
+    count = known.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(known, table, 0.0).sum(axis=1) / count
+        squares = np.where(known, (table - mean[:, None]) ** 2, 0.0).sum(axis=1)
+        spread = np.sqrt(squares / (count - 1) / count)
+        half = np.where(count > 1, spread * t.ppf(_LEVEL, np.maximum(count - 1, 1)), np.nan)
+        quantiles = _quantiles(np.sort(table, axis=1), count)
+    return count, mean, half, quantiles
+
+
+def _quantiles(rising: Array, count: np.ndarray) -> Array:
+    """Quantiles along axis 1 of numbers that rise, NaN last; between two of them on a straight line."""
+    at = np.array(QUANTILES) * np.maximum(count - 1, 0)[..., None]
+    low = np.floor(at).astype(np.intp)
+    below, above = (
+        np.moveaxis(np.take_along_axis(rising, np.moveaxis(place, -1, 1), axis=1), 1, -1)
+        for place in (low, np.minimum(low + 1, np.maximum(count - 1, 0)[..., None]))
+    )
+    return np.asarray(np.where(below == above, below, below + (at - low) * (above - below)))
+
+
+def _settings(grid: StudyGrid) -> tuple[str, ...]:
+    parts = {"world": grid.worlds, "problem": grid.problems, "beliefs": grid.beliefs, "candidates": grid.candidates}
+    texts = [""]
+    for part, choices in parts.items():
+        texts = [", ".join(filter(None, (one, other))) for one in texts for other in labels(choices, prefix=f"{part}.")]
+    return tuple(texts)
+
+
+def labels(choices: Sequence[Variant], *, name: str | None = None, prefix: str = "") -> list[str]:
+    """Return what tells choices apart, one text each: those of the same name by the entries that differ among them."""
+    data = [choice.data or {} for choice in choices]
+    found = []
+    for each in data:
+        alike = [other for other in data if name is None or other.get(name) == each.get(name)]
+        differing = [key for key in each if len({json.dumps(other[key]) for other in alike if key in other}) > 1]
+        parts = [str(each[name])] if name else []
+        found.append(", ".join([*parts, *(_entry(prefix, key, each[key]) for key in differing)]))
+    return found
+
+
+def _entry(prefix: str, key: str, value: object) -> str:
+    """A word speaks for itself; a number does not."""
+    if isinstance(value, str) and not prefix:
+        return value
+    return f"{prefix}{key.replace('_', ' ')} {value:g}" if isinstance(value, (int, float)) else f"{prefix}{key} {value}"

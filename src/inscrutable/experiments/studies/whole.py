@@ -1,0 +1,133 @@
+"""Studies of which only the whole is of use: all their rows, gone on with where a folder has some, or none at all."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from contextlib import closing
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from inscrutable.datasets import output_folder
+from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.experiments.studies.runner import (
+    MANIFEST,
+    StudyProgress,
+    continued,
+    executor,
+    facts_of,
+    versions,
+)
+from inscrutable.experiments.studies.store import STORE, created, locked, opened
+from inscrutable.experiments.studies.study import PathLike, Study
+from inscrutable.experiments.studies.workshop import FAILED, Row, Work
+
+Counted = Callable[[int, int], None]
+"""Takes (tasks done, tasks in all)."""
+
+
+def shipped(name: str) -> dict[str, Any]:
+    """Return a study that comes with the package as plain data.
+
+    Args:
+        name: "reproduction" or "comparison".
+
+    Example:
+        >>> shipped("reproduction")["markets"]
+        100
+    """
+    text = resources.files("inscrutable.experiments.studies").joinpath("shipped", f"{name}.toml").read_text("utf-8")
+    return tomllib.loads(text)
+
+
+def all_rows(
+    study: Study,
+    folder: PathLike | None = None,
+    *,
+    jobs: int = 1,
+    prepared: Callable[[list[dict[str, Any]]], None] = lambda worlds: None,
+    progress: Counted | None = None,
+) -> tuple[list[Row], list[dict[str, Any]]]:
+    """Do every task of a study, and return its rows in order with what was prepared for them.
+
+    Args:
+        study: A study.
+        folder: Where its rows are kept while it runs. An unfinished run of the same study by the same versions is gone on
+            with; anything else of its kind is begun anew. None keeps nothing.
+        jobs: As for `run_study`.
+        prepared: Told what was prepared before the first task.
+        progress: Called with (tasks done, tasks in all) for every task.
+
+    Raises:
+        InputError: As `run_study`; or the folder holds another study.
+        InscrutableError: The first task that failed, with its error.
+    """
+    execute = executor(jobs, None)
+    if folder is None:
+        facts, rows = facts_of(study), []
+        count = _Counter(progress, study.n_tasks)
+
+        def keep(batch: list[Row]) -> None:
+            rows.extend(batch)
+            count.upto(len(rows))
+            check_done(batch)
+
+        worlds = json.loads(facts["worlds"])
+        prepared(worlds)
+        execute(Work(facts["study"], study.data_hash, facts["worlds"]), range(study.n_tasks), keep)
+        return sorted(rows), worlds
+    place = output_folder(folder)
+    with locked(place):
+        if not _can_go_on(study, place):
+            for name in (STORE, MANIFEST):
+                (place / name).unlink(missing_ok=True)
+            created(place, facts_of(study)).close()
+        with closing(opened(place, writable=True)) as store:
+            count = _Counter(progress, study.n_tasks)
+
+            def watch(progress: StudyProgress) -> None:
+                count.upto(progress.done)
+                if progress.failed:
+                    check_done(list(store.rows()))
+
+            worlds = json.loads(store.fact("worlds") or "[]")
+            prepared(worlds)
+            continued(store, execute, watch, limit=None, retry=True)
+            rows = list(store.rows())
+            check_done(rows)
+            return rows, worlds
+
+
+def check_done(rows: list[Row]) -> None:
+    """Raise the error of the first row that failed."""
+    for row in rows:
+        if row.status == FAILED:
+            name, _, text = row.error.partition(": ")
+            known = {each.__name__: each for each in (InputError, ModelError, SolverError)}
+            raise known[name](text) if name in known else SolverError(row.error)
+
+
+def _can_go_on(study: Study, place: Path) -> bool:
+    """Whether the folder has rows of this very study, and not all of them."""
+    if not (place / STORE).exists():
+        return False
+    found = Study.load(place)
+    if type(found.plan) is not type(study.plan):
+        raise InputError(f"{place} holds another study, {found.plan.name!r}; choose another folder")
+    same = found.plan == study.plan and found.data_hash == study.data_hash
+    return same and found.manifest().get("versions") == versions() and found.status().done < found.n_tasks
+
+
+class _Counter:
+    """Calls a function once for every task, also where tasks come in batches."""
+
+    def __init__(self, progress: Counted | None, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def upto(self, done: int) -> None:
+        while self._done < done:
+            self._done += 1
+            if self._progress is not None:
+                self._progress(self._done, self._total)

@@ -1,0 +1,349 @@
+"""The page of a study, finished or not: figures by decision maker and budget, and their spread over the repeats."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from inscrutable.experiments.studies import Study
+from inscrutable.experiments.studies.layout import StudyFile
+from inscrutable.experiments.studies.means import PER_OBSERVER, Figure, StudyMeans, means_of
+from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
+from inscrutable.reports.style import Look, looks_of
+
+_MOST_CELLS = 25_000
+_MOST_REASONS = 20
+_TASKS_NAMED = 5
+_DIGITS = 6
+_DECIMALS = 12
+_MARKERS = ("o", "s", "D", "v", "^", "p", "d", "*", "x", "+")
+
+_COSTS = ("silence_share", "cost_share", "expected_regret", "worst_regret")
+"""What a decision maker pays, the most telling first."""
+_UNITS = {
+    "relative": "shares of |c*| at every belief",
+    "regret": "in the cost's unit",
+    "silence": "shares of the silence regret",
+    "cost": "shares of E|c*|",
+}
+_WORTH = {
+    "relative": "{:g} of |c*|",
+    "regret": "{:g}",
+    "silence": "{:g} of the silence regret",
+    "cost": "{:g} of E|c*|",
+}
+_HOLDS = {"each": "for every belief", "mean": "in expectation, the same for all decision makers"}
+_TITLES = {
+    "error": "error",
+    "top_state": "names the top state",
+    "naive_privacy": "naive privacy",
+    "expected_regret": "expected regret",
+    "worst_regret": "worst regret",
+    "cost_share": "share of E|c*| spent",
+    "silence_share": "share of the silence regret spent",
+    "mutual_information": "bits told",
+    "min_entropy_leakage": "min-entropy leakage, bits",
+    "maximal_leakage": "maximal leakage, bits",
+    "prior_error": "error without a decision",
+    "prior_entropy": "entropy of the prior, bits",
+    "prior_top_state": "top state without a decision",
+    "n_actions": "decisions played",
+    "implausible_share": "share that no belief explains",
+    "expected_gap": "expected plausibility gap",
+    "read_auc": "told from honest, AUC",
+}
+_SPOKEN = {"names the top state": "naming of the top state", "told from honest, AUC": "AUC of telling from honest"}
+_MEANING = {
+    "error": "error: root mean square of the observer's estimate of the belief, Euclidean; larger is more private.",
+    "top_state": "names the top state: how often the observer names a most likely state; smaller is more private.",
+    "naive_privacy": "naive privacy: mean distance of the belief from those that would make the decision optimal.",
+    "mutual_information": "bits told: what one decision tells about the belief, to one who knows the mechanism.",
+    "silence_share": "silence regret: the least expected regret at which one constant decision suffices.",
+    "read_auc": "AUC: telling a decision from an optimal one by what it seems to say; 0.5 is nothing.",
+}
+_HEADLINES = (("error", 1), ("naive_privacy", 1), ("mutual_information", -1), ("top_state", -1), ("read_auc", -1))
+"""Measures that a verdict may speak of, and whether more of them is more private."""
+
+
+def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) -> PageContent:
+    """Return the content of a study's page; `manifest` are further lines of its own."""
+    means, status = means_of(*study.gridded()), study.status()
+    shown = _shown(means)
+    section = file_of(study).budgets
+    spent = ", ".join(filter(None, [_UNITS[section.unit], "" if section.unit == "relative" else _HOLDS[section.hold]]))
+    header = ". ".join(filter(None, [study.plan.note.rstrip("."), f"{study.n_tasks} tasks; budgets: {spent}"]))
+    return PageContent(
+        title=title or study.plan.name,
+        header=f"{header[0].upper()}{header[1:]}.",
+        verdict=_verdict(study, means),
+        cautions=_cautions(study, means, len(shown)),
+        tables=[_table(study, means, place, number) for number, place in enumerate(shown)],
+        sliders=_sliders(means, shown, _WORTH[section.unit]),
+        figures=_drawn(means) if status.done else [],
+        failures=_failures(study) if status.failed else [],
+        notes=[*_NOTES, *(text for name, text in _MEANING.items() if name in file_of(study).measures)],
+        manifest={**_manifest(study), **manifest},
+        script="study.js" if status.done else None,
+        data=page_data(means, shown),
+    )
+
+
+_NOTES = (
+    "Figures are means over the repeats; ± is half of a 95 % interval (Student's t over the repeats), none for a single one. "
+    "With few repeats it is wide, and where repeats share a market two decision makers can differ more clearly than their "
+    "intervals say.",
+    "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian knows "
+    "how decisions are made.",
+)
+
+
+def file_of(study: Study) -> StudyFile:
+    """Return the file of a grid."""
+    assert isinstance(study.plan, StudyFile)
+    return study.plan
+
+
+def _shown(means: StudyMeans) -> list[int]:
+    """Settings that the page has room for, spread evenly over all."""
+    room = max(1, _MOST_CELLS // max(1, len(means.makers) * len(means.figures)))
+    total = len(means.settings)
+    return [int(place) for place in np.unique(np.linspace(0, total - 1, min(room, total)).round())]
+
+
+def title_of(figure: Figure) -> str:
+    """Return a figure's title: what it is, and against whom."""
+    return ", ".join(filter(None, [_TITLES[figure.measure], figure.observer]))
+
+
+def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTable:
+    rows = []
+    for place, (maker, budget) in enumerate(zip(means.makers, means.budgets, strict=True)):
+        counts = means.count[setting, place]
+        cells = [_cell(means.mean[setting, place, f], means.half_width[setting, place, f]) for f in range(len(counts))]
+        repeats = (
+            f"{counts.max()} of {file_of(study).repeats}"
+            if counts.max() < file_of(study).repeats
+            else str(counts.max())
+        )
+        rows.append([maker, "–" if budget is None else f"{budget:g}", repeats, *cells])
+    columns = ["Decision maker", "budget", "repeats", *map(title_of, means.figures)]
+    heading = means.settings[setting] or "All figures"
+    return PageTable(heading, columns, rows, ("setting", number) if len(means.settings) > 1 else None)
+
+
+def _cell(mean: float, half: float) -> str:
+    if np.isnan(mean):
+        return "–"
+    return _number(mean) if np.isnan(half) else f"{_number(mean)} ± {_number(half, 2)}"
+
+
+def _number(value: float, digits: int = 3) -> str:
+    if np.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    return f"{round(value, _DECIMALS) + 0.0:.{digits}g}"
+
+
+def _sliders(means: StudyMeans, shown: Sequence[int], worth: str) -> list[PageSlider]:
+    budgets = _budgets(means)
+    found = [
+        PageSlider("figure", "Figure", [title_of(each) for each in means.figures], _first_figure(means)),
+        PageSlider("budget", "Budget", [worth.format(each) for each in budgets], _middle(budgets)),
+        PageSlider("setting", "Setting", [means.settings[place] for place in shown]),
+    ]
+    return [each for each in found if len(each.texts) > 1]
+
+
+def _budgets(means: StudyMeans) -> list[float]:
+    return list(dict.fromkeys(each for each in means.budgets if each is not None))
+
+
+def _middle(budgets: Sequence[float]) -> int:
+    """The lower of two middle ones."""
+    return max(0, len(budgets) - 1) // 2
+
+
+def _first_figure(means: StudyMeans) -> int:
+    """The figure shown at first: what the verdict speaks of."""
+    figures = _headline(means)[0]
+    return figures[0] if figures else 0
+
+
+def _drawn(means: StudyMeans) -> list[PageFigure]:
+    cost = _cost(means)
+    paid = "the budget" if cost is None else f"the {title_of(means.figures[cost])}"
+    return [
+        PageFigure(
+            "tradeoff",
+            "What is paid, and what it buys",
+            f"The figure chosen above against {paid}, by decision maker; means over the repeats with 95 % intervals. The "
+            "axis is stretched near zero where budgets span several powers of ten. Dashed, for errors: what is left to one "
+            "who sees no decision, where the study measures it.",
+        ),
+        PageFigure(
+            "spread",
+            "Spread over the repeats at this budget",
+            "Line: from the least to the greatest of all repeats; box: the middle half; bar: the median; mark: the mean. "
+            "Decision makers without a budget are the same at each.",
+        ),
+    ]
+
+
+def _cost(means: StudyMeans) -> int | None:
+    """The figure that says what is paid."""
+    return next((means.place[name] for name in _COSTS if name in means.place), None)
+
+
+def page_data(means: StudyMeans, shown: Sequence[int]) -> dict[str, Any]:
+    """Return what the script reads, rounded: by setting, play and figure [mean, half width, five quantiles]."""
+    names = list(dict.fromkeys(means.makers))
+    budgets = _budgets(means)
+    cost = _cost(means)
+    return {
+        "makers": names,
+        "looks": {name: look._asdict() for name, look in _looks(names).items()},
+        "budgets": budgets,
+        "figures": [title_of(each) for each in means.figures],
+        "errors": [each.measure == "error" for each in means.figures],
+        "cost": cost,
+        "paid": "budget" if cost is None else title_of(means.figures[cost]),
+        "prior": means.place.get("prior_error"),
+        "plays": [
+            [names.index(maker), None if budget is None else budgets.index(budget)]
+            for maker, budget in zip(means.makers, means.budgets, strict=True)
+        ],
+        "cells": [[[_numbers(means, s, p, f) for f in _all(means)] for p in range(len(means.makers))] for s in shown],
+    }
+
+
+def _all(means: StudyMeans) -> range:
+    return range(len(means.figures))
+
+
+def _numbers(means: StudyMeans, setting: int, play: int, figure: int) -> list[float | None]:
+    place = setting, play, figure
+    return [_rounded(each) for each in (means.mean[place], means.half_width[place], *means.quantiles[place])]
+
+
+def _rounded(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None
+
+
+def _looks(names: Iterable[str]) -> dict[str, Look]:
+    """A look for every name, no two alike as long as there are any: variants of one keep its colour."""
+    taken: set[tuple[str, str]] = set()
+    found = {}
+    for name, look in looks_of(names).items():
+        free = [marker for marker in (look.marker, *_MARKERS) if (look.colour, marker) not in taken]
+        found[name] = Look(look.colour, free[0] if free else look.marker, look.line)
+        taken.add((look.colour, found[name].marker))
+    return found
+
+
+def _headline(means: StudyMeans) -> tuple[list[int], int]:
+    """The figures that a verdict speaks of, the best informed observer's first, and whether more is more private."""
+    for measure, sign in _HEADLINES:
+        found = [place for place, figure in enumerate(means.figures) if figure.measure == measure]
+        if found:
+            return sorted(found, key=lambda place: not means.figures[place].observer.startswith("bayesian")), sign
+    return [], 1
+
+
+def _verdict(study: Study, means: StudyMeans) -> list[str]:
+    if not means.count.any():
+        return ["No task of this study has figures yet."]
+    places, sign = _headline(means)
+    if not places:
+        return [f"{study.status().done} tasks have figures; the table has their means."]
+    setting = int(means.count.any(axis=(1, 2)).argmax())
+    budgets = _budgets(means)
+    budget = budgets[_middle(budgets)] if budgets else None
+    at = [] if budget is None else [f"at a budget of {_WORTH[file_of(study).budgets.unit].format(budget)}"]
+    at += [f"in the setting {means.settings[setting]}"] if means.settings[setting] else []
+    text = ", ".join([*at, "; ".join(filter(None, (_ranked(means, setting, budget, each, sign) for each in places)))])
+    return [f"{text[0].upper()}{text[1:]}.", *_elsewhere(means, setting, budget, places[0], sign)]
+
+
+def _ranked(means: StudyMeans, setting: int, budget: float | None, figure: int, sign: int) -> str:
+    """Who hides best by one figure, who comes next, and who hides least."""
+    order = _order(means, setting, budget, figure, sign)
+    if not order:
+        return ""
+    cells = [_cell(means.mean[setting, play, figure], means.half_width[setting, play, figure]) for play in order]
+    told = [cells[0]]
+    told += [f"next {means.makers[order[1]]}, {cells[1]}"] if len(order) > 2 else []
+    told += [f"last {means.makers[order[-1]]}, {cells[-1]}"] if len(order) > 1 else []
+    kind = _TITLES[means.figures[figure].measure]
+    best = {1: "largest", -1: "smallest"}[sign] if kind != "names the top state" else "rarest"
+    observer = means.figures[figure].observer
+    whom = f" of the {observer} observer" if observer else ""
+    return f"the {best} {_SPOKEN.get(kind, kind)}{whom} is under {means.makers[order[0]]} ({'; '.join(told)})"
+
+
+def _order(means: StudyMeans, setting: int, budget: float | None, figure: int, sign: int) -> list[int]:
+    plays = [
+        place
+        for place, each in enumerate(means.budgets)
+        if each in (None, budget) and not np.isnan(means.mean[setting, place, figure])
+    ]
+    return sorted(plays, key=lambda place: -sign * means.mean[setting, place, figure])
+
+
+def _elsewhere(means: StudyMeans, setting: int, budget: float | None, figure: int, sign: int) -> list[str]:
+    """In how many settings the same decision maker is the most private."""
+    firsts = [order[0] for s in range(len(means.settings)) if (order := _order(means, s, budget, figure, sign))]
+    if len(firsts) < 2:
+        return []
+    best = _order(means, setting, budget, figure, sign)[0]
+    same = sum(place == best for place in firsts)
+    return [f"By {title_of(means.figures[figure])}, {means.makers[best]} is first in {same} of {len(firsts)} settings."]
+
+
+def _cautions(study: Study, means: StudyMeans, shown: int) -> list[str]:
+    status = study.status()
+    found = []
+    if status.left:
+        found.append(
+            f"The study is not finished: {status.left} of {status.total} tasks have no row yet. All figures are those of the "
+            "rows there are."
+        )
+    if status.failed:
+        found.append(f"{status.failed} of {status.total} tasks failed, for the reasons below; no mean holds them.")
+    if file_of(study).repeats == 1:
+        found.append("There is one repeat: nothing is known of the spread.")
+    if shown < len(means.settings):
+        found.append(f"The page shows {shown} of {len(means.settings)} settings; the exported rows have all.")
+    if not any(measure in PER_OBSERVER for measure in file_of(study).measures):
+        found.append("The study measures no observer's error: its figures are the mechanism's.")
+    return found
+
+
+def _failures(study: Study) -> list[str]:
+    """Every reason once, the most frequent first, with the tasks it ended."""
+    tasks: dict[str, list[str]] = {}
+    for line in study.errors():
+        task, reason = line.split(": ", 1)
+        tasks.setdefault(reason, []).append(task.split(" ")[1])
+    counts = Counter({reason: len(numbers) for reason, numbers in tasks.items()})
+    found = []
+    for reason, count in counts.most_common(_MOST_REASONS):
+        named = ", ".join(tasks[reason][:_TASKS_NAMED]) + (", …" if count > _TASKS_NAMED else "")
+        found.append(f"{'1 task' if count == 1 else f'{count} tasks'} ({named}): {reason}")
+    if len(counts) > _MOST_REASONS:
+        found.append(f"{len(counts) - _MOST_REASONS} more reasons; the exported rows have all.")
+    return found
+
+
+def _manifest(study: Study) -> dict[str, str]:
+    known = study.manifest()
+    found = {f"version of {name}": str(number) for name, number in known.get("versions", {}).items()}
+    found["seed"] = str(study.plan.seed)
+    if known.get("data_sha256"):
+        found["data, SHA-256"] = str(known["data_sha256"])
+    for key, value in known.get("study", {}).items():
+        if key not in ("seed", "note"):
+            found[key.replace("_", " ")] = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return found

@@ -1,0 +1,263 @@
+"""The page of a study: the means of its rows, finished or not, failures with their reasons, nothing unescaped."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import browser
+from inscrutable import InputError, Study, cli, run_study
+from inscrutable.experiments.studies.grid import Variant
+from inscrutable.experiments.studies.means import StudyMeans, labels, means_of
+from inscrutable.experiments.studies.store import STORE
+from inscrutable.reports.page import study_page, write_page
+from study_runs import SMALL
+from test_page import EVIL, Reader, changed, data_of, drawings
+
+MEGABYTE = 1_000_000
+PLAN: dict[str, Any] = SMALL | {
+    "name": f"small {EVIL}",
+    "note": EVIL,
+    "repeats": 4,
+    "problem": {"risk_aversion": [2.0, 5.0]},
+    "beliefs": {"kind": "grid", "resolution": 3},
+    "measures": ["error", "prior_error", "naive_privacy", "expected_regret"],
+}
+FAILING = PLAN | {"problem": {"min_weight": [0.1, 0.5]}, "repeats": 2}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    return run_study(Study.of(PLAN), tmp_path_factory.mktemp("whole"))
+
+
+@pytest.fixture(scope="module")
+def page(whole: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_page(whole, tmp_path_factory.mktemp("page") / "report.html")
+
+
+@pytest.fixture(scope="module")
+def means(whole: Study) -> StudyMeans:
+    return means_of(whole.grid, whole.frame())
+
+
+def test_means_are_those_of_the_rows(whole: Study, means: StudyMeans) -> None:
+    """Against pandas, group by group."""
+    rows = whole.frame()
+    assert means.settings == ("problem.risk aversion 2", "problem.risk aversion 5")
+    assert len(means.makers) == 7
+    told = whole.means()
+    mine = (rows["problem.risk_aversion"] == 5.0) & (rows["decision_maker"] == "uniform") & (rows["budget"] == 0.3)
+    for observer in ("naive", "bayesian"):
+        some = rows[mine & (rows["adversary"] == observer)]
+        for measure in PLAN["measures"]:
+            kept = told[(told["setting"] == means.settings[1]) & (told["decision_maker"] == "uniform")]
+            kept = kept[(kept["budget"] == 0.3) & (kept["measure"] == measure)]
+            (row,) = kept[kept["adversary"] == (observer if measure == "error" else "")].to_dict("records")
+            values = some[measure]
+            assert row["repeats"] == len(values) == 4
+            assert row["mean"] == pytest.approx(values.mean(), rel=1e-12)
+            assert row["half_width"] == pytest.approx(values.sem() * stats.t(3).isf(0.025), rel=1e-6, abs=1e-15)
+            place = means.place[f"{measure}, {observer}" if measure == "error" else measure]
+            play = next(k for k, maker in enumerate(means.makers) if (maker, means.budgets[k]) == ("uniform", 0.3))
+            quantiles = np.quantile(values, [0, 0.25, 0.5, 0.75, 1])
+            assert means.quantiles[1, play, place] == pytest.approx(quantiles, rel=1e-12)
+
+
+def test_what_varies_tells_choices_apart() -> None:
+    choices: list[dict[str, Any]] = [
+        {"name": "ODM"},
+        {"name": "coin", "probability": 0.1},
+        {"name": "coin", "probability": 0.4},
+        {"name": "coin"},
+        {"name": "CDM", "goal": "maximal", "method": "local", "starts": 1},
+        {"name": "CDM", "goal": "maximal", "method": "global"},
+    ]
+    found = labels([Variant.of(each) for each in choices], name="name")
+    assert found == ["ODM", "coin, probability 0.1", "coin, probability 0.4", "coin", "CDM, local", "CDM, global"]
+
+
+def test_page_is_whole_safe_and_small(whole: Study, page: Path, tmp_path: Path) -> None:
+    text, read = page.read_text("utf-8"), Reader(page)
+    assert EVIL not in text
+    assert not re.search(r"https?:|//[\w.]+\.\w|@import|url\(|\bfetch\b|XMLHttpRequest|\bimport\(", text)
+    assert read.inside["h1"] == [f"small {EVIL}"]
+    assert {each["id"] for each in read.all("input")} == {"figure", "budget", "setting"}
+    ids = [attributes["id"] for _, attributes in read.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert page.stat().st_size < MEGABYTE
+    assert write_page(whole, tmp_path / "again.html").read_bytes() == page.read_bytes()
+    manifest = dict(zip(read.inside["dt"], read.inside["dd"], strict=True))
+    assert manifest["seed"] == "7"
+    assert manifest["version of numpy"] == np.__version__
+    assert json.loads(manifest["problem"])["risk_aversion"] == [2.0, 5.0]
+
+
+def test_table_and_drawings_hold_the_means(means: StudyMeans, page: Path) -> None:
+    read, data = Reader(page), data_of(page)
+    rows = len(means.makers) * len(means.settings)
+    cells = np.reshape(read.inside["td"], (rows, -1))
+    assert list(cells[1, :2]) == ["0.1", "4"]
+    place = 2 + means.place["error, bayesian"]
+    assert cells[1, place].startswith(f"{means.mean[0, 1, means.place['error, bayesian']]:.3g} ± ")
+    for setting in range(2):
+        for play in range(len(means.makers)):
+            for figure in range(len(means.figures)):
+                shown = data["cells"][setting][play][figure]
+                assert shown[0] == pytest.approx(means.mean[setting, play, figure], rel=1e-5)
+                assert shown[2:] == pytest.approx(means.quantiles[setting, play, figure], rel=1e-5)
+    assert data["figures"][data["cost"]] == "expected regret"
+    looks = {(look["colour"], look["marker"]) for look in data["looks"].values()}
+    assert len(looks) == len(data["makers"])
+
+
+def test_verdict_names_the_best_against_each_observer(means: StudyMeans, page: Path) -> None:
+    said = " ".join(Reader(page).inside["p"])
+    for observer in ("naive", "bayesian"):
+        place = means.place[f"error, {observer}"]
+        plays = [k for k, budget in enumerate(means.budgets) if budget in (None, 0.1)]
+        best = max(plays, key=lambda k: means.mean[0, k, place])
+        assert f"largest error of the {observer} observer is under {means.makers[best]} (" in said
+    assert "budget of 0.1 of |c*|" in said
+    assert re.search(r"is first in [12] of 2 settings", said)
+
+
+def test_an_unfinished_study_says_so(tmp_path: Path) -> None:
+    half = run_study(Study.of(PLAN), tmp_path, limit=9)
+    read = Reader(write_page(half, tmp_path / "report.html"))
+    said = " ".join(read.inside["p"])
+    assert f"not finished: {half.n_tasks - 9} of {half.n_tasks} tasks have no row yet" in said
+    assert "of 4" in " ".join(read.inside["td"])
+    assert "–" in read.inside["td"]
+    assert data_of(tmp_path / "report.html")["cells"][0][0]
+
+
+def test_a_study_without_figures_is_a_page_too(tmp_path: Path) -> None:
+    none = run_study(Study.of(PLAN | {"problem": {"min_weight": 0.5}, "repeats": 1}), tmp_path)
+    assert none.status().done == 0
+    read = Reader(write_page(none, tmp_path / "report.html"))
+    assert not read.all("script")
+    assert "No task of this study has figures yet." in " ".join(read.inside["p"])
+
+
+def test_failures_are_told_once_with_their_tasks(tmp_path: Path) -> None:
+    study = run_study(Study.of(FAILING), tmp_path)
+    read = Reader(write_page(study, tmp_path / "report.html"))
+    failed = study.frame().query("status == 'failed'")
+    reasons = failed.groupby("failure").groups
+    told = [each.strip() for each in read.inside["li"] if re.match(r"\s*\d+ tasks? \(", each)]
+    assert sorted(told) == sorted(
+        f"{len(tasks)} tasks ({', '.join(map(str, tasks[:5]))}, …): {reason}" for reason, tasks in reasons.items()
+    )
+    assert f"{len(failed)} of {study.n_tasks} tasks failed" in " ".join(read.inside["p"])
+
+
+def test_many_settings_are_thinned(whole: Study, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(study_page, "_MOST_CELLS", 10)
+    path = write_page(whole, tmp_path / "report.html")
+    assert len(data_of(path)["cells"]) == 1
+    assert "shows 1 of 2 settings" in " ".join(Reader(path).inside["p"])
+
+
+def test_studies_without_an_observers_error_have_a_verdict(tmp_path: Path) -> None:
+    plan = PLAN | {"measures": ["mutual_information"], "problem": {}, "decision_makers": ["ODM", "uniform"]}
+    study = run_study(Study.of(plan | {"budgets": {"values": 0.1}}), tmp_path)
+    read = Reader(write_page(study, tmp_path / "report.html"))
+    assert "the smallest bits told is under uniform" in " ".join(read.inside["p"])
+    assert not read.all("input")
+    bare = run_study(Study.of(plan | {"measures": ["n_actions"], "repeats": 1}), tmp_path / "bare")
+    said = " ".join(Reader(write_page(bare, tmp_path / "bare.html")).inside["p"])
+    assert "tasks have figures" in said
+    assert "one repeat" in said
+
+
+def test_a_study_that_was_not_run_has_no_page(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no rows yet"):
+        write_page(Study.of(PLAN), tmp_path / "report.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_command_line_writes_the_report(whole: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert whole.folder is not None
+    copy = Path(shutil.copytree(whole.folder, tmp_path / "copy"))
+    assert cli.main(["study", "report", str(copy)]) == 0
+    assert f"{copy / 'report.html'}" in capsys.readouterr().out.replace("\n", "")
+    assert cli.main(["study", "report", str(copy), "--out", str(tmp_path / "a.html"), "--title", EVIL, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["file"] == str(tmp_path / "a.html")
+    assert Reader(tmp_path / "a.html").inside["h1"] == [EVIL]
+    (copy / STORE).unlink()
+    assert cli.main(["study", "report", str(copy)]) == 3
+
+
+# ---- in a real browser --------------------------------------------------------------------------------
+
+needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")
+
+
+@pytest.fixture(scope="module")
+def tab() -> Iterator[browser.Browser]:
+    with browser.Browser() as opened:
+        yield opened
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1200, 390])
+def test_page_opens_and_keys_move_what_they_should(
+    width: int, means: StudyMeans, page: Path, tab: browser.Browser, tmp_path: Path
+) -> None:
+    tab.size(width, 800)
+    tab.requests.clear()
+    tab.complaints.clear()
+    tab.open(page, "#figure=0&budget=0&setting=0")
+    assert tab.run("document.documentElement.scrollWidth") <= width
+    start = drawings(tab)
+    shown = "[...document.querySelectorAll('[data-slider]')].map(each => !each.hidden)"
+    assert tab.run(shown) == [True, False]
+    assert len(re.findall("<rect", start["spread"])) == sum(each in (None, 0.1) for each in means.budgets)
+
+    tab.run("document.getElementById('figure').focus()")
+    tab.press("ArrowRight")
+    second = drawings(tab)
+    assert changed(start, second) == {"tradeoff", "spread"}
+    tab.press("Tab")
+    tab.press("End")
+    third = drawings(tab)
+    assert changed(second, third) == {"tradeoff", "spread"}
+    tab.press("Tab")
+    tab.press("ArrowRight")
+    assert changed(third, drawings(tab)) == {"tradeoff", "spread"}
+    assert tab.run(shown) == [False, True]
+    assert tab.run("location.hash") == "#figure=1&budget=1&setting=1"
+    assert not re.search(r"NaN|undefined|Infinity", "".join(drawings(tab).values()))
+    tab.screenshot(tmp_path / "page.png")
+    assert (tmp_path / "page.png").stat().st_size > 20_000
+    assert tab.complaints == []
+    assert tab.requests[-1].startswith(page.as_uri())
+    assert len(tab.requests) == 1
+
+
+@needs_browser
+def test_odd_studies_are_drawn_and_printed_too(tab: browser.Browser, tmp_path: Path) -> None:
+    """One figure and one budget; half finished; budgets over powers of ten."""
+    plans: list[tuple[dict[str, Any], int]] = [
+        (PLAN | {"measures": ["mutual_information"], "problem": {}, "budgets": {"values": 0.1}}, 5),
+        (PLAN, 3),
+        (PLAN | {"problem": {}, "repeats": 1, "budgets": {"values": [0.001, 0.1, 10.0]}}, 1000),
+    ]
+    for number, (plan, limit) in enumerate(plans):
+        study = run_study(Study.of(plan), tmp_path / str(number), limit=limit)
+        tab.open(write_page(study, tmp_path / f"{number}.html"))
+        drawn = drawings(tab)
+        assert set(drawn) == {"tradeoff", "spread"}
+        assert not re.search(r"NaN|undefined|Infinity", "".join(drawn.values()))
+        tab.printed(tmp_path / "page.pdf")
+        assert 1 <= len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) <= 8
+    assert tab.complaints == []

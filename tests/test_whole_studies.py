@@ -1,0 +1,223 @@
+"""The reproduction and the comparison as studies: gone on with where they were stopped, the same numbers as in one go."""
+
+from __future__ import annotations
+
+import json
+import os
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from inscrutable import InputError, MarkowitzProblem, ModelError, Study, cli, resume_study, run_study
+from inscrutable.experiments.comparison import ComparisonSettings, compare
+from inscrutable.experiments.comparison_makers import MAKERS
+from inscrutable.experiments.comparison_markets import market_of
+from inscrutable.experiments.comparison_study import compared, comparison_study
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.market_runs import MarketRun, run_market
+from inscrutable.experiments.random_markets import MarketLaw
+from inscrutable.experiments.reproduction import Effort, Reproduction, ReproductionSettings, reproduce, study_of
+from inscrutable.experiments.reproduction_study import MarketShop
+from inscrutable.experiments.studies.flat import flat, unflat
+from inscrutable.experiments.studies.store import STORE
+from inscrutable.experiments.studies.whole import all_rows, shipped
+from inscrutable.experiments.studies.workshop import Row, Shop
+from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+from study_runs import SMALL
+
+EFFORT = Effort(
+    resolution=5, n_simulations=2, n_market_steps=2, budgets=(0.1, 1.0), starts=(1, 2), sample_resolutions=(2,)
+)
+SETTINGS = ReproductionSettings(n_steps=2, n_markets=4, n_jobs=1, effort=EFFORT)
+SHIPPED = (resources.files("inscrutable.experiments.studies") / "shipped" / "reproduction.toml").read_text("utf-8")
+REPRODUCE = ["reproduce", "--markets", "4", "--simulations", "2", "--steps", "2", "--resolution", "5", "--jobs", "1"]
+COMPARE = ["compare", "--resolution", "2", "--budgets", "silence:0.5", "--jobs", "1"]
+
+
+def interrupted_at(
+    number: int, monkeypatch: pytest.MonkeyPatch, error: type[BaseException] = KeyboardInterrupt
+) -> None:
+    """Have a task stop the run."""
+    done = Shop.row
+
+    def row(self: Shop, place: int) -> Row:
+        if place == number:
+            raise error
+        return done(self, place)
+
+    monkeypatch.setattr(Shop, "row", row)
+
+
+# ---- the studies -----------------------------------------------------------------------------------
+
+
+def test_what_is_shipped_are_the_defaults_of_both_verbs() -> None:
+    assert study_of(ReproductionSettings()).plan == Study.of(shipped("reproduction")).plan
+    chosen = comparison_study(ComparisonSettings(), market="paper", resolution=30, seed=0)
+    assert chosen.plan == Study.of(shipped("comparison")).plan
+    assert Study.of(shipped("comparison")).n_tasks == 4 * (len(MAKERS) - 1) + 1
+    assert study_of(SETTINGS).n_tasks == 4
+
+
+def test_a_markets_record_survives_its_row() -> None:
+    plan = SETTINGS.plan
+    (row, *_), _ = all_rows(study_of(SETTINGS))
+    found = reproduce(SETTINGS).runs[0]
+    direct = run_market(plan, np.random.SeedSequence(0).spawn(5)[1], True)
+    for one in (found, direct):
+        assert dict(flat(parts(one))) == json.loads(row.figures)
+    assert found.odm.dimension.dtype.kind == "i"
+
+
+def parts(run: MarketRun) -> dict[str, object]:
+    return {"odm": run.odm, **run.variants, "starts": run.starts, "samples": run.samples}
+
+
+def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
+    settings = ComparisonSettings((0.3, 0.6), repeats=(1, 5), n_draws=20)
+    market = market_of("paper", 3, 7)
+    direct = compare(market.problem, market.prior, settings, rng=np.random.default_rng([7, 2]))
+    study = comparison_study(settings, market="paper", resolution=3, seed=7)
+    told: list[str] = []
+    for jobs, folder in ((1, None), (2, tmp_path)):
+        found, note = compared(study, folder, jobs=jobs, say=told.append, progress=lambda done, total: None)
+        assert found.frame().equals(direct.frame())
+        assert found.summary() == direct.summary()
+        assert (found.header(), found.left_out, found.prior_top_state) == (
+            direct.header(),
+            direct.left_out,
+            direct.prior_top_state,
+        )
+        assert note == market.note
+    assert told == [f"{market.note}; 10 beliefs"] * 2
+
+
+def test_a_models_file_is_a_market(tmp_path: Path) -> None:
+    means, spreads = np.array([[0.02, 0.0], [-0.03, 0.0]]), [0.01 * np.eye(2), 0.09 * np.eye(2)]
+    world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
+    InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), world.names).save(tmp_path / "model.json")
+    settings = ComparisonSettings((0.5,), repeats=(1,), n_draws=10)
+    study = comparison_study(settings, market=str(tmp_path / "model.json"), resolution=4, seed=0)
+    half = run_study(study, tmp_path / "out", limit=3)
+    (tmp_path / "model.json").unlink()
+    whole = resume_study(half.folder or "")
+    assert whole.status().failed == 0
+    assert whole.frame()["sha256"].eq(study.data_hash).all()
+    with pytest.raises(InputError, match=r"model\.json cannot be read"):
+        comparison_study(settings, market=str(tmp_path / "model.json"), resolution=4, seed=0)
+
+
+def test_rows_can_be_exported_like_any_studys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_study(study_of(SETTINGS), tmp_path)
+    assert cli.main(["study", "export", str(tmp_path), "--durations"]) == 0
+    lines = (tmp_path / "rows.csv").read_text("utf-8").splitlines()
+    assert len(lines) == 5
+    assert {"market", "odm.privacy.0", "global.cdm.privacy.1", "samples.decoy grid.0", "duration"} <= set(
+        lines[0].split(",")
+    )
+    assert cli.main(["study", "report", str(tmp_path)]) == 3
+    assert "is no grid of settings" in capsys.readouterr().err
+
+
+# ---- stopped and gone on with ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("verb", "stop"), [(REPRODUCE, 2), (COMPARE, 5)])
+def test_ctrl_c_loses_nothing(
+    verb: list[str], stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([*verb, "--out", str(tmp_path / "whole"), "-q"]) == 0
+    interrupted_at(stop, monkeypatch)
+    out = tmp_path / "out"
+    assert cli.main([*verb, "--out", str(out), "-q"]) == 130
+    assert "give the same command again" in capsys.readouterr().err
+    assert not (out / "summary.json").exists()
+    assert Study.load(out / "study").status().done == stop
+    assert {path.name for path in (out / "study").iterdir()} >= {STORE, "manifest.json"}
+
+    monkeypatch.undo()
+    for number in range(stop):  # what was done is not done again
+        interrupted_at(number, monkeypatch, AssertionError)
+    assert cli.main([*verb, "--out", str(out), "-q"]) == 0
+    for name in ("summary.json", "claims.csv" if verb is REPRODUCE else "comparison.csv"):
+        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_what_is_whole_or_of_another_plan_is_begun_anew(tmp_path: Path) -> None:
+    seen: list[int] = []
+
+    def done(settings: ReproductionSettings) -> Reproduction:
+        seen.clear()
+        return reproduce(settings, folder=tmp_path, progress=lambda done, total: seen.append(done))
+
+    assert len(done(SETTINGS).runs) == 4
+    first = (tmp_path / STORE).read_bytes()
+    assert len(done(SETTINGS).runs) == 4
+    assert seen == [1, 2, 3, 4]
+    assert (tmp_path / STORE).read_bytes() != first, "durations differ"
+    more = ReproductionSettings(n_steps=2, n_markets=5, n_jobs=1, effort=EFFORT)
+    assert len(done(more).runs) == 5
+    assert json.loads((tmp_path / "manifest.json").read_text("utf-8"))["study"]["markets"] == 5
+
+
+def test_another_study_in_the_folder_is_left_alone(tmp_path: Path) -> None:
+    run_study(Study.of(SMALL), tmp_path, limit=1)
+    before = (tmp_path / STORE).read_bytes()
+    with pytest.raises(InputError, match="holds another study, 'small'"):
+        reproduce(SETTINGS, folder=tmp_path)
+    assert (tmp_path / STORE).read_bytes() == before
+    os.truncate(tmp_path / STORE, 5000)
+    with pytest.raises(InputError, match="damaged"):
+        reproduce(SETTINGS, folder=tmp_path)
+
+
+@pytest.mark.parametrize("folder", [None, "study"])
+def test_a_task_that_fails_is_an_error(folder: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hopeless = MarketLaw(means=(0.5, 0.6))
+    rows = study_of(ReproductionSettings(n_jobs=1, law=hopeless, effort=EFFORT))
+    place = None if folder is None else tmp_path / folder
+    with pytest.raises(ModelError, match="1000 draws had no optimal cost above 0"):
+        all_rows(rows, place)
+
+    def broken(self: MarketShop, task: object) -> dict[str, float]:
+        raise ZeroDivisionError("oh")
+
+    monkeypatch.setattr(MarketShop, "figures", broken)
+    with pytest.raises(Exception, match="unexpected ZeroDivisionError: oh"):
+        all_rows(study_of(SETTINGS), place)
+
+
+# ---- files ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('name = "a"\nkind = "reproducton"\n', "line 2, key kind: unknown 'reproducton'; did you mean reproduction?"),
+        ('kind = "comparison"\nname = "a"\nbudgets = [0.5]\nmarkt = "paper"\n', "line 4, .*did you mean market?"),
+        ('kind = "comparison"\nname = "a"\nbudgets = [0.5, 0.2]\n', "must be numbers that rise"),
+        ('kind = "comparison"\nname = "a"\nbudgets = 0.5\ndecision_makers = ["XDM"]\n', "no decision maker 'XDM'"),
+        ('kind = "reproduction"\nname = "a"\n', "the key budget is missing"),
+        (SHIPPED.replace("assets = 3", "assets = 1"), "key law.assets: .*greater than or equal to 2"),
+        (SHIPPED.replace("assets = 3", "asets = 3"), "key law.asets: there is no such key; did you mean assets?"),
+    ],
+)
+def test_mistakes_in_a_file_are_named(text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text, "utf-8")
+    with pytest.raises(InputError, match=told):
+        Study.read(path)
+
+
+numbers = st.floats(allow_nan=False) | st.integers(-(2**40), 2**40)
+names = st.text("abc d", min_size=1)
+
+
+@given(st.dictionaries(names, numbers | st.lists(st.floats(allow_nan=False), min_size=1, max_size=3), min_size=1))
+def test_flat_tables_give_back_what_they_were_made_of(data: dict[str, object]) -> None:
+    found = unflat(dict(flat({key: np.array(each) if isinstance(each, list) else each for key, each in data.items()})))
+    assert {key: each.tolist() if isinstance(each, np.ndarray) else each for key, each in found.items()} == data

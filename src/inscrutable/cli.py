@@ -388,7 +388,7 @@ def compare(
     speech.log(f"{chosen.note}; {len(chosen.prior)} beliefs")
     with speech.progress("Decision makers at budgets") as move:
         result = compared(
-            chosen.problem, chosen.prior, settings, rng=np.random.default_rng([seed, len(shares)]), progress=move
+            chosen.problem, chosen.chain, settings, rng=np.random.default_rng([seed, len(shares)]), progress=move
         )
     speech.log("Drawing the figure")
     files = write_comparison(result, folder, title=chosen.note)

@@ -13,9 +13,11 @@ from inscrutable import validation
 from inscrutable.decision_makers import Candidates, decoy_grid
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
-from inscrutable.experiments.comparison_makers import SPENDS_NOTHING, Maker, Setting, checked_makers
+from inscrutable.experiments.comparison_makers import MAKERS, SPENDS_NOTHING, Maker, Setting, checked_makers
 from inscrutable.experiments.comparison_measures import ComparisonRow, measured
+from inscrutable.experiments.comparison_paths import PATH_MAKERS
 from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.privacy.leaks import silence_regret
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Saved
@@ -187,7 +189,7 @@ def holding(errors: list[tuple[str, float]], floor: float) -> str:
 
 def compare(
     problem: DecisionProblem,
-    prior: Prior,
+    prior: Prior | BeliefChain,
     settings: ComparisonSettings | None = None,
     *,
     makers: Mapping[str, Maker] | None = None,
@@ -202,9 +204,11 @@ def compare(
 
     Args:
         problem: The decision problem.
-        prior: The law of the private belief, known to the observers who use one.
+        prior: The law of the private belief, known to the observers who use one; or a `BeliefChain`, which also says how
+            the belief moves, as delay and partial trading need it.
         settings: Budgets and numbers of repeated decisions; None is the default ones.
-        makers: Functions (setting, regret) -> Play by name; None is `comparison_makers.MAKERS`.
+        makers: Functions (setting, regret) -> Play by name; None is `comparison_makers.MAKERS`, and
+            with a chain `comparison_paths.PATH_MAKERS` after them.
         candidates: Decisions to choose from; None is a grid of decoys about as many as the prior has beliefs.
         rng: Source of the sampled sequences of repeated decisions.
         progress: Called with (rows done, rows in all).
@@ -228,8 +232,10 @@ def compare(
         (('ODM', 'CDM', 'PDM'), 0.0)
     """
     chosen = ComparisonSettings() if settings is None else settings
-    source, by_name = validation.generator(rng), checked_makers(makers)
     setting = _setting(problem, prior, candidates)
+    known = MAKERS if setting.chain is None else {**MAKERS, **PATH_MAKERS}
+    source, by_name = validation.generator(rng), checked_makers(known if makers is None else makers)
+    prior = setting.prior
     silent = silence_regret(problem, prior.beliefs, prior.weights)
     unit = {"silence": silent, "cost": setting.mean_cost, "regret": 1.0}[chosen.unit]
     budgets = tuple(unit * share for share in chosen.budgets)
@@ -264,7 +270,9 @@ def compare(
     )
 
 
-def _setting(problem: DecisionProblem, prior: Prior, candidates: Candidates | None) -> Setting:
+def _setting(problem: DecisionProblem, given: Prior | BeliefChain, candidates: Candidates | None) -> Setting:
+    chain = given if isinstance(given, BeliefChain) else None
+    prior = given if chain is None else chain.prior
     if not isinstance(prior, Prior):
         raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
     n_states = checked_problem(problem).n_states
@@ -274,7 +282,7 @@ def _setting(problem: DecisionProblem, prior: Prior, candidates: Candidates | No
         candidates = decoy_grid(problem, _resolution(n_states, len(prior)))
     elif not isinstance(candidates, Candidates) or candidates.sets.problem is not problem:
         raise InputError("candidates must be Candidates of this problem, such as decoy_grid(problem, 30)")
-    return Setting(problem, prior, candidates)
+    return Setting(problem, prior, candidates, chain)
 
 
 def _resolution(n_states: int, wanted: int) -> int:

@@ -71,7 +71,11 @@ def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataF
     kept = [row for row in comparison.rows if budget is None or row.budget in (0.0, budget)]
     columns = _columns(comparison)
     lines = [{each.title: _written(each.value(row), each.style) for each in columns if each.title} for row in kept]
-    return pd.DataFrame(lines, index=pd.Index([row.maker for row in kept], name="decision maker"))
+    return pd.DataFrame(lines, index=pd.Index([_name(row) for row in kept], name="decision maker"))
+
+
+def _name(row: ComparisonRow) -> str:
+    return f"{row.maker} ({row.detail})" if row.detail != "-" else row.maker
 
 
 def terminal_table(comparison: Comparison, budget: float) -> pd.DataFrame:
@@ -95,6 +99,7 @@ def notes_of(comparison: Comparison) -> list[str]:
         "Errors: root mean square, Euclidean, of the observer's estimate. naive: takes decisions for optimal; near-optimal: "
         "allows for the expected regret; budget-aware: knows the largest regret of any decision (both with the prior); "
         "aware: knows the mechanism and the prior.",
+        *_on_paths(comparison),
         "Decisions after the first are drawn afresh under the same belief and the same mechanism; figures for more than one "
         f"are sampled ({comparison.n_draws} sequences).",
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
@@ -106,6 +111,22 @@ def notes_of(comparison: Comparison) -> list[str]:
             else []
         ),
     ]
+
+
+def _on_paths(comparison: Comparison) -> list[str]:
+    """What is to be known of rules with a memory, where there are any."""
+    found = []
+    if "delay" in comparison.makers:
+        found.append(
+            "delay: the optimal decision of some steps ago, for the most whole steps that are affordable; aware: knows the "
+            "delay and how beliefs move. A belief held for longer than the delay is met with its own optimal decision."
+        )
+    if "partial trades" in comparison.makers:
+        found.append(
+            "partial trades: a fraction of the way to the optimal decision at every step; aware: knows the fraction and the "
+            "decision before, from which the optimal one follows exactly. The others see one decision only."
+        )
+    return found
 
 
 def markdown_of(comparison: Comparison, title: str) -> str:

@@ -82,9 +82,14 @@ class PartialDecisionMaker(PathRule):
 
     def _points(self, beliefs: Array) -> Array:
         optimal = np.atleast_2d(self.problem.solve_points(beliefs))
-        held, points = self._started(optimal), np.empty(optimal.shape)
-        for step, target in enumerate(optimal):
-            # The convex form: a full trade reaches its target digit for digit.
-            held = (1.0 - self.fraction) * held + self.fraction * target
-            points[step] = held
-        return points
+        return partial_trades(optimal, self._started(optimal), self.fraction)
+
+
+def partial_trades(targets: Array, start: Array, fraction: float) -> Array:
+    """Return u_t = (1 − f) u_{t−1} + f v_t for targets v (T,…,U) from u_{−1} = `start` (…,U), shape (T,…,U)."""
+    held, points = start, np.empty(targets.shape)
+    for step, target in enumerate(targets):
+        # The convex form: a full trade reaches its target digit for digit.
+        held = (1.0 - fraction) * held + fraction * target
+        points[step] = held
+    return points

@@ -168,7 +168,7 @@ def stationary_chain(
 
 def _rows(transition: Any | ArrayLike, count: int) -> Any:
     """A stochastic matrix as a sparse array of rows, shape (B,B)."""
-    shape = transition.shape if sparse.issparse(transition) else np.shape(transition)
+    shape = tuple(getattr(transition, "shape", np.shape(transition)))
     if shape != (count, count):
         raise InputError(f"transition must be of shape {(count, count)}, one row and column a belief, got {shape}")
     if not sparse.issparse(transition):

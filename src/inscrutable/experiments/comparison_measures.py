@@ -95,7 +95,7 @@ def measured(
     told = leakage(played, prior, problem)
     read = told if play.seen is None else leakage(play.seen(1), prior)
     again = _repeated(prior, play, repeats, rng)
-    seen = detectability(problem, played, prior)
+    seen = detectability(played, prior, problem)
     promise = Budget.regret(told.worst_regret) if play.promise is None else play.promise
     observers: dict[str, Adversary] = {
         "naive": NaiveAdversary(problem),

@@ -37,6 +37,8 @@ class DelayedDecisionMaker(PathRule):
         [0 0 1]
     """
 
+    _shown = ("n_steps",)
+
     def __init__(self, problem: DecisionProblem, n_steps: int, *, start: ArrayLike | None = None) -> None:
         super().__init__(problem, start)
         self.n_steps = validation.count(n_steps, "n_steps", least=0)
@@ -73,6 +75,8 @@ class PartialDecisionMaker(PathRule):
         >>> print(PartialDecisionMaker(problem, 0.5).decide_many([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]]).action[:, 0])
         [0.55   0.5    0.475]
     """
+
+    _shown = ("fraction",)
 
     def __init__(self, problem: DecisionProblem, fraction: float, *, start: ArrayLike | None = None) -> None:
         super().__init__(problem, start)

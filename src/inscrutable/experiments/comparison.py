@@ -26,6 +26,9 @@ UNITS = ("silence", "cost", "regret")
 HOLDS = 0.5
 """A protection is said to hold against an observer whose error is at least this share of the one without any decision."""
 
+_MOST_NAMED = 3
+"""Names in one list of the sentence; the table has all."""
+
 _SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 
@@ -178,12 +181,14 @@ class Comparison(Saved):
 
 
 def holding(errors: list[tuple[str, float]], floor: float) -> str:
-    """Return who leaves an observer at least an error of `floor`, best first; or who comes nearest to it."""
+    """Return who leaves an observer at least an error of `floor`, the best three first; or who comes nearest to it."""
     ranked = sorted(errors, key=lambda each: -each[1])
     held = [f"{name} ({error:.2f})" for name, error in ranked if error >= floor]
     if not held:
         return f"none does (best: {ranked[0][0]}, {ranked[0][1]:.2f})"
     verb = "does" if len(held) == 1 else "do"
+    if len(held) > _MOST_NAMED + 1:
+        held = [*held[:_MOST_NAMED], f"{len(held) - _MOST_NAMED} more"]
     return " and ".join(filter(None, [", ".join(held[:-1]), held[-1]])) + f" {verb}"
 
 

@@ -96,6 +96,7 @@ def notes_of(comparison: Comparison) -> list[str]:
     return [
         f"All decision makers of one budget spend the same expected regret under the prior, to {SAME_SPENDING:.1%}; "
         f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less.",
+        _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate. naive: takes decisions for optimal; near-optimal: "
         "allows for the expected regret; budget-aware: knows the largest regret of any decision (both with the prior); "
         "aware: knows the mechanism and the prior.",
@@ -111,6 +112,28 @@ def notes_of(comparison: Comparison) -> list[str]:
             else []
         ),
     ]
+
+
+_WAYS = {
+    "ODM": "the optimal decision, nothing hidden",
+    "CDM": "the most private affordable decision (counter-adversarial), polished",
+    "PDM": "a lottery of two with the most private mean (probabilistic counter-adversarial), polished",
+    "CDM, candidates only": "the same among the candidates alone, so that several beliefs share a decision",
+    "PDM, candidates only": "likewise",
+    "rate-distortion": "least information on average over the prior",
+    "Stackelberg": "largest error of the aware observer, with a budget per belief",
+    "uniform": "any affordable candidate, equally likely",
+    "exponential": "candidates, the likelier the cheaper",
+    "coin": "the optimal decision, or always the same one",
+    "Dirichlet noise": "noisy weights",
+    "rounding": "weights in whole steps, the coarsest affordable",
+}
+"""The ways of hiding in a few words each."""
+
+
+def _who_is_who(comparison: Comparison) -> str:
+    told = [f"{name}: {_WAYS[name]}" for name in comparison.makers if name in _WAYS]
+    return f"Decision makers. {'; '.join(told)}." if told else "Decision makers: as the caller named them."
 
 
 def _on_paths(comparison: Comparison) -> list[str]:

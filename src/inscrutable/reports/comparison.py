@@ -95,14 +95,15 @@ def notes_of(comparison: Comparison) -> list[str]:
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
         f"All decision makers of one budget spend the same expected regret under the prior, to {SAME_SPENDING:.1%}; "
-        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less.",
+        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less; rounding and "
+        "delay come in steps.",
         _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate. naive: takes decisions for optimal; near-optimal: "
         "allows for the expected regret; budget-aware: knows the largest regret of any decision (both with the prior); "
         "aware: knows the mechanism and the prior.",
         *_on_paths(comparison),
         "Decisions after the first are drawn afresh under the same belief and the same mechanism; figures for more than one "
-        f"are sampled ({comparison.n_draws} sequences).",
+        f"are sampled ({comparison.n_draws} sequences) where a mechanism mixes.",
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
         "them leads to names it.",
         "AUC: telling one decision from an optimal one by what the naive observer reads from it; 0.5 is nothing.",

@@ -178,7 +178,7 @@ def rate_distortion_curve(
         InputError: An argument is malformed.
 
     Cost: as `RateDistortionDecisionMaker` for the first budget, less for the others, each of which starts from the next
-    larger one's solution. Source: Blahut (1972).
+    larger one's solution: for 2,000 beliefs and candidates a second or two of one core each. Source: Blahut (1972).
 
     Example:
         >>> from inscrutable import Budget, FiniteProblem, Prior
@@ -210,7 +210,19 @@ class _Solution:
 
 
 def _solved(maker: RateDistortionDecisionMaker, budgets: list[Budget], progress: Progress | None) -> list[_Solution]:
-    """The solutions for budgets, found from the largest to the smallest."""
+    """The solutions for budgets, found from the largest to the smallest.
+
+    On one thread of linear algebra: the many short products wait for memory, and on a busy machine threads wait for each other.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _solved_in_turn(maker, budgets, progress)
+
+
+def _solved_in_turn(
+    maker: RateDistortionDecisionMaker, budgets: list[Budget], progress: Progress | None
+) -> list[_Solution]:
     table, weights = maker._table(maker.columns), maker.prior.weights
     limits = [float(weights @ budget.limits(table.optimal_costs)) for budget in budgets]
     slack = float(weights @ rounding_of(table.optimal_costs))

@@ -95,8 +95,8 @@ def notes_of(comparison: Comparison) -> list[str]:
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
         f"All decision makers of one budget spend the same expected regret under the prior, to {SAME_SPENDING:.1%}; "
-        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less; rounding and "
-        "delay come in steps.",
+        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less; "
+        "rounding and delay come in steps.",
         _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate. naive: takes decisions for optimal; near-optimal: "
         "allows for the expected regret; budget-aware: knows the largest regret of any decision (both with the prior); "

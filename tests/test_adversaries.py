@@ -286,3 +286,15 @@ def test_input_is_checked():
         NearOptimalAdversary(problem, 0.1, prior=[0.5, 0.5])
     with pytest.raises(InputError, match=r"give Budget\.regret"):
         BudgetAwareAdversary(line_problem([4.0, 0.0]), 1.5).infer([0.5, 0.5])
+
+
+def test_equal_decisions_are_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+    observer, asked = NearOptimalAdversary(problem, 0.001), []
+    infer = observer.infer
+    monkeypatch.setattr(observer, "infer", lambda action: asked.append(action) or infer(action))
+    actions = np.array([[0.5, 0.5], [0.52, 0.48], [0.5, 0.5], [0.5 + 1e-13, 0.5 - 1e-13]])
+    found = observer.estimates(actions)
+    assert len(asked) == 2
+    np.testing.assert_array_equal(found[[0, 0]], found[[2, 3]])
+    assert found.shape == (4, 2)

@@ -82,7 +82,7 @@ def test_every_figure_is_its_definition(seed, kind):
     played = Mechanism(prior.beliefs, actions, table, regrets)
     if len(np.unique(np.round(np.asarray(actions, dtype=float), 9), axis=0)) < len(actions):
         return  # optimal decisions in common
-    found = detectability(problem, played, prior)
+    found = detectability(played, prior, problem)
     shares = prior.weights @ table
     gaps = np.array([plausibility_gap(problem, action) for action in actions])
     empty = np.array([consistent_beliefs(problem, action).is_empty for action in actions])
@@ -119,7 +119,7 @@ def test_who_hides_nothing_shows_nothing(kind):
         "linear": LinearProblem(rng.normal(size=(3, 2)), box(np.zeros(2), np.ones(2))),
     }[kind]
     prior = uniform_prior(3, 5)
-    found = detectability(problem, mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior)
+    found = detectability(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, problem)
     assert found.auc == pytest.approx(0.5, abs=1e-9)
     assert found.total_variation == pytest.approx(0, abs=1e-12)
     assert found.divergence == pytest.approx(0, abs=1e-12)
@@ -131,7 +131,7 @@ def test_who_hides_nothing_shows_nothing(kind):
 
 def test_decoys_are_plausible_and_yet_seen():
     problem, prior = belief_problem(3), uniform_prior(3, 4)
-    found = detectability(problem, mechanism(ProbabilisticDecisionMaker(problem, budget=0.2), prior.beliefs), prior)
+    found = detectability(mechanism(ProbabilisticDecisionMaker(problem, budget=0.2), prior.beliefs), prior, problem)
     assert found.implausible_share == 0
     assert found.expected_gap == 0
     assert found.auc > 0.6
@@ -142,7 +142,7 @@ def test_an_implausible_decision_by_hand():
     problem, prior = line_problem([1.0, 0.0]), uniform_prior(2, 1)
     honest = problem.solve(prior.beliefs)
     played = Mechanism(prior.beliefs, [honest[0], [1.0, 0.0]], [[1.0, 0.0], [0.0, 1.0]], [[0.0, 0.125], [0.2, 0.5]])
-    found = detectability(problem, played, prior)
+    found = detectability(played, prior, problem)
     assert found.gaps == pytest.approx([0, 0.125], abs=1e-8)
     assert found.expected_gap == pytest.approx(0.0625, abs=1e-8)
     assert found.implausible_share == 0.5
@@ -160,7 +160,7 @@ def test_decisions_between_the_points_of_a_prior_are_read_as_the_nearest():
     moved = 0.95 * prior.beliefs + 0.05 / 3
     actions = problem.solve(moved)
     regrets = np.array([problem.regret(prior.beliefs, action) for action in actions]).T
-    found = detectability(problem, Mechanism(prior.beliefs, actions, np.eye(len(prior)), regrets), prior)
+    found = detectability(Mechanism(prior.beliefs, actions, np.eye(len(prior)), regrets), prior, problem)
     assert found.auc == pytest.approx(1)
     assert found.total_variation == pytest.approx(1)
     assert found.read_auc == pytest.approx(0.5)
@@ -176,7 +176,7 @@ def test_areas_by_hand():
 def test_unplayed_decisions_have_no_ratio_unless_they_are_optimal():
     problem, prior = FiniteProblem([[0.0, 1.0, 5.0], [1.0, 0.0, 5.0]]), uniform_prior(2, 1)
     played = Mechanism(prior.beliefs, [0, 1, 2], [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], np.zeros((2, 3)))
-    found = detectability(problem, played, prior)
+    found = detectability(played, prior, problem)
     assert found.likelihood_ratios[:2].tolist() == [2, 0]
     assert np.isnan(found.likelihood_ratios[2])
     assert np.isnan(found.gaps[1:]).all()
@@ -185,25 +185,25 @@ def test_unplayed_decisions_have_no_ratio_unless_they_are_optimal():
 def test_input_output(tmp_path):
     problem, prior = belief_problem(2), uniform_prior(2, 3)
     played = mechanism(OriginalDecisionMaker(problem), prior.beliefs)
-    found = detectability(problem, played, prior)
+    found = detectability(played, prior, problem)
     found.save(tmp_path / "found.npz")
     assert Detectability.load(tmp_path / "found.npz").summary() == found.summary() == repr(found)
     assert "AUC 0.5000" in found.summary()
     with pytest.raises(InputError, match="the problem has 3 states, the mechanism 2"):
-        detectability(belief_problem(3), played, prior)
+        detectability(played, prior, belief_problem(3))
     with pytest.raises(InputError, match="action has 2 coordinates, expected 3"):
-        detectability(MarkowitzProblem(np.zeros((2, 3)), [np.eye(3)] * 2, 1.0), played, prior)
+        detectability(played, prior, MarkowitzProblem(np.zeros((2, 3)), [np.eye(3)] * 2, 1.0))
     with pytest.raises(InputError, match="problem must be a decision problem"):
-        detectability("problem", played, prior)
+        detectability(played, prior, "problem")
     with pytest.raises(InputError, match="none of the mechanism's"):
-        detectability(problem, played, uniform_prior(2, 2))
+        detectability(played, uniform_prior(2, 2), problem)
 
 
 def test_equal_decisions_share_their_figures():
     problem, prior = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), uniform_prior(2, 1)
     once = Mechanism(prior.beliefs, [0, 1], [[1.0, 0.0], [0.5, 0.5]], np.zeros((2, 2)))
     twice = Mechanism(prior.beliefs, [0, 0, 1], [[0.75, 0.25, 0.0], [0.0, 0.5, 0.5]], np.zeros((2, 3)))
-    one, other = detectability(problem, once, prior), detectability(problem, twice, prior)
+    one, other = detectability(once, prior, problem), detectability(twice, prior, problem)
     assert (other.auc, other.total_variation) == (one.auc, one.total_variation)
     assert other.likelihood_ratios.tolist() == [1.5, 1.5, 0.5]
     assert other.gaps.tolist() == [0, 0, 0]

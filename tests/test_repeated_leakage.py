@@ -186,3 +186,16 @@ def test_input_is_checked():
         repeated_leakage(played, prior, 2, rng=0)
     with pytest.raises(InputError, match="none of the mechanism's"):
         repeated_leakage(played, uniform_prior(2, 3), 2, rng=np.random.default_rng(0))
+
+
+def test_decisions_never_mixed_tell_by_repetition_what_the_first_told() -> None:
+    rng = np.random.default_rng(0)
+    beliefs = rng.dirichlet(np.ones(3), size=12)
+    table = np.eye(4)[np.arange(12) % 4]
+    plain = Mechanism(beliefs, np.arange(4.0)[:, None], table, np.zeros((12, 4)))
+    prior = Prior(beliefs, rng.dirichlet(np.ones(12)))
+    found = repeated_leakage(plain, prior, (1, 10, 100), rng=rng, n_draws=10)
+    law = np.array([prior.weights[np.arange(12) % 4 == group].sum() for group in range(4)])
+    assert found.mutual_information == pytest.approx(np.full(3, -(law * np.log2(law)).sum()), abs=1e-12)
+    assert found.bayes_error == pytest.approx(np.full(3, found.limit_error), abs=1e-12)
+    assert not found.error_se.any()

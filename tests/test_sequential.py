@@ -12,13 +12,17 @@ from inscrutable import (
     GaussianEmission,
     HiddenMarkovModel,
     InputError,
+    MarkowitzProblem,
     Mechanism,
     ModelError,
+    OriginalDecisionMaker,
     SequenceStatus,
     SequentialAdversary,
     filter_beliefs,
+    mechanism,
     reachable_beliefs,
     simplex_grid,
+    uniform_prior,
 )
 
 EXACT = 1e-12
@@ -415,3 +419,83 @@ def test_what_cannot_be_is_refused() -> None:
     still = HiddenMarkovModel(np.eye(2), world.emission, [1.0, 0.0])
     with pytest.raises(ModelError, match="step 1"):
         SequentialAdversary(still, plays).filter(plays.actions, states=[0, 1])
+
+
+def coarse_agent() -> tuple[HiddenMarkovModel, Mechanism]:
+    """Three beliefs, a decision each, and an agent that is between them as a rule."""
+    world = HiddenMarkovModel([[0.95, 0.05], [0.1, 0.9]], CategoricalEmission([[0.9, 0.1], [0.1, 0.9]]), [0.5, 0.5])
+    beliefs = np.array([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]])
+    return world, Mechanism(beliefs, np.arange(3), np.eye(3), np.zeros((3, 3)))
+
+
+def test_a_grid_too_coarse_for_a_decision_reads_it_with_a_tolerance() -> None:
+    world, plays = coarse_agent()
+    adversary, actions = SequentialAdversary(world, plays), [2, 0, 1]
+    found, later = adversary.filter(actions), adversary.smooth(actions)
+    assert [each.name for each in found.statuses] == ["USED", "WIDENED", "USED"]
+    assert np.isfinite(found.log_likelihood).all()
+    line, transition, reports = plays.beliefs[:, 0], world.transition, world.emission.probabilities
+    # Every path of state and point. After decision 2 the points 1 and 2 are possible; of them 1 is nearest to point 0, which
+    # plays decision 0, and stands there.
+    stand_in = {0: {2: 2}, 1: {1: 0}, 2: {1: 1}}
+
+    def split(belief: np.ndarray, y: int) -> list[tuple[int, float]]:
+        joint = belief * reports[:, y]
+        place = joint[0] / joint.sum()
+        return [(b, float(np.interp(place, line, np.eye(3)[b]))) for b in range(3)]
+
+    laws, laws_later, states = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 2))
+
+    def follow(t: int, x: int, b: int, chance: float, seen: list[int]) -> None:
+        if chance == 0 or b not in stand_in[t]:
+            return
+        b = stand_in[t][b]
+        laws[t, b] += chance
+        states[t, x] += chance
+        seen = [*seen, b]
+        if t == 2:
+            for step, place in enumerate(seen):
+                laws_later[step, place] += chance
+            return
+        predicted = plays.beliefs[b] @ transition
+        for x_next in range(2):
+            for y in range(2):
+                for b_next, share in split(predicted, y):
+                    follow(t + 1, x_next, b_next, chance * transition[x, x_next] * reports[x_next, y] * share, seen)
+
+    for x in range(2):
+        for y in range(2):
+            for b, share in split(world.initial, y):
+                follow(0, x, b, float(world.initial[x] * reports[x, y]) * share, [])
+    np.testing.assert_allclose(found.weights, laws / laws.sum(axis=1, keepdims=True), atol=EXACT)
+    np.testing.assert_allclose(later.weights, laws_later / laws_later.sum(axis=1, keepdims=True), atol=EXACT)
+    np.testing.assert_allclose(found.states, states / states.sum(axis=1, keepdims=True), atol=EXACT)
+    assert found.interpolation_error[1] >= np.linalg.norm(plays.beliefs[1] - plays.beliefs[0])
+    assert "tolerance" in found.summary()
+
+
+def test_what_no_tolerance_explains_is_passed_over() -> None:
+    world, _ = coarse_agent()
+    finer = np.column_stack([np.linspace(0, 1, 41), np.linspace(1, 0, 41)])
+    fine = Mechanism(finer, np.arange(41), np.eye(41), np.zeros((41, 41)))
+    found = SequentialAdversary(world, fine).filter([36, 0])
+    assert [each.name for each in found.statuses] == ["USED", "CONTRADICTED"]
+    assert np.isneginf(found.log_likelihood[1])
+
+
+def test_a_tolerance_keeps_a_coarse_grid_on_the_track() -> None:
+    rng = np.random.default_rng(3)
+    world = HiddenMarkovModel(
+        0.6 * np.eye(3) + 0.4 * rng.dirichlet(np.ones(3), size=3),
+        CategoricalEmission(rng.dirichlet(np.ones(3), size=3)),
+    )
+    problem = MarkowitzProblem(rng.normal(size=(3, 3)) * 0.1, [np.diag(rng.uniform(0.05, 0.2, 3))] * 3, 1.0)
+    held = filter_beliefs(world, world.sample(150, rng=rng).observations).beliefs
+    actions = problem.solve(held)
+    for resolution in (4, 8):
+        agent = mechanism(OriginalDecisionMaker(problem), uniform_prior(3, resolution).beliefs)
+        adversary = SequentialAdversary(world, agent)
+        found = adversary.filter(actions, nearest=True)
+        assert SequenceStatus.WIDENED in found.statuses
+        assert found.error_of(held) < adversary.unseen(len(held)).error_of(held)
+        assert found.error_of(held) < 2 * found.interpolation_error.mean()

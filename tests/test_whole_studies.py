@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from inscrutable import InputError, MarkowitzProblem, ModelError, Study, cli, resume_study, run_study
 from inscrutable.experiments.comparison import ComparisonSettings, compare
-from inscrutable.experiments.comparison_makers import MAKERS
 from inscrutable.experiments.comparison_markets import market_of
+from inscrutable.experiments.comparison_paths import EVERY_MAKER
 from inscrutable.experiments.comparison_study import compared, comparison_study
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.market_runs import MarketRun, run_market
@@ -59,7 +59,7 @@ def test_what_is_shipped_are_the_defaults_of_both_verbs() -> None:
     assert study_of(ReproductionSettings()).plan == Study.of(shipped("reproduction")).plan
     chosen = comparison_study(ComparisonSettings(), market="paper", resolution=30, seed=0)
     assert chosen.plan == Study.of(shipped("comparison")).plan
-    assert Study.of(shipped("comparison")).n_tasks == 4 * (len(MAKERS) - 1) + 1
+    assert Study.of(shipped("comparison")).n_tasks == 4 * (len(EVERY_MAKER) - 1) + 1
     assert study_of(SETTINGS).n_tasks == 4
 
 

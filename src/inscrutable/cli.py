@@ -365,8 +365,8 @@ def compare(
     Every way spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
 
     Args:
-        market: paper (a random market, every belief equally likely), returns (the 12 US industries that come with the
-            package, and how often its investor holds which belief), or the model.json of a backtest.
+        market: paper (a random market, every belief equally likely and lasting as regimes do), returns (the 12 US industries
+            that come with the package, and how often its investor holds which belief), or the model.json of a backtest.
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.

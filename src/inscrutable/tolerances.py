@@ -134,6 +134,10 @@ GAP_STEP = 1e-9
 """Relative accuracy of the plausibility gap: upper minus lower bound of its cutting planes; ten times what the linear
 programmes resolve, else they return the same corner for ever."""
 
+PLANE_GAME = 1e-12
+"""Gain at which a plane, or a state, enters the basis of the lowest point of planes scaled to one: rounding of a small inverse,
+and far below what the gap asks for."""
+
 NEAR_OPTIMAL = 1e-7
 """Excess regret allowed at the corners of a near-optimal set's outer polytope, relative to the decision's cost."""
 

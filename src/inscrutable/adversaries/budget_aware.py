@@ -28,11 +28,8 @@ class ScaledBeliefs(NearOptimalBeliefs):
     def _room(self) -> float:
         return self.room
 
-    def _excess(self, beliefs: Array) -> Array:
-        return np.asarray(beliefs @ self._own_costs - self.share * self.problem.optimal_cost(beliefs))
-
-    def _add(self, beliefs: Array) -> None:
-        self._planes.extend(self._own_costs - self.share * self.problem.state_costs(self.problem.solve(beliefs)))
+    def _planes_at(self, beliefs: Array) -> Array:
+        return np.asarray(self._own_costs - self.share * self.problem.state_costs(self.problem.solve(beliefs)))
 
     @cached_property
     def _explanation(self) -> tuple[Array, float]:

@@ -3,15 +3,22 @@
 α_0(x,b) = p_0(x) Σ_y B[x,y] W_0[y,b],   α_{t+1}(x',b') = Σ_y B[x',y] Σ_b W_y[b,b'] Σ_x P[x,x'] α_t(x,b),
 each times what was seen of the state and K(u_t|π_b), then normalised. Row (y,b) of W holds the mixture of points that
 stands for the agent's next belief T(π_b,y). The sums over y are taken once, in one sparse matrix.
+
+Points that stand for the beliefs between them may all be excluded by a decision that the agent's own belief does play. Where
+the law so far is interpolated, each point that was still possible then counts as the nearest one that plays the decision, if
+that is hardly farther than for the point that has it nearest.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.spatial import cKDTree
 
+from inscrutable import tolerances
 from inscrutable.adversaries.agent_steps import AgentModel
 from inscrutable.adversaries.belief_points import BeliefPoints, PointMixture
 from inscrutable.adversaries.sequence_evidence import UNSEEN, Evidence, impossible_step, played_shares
@@ -20,13 +27,38 @@ from inscrutable.mechanisms import Mechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
+_CELLS = 4.0
+"""Largest interpolation errors by which a possible point may lie from one that plays the decision: they are neighbours."""
+
+
+class Reading(NamedTuple):
+    """How a decision weighs the points: as K(u_t|·) at the point itself, or at another one that stands in for it."""
+
+    shares: Array  # (B,), of the point or of its stand-in; ones where the decision was passed over
+    places: np.ndarray | None = None  # (B,), the stand-ins; None: every point is read as itself
+    error: float = 0.0  # expected distance of the stand-ins
+
+    def moved(self, law: Array) -> Array:
+        """Return a law (X,B) times the shares, with what each point holds at its stand-in."""
+        weighed = law * self.shares
+        if self.places is None:
+            return weighed
+        found = np.zeros_like(weighed)
+        for i, row in enumerate(weighed):
+            found[i] = np.bincount(self.places, weights=row, minlength=len(row))
+        return found
+
+    def back(self, later: Array) -> Array:
+        """Return likelihoods (X,B) of what comes later, times the shares, as each point has them by its stand-in."""
+        return np.asarray((later if self.places is None else later[:, self.places]) * self.shares)
+
 
 @dataclass(frozen=True, eq=False)
 class ForwardPass:
-    """Filtered laws (T,X,B) with what made them: the likelihoods used, the errors made, the statuses."""
+    """Filtered laws (T,X,B) with what made them: the readings used, the errors made, the statuses."""
 
     laws: Array
-    shares: list[Array]  # K(u_t|π_b), ones where the decision was passed over
+    readings: list[Reading]
     log_likelihood: Array
     errors: Array
     statuses: tuple[SequenceStatus, ...]
@@ -68,22 +100,45 @@ class InverseFilter:
             whole = float(seen.sum())
             if not whole > 0:
                 raise impossible_step(t)
-            shares = known[int(evidence.columns[t])]
-            law = seen * shares
+            reading = Reading(known[int(evidence.columns[t])])
+            law = reading.moved(seen)
+            status = evidence.status(t, float(law.sum()))
+            if status is SequenceStatus.CONTRADICTED and errors[: t + 1].max() > tolerances.SAME_BELIEF:
+                widened = self._widened(seen, reading.shares)
+                if widened is not None:
+                    reading, status = widened, SequenceStatus.WIDENED
+                    law, errors[t] = reading.moved(seen), errors[t] + reading.error
             total = float(law.sum())
             with np.errstate(divide="ignore"):
                 logs[t] = np.log(total) + evidence.offsets[t]
-            statuses.append(evidence.status(t, total))
-            used.append(shares if total > 0 else known[UNSEEN])
+            statuses.append(status)
+            used.append(reading if total > 0 else Reading(known[UNSEEN]))
             laws[t] = law / total if total > 0 else seen / whole
         return ForwardPass(laws, used, logs, errors, tuple(statuses))
+
+    def _widened(self, seen: Array, shares: Array) -> Reading | None:
+        """Read possible points as the nearest one that plays the decision, where that is nearest of all, or nearly so.
+
+        None where it is too far for the grid to be the reason.
+        """
+        points, mass = self._points.points, seen.sum(axis=0)
+        plays = np.flatnonzero(shares > 0)
+        gaps, place = cKDTree(points[plays]).query(points)
+        gaps = np.asarray(gaps)
+        least, step = float(gaps[mass > 0].min()), float(self.errors.max())
+        if least > _CELLS * step:
+            return None
+        stand_in = plays[place]
+        weights = np.where(gaps <= least + step, shares[stand_in], 0.0)
+        held = mass * weights
+        return Reading(weights, stand_in, float(held @ gaps / held.sum()))
 
     def smoothed(self, evidence: Evidence, passed: ForwardPass) -> Array:
         """Return the laws (T,X,B) given the whole sequence."""
         laws = passed.laws.copy()
         later = np.ones(laws.shape[1:])
         for t in range(len(evidence) - 2, -1, -1):
-            later = later * evidence.states[t + 1][:, None] * passed.shares[t + 1]
+            later = passed.readings[t + 1].back(later) * evidence.states[t + 1][:, None]
             later = self._transition @ (self._backward @ later.reshape(-1)).reshape(later.shape)
             later /= later.max()
             laws[t] *= later

@@ -111,9 +111,13 @@ class NearOptimalBeliefs:
         """What the accuracy of shapes is relative to, in the cost's unit."""
         return self.regret
 
+    def _planes_at(self, beliefs: Array) -> Array:
+        """The planes below the regret that touch it at beliefs (X,) or (T,X), of the same shape."""
+        return np.asarray(self._own_costs - self.problem.state_costs(self.problem.solve(beliefs)))
+
     def _excess(self, beliefs: Array) -> Array:
         """By how much the regret under beliefs (X,) or (T,X) exceeds ε; negative inside."""
-        return np.asarray(self.problem.regret(beliefs, self.action) - self.regret)
+        return np.asarray((beliefs * self._planes_at(beliefs)).sum(axis=-1) - self.regret)
 
     @cached_property
     def _outer(self) -> Reduced | None:
@@ -139,7 +143,7 @@ class NearOptimalBeliefs:
             self._add(self._explanation[0][None])
 
     def _add(self, beliefs: Array) -> None:
-        self._planes.extend(self._own_costs - self.problem.state_costs(self.problem.solve(beliefs)))
+        self._planes.extend(self._planes_at(beliefs))
 
     @cached_property
     def _basis(self) -> Array:
@@ -165,9 +169,10 @@ class NearOptimalBeliefs:
         centre = np.full(self.n_states, 1.0 / self.n_states)
         for _ in range(MOST_PLANES):
             point: Array = onto_simplex((centre + self._basis @ candidate(*self._rows()))[None])[0]
-            if float(self._excess(point)) <= self.accuracy:
+            plane = self._planes_at(point)
+            if float(point @ plane) - self.regret <= self.accuracy:
                 return point
-            self._add(point[None])
+            self._planes.append(plane)
         raise SolverError(f"cutting planes for the near-optimal beliefs at regret {self.regret:g} did not close")
 
     def nearest(self, belief: ArrayLike) -> Array:

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.adversaries.plane_game import PlaneGame, lowest_by_highs
 from inscrutable.errors import SolverError
 from inscrutable.geometry.hulls import onto_simplex
-from inscrutable.linear_programmes import LinearAnswer, Rows, minimum
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -59,8 +59,9 @@ def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -
     regrets = (points * planes).sum(axis=1)
     best, upper = points[int(regrets.argmin())], float(max(regrets.min(), 0.0))
     scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
+    game = PlaneGame(planes / scale)
     for _ in range(MOST_PLANES):
-        lower, trial = lowest_of_planes(planes / scale)
+        lower, trial = game.lowest()
         if upper - lower * scale <= tolerances.GAP_STEP * scale:
             break
         if np.isfinite(margin) and (lower * scale >= margin or upper < margin):
@@ -69,6 +70,7 @@ def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -
         # Half-way to the best belief so far: Kelley's corners alone zigzag.
         for point in (trial, 0.5 * (trial + best)):
             plane = own - problem.state_costs(problem.solve(point))
+            game.add(plane / scale)
             planes, points = np.vstack([planes, plane]), np.vstack([points, point])
             regret = float(point @ plane)
             if regret < upper:
@@ -80,20 +82,9 @@ def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -
 
 def lowest_of_planes(planes: Array) -> tuple[float, Array]:
     """Return min_π max_j π·a_j over the simplex for planes (n,X), and a belief where it is reached."""
-    answer = _lowest(planes)
-    return answer.value, onto_simplex(answer.x[None, : planes.shape[1]])[0]
+    return PlaneGame(planes).lowest()
 
 
 def weights_of_planes(planes: Array) -> Array:
     """Return shares (n,) of planes (n,X) for which min_i Σ_j w_j a_j,i is min_π max_j π·a_j: the proof of that value."""
-    return np.asarray(onto_simplex(-_lowest(planes).duals[None])[0])
-
-
-def _lowest(planes: Array) -> LinearAnswer:
-    n_states = planes.shape[1]
-    return minimum(
-        np.concatenate([np.zeros(n_states), [1.0]]),
-        Rows(np.column_stack([planes, -np.ones(planes.shape[0])]), np.zeros(planes.shape[0])),
-        Rows(np.concatenate([np.ones(n_states), [0.0]])[None], np.ones(1)),
-        (0, None),
-    )
+    return np.asarray(onto_simplex(-lowest_by_highs(planes).duals[None])[0])

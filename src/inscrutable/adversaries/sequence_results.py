@@ -26,6 +26,10 @@ class SequenceStatus(Enum):
 
     USED = "used: some belief that was still possible plays the decision"
     NEAREST = "used as the nearest decision that the mechanism plays"
+    WIDENED = (
+        "used with a tolerance: of the grid's beliefs none that was still possible plays it, so those nearest to one that does "
+        "count as that one; take a finer grid or particles"
+    )
     UNSEEN = "no decision was seen"
     NEVER_PLAYED = (
         "passed over, because the mechanism never plays it: is this the agent's mechanism, was the decision rounded? "
@@ -50,7 +54,7 @@ class InferredBeliefs(Saved):
         spread: Root mean square Euclidean distance of the belief from the estimate that the observer expects, shape (T,).
         states: Pr(x_t | what was seen), shape (T,X).
         log_likelihood: Natural logarithm of the probability of what was seen at each step given what came before, shape
-            (T,); −inf where a decision had probability zero and was passed over.
+            (T,); −inf where a decision had probability zero and was passed over, and of the stand-ins where it was widened.
         statuses: One per step.
         effective_size: 1/Σ w² over the beliefs of the grid, or over the particles, shape (T,): how many matter.
         interpolation_error: Expected distance of the agent's belief from the points of the mechanism that stand for it at

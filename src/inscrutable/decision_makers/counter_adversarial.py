@@ -93,6 +93,8 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         True
     """
 
+    _shown = ("measure", "budget")
+
     def __init__(
         self,
         problem: DecisionProblem,

@@ -7,11 +7,12 @@ from numpy.typing import ArrayLike
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers.arguments import checked_measure, checked_on_empty
 from inscrutable.decision_makers.candidates import Candidates, as_candidates, near_decoys
+from inscrutable.decision_makers.described import Described
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem
 
 
-class HidingDecisionMaker:
+class HidingDecisionMaker(Described):
     """The common part of the CDM and the PDM; arguments as there."""
 
     def __init__(

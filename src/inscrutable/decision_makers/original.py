@@ -6,13 +6,14 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.decision_makers.described import Described
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 
-class OriginalDecisionMaker:
+class OriginalDecisionMaker(Described):
     """The decision maker of least expected cost, as if nobody watched (ODM).
 
     Formula: u*(π) = argmin_{u ∈ C} π·s(u).

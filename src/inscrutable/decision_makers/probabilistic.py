@@ -85,6 +85,8 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         True
     """
 
+    _shown = ("measure", "budget")
+
     def __init__(
         self,
         problem: DecisionProblem,

@@ -10,7 +10,8 @@ import numpy as np
 from inscrutable.adversaries import BayesianAdversary
 from inscrutable.experiments.episodes import Episode
 from inscrutable.geometry.grids import grid_size
-from inscrutable.mechanisms import Prior, mechanism, stationary_prior
+from inscrutable.mechanisms import Prior, mechanism
+from inscrutable.mechanisms.chains import BeliefChain, stationary_chain
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.privacy import DesiredObfuscation, Leakage, PrivacyMeasure, leakage
 from inscrutable.validation import Array
@@ -61,8 +62,16 @@ def predicted_prior(world: HiddenMarkovModel, resolution: int, *, rng: np.random
         >>> print(predicted_prior(world, 10, rng=np.random.default_rng(0)).beliefs[:, 0].min().round(3))
         0.1
     """
-    filtered = stationary_prior(world, resolution, rng=rng)
-    return Prior(filtered.beliefs @ world.transition, filtered.weights)
+    return predicted_chain(world, resolution, rng=rng).prior
+
+
+def predicted_chain(world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator) -> BeliefChain:
+    """Return how the belief about the next state moves from step to step: `stationary_chain` one step ahead.
+
+    Arguments and errors as `predicted_prior`, which is the chain's prior.
+    """
+    filtered = stationary_chain(world, resolution, rng=rng)
+    return BeliefChain(Prior(filtered.prior.beliefs @ world.transition, filtered.prior.weights), filtered.transition)
 
 
 def resolution_for(n_states: int) -> int:

@@ -15,9 +15,11 @@ from inscrutable import validation
 from inscrutable.decision_makers import Candidates, decoy_grid
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
-from inscrutable.experiments.comparison_makers import SPENDS_NOTHING, Maker, Setting, checked_makers
+from inscrutable.experiments.comparison_makers import MAKERS, SPENDS_NOTHING, Maker, Setting, checked_makers
 from inscrutable.experiments.comparison_measures import ComparisonRow, measured
+from inscrutable.experiments.comparison_paths import EVERY_MAKER
 from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.privacy.leaks import silence_regret
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Saved
@@ -25,6 +27,9 @@ from inscrutable.saved import Saved
 UNITS = ("silence", "cost", "regret")
 HOLDS = 0.5
 """A protection is said to hold against an observer whose error is at least this share of the one without any decision."""
+
+_MOST_NAMED = 3
+"""Names in one list of the sentence; the table has all."""
 
 _SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
@@ -178,18 +183,20 @@ class Comparison(Saved):
 
 
 def holding(errors: list[tuple[str, float]], floor: float) -> str:
-    """Return who leaves an observer at least an error of `floor`, best first; or who comes nearest to it."""
+    """Return who leaves an observer at least an error of `floor`, the best three first; or who comes nearest to it."""
     ranked = sorted(errors, key=lambda each: -each[1])
     held = [f"{name} ({error:.2f})" for name, error in ranked if error >= floor]
     if not held:
         return f"none does (best: {ranked[0][0]}, {ranked[0][1]:.2f})"
     verb = "does" if len(held) == 1 else "do"
+    if len(held) > _MOST_NAMED + 1:
+        held = [*held[:_MOST_NAMED], f"{len(held) - _MOST_NAMED} more"]
     return " and ".join(filter(None, [", ".join(held[:-1]), held[-1]])) + f" {verb}"
 
 
 def compare(
     problem: DecisionProblem,
-    prior: Prior,
+    prior: Prior | BeliefChain,
     settings: ComparisonSettings | None = None,
     *,
     makers: Mapping[str, Maker] | None = None,
@@ -204,9 +211,11 @@ def compare(
 
     Args:
         problem: The decision problem.
-        prior: The law of the private belief, known to the observers who use one.
+        prior: The law of the private belief, known to the observers who use one; or a `BeliefChain`, which also says how
+            the belief moves, as delay and partial trading need it.
         settings: Budgets and numbers of repeated decisions; None is the default ones.
-        makers: Functions (setting, regret) -> Play by name; None is `comparison_makers.MAKERS`.
+        makers: Functions (setting, regret) -> Play by name; None is `comparison_makers.MAKERS`, and
+            with a chain `comparison_paths.PATH_MAKERS` after them.
         candidates: Decisions to choose from; None is a grid of decoys about as many as the prior has beliefs.
         rng: Source of the sampled sequences of repeated decisions.
         progress: Called with (rows done, rows in all).
@@ -231,7 +240,7 @@ def compare(
     """
     chosen = ComparisonSettings() if settings is None else settings
     source = validation.generator(rng)
-    terms = Terms.of(problem, prior, chosen, checked_makers(makers), candidates)
+    terms = Terms.of(problem, prior, chosen, makers, candidates)
     rows = []
     with threadpool_limits(limits=1):  # many small products: threads would wait for one another, and change last digits
         for done, (name, budget) in enumerate(terms.tasks):
@@ -256,14 +265,16 @@ class Terms:
     def of(
         cls,
         problem: DecisionProblem,
-        prior: Prior,
+        prior: Prior | BeliefChain,
         settings: ComparisonSettings,
-        makers: Mapping[str, Maker],
+        makers: Mapping[str, Maker] | None,
         candidates: Candidates | None,
     ) -> Terms:
         """Return the terms for arguments as `compare` takes them."""
         setting = _setting(problem, prior, candidates)
-        return cls(setting, settings, makers, silence_regret(problem, prior.beliefs, prior.weights))
+        known = MAKERS if setting.chain is None else EVERY_MAKER
+        silent = silence_regret(problem, setting.prior.beliefs, setting.prior.weights)
+        return cls(setting, settings, checked_makers(known if makers is None else makers), silent)
 
     @cached_property
     def budgets(self) -> tuple[float, ...]:
@@ -309,7 +320,9 @@ def pairs_of(makers: Iterable[str], budgets: Sequence[float]) -> list[tuple[str,
     return [(name, budget) for name in makers for budget in ((0.0,) if name in SPENDS_NOTHING else budgets)]
 
 
-def _setting(problem: DecisionProblem, prior: Prior, candidates: Candidates | None) -> Setting:
+def _setting(problem: DecisionProblem, given: Prior | BeliefChain, candidates: Candidates | None) -> Setting:
+    chain = given if isinstance(given, BeliefChain) else None
+    prior = given if chain is None else chain.prior
     if not isinstance(prior, Prior):
         raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
     n_states = checked_problem(problem).n_states
@@ -319,7 +332,7 @@ def _setting(problem: DecisionProblem, prior: Prior, candidates: Candidates | No
         candidates = decoy_grid(problem, _resolution(n_states, len(prior)))
     elif not isinstance(candidates, Candidates) or candidates.sets.problem is not problem:
         raise InputError("candidates must be Candidates of this problem, such as decoy_grid(problem, 30)")
-    return Setting(problem, prior, candidates)
+    return Setting(problem, prior, candidates, chain)
 
 
 def _resolution(n_states: int, wanted: int) -> int:

@@ -30,6 +30,7 @@ from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_en
 from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior, mechanism
+from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.privacy.leaks import silence_regret
@@ -51,6 +52,7 @@ class Setting:
     problem: DecisionProblem
     prior: Prior
     candidates: Candidates
+    chain: BeliefChain | None = None
     kept: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
@@ -86,6 +88,10 @@ class Play(NamedTuple):
     mechanism: Mechanism
     promise: Budget | None = None
     """The largest regret of any decision it makes; None where only an expectation is promised."""
+    seen: Callable[[int], Mechanism] | None = None
+    """What one who knows the rule makes of n decisions on one belief, as a mechanism; None: each is a draw of `mechanism`."""
+    detail: str = "-"
+    """What was set so that the regret is spent, for a reader."""
 
 
 Maker = Callable[[Setting, float], Play | None]
@@ -305,16 +311,16 @@ MAKERS: Mapping[str, Maker] = {
 }
 """The decision makers of a comparison by name; another one is another line.
 
-Delay and partial trading have a memory: they are no mechanisms K(u|π), and no comparison under a prior can hold them.
+Delay and partial trading have a memory and need a law of how the belief moves: see `comparison_paths`.
 """
 
 SPENDS_NOTHING = ("ODM",)
 """Those whose expected regret is zero whatever the budget: they are judged once."""
 
 
-def checked_makers(makers: Mapping[str, Maker] | None) -> dict[str, Maker]:
-    """Return the makers by name, the known ones for None, or raise `InputError`."""
-    chosen = dict(MAKERS if makers is None else makers)
+def checked_makers(makers: Mapping[str, Maker]) -> dict[str, Maker]:
+    """Return the makers by name, or raise `InputError`."""
+    chosen = dict(makers)
     if not chosen or not all(isinstance(name, str) and callable(make) for name, make in chosen.items()):
         raise InputError(
             "makers must be a mapping from names to functions (setting, regret) -> Play, with one at least"

@@ -10,32 +10,45 @@ import numpy as np
 from inscrutable import validation
 from inscrutable.datasets import load_industry_returns
 from inscrutable.experiments.backtest import fitted_investor
-from inscrutable.experiments.backtest_aware import predicted_prior
+from inscrutable.experiments.backtest_aware import predicted_chain
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.experiments.random_markets import random_market
+from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.mechanisms import Prior, uniform_prior
+from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.problems import MarkowitzProblem
 
 PAPER, RETURNS = "paper", "returns"
 
+_RESTS = MarketLaw().persistence
+"""How often the belief of the paper's market stays where it is."""
+
 
 @dataclass(frozen=True, eq=False)
 class ComparedMarket:
-    """A problem, the law of the belief it is solved for, and one line on where both come from."""
+    """A problem, how the belief moves that it is solved for, and one line on where both come from."""
 
     problem: MarkowitzProblem
-    prior: Prior
+    chain: BeliefChain
     note: str
+
+    @property
+    def prior(self) -> Prior:
+        """The law of the belief."""
+        return self.chain.prior
 
 
 def paper_market(resolution: int, seed: int) -> ComparedMarket:
-    """Return a random market as the paper draws them, with every belief of a grid equally likely."""
+    """Return a random market as the paper draws them, with every belief of a grid equally likely.
+
+    No world leaves every belief equally likely, so the belief does not follow the market's: it stays where it is as often as
+    a regime lasts, and is drawn afresh otherwise.
+    """
     validation.count(resolution, "resolution")
     problem = random_market(rng=np.random.default_rng(seed)).problem
-    prior = uniform_prior(problem.n_states, resolution)
+    chain = resting_chain(uniform_prior(problem.n_states, resolution), _RESTS)
     return ComparedMarket(
-        problem, prior, f"random market of three regimes and three assets, seed {seed}; uniform prior"
+        problem, chain, f"random market of three regimes and three assets, seed {seed}; uniform prior"
     )
 
 
@@ -46,17 +59,17 @@ def returns_market(resolution: int, seed: int) -> ComparedMarket:
     fit_rng, prior_rng = (np.random.default_rng(each) for each in np.random.SeedSequence(seed).spawn(4)[::3])
     sample = checked_market(load_industry_returns().returns, settings, None)
     investor = fitted_investor(sample, settings, None, rng=fit_rng)
-    prior = predicted_prior(investor.world, resolution, rng=prior_rng)
+    chain = predicted_chain(investor.world, resolution, rng=prior_rng)
     note = f"12 US industries, regimes fitted up to {settings.train_until}; stationary prior of the predicted belief"
-    return ComparedMarket(investor.problem, prior, note)
+    return ComparedMarket(investor.problem, chain, note)
 
 
 def model_market(path: Path, resolution: int, seed: int) -> ComparedMarket:
     """Return the investor of a model.json, with the long-run law of its predicted belief."""
     validation.count(resolution, "resolution")
     model = InvestorModel.load(path)
-    prior = predicted_prior(model.world, resolution, rng=np.random.default_rng(seed))
-    return ComparedMarket(model.problem, prior, f"{path.name}; stationary prior of the predicted belief")
+    chain = predicted_chain(model.world, resolution, rng=np.random.default_rng(seed))
+    return ComparedMarket(model.problem, chain, f"{path.name}; stationary prior of the predicted belief")
 
 
 def market_of(name: str, resolution: int, seed: int) -> ComparedMarket:

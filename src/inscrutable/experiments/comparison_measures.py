@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdvers
 from inscrutable.budgets import Budget
 from inscrutable.experiments.comparison_makers import Play, Setting
 from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
+from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.joint import joint_law
 from inscrutable.privacy import detectability, leakage, repeated_leakage
 from inscrutable.saved import Saved
@@ -48,6 +50,7 @@ class ComparisonRow(Saved):
         repeated_error_se: Their standard errors, shape (S,); 0 where exact.
         repeated_information: Bits after each number of repeated decisions, shape (S,).
         repeated_top_state: How often the most likely state is then named, shape (S,).
+        detail: How long the delay is, or how large the fraction; "-" for others.
     """
 
     maker: str
@@ -74,6 +77,7 @@ class ComparisonRow(Saved):
     repeated_error_se: Array
     repeated_information: Array
     repeated_top_state: Array
+    detail: str = "-"
 
 
 def measured(
@@ -89,9 +93,9 @@ def measured(
     problem, prior, played = setting.problem, setting.prior, play.mechanism
     joint = joint_law(played, prior)
     told = leakage(played, prior, problem)
-    steps, n_draws = repeats
-    again = repeated_leakage(played, prior, steps, rng=rng, n_draws=n_draws)
-    seen = detectability(problem, played, prior)
+    read = told if play.seen is None else leakage(play.seen(1), prior)
+    again = _repeated(prior, play, repeats, rng)
+    seen = detectability(played, prior, problem)
     promise = Budget.regret(told.worst_regret) if play.promise is None else play.promise
     observers: dict[str, Adversary] = {
         "naive": NaiveAdversary(problem),
@@ -111,18 +115,42 @@ def measured(
         naive_error=guess_error(joint, guesses["naive"]),
         near_optimal_error=guess_error(joint, guesses["near"]),
         budget_aware_error=guess_error(joint, guesses["budget"]),
-        bayes_error=told.bayes_error,
-        mutual_information=told.mutual_information,
-        min_entropy_leakage=told.min_entropy_leakage,
-        maximal_leakage=told.maximal_leakage,
+        bayes_error=read.bayes_error,
+        mutual_information=read.mutual_information,
+        min_entropy_leakage=read.min_entropy_leakage,
+        maximal_leakage=read.maximal_leakage,
         naive_top_state=top_state_share(joint, guesses["naive"]),
-        top_state_accuracy=told.top_state_accuracy,
+        top_state_accuracy=read.top_state_accuracy,
         read_auc=seen.read_auc,
         expected_gap=seen.expected_gap,
         implausible_share=seen.implausible_share,
         n_actions=told.n_actions,
-        repeated_errors=again.bayes_error,
+        repeated_errors=again.errors,
         repeated_error_se=again.error_se,
-        repeated_information=again.mutual_information,
-        repeated_top_state=again.top_state_accuracy,
+        repeated_information=again.information,
+        repeated_top_state=again.top_state,
+        detail=play.detail,
+    )
+
+
+class _Repeated(NamedTuple):
+    """Figures after each number of decisions on one belief, each (S,)."""
+
+    errors: Array
+    error_se: Array
+    information: Array
+    top_state: Array
+
+
+def _repeated(prior: Prior, play: Play, repeats: tuple[tuple[int, ...], int], rng: np.random.Generator) -> _Repeated:
+    steps, n_draws = repeats
+    if play.seen is None:
+        found = repeated_leakage(play.mechanism, prior, steps, rng=rng, n_draws=n_draws)
+        return _Repeated(found.bayes_error, found.error_se, found.mutual_information, found.top_state_accuracy)
+    read = [leakage(play.seen(n), prior) for n in steps]
+    return _Repeated(
+        np.array([each.bayes_error for each in read]),
+        np.zeros(len(steps)),
+        np.array([each.mutual_information for each in read]),
+        np.array([each.top_state_accuracy for each in read]),
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
+import zlib
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -14,9 +16,9 @@ from pydantic import Field
 
 from inscrutable.errors import InputError
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, Terms, pairs_of
-from inscrutable.experiments.comparison_makers import MAKERS
 from inscrutable.experiments.comparison_markets import PAPER, RETURNS, ComparedMarket, market_of
 from inscrutable.experiments.comparison_measures import ComparisonRow
+from inscrutable.experiments.comparison_paths import EVERY_MAKER
 from inscrutable.experiments.investor_model import problem_data, problem_of
 from inscrutable.experiments.model_file import ProblemPart
 from inscrutable.experiments.studies.flat import flat, unflat
@@ -28,6 +30,7 @@ from inscrutable.experiments.studies.whole import Counted, all_rows, shipped
 from inscrutable.experiments.studies.workshop import Row, Shop, Work
 from inscrutable.files import PathLike, reason
 from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms.chains import BeliefChain
 
 _NAMED = ("maker", "budget")
 """What a row's parameters say, so that its figures need not."""
@@ -43,7 +46,7 @@ class ComparisonFile(PlanFile):
     budgets: Grid[NonNegative]
     repeats: Grid[Count] = (1, 10, 100)
     draws: Annotated[int, Field(ge=10)] = 500
-    decision_makers: Grid[str] = tuple(MAKERS)
+    decision_makers: Grid[str] = tuple(EVERY_MAKER)
 
     @property
     def settings(self) -> ComparisonSettings:
@@ -52,9 +55,9 @@ class ComparisonFile(PlanFile):
 
     def model_post_init(self, context: Any) -> None:
         """Refuse names of no decision maker, and numbers that do not rise."""
-        unknown = [name for name in self.decision_makers if name not in MAKERS]
+        unknown = [name for name in self.decision_makers if name not in EVERY_MAKER]
         if unknown:
-            raise ValueError(f"there is no decision maker {unknown[0]!r}; expected some of {', '.join(MAKERS)}")
+            raise ValueError(f"there is no decision maker {unknown[0]!r}; expected some of {', '.join(EVERY_MAKER)}")
         try:
             _ = self.settings
         except InputError as error:
@@ -104,8 +107,8 @@ class WayShop(Shop):
 
 def terms_on(plan: ComparisonFile, market: ComparedMarket) -> Terms:
     """Return what a study compares on a market."""
-    makers = {name: MAKERS[name] for name in plan.decision_makers}
-    return Terms.of(market.problem, market.prior, plan.settings, makers, None)
+    makers = {name: EVERY_MAKER[name] for name in plan.decision_makers}
+    return Terms.of(market.problem, market.chain, plan.settings, makers, None)
 
 
 def comparison_from(plan: ComparisonFile, market: ComparedMarket, rows: Sequence[Row]) -> Comparison:
@@ -123,7 +126,9 @@ def market_from(worlds: Sequence[dict[str, Any]]) -> ComparedMarket:
     """Return the market that was prepared for a study."""
     (data,) = worlds
     problem = problem_of(ProblemPart.model_validate(data["problem"]), lambda key: nullcontext())
-    return ComparedMarket(problem, Prior(data["beliefs"], data["weights"]), data["note"])
+    prior = Prior(data["beliefs"], data["weights"])
+    transition = np.frombuffer(zlib.decompress(base64.b64decode(data["transition"]))).reshape(len(prior), len(prior))
+    return ComparedMarket(problem, BeliefChain(prior, transition), data["note"])
 
 
 def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
@@ -133,6 +138,7 @@ def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, 
         "problem": problem_data(found.problem),
         "beliefs": found.prior.beliefs,
         "weights": found.prior.weights,
+        "transition": base64.b64encode(zlib.compress(found.chain.transition.toarray().tobytes())).decode(),
         "note": found.note,
     }
     return [json.loads(json.dumps(data, default=lambda array: array.tolist()))]

@@ -127,12 +127,21 @@ def stationary_prior(
         >>> prior.beliefs.shape[1]
         2
     """
+    return grid_visits(world, resolution, rng=rng, n_steps=n_steps)[0]
+
+
+def grid_visits(
+    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int
+) -> tuple[Prior, np.ndarray]:
+    """Return `stationary_prior` and its point nearest to the simulated belief at each step after the first tenth."""
     count = validation.count(n_steps, "n_steps")
     resolution = validation.count(resolution, "resolution")
     path = world.sample(count, rng=validation.generator(rng))
     beliefs = filter_beliefs(world, path.observations).beliefs[count // 10 :]
-    points, met = np.unique(rounded_to_grid(beliefs, resolution), axis=0, return_counts=True)
-    return Prior(points / resolution, met / met.sum())
+    points, place, met = np.unique(
+        rounded_to_grid(beliefs, resolution), axis=0, return_inverse=True, return_counts=True
+    )
+    return Prior(points / resolution, met / met.sum()), place.reshape(-1)
 
 
 def rounded_to_grid(beliefs: Array, resolution: int) -> np.ndarray:

@@ -49,7 +49,7 @@ class Detectability(Saved):
         >>> from inscrutable import FiniteProblem, Mechanism, uniform_prior
         >>> problem, prior = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), uniform_prior(2, 1)
         >>> coin = Mechanism(prior.beliefs, [0, 1], [[1.0, 0.0], [0.5, 0.5]], [[0.0, 1.0], [1.0, 0.0]])
-        >>> found = detectability(problem, coin, prior)
+        >>> found = detectability(coin, prior, problem)
         >>> found.auc, found.total_variation, found.implausible_share
         (0.625, 0.25, 0.0)
     """
@@ -82,15 +82,15 @@ class Detectability(Saved):
         )
 
 
-def detectability(problem: DecisionProblem, mechanism: Mechanism, prior: Prior) -> Detectability:
+def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> Detectability:
     """Return how well one decision of a mechanism is told from an optimal one.
 
     Formula: those of `Detectability`.
 
     Args:
-        problem: The decision problem that the observer knows.
         mechanism: K(u|π).
         prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
+        problem: The decision problem that the observer knows.
 
     Raises:
         InputError: A belief of the prior is none of the mechanism's, or the problem has another number of states or
@@ -105,7 +105,7 @@ def detectability(problem: DecisionProblem, mechanism: Mechanism, prior: Prior) 
         >>> from inscrutable import MarkowitzProblem, OriginalDecisionMaker, mechanism, uniform_prior
         >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
         >>> prior = uniform_prior(2, 4)
-        >>> detectability(problem, mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior).auc
+        >>> detectability(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, problem).auc
         0.5
     """
     joint = joint_law(mechanism, prior)

@@ -38,7 +38,7 @@ class RepeatedLeakage(Saved):
         mutual_information: I(π;u_1..u_n), in bits, shape (S,).
         bayes_error: √E‖π − E[π|u_1..u_n]‖², Euclidean, in units of belief, shape (S,).
         top_state_accuracy: How often the best guess of a most likely state is right, shape (S,).
-        information_se: Standard errors of the sampled figures, shape (S,); 0 at n = 1, which is exact.
+        information_se: Standard errors of the sampled figures, shape (S,); 0 where exact: at n = 1, and where nothing is mixed.
         error_se: The same of the Bayes error.
         accuracy_se: The same of the accuracy.
         prior_entropy: Of the belief before any decision, in bits.
@@ -142,9 +142,11 @@ def repeated_leakage(
     once = leakage(mechanism, prior)
     found = np.zeros((3, len(steps)))
     errors = np.zeros((3, len(steps)))
-    sampled = _sample(joint, steps, count, source) if steps[-1] > 1 else []
+    # Decisions that are never mixed tell by repetition what the first one told.
+    certain = bool((joint.conditional >= 1.0 - tolerances.PROBABILITY).all())
+    sampled = _sample(joint, steps, count, source) if steps[-1] > 1 and not certain else []
     for s, n in enumerate(steps):
-        if n == 1:
+        if n == 1 or certain:
             found[:, s] = once.mutual_information, once.bayes_error, once.top_state_accuracy
             continue
         found[:, s], errors[:, s] = _averages(sampled[s])

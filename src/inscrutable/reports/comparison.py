@@ -71,7 +71,11 @@ def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataF
     kept = [row for row in comparison.rows if budget is None or row.budget in (0.0, budget)]
     columns = _columns(comparison)
     lines = [{each.title: _written(each.value(row), each.style) for each in columns if each.title} for row in kept]
-    return pd.DataFrame(lines, index=pd.Index([row.maker for row in kept], name="decision maker"))
+    return pd.DataFrame(lines, index=pd.Index([_name(row) for row in kept], name="decision maker"))
+
+
+def _name(row: ComparisonRow) -> str:
+    return f"{row.maker} ({row.detail})" if row.detail != "-" else row.maker
 
 
 def terminal_table(comparison: Comparison, budget: float) -> pd.DataFrame:
@@ -91,12 +95,15 @@ def notes_of(comparison: Comparison) -> list[str]:
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
         f"All decision makers of one budget spend the same expected regret under the prior, to {SAME_SPENDING:.1%}; "
-        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less.",
+        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less; "
+        "rounding and delay come in steps.",
+        _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate. naive: takes decisions for optimal; near-optimal: "
         "allows for the expected regret; budget-aware: knows the largest regret of any decision (both with the prior); "
         "aware: knows the mechanism and the prior.",
+        *_on_paths(comparison),
         "Decisions after the first are drawn afresh under the same belief and the same mechanism; figures for more than one "
-        f"are sampled ({comparison.n_draws} sequences).",
+        f"are sampled ({comparison.n_draws} sequences) where a mechanism mixes.",
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
         "them leads to names it.",
         "AUC: telling one decision from an optimal one by what the naive observer reads from it; 0.5 is nothing.",
@@ -106,6 +113,44 @@ def notes_of(comparison: Comparison) -> list[str]:
             else []
         ),
     ]
+
+
+_WAYS = {
+    "ODM": "the optimal decision, nothing hidden",
+    "CDM": "the most private affordable decision (counter-adversarial), polished",
+    "PDM": "a lottery of two with the most private mean (probabilistic counter-adversarial), polished",
+    "CDM, candidates only": "the same among the candidates alone, so that several beliefs share a decision",
+    "PDM, candidates only": "likewise",
+    "rate-distortion": "least information on average over the prior",
+    "Stackelberg": "largest error of the aware observer, with a budget per belief",
+    "uniform": "any affordable candidate, equally likely",
+    "exponential": "candidates, the likelier the cheaper",
+    "coin": "the optimal decision, or always the same one",
+    "Dirichlet noise": "noisy weights",
+    "rounding": "weights in whole steps, the coarsest affordable",
+}
+"""The ways of hiding in a few words each."""
+
+
+def _who_is_who(comparison: Comparison) -> str:
+    told = [f"{name}: {_WAYS[name]}" for name in comparison.makers if name in _WAYS]
+    return f"Decision makers. {'; '.join(told)}." if told else "Decision makers: as the caller named them."
+
+
+def _on_paths(comparison: Comparison) -> list[str]:
+    """What is to be known of rules with a memory, where there are any."""
+    found = []
+    if "delay" in comparison.makers:
+        found.append(
+            "delay: the optimal decision of some steps ago, for the most whole steps that are affordable; aware: knows the "
+            "delay and how beliefs move. A belief held for longer than the delay is met with its own optimal decision."
+        )
+    if "partial trades" in comparison.makers:
+        found.append(
+            "partial trades: a fraction of the way to the optimal decision at every step; aware: knows the fraction and the "
+            "decision before, from which the optimal one follows exactly. The others see one decision only."
+        )
+    return found
 
 
 def markdown_of(comparison: Comparison, title: str) -> str:

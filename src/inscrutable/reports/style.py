@@ -40,6 +40,8 @@ _OTHERS = (
     Look("#56B4E9", "v", "--"),
     Look("#E69F00", "P", ":"),
     Look("#882255", "X", "-."),
+    Look("#117733", "<", "--"),
+    Look("#44AA99", "*", ":"),
 )
 """For names of no decision maker, in the order in which they appear."""
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from typing import Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,8 +12,10 @@ from inscrutable import validation
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places, columns_of
 from inscrutable.decision_makers.candidates import Candidates, as_candidates
+from inscrutable.decision_makers.described import Described
+from inscrutable.decision_makers.results import MixedDecision, MixedDecisions, Progress
 from inscrutable.errors import InputError
-from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
@@ -40,8 +43,21 @@ class PriorTable(NamedTuple):
         return np.asarray(regrets.min(axis=1, initial=np.inf))
 
 
-class AwareDecisionMaker:
-    """The common part; arguments as in `RateDistortionDecisionMaker`."""
+class HasMechanism(Protocol):
+    """A solution as far as every such decision maker needs it."""
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """K on the prior's beliefs and the decisions that are played."""
+
+
+Solution = TypeVar("Solution", bound=HasMechanism)
+
+
+class AwareDecisionMaker(Described, ABC, Generic[Solution]):
+    """The common part: one solve, kept; arguments as in `RateDistortionDecisionMaker`."""
+
+    _shown = ("budget", "prior")
 
     def __init__(
         self,
@@ -57,6 +73,36 @@ class AwareDecisionMaker:
         self.options = options
         self._given = candidates
         self._columns: Columns | None = None
+        self._solution: Solution | None = None
+
+    @abstractmethod
+    def _solve(self, progress: Progress | None) -> Solution:
+        """Solve for the prior and the budget."""
+
+    @abstractmethod
+    def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
+        """Return the lotteries for beliefs (T,X)."""
+
+    def solve(self, *, progress: Progress | None = None) -> Self:
+        """Solve now, with progress (steps done, steps at most); it is done once, and else at first use."""
+        if self._solution is None:
+            self._solution = self._solve(progress)
+        return self
+
+    @property
+    def _found(self) -> Solution:
+        self.solve()
+        assert self._solution is not None
+        return self._solution
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """K on the prior's beliefs and the decisions that are played."""
+        return self._found.mechanism
+
+    def decide(self, belief: ArrayLike) -> MixedDecision:
+        """Return the lottery for one belief (X,), in the prior's support or not."""
+        return self.decide_many(validation.one_belief(belief, self.problem.n_states)[None])[0]
 
     @property
     def columns(self) -> Columns:

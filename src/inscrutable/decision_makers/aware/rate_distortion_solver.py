@@ -21,9 +21,10 @@ BITS = 1.0 / float(np.log(2.0))
 _TINY = np.finfo(float).tiny
 _KEPT_UNIFORM = 0.02  # of a warm start: what was dropped may come back
 _FIRST_STEPS = 120
+_WARM_STEPS = 6  # from a neighbour's law: Newton's steps on what it plays do the rest
 _MORE_STEPS = 600
 _MOST_COLUMNS = 800
-_LEFT_OUT = 0.05  # probability of the columns that Newton's steps may begin without
+_LEFT_OUT = 0.4  # probability of the columns that Newton's steps may begin without; the bound asks for what is missing
 _ROUNDS = 12
 
 
@@ -67,9 +68,11 @@ def least_rate(source: Source, regret: float, effort: RateEffort, start: Hidden 
     if regret <= none:
         free = source.excess <= none
         masked = Source(source.weights, source.excess, free if source.allowed is None else free & source.allowed)
-        return replace(_alternated(masked, np.inf, effort, law, 0.0), slope=float("inf"), free=none)
-    slope = 1.0 / regret if start is None or not np.isfinite(start.slope) else start.slope
-    return _alternated(source, regret, effort, law, slope)
+        cold = _Search(masked, np.inf, effort, law, 0.0)
+        return replace(_alternated(cold, _FIRST_STEPS), slope=float("inf"), free=none)
+    if start is None or not 0 < start.slope < np.inf:
+        return _alternated(_Search(source, regret, effort, law, 1.0 / regret), _FIRST_STEPS)
+    return _alternated(_Search(source, regret, effort, law, start.slope), _WARM_STEPS)
 
 
 def rows(source: Source, hidden: Hidden) -> Array:
@@ -96,10 +99,9 @@ def _constant(source: Source, regret: float) -> Hidden | None:
     return Hidden(law, 0.0, 0.0, 0.0, float(means[best]))
 
 
-def _alternated(source: Source, regret: float, effort: RateEffort, law: Array, slope: float) -> Hidden:
+def _alternated(search: _Search, first: int) -> Hidden:
     """Steps on all columns, then Newton's on those that are played, in turn, until the bound is near."""
-    search = _Search(source, regret, effort, law, slope)
-    search.steps_on_all(_FIRST_STEPS)
+    search.steps_on_all(first)
     while not search.done:
         if search.few is not None and search.rounds < _ROUNDS:
             search.newton(search.few)

@@ -15,7 +15,7 @@ from inscrutable.decision_makers.aware.row_envelopes import row_envelopes
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.decision_makers.aware.stackelberg_solver import largest_error
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions, Progress
+from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, Progress
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -24,7 +24,7 @@ _SMALL = 20_000
 """Pairs of belief and decision up to which the gap is a millionth unless another is asked for."""
 
 
-class StackelbergDecisionMaker(AwareDecisionMaker):
+class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
     """The decision maker that leaves an observer who knows it the largest mean square error about the belief.
 
     Formula: max_K min_μ Σ_b p_b Σ_m K(u_m|π_b) ‖π_b − μ_m‖² with Σ_m K(u_m|π_b) ρ(π_b,u_m) ≤ r_b for every belief; the
@@ -73,19 +73,9 @@ class StackelbergDecisionMaker(AwareDecisionMaker):
         options = checked_options(worst_regret, plausible_only, 1.0 if gap is None else gap)
         super().__init__(problem, budget, prior, candidates, options)
         self.asked = gap
-        self._solution: _Solution | None = None
 
-    def solve(self, *, progress: Progress | None = None) -> StackelbergDecisionMaker:
-        """Solve now, with progress (steps done, steps at most); it is done once, and else at first use."""
-        if self._solution is None:
-            self._solution = _solved(self, progress)
-        return self
-
-    @property
-    def _found(self) -> _Solution:
-        self.solve()
-        assert self._solution is not None
-        return self._solution
+    def _solve(self, progress: Progress | None) -> _Solution:
+        return _solved(self, progress)
 
     @property
     def value(self) -> float:
@@ -109,18 +99,9 @@ class StackelbergDecisionMaker(AwareDecisionMaker):
         return DecisionStatus.GAP_REACHED if self.gap <= self._found.goal else DecisionStatus.BOUNDED
 
     @property
-    def mechanism(self) -> Mechanism:
-        """K on the prior's beliefs and the decisions that are played."""
-        return self._found.mechanism
-
-    @property
     def estimates(self) -> Array:
         """The observer's estimate after each of the mechanism's decisions: the posterior mean, shape (M,X)."""
         return self._found.estimates
-
-    def decide(self, belief: ArrayLike) -> MixedDecision:
-        """Return the lottery for one belief (X,), in the prior's support or not."""
-        return self.decide_many(validation.one_belief(belief, self.problem.n_states)[None])[0]
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X)."""

@@ -40,6 +40,8 @@ class CoinDecisionMaker(DrawingDecisionMaker):
         (array([0, 1]), array([0.25, 0.75]))
     """
 
+    _shown = ("probability",)
+
     def __init__(self, problem: DecisionProblem, probability: float, decoy: ArrayLike | None = None) -> None:
         super().__init__(problem)
         self.probability = validation.non_negative(probability, "probability")

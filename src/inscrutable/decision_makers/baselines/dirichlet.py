@@ -49,6 +49,8 @@ class DirichletDecisionMaker(CandidateLottery):
         True
     """
 
+    _shown = ("concentration",)
+
     def __init__(
         self,
         problem: DecisionProblem,

@@ -40,6 +40,8 @@ class ExponentialDecisionMaker(CandidateLottery):
         array([0.75, 0.25])
     """
 
+    _shown = ("epsilon",)
+
     def __init__(
         self,
         problem: DecisionProblem,

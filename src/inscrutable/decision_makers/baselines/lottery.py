@@ -12,6 +12,7 @@ from inscrutable import validation
 from inscrutable.decision_makers.arguments import checked_on_empty
 from inscrutable.decision_makers.baselines.lots import Lots, cleaned
 from inscrutable.decision_makers.candidates import Candidates, as_candidates
+from inscrutable.decision_makers.described import Described
 from inscrutable.decision_makers.distinct import distinct_of
 from inscrutable.decision_makers.results import MixedDecision, MixedDecisions
 from inscrutable.errors import InputError
@@ -19,7 +20,7 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 
-class DrawingDecisionMaker(ABC):
+class DrawingDecisionMaker(Described, ABC):
     """A rule that gives a lottery for every belief; a subclass gives the lotteries, the rest follows."""
 
     is_memoryless = True

@@ -37,6 +37,8 @@ class DelayedDecisionMaker(PathRule):
         [0 0 1]
     """
 
+    _shown = ("n_steps",)
+
     def __init__(self, problem: DecisionProblem, n_steps: int, *, start: ArrayLike | None = None) -> None:
         super().__init__(problem, start)
         self.n_steps = validation.count(n_steps, "n_steps", least=0)
@@ -74,6 +76,8 @@ class PartialDecisionMaker(PathRule):
         [0.55   0.5    0.475]
     """
 
+    _shown = ("fraction",)
+
     def __init__(self, problem: DecisionProblem, fraction: float, *, start: ArrayLike | None = None) -> None:
         super().__init__(problem, start)
         if self.problem.is_discrete:
@@ -82,9 +86,14 @@ class PartialDecisionMaker(PathRule):
 
     def _points(self, beliefs: Array) -> Array:
         optimal = np.atleast_2d(self.problem.solve_points(beliefs))
-        held, points = self._started(optimal), np.empty(optimal.shape)
-        for step, target in enumerate(optimal):
-            # The convex form: a full trade reaches its target digit for digit.
-            held = (1.0 - self.fraction) * held + self.fraction * target
-            points[step] = held
-        return points
+        return partial_trades(optimal, self._started(optimal), self.fraction)
+
+
+def partial_trades(targets: Array, start: Array, fraction: float) -> Array:
+    """Return u_t = (1 − f) u_{t−1} + f v_t for targets v (T,…,U) from u_{−1} = `start` (…,U), shape (T,…,U)."""
+    held, points = start, np.empty(targets.shape)
+    for step, target in enumerate(targets):
+        # The convex form: a full trade reaches its target digit for digit.
+        held = (1.0 - fraction) * held + fraction * target
+        points[step] = held
+    return points

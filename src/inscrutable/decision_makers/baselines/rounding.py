@@ -44,6 +44,8 @@ class RoundingDecisionMaker(RuleDecisionMaker):
         [0.5 0.5]
     """
 
+    _shown = ("step",)
+
     def __init__(self, problem: DecisionProblem, step: float) -> None:
         super().__init__(problem)
         if self.problem.is_discrete:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.decision_makers.described import Described
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.errors import InputError
@@ -16,7 +17,7 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 
-class RuleDecisionMaker(ABC):
+class RuleDecisionMaker(Described, ABC):
     """A rule from beliefs to decisions; a subclass gives the decisions, the rest follows."""
 
     is_memoryless = True

@@ -41,6 +41,8 @@ class UniformDecisionMaker(CandidateLottery):
                [1. , 0. ]])
     """
 
+    _shown = ("budget",)
+
     def __init__(
         self,
         problem: DecisionProblem,

@@ -48,7 +48,7 @@ class JudgedPlay:
     @cached_property
     def detectability(self) -> Detectability:
         """Whether it is seen that something is hidden."""
-        return detectability(self.setting.problem, self.play.mechanism, self.setting.prior)
+        return detectability(self.play.mechanism, self.setting.prior, self.setting.problem)
 
     @cached_property
     def naive_privacy(self) -> float:

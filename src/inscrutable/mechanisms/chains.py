@@ -1,0 +1,182 @@
+"""How the private belief moves from step to step on the points of a prior, for rules that decide by what came before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError
+from inscrutable.mechanisms.played import Mechanism
+from inscrutable.mechanisms.priors import Prior, grid_visits
+from inscrutable.worlds import HiddenMarkovModel
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BeliefChain:
+    """A Markov chain on the points of a prior, whose law at every step is the prior.
+
+    Formula: Pr(π_{t+1} = π_b' | π_t = π_b) = T_bb' with w T = w; backwards in time R_bb' = w_b' T_b'b / w_b.
+
+    Args:
+        prior: The points π_b and their weights w_b.
+        transition: T, shape (B,B), rows that sum to one, plain or sparse.
+
+    Raises:
+        InputError: The shape is wrong, a row is no probability vector, or the prior is not the chain's law.
+
+    Source: Kemeny and Snell, Finite Markov Chains (1960), chapter V, for the chain backwards in time.
+
+    Example:
+        >>> chain = BeliefChain(Prior([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5]), [[0.9, 0.1], [0.1, 0.9]])
+        >>> print(chain.reversed.toarray())
+        [[0.9 0.1]
+         [0.1 0.9]]
+    """
+
+    prior: Prior
+    transition: Any
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.prior, Prior):
+            raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {self.prior!r}")
+        table = _rows(self.transition, len(self.prior))
+        off = np.abs(table.T @ self.prior.weights - self.prior.weights)
+        if off.max() > tolerances.TRANSITION_SUM:
+            b = int(off.argmax())
+            raise InputError(
+                f"the chain does not keep the prior: belief {b} has weight {self.prior.weights[b]:.10g} before a step and "
+                f"{(table.T @ self.prior.weights)[b]:.10g} after it"
+            )
+        object.__setattr__(self, "transition", table)
+
+    @cached_property
+    def reversed(self) -> Any:
+        """R, the law of the belief one step ago given today's, sparse (B,B); a point without weight stays where it is."""
+        weights = self.prior.weights
+        some = weights > 0
+        inverse = np.divide(1.0, weights, out=np.zeros_like(weights), where=some)
+        back = sparse.diags_array(inverse) @ self.transition.T @ sparse.diags_array(weights)
+        back = sparse.csr_array(back + sparse.diags_array((~some).astype(np.float64)))
+        scaled: Any = sparse.diags_array(1.0 / back.sum(axis=1)) @ back
+        return sparse.csr_array(scaled)
+
+    def lagged(self, mechanism: Mechanism, n_steps: int) -> Mechanism:
+        """Return what is played today by one who decides by the belief of `n_steps` steps ago: R^d K.
+
+        The mechanism must be on the prior's beliefs, in their order; otherwise `InputError` is raised.
+        """
+        known = mechanism.beliefs
+        if known.shape != self.prior.beliefs.shape or np.abs(known - self.prior.beliefs).max() > tolerances.SAME_BELIEF:
+            raise InputError("the mechanism must be on the beliefs of the chain's prior, in their order")
+        if validation.count(n_steps, "n_steps", least=0) == 0:
+            return mechanism
+        table = mechanism.probabilities
+        for _ in range(n_steps):
+            table = self.reversed @ table
+        return Mechanism(known, mechanism.actions, table, mechanism.regrets)
+
+    def histories(self, n_steps: int, n_draws: int, *, rng: np.random.Generator) -> np.ndarray:
+        """Return sampled pasts of every belief as places among the beliefs, shape (n_steps+1, B, n_draws).
+
+        In the order of time; the last entries are the beliefs themselves.
+        """
+        back, count = self.reversed, len(self.prior)
+        levels = back.data.cumsum()
+        before = np.concatenate([[0.0], levels])[back.indptr]
+        found = np.empty((n_steps + 1, count, n_draws), dtype=np.intp)
+        found[-1] = np.arange(count)[:, None]
+        for step in range(n_steps - 1, -1, -1):
+            now = found[step + 1]
+            height = before[now] + rng.random(now.shape) * (before[now + 1] - before[now])
+            place = np.searchsorted(levels, height, side="right")
+            # Rounding must not leave the row.
+            found[step] = back.indices[np.clip(place, back.indptr[now], back.indptr[now + 1] - 1)]
+        return found
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return one line for a person to read."""
+        stay = float(self.prior.weights @ self.transition.diagonal())
+        return f"{self.prior.summary()}; it stays where it is in {stay:.1%} of the steps"
+
+
+def resting_chain(prior: Prior, stay: float) -> BeliefChain:
+    """Return the chain that stays where it is with a probability, and is drawn afresh from the prior otherwise.
+
+    Formula: T = a I + (1 − a) 1 w'. It keeps any prior; after d steps Pr(still there) = a^d.
+
+    Args:
+        prior: The law of the belief.
+        stay: a in [0, 1].
+
+    Raises:
+        InputError: `stay` is no probability.
+
+    Example:
+        >>> print(resting_chain(Prior([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5]), 0.8).transition.toarray())
+        [[0.9 0.1]
+         [0.1 0.9]]
+    """
+    share = validation.non_negative(stay, "stay")
+    if share > 1:
+        raise InputError(f"stay must be at most 1, got {share:g}")
+    count = len(prior)
+    return BeliefChain(prior, share * np.eye(count) + (1.0 - share) * np.tile(prior.weights, (count, 1)))
+
+
+def stationary_chain(
+    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
+) -> BeliefChain:
+    """Return how the filtered belief of a world moves, binned on the regular grid of beliefs.
+
+    Formula: T_bb' = share of the steps with π_t nearest to π_b whose next belief is nearest to π_b'; the path is closed to a
+    ring, so that the prior, `stationary_prior` of the same arguments, is the chain's law to the last digit.
+
+    That the next bin depends on the present one alone is an approximation, which a finer grid improves.
+
+    Args:
+        world: The hidden Markov model whose observations the agent filters.
+        resolution: r, at least 1: beliefs are multiples of 1/r.
+        rng: The source of the simulated path.
+        n_steps: Length of the simulated path, at least 1; the first tenth is left out.
+
+    Raises:
+        InputError: A number is not whole or below 1, or `rng` is no generator.
+
+    Cost: one simulated and filtered path. Source: Ulam's method.
+
+    Example:
+        >>> from inscrutable import CategoricalEmission
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
+        >>> chain = stationary_chain(world, 10, rng=np.random.default_rng(0), n_steps=1000)
+        >>> chain.transition.shape == (len(chain.prior), len(chain.prior))
+        True
+    """
+    prior, places = grid_visits(world, resolution, rng=rng, n_steps=n_steps)
+    pairs = np.ones(len(places)), (places, np.roll(places, -1))
+    counts = sparse.csr_array(sparse.coo_array(pairs, shape=(len(prior), len(prior))))
+    return BeliefChain(prior, sparse.diags_array(1.0 / counts.sum(axis=1)) @ counts)
+
+
+def _rows(transition: Any | ArrayLike, count: int) -> Any:
+    """A stochastic matrix as a sparse array of rows, shape (B,B)."""
+    shape = tuple(getattr(transition, "shape", np.shape(transition)))
+    if shape != (count, count):
+        raise InputError(f"transition must be of shape {(count, count)}, one row and column a belief, got {shape}")
+    if not sparse.issparse(transition):
+        plain: Any = validation.stochastic_rows(transition, "transition")
+        return sparse.csr_array(plain)
+    given: Any = transition
+    table = sparse.csr_array(given)
+    sums = table.sum(axis=1)
+    if not np.isfinite(table.data).all() or table.data.min() < 0 or np.abs(sums - 1).max() > tolerances.TRANSITION_SUM:
+        raise InputError("transition must have rows of probabilities that sum to one")
+    return table

@@ -1,0 +1,269 @@
+"""Beliefs that move, and rules that decide by what came before: against enumerated paths and closed forms."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from inscrutable import (
+    CategoricalEmission,
+    DelayedDecisionMaker,
+    FiniteProblem,
+    HiddenMarkovModel,
+    InputError,
+    MarkowitzProblem,
+    Mechanism,
+    OriginalDecisionMaker,
+    PartialDecisionMaker,
+    Prior,
+    filter_beliefs,
+    leakage,
+    mechanism,
+    stationary_prior,
+    uniform_prior,
+)
+from inscrutable.experiments import comparison_paths
+from inscrutable.experiments.backtest_aware import predicted_chain, predicted_prior
+from inscrutable.experiments.comparison import ComparisonSettings, compare
+from inscrutable.experiments.comparison_makers import MAKERS, Setting
+from inscrutable.experiments.comparison_markets import market_of
+from inscrutable.experiments.comparison_paths import PATH_MAKERS, delayed, partly
+from inscrutable.experiments.random_markets import random_market
+from inscrutable.mechanisms.chains import BeliefChain, resting_chain, stationary_chain
+from inscrutable.reports.comparison import short_table
+
+WORLD = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
+
+
+def market() -> MarkowitzProblem:
+    return random_market(rng=np.random.default_rng(3)).problem
+
+
+def uneven_chain(n_beliefs: int = 4, seed: int = 0) -> BeliefChain:
+    """A chain that is not the same backwards in time, on beliefs of three states."""
+    rng = np.random.default_rng(seed)
+    transition = rng.dirichlet(np.full(n_beliefs, 0.7), size=n_beliefs)
+    weights = np.linalg.matrix_power(transition, 4000)[0]
+    return BeliefChain(Prior(rng.dirichlet(np.ones(3), size=n_beliefs), weights / weights.sum()), transition)
+
+
+def paths(chain: BeliefChain, n_steps: int) -> Any:
+    """Every path of a length with its probability."""
+    transition = chain.transition.toarray()
+    for path in product(range(len(chain.prior)), repeat=n_steps):
+        chance = chain.prior.weights[path[0]]
+        for before, after in pairwise(path):
+            chance *= transition[before, after]
+        yield list(path), float(chance)
+
+
+# ---- the chain ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("d", [0, 1, 3])
+def test_a_lagged_mechanism_is_the_delayed_rule_on_every_path(d: int) -> None:
+    chain, problem = uneven_chain(), market()
+    beliefs = chain.prior.beliefs
+    optimal = mechanism(OriginalDecisionMaker(problem), beliefs)
+    lagged = chain.lagged(optimal, d)
+    joint = np.zeros((len(beliefs), len(optimal.actions)))
+    regret = 0.0
+    for path, chance in paths(chain, d + 1):
+        action = DelayedDecisionMaker(problem, d).decide_many(beliefs[path]).action[-1]
+        place = int(np.abs(optimal.actions - action).max(axis=1).argmin())
+        joint[path[-1], place] += chance
+        regret += chance * float(problem.regret(beliefs[path[-1]], action))
+    np.testing.assert_allclose(chain.prior.weights[:, None] * lagged.sparse.toarray(), joint, atol=1e-9)
+    assert float(chain.prior.weights @ lagged.expected_regrets) == pytest.approx(regret, abs=1e-9)
+
+
+def test_sampled_pasts_have_the_law_of_the_chain_backwards() -> None:
+    chain, n_draws = uneven_chain(3, 1), 20_000
+    found = chain.histories(2, n_draws, rng=np.random.default_rng(0))
+    assert found.shape == (3, 3, n_draws)
+    assert (found[-1] == np.arange(3)[:, None]).all()
+    wanted = np.zeros((3, 3, 3))
+    for path, chance in paths(chain, 3):
+        wanted[tuple(path)] = chance / chain.prior.weights[path[-1]]
+    for b in range(3):
+        for first, second in product(range(3), repeat=2):
+            share = float(((found[0, b] == first) & (found[1, b] == second)).mean())
+            chance = wanted[first, second, b]
+            assert abs(share - chance) <= 5 * np.sqrt(chance * (1 - chance) / n_draws) + 1e-12
+
+
+def test_a_points_own_past_when_nothing_moves_or_nothing_weighs() -> None:
+    prior = Prior(np.eye(3), [0.5, 0.5, 0.0])
+    for stay in (0.0, 0.4, 1.0):
+        chain = resting_chain(prior, stay)
+        assert chain.reversed.toarray()[2].tolist() == [0.0, 0.0, 1.0]
+        assert (chain.histories(5, 4, rng=np.random.default_rng(0))[:, :2] < 2).all()
+    still = resting_chain(prior, 1.0).histories(5, 4, rng=np.random.default_rng(0))
+    assert (still == np.arange(3)[:, None]).all()
+
+
+def test_the_chain_of_a_world_counts_its_path() -> None:
+    chain = stationary_chain(WORLD, 6, rng=np.random.default_rng(5), n_steps=2000)
+    prior = stationary_prior(WORLD, 6, rng=np.random.default_rng(5), n_steps=2000)
+    np.testing.assert_array_equal(chain.prior.beliefs, prior.beliefs)
+    np.testing.assert_array_equal(chain.prior.weights, prior.weights)
+    observations = WORLD.sample(2000, rng=np.random.default_rng(5)).observations
+    held = filter_beliefs(WORLD, observations).beliefs[200:]
+    near = [int(((prior.beliefs - belief) ** 2).sum(axis=1).argmin()) for belief in held]
+    counts = np.zeros((len(prior), len(prior)))
+    for before, after in zip(near, [*near[1:], near[0]], strict=True):
+        counts[before, after] += 1
+    np.testing.assert_allclose(chain.transition.toarray(), counts / counts.sum(axis=1, keepdims=True), atol=1e-12)
+
+
+def test_the_predicted_chain_is_one_step_ahead() -> None:
+    chain = predicted_chain(WORLD, 5, rng=np.random.default_rng(1))
+    prior = predicted_prior(WORLD, 5, rng=np.random.default_rng(1))
+    np.testing.assert_array_equal(chain.prior.beliefs, prior.beliefs)
+    np.testing.assert_array_equal(chain.prior.weights, prior.weights)
+    # The best guess at tomorrow's prediction is today's, one step on: E[P'T(π,y)] = P'π for the exact filter.
+    moved = chain.transition @ chain.prior.beliefs
+    assert np.sqrt(chain.prior.weights @ ((moved - chain.prior.beliefs @ WORLD.transition) ** 2).sum(axis=1)) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("transition", "message"),
+    [
+        (np.eye(3), "shape"),
+        ([[0.9, 0.2], [0.1, 0.9]], "row 0 sums"),
+        ([[0.9, 0.1], [0.3, 0.7]], "does not keep the prior"),
+        (sparse.csr_array([[1.5, -0.5], [0.0, 1.0]]), "probabilities"),
+    ],
+)
+def test_malformed_chains_are_refused(transition: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        BeliefChain(Prior(np.eye(2), [0.5, 0.5]), transition)
+
+
+def test_malformed_arguments_are_refused() -> None:
+    chain = resting_chain(uniform_prior(2, 2), 0.5)
+    with pytest.raises(InputError, match="prior must be a Prior"):
+        BeliefChain(np.eye(2), np.eye(2))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="at most 1"):
+        resting_chain(chain.prior, 1.5)
+    other = Mechanism(np.eye(2), [0, 1], np.eye(2), np.zeros((2, 2)))
+    with pytest.raises(InputError, match="on the beliefs of the chain"):
+        chain.lagged(other, 1)
+    assert "50.0%" not in chain.summary()
+    assert "stays" in repr(chain)
+
+
+# ---- the rules in a comparison ---------------------------------------------------------------------------
+
+
+def setting_of(chain: BeliefChain) -> Setting:
+    from inscrutable import decoy_grid
+
+    problem = market()
+    return Setting(problem, chain.prior, decoy_grid(problem, 3), chain)
+
+
+def test_a_delay_on_a_resting_belief_has_a_closed_form() -> None:
+    prior, stay = uniform_prior(3, 6), 0.7
+    setting = setting_of(resting_chain(prior, stay))
+    optimal = mechanism(OriginalDecisionMaker(setting.problem), prior.beliefs)
+    if len(optimal.actions) < len(prior):
+        pytest.skip("the closed form needs a decision of its own for every belief")
+    # Independent beliefs: E ρ(b', u*(b)) over all pairs.
+    apart = float(np.mean([[setting.problem.regret(b, u) for b in prior.beliefs] for u in optimal.actions]))
+    for d in (1, 2, 4):
+        regret = (1 - stay**d) * apart
+        play = delayed(setting, regret * 1.0001)
+        assert play is not None
+        assert play.seen is not None
+        assert play.detail == f"{d} step" + "s" * (d > 1)
+        assert float(prior.weights @ play.mechanism.expected_regrets) == pytest.approx(regret, rel=1e-9)
+        for n in (1, 2, d, d + 1, 100):
+            late = max(d + 1 - n, 0)
+            left = leakage(play.seen(n), prior).bayes_error
+            assert left == pytest.approx(prior.error * np.sqrt(1 - stay ** (2 * late)), abs=1e-9)
+
+
+def test_the_target_of_partial_trades_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    chain, n_draws = uneven_chain(), 3000
+    monkeypatch.setattr(comparison_paths, "PAST", 3)
+    monkeypatch.setattr(comparison_paths, "_LEAST_DRAWS", n_draws * len(chain.prior))
+    setting = setting_of(chain)
+    beliefs, problem = chain.prior.beliefs, setting.problem
+    play = partly(setting, 1e-5)
+    assert play is not None
+    assert play.seen is not None
+    fraction = play.seen.fraction
+    regret = squared = 0.0
+    for path, chance in paths(chain, 4):
+        action = PartialDecisionMaker(problem, fraction).decide_many(beliefs[path]).action[-1]
+        found = float(problem.regret(beliefs[path[-1]], action))
+        regret += chance * found
+        squared += chance * found**2
+    error = np.sqrt((squared - regret**2) / n_draws)
+    spent = float(chain.prior.weights @ play.mechanism.expected_regrets)
+    assert abs(spent - regret) <= 5 * error
+    assert spent == pytest.approx(1e-5, rel=0.005)
+    honest = leakage(mechanism(OriginalDecisionMaker(problem), beliefs), chain.prior)
+    for n in (1, 10):
+        told = leakage(play.seen(n), chain.prior)
+        assert told.bayes_error == pytest.approx(honest.bayes_error, abs=1e-12)
+        assert told.mutual_information == pytest.approx(honest.mutual_information, abs=1e-12)
+
+
+def test_a_comparison_with_a_chain_holds_rules_with_a_memory() -> None:
+    stay, prior = 0.8, uniform_prior(3, 4)
+    chain, problem = resting_chain(prior, stay), market()
+    makers = {"ODM": MAKERS["ODM"], **PATH_MAKERS}
+    settings = ComparisonSettings((0.5, 1.0), repeats=(1, 2, 10), n_draws=20)
+    found = compare(problem, chain, settings, makers=makers, rng=np.random.default_rng(0))
+    (honest,) = found.of("ODM")
+    for row in found.of("partial trades"):
+        assert row.expected_regret == pytest.approx(row.budget, rel=0.1)
+        np.testing.assert_allclose(row.repeated_errors, honest.bayes_error, atol=1e-12)
+        assert row.naive_error > 0.1 * prior.error
+    for row in found.of("delay"):
+        assert row.expected_regret <= row.budget
+        assert row.repeated_errors[0] == row.bayes_error
+        assert row.repeated_errors[-1] == pytest.approx(honest.bayes_error, abs=1e-12)
+        assert row.naive_error >= row.bayes_error - 1e-12
+        assert row.detail.endswith(("step", "steps"))
+    assert any(name.startswith("delay (") for name in short_table(found).index)
+
+
+def test_without_a_chain_they_are_no_part_of_it() -> None:
+    setting = setting_of(resting_chain(uniform_prior(3, 3), 0.5))
+    alone = Setting(setting.problem, setting.prior, setting.candidates)
+    assert delayed(alone, 0.1) is None
+    assert partly(alone, 0.1) is None
+    assert not set(PATH_MAKERS) & set(MAKERS)
+
+
+def test_choices_are_delayed_but_not_partly_made() -> None:
+    problem, chain = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), resting_chain(uniform_prior(2, 3), 0.9)
+    found = compare(problem, chain, ComparisonSettings((1.0,), repeats=(1,)), rng=np.random.default_rng(0))
+    assert "delay" in found.makers
+    assert "partial trades" in found.left_out
+
+
+def test_nothing_to_spend_and_nothing_to_hide() -> None:
+    setting = setting_of(resting_chain(uniform_prior(3, 3), 0.5))
+    for make in PATH_MAKERS.values():
+        play = make(setting, 0.0)
+        assert play is not None
+        assert float(play.mechanism.expected_regrets.max()) == pytest.approx(0.0, abs=1e-12)
+    one = setting_of(resting_chain(Prior([[0.2, 0.3, 0.5]], [1.0]), 0.5))
+    for make in PATH_MAKERS.values():
+        play = make(one, 0.01)
+        assert play is not None
+        assert float(play.mechanism.expected_regrets.max()) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_markets_say_how_the_belief_moves() -> None:
+    found = market_of("paper", 4, 0)
+    assert found.prior is found.chain.prior
+    np.testing.assert_allclose(found.chain.transition.diagonal(), 0.8 + 0.2 / len(found.prior))

@@ -90,8 +90,8 @@ class Play(NamedTuple):
     """The largest regret of any decision it makes; None where only an expectation is promised."""
     seen: Callable[[int], Mechanism] | None = None
     """What one who knows the rule makes of n decisions on one belief, as a mechanism; None: each is a draw of `mechanism`."""
-    detail: str = "-"
-    """What was set so that the regret is spent, for a reader."""
+    strength: float = float("nan")
+    """What was set so that the regret is spent: steps of a delay, the fraction traded; NaN for others."""
 
 
 Maker = Callable[[Setting, float], Play | None]

@@ -50,7 +50,7 @@ class ComparisonRow(Saved):
         repeated_error_se: Their standard errors, shape (S,); 0 where exact.
         repeated_information: Bits after each number of repeated decisions, shape (S,).
         repeated_top_state: How often the most likely state is then named, shape (S,).
-        detail: How long the delay is, or how large the fraction; "-" for others.
+        strength: Steps of a delay, or the fraction traded; NaN for others.
     """
 
     maker: str
@@ -77,7 +77,7 @@ class ComparisonRow(Saved):
     repeated_error_se: Array
     repeated_information: Array
     repeated_top_state: Array
-    detail: str = "-"
+    strength: float = float("nan")
 
 
 def measured(
@@ -129,7 +129,7 @@ def measured(
         repeated_error_se=again.error_se,
         repeated_information=again.information,
         repeated_top_state=again.top_state,
-        detail=play.detail,
+        strength=play.strength,
     )
 
 

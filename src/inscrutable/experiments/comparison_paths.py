@@ -68,8 +68,7 @@ def delayed(setting: Setting, regret: float) -> Play | None:
         if spent(setting, ahead) > regret:
             break
         n_steps, play = n_steps + 1, ahead
-    detail = f"{n_steps} step" + ("" if n_steps == 1 else "s")
-    return Play(play.mechanism, detail=detail, seen=_Late(chain, optimal, n_steps))
+    return Play(play.mechanism, strength=float(n_steps), seen=_Late(chain, optimal, n_steps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +114,7 @@ def _traded(setting: Setting, targets: Array, fraction: float) -> Play:
     play = mechanism(_Drawn(problem, published[-1]), beliefs)
     if fraction <= 0.0:
         return Play(play)
-    return Play(
-        play, detail=f"fraction {fraction:.2g}", seen=_Decoded(_optimal(setting), problem, published[-2:], fraction)
-    )
+    return Play(play, strength=fraction, seen=_Decoded(_optimal(setting), problem, published[-2:], fraction))
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,6 +57,10 @@ def _columns(comparison: Comparison) -> list[_Column]:
     ]
 
 
+_STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
+"""How what was set for a decision maker is told beside its name."""
+
+
 def _repeated(place: int) -> Callable[[ComparisonRow], float]:
     return lambda row: float(row.repeated_errors[place])
 
@@ -75,7 +79,9 @@ def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataF
 
 
 def _name(row: ComparisonRow) -> str:
-    return f"{row.maker} ({row.detail})" if row.detail != "-" else row.maker
+    if row.maker not in _STRENGTHS:
+        return row.maker
+    return f"{row.maker} ({_STRENGTHS[row.maker].format(row.strength)})"
 
 
 def terminal_table(comparison: Comparison, budget: float) -> pd.DataFrame:

@@ -140,7 +140,7 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
 
     def _proved(self, belief: Array, measure: PrivacyMeasure) -> Decision:
         found = self._decide(belief, measure)
-        return found if self._proofs is None else self._proofs.single(belief, measure, found)
+        return found if self._proofs is None else self._proofs.single(belief, measure, found, self.between_choices)
 
     def _decide(self, belief: Array, measure: PrivacyMeasure) -> Decision:
         if isinstance(self.method, LocalSearch):

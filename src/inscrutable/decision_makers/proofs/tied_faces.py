@@ -12,7 +12,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
-from inscrutable.problems import LinearProblem
+from inscrutable.problems import DecisionProblem, LinearProblem
 from inscrutable.validation import Array
 
 _MOST_FACES = 20_000
@@ -25,7 +25,7 @@ def tied_mixtures(problem: LinearProblem, candidates: Candidates) -> Candidates:
     actions: list[Array] = []
     decoys: list[Array] = []
     for tied in _tied_sets(costs, _corners(problem, vertices)):
-        mixed = _near_vertices(problem, vertices[list(tied)])
+        mixed = near_vertices(problem, vertices[list(tied)])
         found = belief_set_of(problem, mixed[0])
         if not found.is_empty:
             actions.append(mixed)
@@ -57,7 +57,7 @@ def _tied_sets(costs: Array, corners: Array) -> list[tuple[int, ...]]:
     return sorted(tuple(sorted(each)) for each in known)
 
 
-def _near_vertices(problem: LinearProblem, tied: Array) -> Array:
+def near_vertices(problem: DecisionProblem, tied: Array) -> Array:
     """One mixture near each of the tied vertices (k,U), with every row that is not tight at all of them noticeably slack."""
     region, count = problem.constraints, len(tied)
     slacks = region.slacks(tied)  # (k, n)

@@ -1,0 +1,96 @@
+"""Faces of a feasible set on which linear costs are optimal: what is tied there, and the cheapest admissible decision."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.geometry import BeliefSet
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
+from inscrutable.problems import LinearProblem
+from inscrutable.validation import Array
+
+
+class FaceProgrammes:
+    """Faces of the feasible set of a linear problem, told by the rows that are tight all over them."""
+
+    def __init__(self, problem: LinearProblem) -> None:
+        self.problem = problem
+        region = problem.constraints
+        self._scale = region.row_scale if len(region.b_ub) else np.ones(0)
+        self._rows = region.A_ub / self._scale[:, None]
+        self._sides = region.b_ub / self._scale
+        self._equal = Rows(region.A_eq, region.b_eq)
+
+    def tight_on(self, actions: Array) -> np.ndarray:
+        """Return the rows (r,) that are tight at all of some decisions (k,U)."""
+        slacks = self.problem.constraints.slacks(actions)
+        return np.asarray((slacks <= tolerances.FEASIBILITY).all(axis=0))
+
+    def optimal_at(self, belief: Array, known: Array, held: np.ndarray | None = None) -> np.ndarray | None:
+        """Return the rows (r,) that are tight at all decisions that are optimal for a belief, of which some are known
+        (k,U); among those alone for which the rows `held` are tight; None where there is no telling."""
+        tight = self.tight_on(known)
+        held = np.zeros_like(tight) if held is None else held
+        asked = np.flatnonzero(tight & ~held)
+        if not asked.size:
+            return tight
+        gradient = belief @ self.problem.costs
+        size = float(np.abs(gradient).max())
+        # The most that the rows can be slack together, each by no more than one, at no more than the optimal cost.
+        count, width = asked.size, self.problem.n_actions
+        slacks = np.column_stack([self._rows[asked], np.eye(count)])
+        rows = [slacks, _padded(self._rows[~tight], count)]
+        sides = [self._sides[asked], self._sides[~tight]]
+        if size > tolerances.TIED * float(np.abs(self.problem.costs).max()):
+            rows.append(_padded(gradient[None] / size, count))
+            sides.append(np.array([gradient @ known[0] / size]))
+        fixed = self._fixed(held)
+        answer = minimise(
+            np.append(np.zeros(width), -np.ones(count)),
+            Rows(np.vstack(rows), np.concatenate(sides)),
+            Rows(_padded(fixed.matrix, count), fixed.sides),
+            [(None, None)] * width + [(0.0, 1.0)] * count,
+        )
+        if answer.status != OPTIMAL:
+            return None
+        tight[asked[answer.x[width:] > tolerances.FACE_WIDTH]] = False
+        return tight
+
+    def explained(self, tight: np.ndarray) -> BeliefSet:
+        """Return the beliefs for which decisions with exactly the rows `tight` are optimal."""
+        rows = self.problem.constraints.stationarity(tight)
+        size = float(np.abs(self.problem.costs).max())
+        scaled = self.problem.costs.T / (size if size > 0 else 1.0)
+        return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled)
+
+    def cheapest(self, belief: Array, tight: np.ndarray) -> Array | None:
+        """Return the admissible decision (U,) of least cost with exactly the rows `tight`, None where there is none."""
+        region, slack = self.problem.constraints, ~tight
+        least = (
+            max(region.min_slack, tolerances.SLACK_SAFETY) * (1.0 + tolerances.SLACK_SAFETY) + tolerances.FEASIBILITY
+        )
+        gradient = belief @ self.problem.costs
+        size = float(np.abs(gradient).max())
+        answer = minimise(
+            gradient / (size if size > 0 else 1.0),
+            Rows(self._rows[slack], self._sides[slack] - least),
+            self._fixed(tight),
+        )
+        if answer.status != OPTIMAL:
+            return None
+        action = answer.x
+        for limit in region.coordinate_bounds:
+            near = np.abs(action - limit) <= tolerances.FEASIBILITY * np.maximum(1.0, np.abs(action))
+            action = np.where(near, limit, action)
+        return np.asarray(action) + 0.0
+
+    def _fixed(self, tight: np.ndarray) -> Rows:
+        """Equalities: those of the feasible set, and some of its rows."""
+        matrix = np.vstack([self._rows[tight], self._equal.matrix])
+        return Rows(matrix, np.concatenate([self._sides[tight], self._equal.sides]))
+
+
+def _padded(matrix: Array, count: int) -> Array:
+    """Rows of a programme with further variables that they do not see."""
+    return np.column_stack([matrix, np.zeros((len(matrix), count))])

@@ -228,10 +228,6 @@ TIED = 1e-9
 """Decisions whose costs at a belief differ by no more than this, relative to the largest state cost, may be tied there: ten
 times the residual at which a belief explains a decision, so that a bound never misses a tie that an observer sees."""
 
-FACE_WIDTH = 1e-7
-"""A face of a feasible set that is narrower than this counts as a point: HiGHS's 1e-10 over a small multiplier, and a
-thousandth of what a decision may be off a row."""
-
 SHARED_WIDTH = 1e-3
 """Edge of a cell below which its corners are not asked whether they share a decision: neighbours nearly do anyway."""
 

@@ -53,6 +53,12 @@ class DecisionProblem(ABC):
         return False
 
     @property
+    def linear_costs(self) -> Array | None:
+        """c_i, shape (X,U), where c(i,u) is c_i'u up to a constant in every state; None is always safe, but proofs are
+        exact where it is known."""
+        return None
+
+    @property
     @abstractmethod
     def n_states(self) -> int:
         """Number of states X."""

@@ -14,8 +14,8 @@ from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_en
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.atoms import Atoms
 from inscrutable.decision_makers.proofs.certificate import Prover, Question
-from inscrutable.decision_makers.proofs.polyhedral import cells_of, proof_for
-from inscrutable.decision_makers.proofs.subdivision import Subdivision
+from inscrutable.decision_makers.proofs.polyhedral import proof_for
+from inscrutable.decision_makers.proofs.subdivision import Subdivision, cells_of
 from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision
 from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure

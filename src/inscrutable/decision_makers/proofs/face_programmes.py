@@ -10,6 +10,8 @@ from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems import LinearProblem
 from inscrutable.validation import Array
 
+_HALF = 0.5
+
 
 class FaceProgrammes:
     """Faces of the feasible set of a linear problem, told by the rows that are tight all over them."""
@@ -35,26 +37,29 @@ class FaceProgrammes:
         asked = np.flatnonzero(tight & ~held)
         if not asked.size:
             return tight
+        # Directions from one of them along which as many rows as can be become slack, and the cost stays.
+        count, width = asked.size, self.problem.n_actions
+        beside = self.tight_on(known[:1]) & ~tight
         gradient = belief @ self.problem.costs
         size = float(np.abs(gradient).max())
-        # The most that the rows can be slack together, each by no more than one, at no more than the optimal cost.
-        count, width = asked.size, self.problem.n_actions
-        slacks = np.column_stack([self._rows[asked], np.eye(count)])
-        rows = [slacks, _padded(self._rows[~tight], count)]
-        sides = [self._sides[asked], self._sides[~tight]]
-        if size > tolerances.TIED * float(np.abs(self.problem.costs).max()):
-            rows.append(_padded(gradient[None] / size, count))
-            sides.append(np.array([gradient @ known[0] / size]))
-        fixed = self._fixed(held)
+        if size <= tolerances.TIED * float(np.abs(self.problem.costs).max()):
+            gradient, size = np.zeros(width), 1.0
+        below = np.vstack(
+            [
+                np.column_stack([self._rows[asked], np.eye(count)]),
+                _padded(np.vstack([self._rows[beside], gradient[None] / size]), count),
+            ]
+        )
+        equal = _padded(self._fixed(held).matrix, count)
         answer = minimise(
             np.append(np.zeros(width), -np.ones(count)),
-            Rows(np.vstack(rows), np.concatenate(sides)),
-            Rows(_padded(fixed.matrix, count), fixed.sides),
+            Rows(below, np.zeros(len(below))),
+            Rows(equal, np.zeros(len(equal))),
             [(None, None)] * width + [(0.0, 1.0)] * count,
         )
         if answer.status != OPTIMAL:
             return None
-        tight[asked[answer.x[width:] > tolerances.FACE_WIDTH]] = False
+        tight[asked[answer.x[width:] > _HALF]] = False
         return tight
 
     def explained(self, tight: np.ndarray) -> BeliefSet:

@@ -8,18 +8,18 @@ from inscrutable import tolerances
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.atoms import Atoms
 from inscrutable.decision_makers.proofs.face_programmes import FaceProgrammes
-from inscrutable.decision_makers.proofs.subdivision import Subdivider, Subdivision
+from inscrutable.decision_makers.proofs.subdivision import Subdivision, linear_form
 from inscrutable.decision_makers.proofs.tied_faces import near_vertices
 from inscrutable.decision_makers.proofs.tied_values import TiedValues
 from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, LinearProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _MOST_TRIALS = 64
 _MOST_ATOMS = 16
-_TRIED_SHARE = 0.1  # of the oracle calls, where costs may bend
+_SHARES = (tolerances.SLACK_SAFETY, 0.001, 0.01, 0.1)  # of each tied decision: kinks of costs may need more than rows
 
 
 class PolyhedralProof(NamedTuple):
@@ -60,31 +60,11 @@ class PolyhedralProof(NamedTuple):
         if values.reference.sign < 0:
             return [cells.actions[place]]
         if values.faces is None:
-            return list(near_vertices(self.problem, cells.actions[cells.tied[place]]))
+            tied = cells.actions[cells.tied[place]]
+            return [action for share in _SHARES for action in near_vertices(self.problem, tied, share)]
         tight = values.tight(place)
         action = None if tight is None else values.faces.cheapest(self.belief, tight)
         return [] if action is None else [action]
-
-
-def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | None, int]:
-    """Return the cells of a problem whose optimal cost is piecewise linear, and the calls of the oracle; None where it is
-    not, or where they would be too many."""
-    linear = linear_form(problem)
-    bends = isinstance(problem, QuadraticProblem) and linear is None
-    if bends or problem.costs_are_unique:
-        return None, 0
-    most = int(most_calls if linear is not None else _TRIED_SHARE * most_calls)
-    subdivider = Subdivider(problem, most, linear is not None)
-    return subdivider.found(), subdivider.calls
-
-
-def linear_form(problem: DecisionProblem) -> LinearProblem | None:
-    """Return the linear problem with the same decisions, optimal for the same beliefs, where there is one."""
-    if isinstance(problem, LinearProblem):
-        return problem
-    if isinstance(problem, QuadraticProblem) and not problem.hessians.any():
-        return LinearProblem(problem.linear, problem.constraints)
-    return None
 
 
 def proof_for(

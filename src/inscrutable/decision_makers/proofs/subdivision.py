@@ -13,13 +13,14 @@ import numpy as np
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from inscrutable import tolerances
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, LinearProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _FLOOR = -3.0  # below the normalised costs, which lie between 0 and 1
 _MOST_ROUNDS = 200
 _SURE = 40  # calls after which a problem with a decision for nearly every belief is taken for one that bends
 _BENT = 0.7
+_TRIED_SHARE = 0.1  # of the oracle calls, where costs may bend
 _BLOCK_ENTRIES = 20_000_000
 
 
@@ -104,6 +105,26 @@ class Subdivider:
         size = max(self._scale, tolerances.TINY)
         tied, members = (above <= share * size for share in (tolerances.TIED, tolerances.EXPLAINED))
         return Subdivision(self._costs, self._actions, corners, tied, members, size)
+
+
+def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | None, int]:
+    """Return the cells of a problem whose optimal cost is piecewise linear, and the calls of the oracle; None where it is
+    not, or where they would be too many."""
+    linear = linear_form(problem)
+    bends = isinstance(problem, QuadraticProblem) and linear is None
+    if bends or problem.costs_are_unique:
+        return None, 0
+    most = int(most_calls if linear is not None else _TRIED_SHARE * most_calls)
+    subdivider = Subdivider(problem, most, linear is not None)
+    return subdivider.found(), subdivider.calls
+
+
+def linear_form(problem: DecisionProblem) -> LinearProblem | None:
+    """Return the linear problem with the same decisions, optimal for the same beliefs, where there is one."""
+    if isinstance(problem, LinearProblem):
+        return problem
+    costs = problem.linear_costs
+    return None if costs is None else LinearProblem(costs, problem.constraints)
 
 
 def _key(belief: Array) -> bytes:

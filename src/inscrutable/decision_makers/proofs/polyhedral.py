@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import NamedTuple
 
 from inscrutable import tolerances
@@ -32,8 +33,7 @@ class PolyhedralProof(NamedTuple):
 
     def single(self, found: Decision, limit: float) -> tuple[Decision, float]:
         """Return the best decision met and the supremum."""
-        bound = self.values.single(limit)
-        for place in bound.places[:_MOST_TRIALS]:
+        for place in islice(self.values.affordable(limit), _MOST_TRIALS):
             if self.values.privacies[place] <= found.privacy + tolerances.NO_PRIVACY:
                 break
             for action in self._decisions(place):
@@ -41,7 +41,7 @@ class PolyhedralProof(NamedTuple):
                 better = met.privacy > found.privacy + tolerances.NO_PRIVACY and not met.belief_set.is_empty
                 if better and met.regret <= limit and self.problem.constraints.is_admissible(action):
                     found = met
-        return found, max(bound.value, found.privacy)
+        return found, max(self.values.single(limit), found.privacy)
 
     def lottery(self, found: MixedDecision, limit: float) -> tuple[MixedDecision, float]:
         """Return the best lottery met and the supremum."""

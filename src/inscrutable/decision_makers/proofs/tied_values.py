@@ -9,6 +9,8 @@ that cost no more. To be near a target nothing is better than the decisions of w
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from heapq import heapify, heappop, heapreplace
 from typing import NamedTuple
 
 import numpy as np
@@ -56,29 +58,38 @@ class TiedValues:
             self.privacies[place] = min(self.privacies[place], self._privacy(place))
             self.exact[place] = True
 
-    def single(self, limit: float) -> Supremum:
-        """Return the supremum over single decisions of a regret of at most `limit`."""
+    def affordable(self, limit: float) -> Iterator[int]:
+        """Yield the places of a regret below `limit`, their privacies exact and falling."""
         rounding = -self._rounding if self.reference.sign > 0 else self._rounding
-        inside = self.regrets < limit + rounding
-        best, places = -np.inf, []
-        for place in self._falling(np.flatnonzero(inside)):
-            if self.privacies[place] <= best:
-                break
-            self.refine(place)
-            best = max(best, float(self.privacies[place]))
-            places.append(place)
+        inside = np.flatnonzero(self.regrets < limit + rounding)
+        heap = [(-float(self.privacies[place]), int(place)) for place in inside]
+        heapify(heap)
+        while heap:
+            place = heap[0][1]
+            if self.exact[place]:
+                heappop(heap)
+                yield place
+            else:
+                self.refine(place)
+                heapreplace(heap, (-float(self.privacies[place]), place))
+
+    def single(self, limit: float) -> float:
+        """Return the supremum over single decisions of a regret of at most `limit`."""
+        first = next(self.affordable(limit), None)
+        best = -np.inf if first is None else float(self.privacies[first])
         if self.reference.sign > 0:
-            at_limit = np.flatnonzero(~inside & (self.regrets <= limit + self._rounding))
-            for place in self._falling(at_limit):
+            # With exactly the budget only what costs no more may be mixed.
+            at_limit = np.flatnonzero(np.abs(self.regrets - limit) <= self._rounding)
+            for place in at_limit[np.argsort(-self.privacies[at_limit], kind="stable")]:
                 if self.privacies[place] <= best:
                     break
-                best = max(best, self._privacy(place, self._alone <= limit + self._rounding))
-        return Supremum(best, sorted(places, key=lambda place: -self.privacies[place]))
+                best = max(best, self._privacy(int(place), self._alone <= limit + self._rounding))
+        return best
 
     def lottery(self, limit: float) -> Supremum:
         """Return the supremum over lotteries of an expected regret of at most `limit`."""
         if limit <= self._rounding:
-            return self.single(limit)
+            return Supremum(self.single(limit), [])
         while True:
             hull = concave_envelope(self.regrets, self.privacies)
             rough = hull[~self.exact[hull]]
@@ -101,9 +112,6 @@ class TiedValues:
             corner = self.cells.corners[place]
             self._tight[place] = self.faces.optimal_at(corner, known) if at_border else self.faces.tight_on(known)
         return self._tight[place]
-
-    def _falling(self, places: np.ndarray) -> list[int]:
-        return [int(place) for place in places[np.argsort(-self.privacies[places], kind="stable")]]
 
     def _privacy(self, place: int, allowed: np.ndarray | None = None) -> float:
         cells, point = self.cells, self.reference.point

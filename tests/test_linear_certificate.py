@@ -167,6 +167,25 @@ def test_what_cannot_be_mixed_in_noticeably_leaves_the_bound_open():
     assert single.privacy_bound == single.privacy == pytest.approx(middle)
 
 
+def test_what_may_be_bought_without_end_at_no_cost_tells_a_corner():
+    """In the first state more of the second good is free: who buys a little too much must be sure of that state."""
+    region = Polyhedron([[-1.0, 0.0], [0.0, -1.0], [-1.0, -1.0]], [0.0, 0.0, -1.0])
+    problem, belief = LinearProblem(np.eye(2), region), np.array([0.6, 0.4])
+    single, mixed = proved(problem, belief, 0.1)
+    assert single.privacy_bound == pytest.approx(0.4 * np.sqrt(2))
+    # The other corner for half of the time costs as much.
+    assert mixed.privacy_bound == pytest.approx(0.5 * np.sqrt(2))
+    assert single.status is DecisionStatus.PROVED
+    assert mixed.status is DecisionStatus.GAP_REACHED
+    assert single.action == pytest.approx([0.0, 1.0001], abs=1e-6)
+
+
+def test_one_state_hides_nothing():
+    for found in proved(LinearProblem([[1.0, 2.0]], simplex(2)), np.ones(1), 0.5):
+        assert found.privacy_bound == 0.0
+        assert found.status is DecisionStatus.NO_AFFORDABLE_PRIVACY
+
+
 def test_four_states_within_the_limit_of_calls():
     rng = np.random.default_rng(8)
     problem = LinearProblem(rng.normal(size=(4, 10)), simplex(10) & box([0.0] * 10, [0.4] * 10))

@@ -22,19 +22,18 @@ class FaceProgrammes:
         self._scale = region.row_scale if len(region.b_ub) else np.ones(0)
         self._rows = region.A_ub / self._scale[:, None]
         self._sides = region.b_ub / self._scale
-        self._equal = Rows(region.A_eq, region.b_eq)
 
     def tight_on(self, actions: Array) -> np.ndarray:
         """Return the rows (r,) that are tight at all of some decisions (k,U)."""
         slacks = self.problem.constraints.slacks(actions)
-        return np.asarray((slacks <= tolerances.FEASIBILITY).all(axis=0))
+        size = np.maximum(np.abs(actions).max(axis=1, keepdims=True), 1.0)
+        return np.asarray((slacks <= tolerances.FEASIBILITY * size).all(axis=0))
 
-    def optimal_at(self, belief: Array, known: Array, held: np.ndarray | None = None) -> np.ndarray | None:
+    def optimal_at(self, belief: Array, known: Array) -> np.ndarray | None:
         """Return the rows (r,) that are tight at all decisions that are optimal for a belief, of which some are known
-        (k,U); among those alone for which the rows `held` are tight; None where there is no telling."""
+        (k,U); None where there is no telling."""
         tight = self.tight_on(known)
-        held = np.zeros_like(tight) if held is None else held
-        asked = np.flatnonzero(tight & ~held)
+        asked = np.flatnonzero(tight)
         if not asked.size:
             return tight
         # Directions from one of them along which as many rows as can be become slack, and the cost stays.
@@ -50,7 +49,7 @@ class FaceProgrammes:
                 _padded(np.vstack([self._rows[beside], gradient[None] / size]), count),
             ]
         )
-        equal = _padded(self._fixed(held).matrix, count)
+        equal = _padded(self.problem.constraints.A_eq, count)
         answer = minimise(
             np.append(np.zeros(width), -np.ones(count)),
             Rows(below, np.zeros(len(below))),
@@ -80,7 +79,10 @@ class FaceProgrammes:
         answer = minimise(
             gradient / (size if size > 0 else 1.0),
             Rows(self._rows[slack], self._sides[slack] - least),
-            self._fixed(tight),
+            Rows(
+                np.vstack([self._rows[tight], region.A_eq]),
+                np.concatenate([self._sides[tight], region.b_eq]),
+            ),
         )
         if answer.status != OPTIMAL:
             return None
@@ -89,11 +91,6 @@ class FaceProgrammes:
             near = np.abs(action - limit) <= tolerances.FEASIBILITY * np.maximum(1.0, np.abs(action))
             action = np.where(near, limit, action)
         return np.asarray(action) + 0.0
-
-    def _fixed(self, tight: np.ndarray) -> Rows:
-        """Equalities: those of the feasible set, and some of its rows."""
-        matrix = np.vstack([self._rows[tight], self._equal.matrix])
-        return Rows(matrix, np.concatenate([self._sides[tight], self._equal.sides]))
 
 
 def _padded(matrix: Array, count: int) -> Array:

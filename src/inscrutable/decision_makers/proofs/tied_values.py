@@ -3,8 +3,9 @@
 What explains a decision is a face of the cells of V. Of all that are optimal at a corner w, mixtures of all of them are
 explained by the fewest beliefs, the face of which w is a corner and on which the same decisions are tied; and one of them
 costs as little above the cheapest of them as one likes. So to be far from a belief, one point (regret, distance) for every
-corner gives all suprema: with a budget above the regret it is reached, with exactly that budget only by the decisions
-that cost no more. To be near a target nothing is better than the decisions of whole cells.
+corner gives all suprema. Where a budget is exactly the least regret r at w, nothing is missed by leaving w out: on the way from
+the belief to what explains the decisions of regret r, at its nearest point, others are tied that cost less. To be near a
+target nothing is better than the decisions of whole cells.
 """
 
 from __future__ import annotations
@@ -37,7 +38,6 @@ class TiedValues:
     def __init__(self, cells: Subdivision, faces: FaceProgrammes | None, belief: Array, reference: Reference) -> None:
         self.cells = cells
         self.faces = faces
-        self._belief = belief
         self.reference = reference
         costs = cells.costs @ belief
         self._rounding = tolerances.SHARED_DECISION * cells.scale
@@ -76,15 +76,8 @@ class TiedValues:
     def single(self, limit: float) -> float:
         """Return the supremum over single decisions of a regret of at most `limit`."""
         first = next(self.affordable(limit), None)
-        best = -np.inf if first is None else float(self.privacies[first])
-        if self.reference.sign > 0:
-            # With exactly the budget only what costs no more may be mixed.
-            at_limit = np.flatnonzero(np.abs(self.regrets - limit) <= self._rounding)
-            for place in at_limit[np.argsort(-self.privacies[at_limit], kind="stable")]:
-                if self.privacies[place] <= best:
-                    break
-                best = max(best, self._privacy(int(place), self._alone <= limit + self._rounding))
-        return best
+        # Without a budget only what is optimal for the true belief too.
+        return 0.0 if first is None else float(self.privacies[first])
 
     def lottery(self, limit: float) -> Supremum:
         """Return the supremum over lotteries of an expected regret of at most `limit`."""
@@ -113,23 +106,18 @@ class TiedValues:
             self._tight[place] = self.faces.optimal_at(corner, known) if at_border else self.faces.tight_on(known)
         return self._tight[place]
 
-    def _privacy(self, place: int, allowed: np.ndarray | None = None) -> float:
+    def _privacy(self, place: int) -> float:
         cells, point = self.cells, self.reference.point
         if self.reference.sign < 0:
             # From below: fewer members would be farther.
             return -nearest(cells.corners[cells.tied[:, place]], point)[1]
-        tied = cells.tied[place] if allowed is None else cells.tied[place] & allowed
+        tied = cells.tied[place]
         away = float(np.linalg.norm(cells.corners[place] - point))
         if self._border[place]:
             tight = None if self.faces is None else self.tight(place)
             if self.faces is None or tight is None:
                 return away
-            known = cells.actions[tied]
-            if allowed is not None:
-                tight = self.faces.optimal_at(self._belief, known, tight)
-            if tight is None:
-                return away
-            if not np.array_equal(tight, self.faces.tight_on(known)):
+            if not np.array_equal(tight, self.faces.tight_on(cells.actions[tied])):
                 explained = self.faces.explained(tight)
                 return away if explained.is_empty else min(away, explained.distance(point))
         together = np.array(cells.members[:, tied].all(axis=1))

@@ -214,8 +214,9 @@ KINKED = 1e-6
 and no gradient decides: ten times what an interior-point solver leaves."""
 
 COST_ACCURACY = 1e-9
-"""How far above the optimal cost a problem's own solution may lie, relative to the largest state cost: the allowance that
-a proof makes where the problem does not say how exactly it is solved. What two solutions show of each other widens it."""
+"""How far above the optimal cost a problem's own solution may lie, relative to the largest expected size of a cost: the
+allowance that a proof makes where the problem does not say how exactly it is solved. What two solutions show of each other
+widens it."""
 
 EXACT_COST = 1e-13
 """The same for quadratic programmes solved by active sets: stationary to 1e-12, so optimal to its square and rounding."""

@@ -45,7 +45,8 @@ class DecisionProblem(ABC):
     """Whether only single choices are decisions, and nothing between them."""
 
     cost_accuracy: float = tolerances.COST_ACCURACY
-    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest state cost: what proofs allow for."""
+    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest expected size Σ π_i|c(i,u)| of a cost: what
+    proofs allow for."""
 
     @property
     def costs_are_unique(self) -> bool:

@@ -32,8 +32,8 @@ class OraclePoints:
 
     @property
     def scale(self) -> float:
-        """Largest state cost seen."""
-        return float(np.abs(self.costs).max())
+        """Largest expected size of a cost seen: what it is in states that a belief rules out is of no account."""
+        return float((np.abs(self.costs) * self.beliefs).sum(axis=1).max())
 
     @property
     def allowance(self) -> float:

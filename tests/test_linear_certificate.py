@@ -25,6 +25,7 @@ from inscrutable import (
     simplex_grid,
 )
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
+from inscrutable.testing import check_decision_problem
 from oracles import tied
 
 
@@ -276,6 +277,20 @@ def test_bounds_of_costs_with_kinks_are_above_all_decisions_of_a_grid(seed):
     assert single.privacy >= max(away) - 0.05
 
 
+def test_costs_that_are_said_to_be_linear_and_are_not_are_found_out():
+    class Bent(Shares):
+        def state_costs(self, actions):
+            return super().state_costs(actions) + (np.asarray(actions) ** 2).sum(axis=-1, keepdims=True)
+
+        def cost_gradients(self, action):
+            return super().cost_gradients(action) + 2.0 * np.asarray(action)[..., None, :]
+
+    costs = np.random.default_rng(1).uniform(size=(3, 4))
+    check_decision_problem(Shares(costs, True))
+    with pytest.raises(AssertionError, match="linear_costs are the gradients"):
+        check_decision_problem(Bent(costs, True))
+
+
 def test_linear_costs_written_in_cvxpy_are_proved_as_such():
     cp = pytest.importorskip("cvxpy")
     costs, belief = np.random.default_rng(2).normal(size=(3, 4)), np.array([0.2, 0.3, 0.5])
@@ -295,3 +310,8 @@ def test_cells_that_are_too_many_are_left_to_branch_and_bound():
     few = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.3), method=method).decide(middle)
     assert few.privacy_bound >= exact.privacy_bound - 1e-9
     assert few.status is DecisionStatus.BOUNDED
+    choices = FiniteProblem(np.random.default_rng(7).uniform(size=(3, 12)))
+    faces = decoy_grid(choices, 2, faces=True)
+    left = CounterAdversarialDecisionMaker(choices, budget=Budget.regret(0.1), candidates=faces, method=method)
+    best, _ = tied.suprema(LinearProblem(choices.costs, simplex(12)), middle, 0.1)
+    assert left.decide(middle).privacy_bound >= best - 1e-9

@@ -47,7 +47,7 @@ class OraclePoints:
 
     def _solved(self, beliefs: Array) -> tuple[Array, Array, Array]:
         self.calls += len(beliefs)
-        actions = self.problem.solve(beliefs)
+        actions = self.problem.solve_points(beliefs)
         costs = np.atleast_2d(self.problem.state_costs(actions))
         return (beliefs * costs).sum(axis=1), costs, actions
 

@@ -22,6 +22,7 @@ _SURE = 40  # calls after which a problem with a decision for nearly every belie
 _BENT = 0.7
 _TRIED_SHARE = 0.1  # of the oracle calls, where costs may bend
 _BLOCK_ENTRIES = 20_000_000
+_MOST_CORNERS = 1e9  # that a polytope of so many sides may have; those that are met have far fewer
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,8 @@ class Subdivider:
         n_states = self.problem.n_states
         self._ask(np.vstack([np.eye(n_states), np.full(n_states, 1.0 / n_states)]))
         for _ in range(_MOST_ROUNDS):
+            if (len(self._costs) + n_states + 1) ** (n_states // 2) > _MOST_CORNERS:
+                return None
             corners = _corners(self._costs, self._scale)
             if corners is None:
                 return None
@@ -111,8 +114,9 @@ def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | N
     """Return the cells of a problem whose optimal cost is piecewise linear, and the calls of the oracle; None where it is
     not, or where they would be too many."""
     linear = linear_form(problem)
-    bends = isinstance(problem, QuadraticProblem) and linear is None
-    if bends or problem.costs_are_unique:
+    # Where costs are less exact, a small cell would be taken for an error.
+    hopeless = isinstance(problem, QuadraticProblem) or problem.cost_accuracy > tolerances.COST_ACCURACY
+    if linear is None and (hopeless or problem.costs_are_unique):
         return None, 0
     most = int(most_calls if linear is not None else _TRIED_SHARE * most_calls)
     subdivider = Subdivider(problem, most, linear is not None)

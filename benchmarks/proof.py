@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from benchmarks import markets
 from benchmarks.table import Quality, Row, Target, seconds_text, times_text
-from inscrutable import CounterAdversarialDecisionMaker, GlobalSearch, MarkowitzProblem, ProbabilisticDecisionMaker
+from inscrutable import (
+    CounterAdversarialDecisionMaker,
+    GlobalSearch,
+    LinearProblem,
+    MarkowitzProblem,
+    ProbabilisticDecisionMaker,
+    box,
+    simplex,
+)
 from oracles import optimum
 
 Array = NDArray[np.float64]
@@ -32,19 +40,22 @@ class Sizes:
     singles: tuple[tuple[int, int, int], ...] = ((3, 3, 20), (3, 12, 20), (4, 4, 10), (5, 5, 4))
     scip: int = 3
     lotteries: tuple[tuple[int, int, int], ...] = ((3, 3, 10), (4, 4, 4))
+    linear: tuple[tuple[int, int, int], ...] = ((3, 12, 20), (4, 12, 10))
     most_calls: int = MOST_CALLS
 
 
 FULL = Sizes()
-QUICK = Sizes(singles=((3, 3, 1),), scip=1, lotteries=((3, 3, 1),), most_calls=2000)
+QUICK = Sizes(singles=((3, 3, 1),), scip=1, lotteries=((3, 3, 1),), linear=((3, 5, 2),), most_calls=2000)
 
 
 def rows(sizes: Sizes) -> Iterator[Row]:
-    """Proofs for single decisions, then for lotteries."""
+    """Proofs for single decisions, then for lotteries, then for both where costs are linear."""
     for n_states, n_assets, count in sizes.singles:
         yield _single(n_states, n_assets, count, sizes)
     for n_states, n_assets, count in sizes.lotteries:
         yield _lottery(n_states, n_assets, count)
+    for n_states, n_assets, count in sizes.linear:
+        yield from _linear(n_states, n_assets, count)
 
 
 def _single(n_states: int, n_assets: int, count: int, sizes: Sizes) -> Row:
@@ -74,6 +85,19 @@ def _lottery(n_states: int, n_assets: int, count: int) -> Row:
     beliefs = markets.beliefs(count, n_states, n_assets)
     seconds, found = _timed(maker, beliefs, lambda mixed: mixed.expected_privacy)
     return _row("PDM", n_states, n_assets, seconds, found)
+
+
+def _linear(n_states: int, n_assets: int, count: int) -> Iterator[Row]:
+    """A market's means alone, no asset above two fifths: mixtures of tied portfolios count, and exactly."""
+    caps = box(np.zeros(n_assets), np.full(n_assets, 0.4))
+    problem = LinearProblem(-markets.market(n_states, n_assets).means, simplex(n_assets) & caps)
+    beliefs = markets.beliefs(count, n_states, n_assets)
+    single = CounterAdversarialDecisionMaker(problem, budget=BUDGET, method=GlobalSearch(certify=GAP))
+    seconds, found = _timed(single, beliefs, lambda decision: decision.privacy)
+    yield _row("linear CDM", n_states, n_assets, seconds, found)
+    mixed = ProbabilisticDecisionMaker(problem, budget=BUDGET, certify=GAP)
+    seconds, found = _timed(mixed, beliefs, lambda lottery: lottery.expected_privacy)
+    yield _row("linear PDM", n_states, n_assets, seconds, found)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import linprog, nnls
 
 from inscrutable import LinearProblem, Polyhedron, SolverError, box, consistent_beliefs, simplex
+from inscrutable.geometry import cones
 from inscrutable.geometry.cones import decomposed_rows
 
 
@@ -43,6 +44,26 @@ def test_rows_say_what_multipliers_say(seed):
             initial=0
         ) <= 1e-8
         assert met == is_stationary(active, equalities, gradient)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_facets_of_one_vector_more_than_directions_are_those_found_by_trying(seed):
+    """Lines, repeated vectors and vectors of no part in the dependency among them."""
+    rng = np.random.default_rng([20270601, seed])
+    rank = int(rng.integers(1, 6))
+    vectors = rng.normal(size=(rank + 1, rank)) if seed % 3 else rng.integers(-1, 2, (rank + 1, rank)).astype(float)
+    if seed % 5 == 0:
+        vectors[0] = -vectors[-1]
+    if seed % 7 == 0:
+        vectors[0] = 2 * vectors[-1]
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if (lengths == 0).any() or np.linalg.matrix_rank(vectors) < rank:
+        pytest.skip("a smaller cone")
+    vectors /= lengths
+    found, tried = cones._facets_of_one_more(vectors), cones._tried_facets(vectors, rank)
+    assert len(found) == len(tried)
+    for side in found:
+        assert np.abs(tried - side).max(axis=1).min() <= 1e-9
 
 
 def groups(size):

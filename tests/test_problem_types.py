@@ -12,6 +12,7 @@ from scipy.optimize import linprog
 from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
+    DecisionStatus,
     DesiredObfuscation,
     FiniteProblem,
     GlobalSearch,
@@ -411,3 +412,22 @@ def test_proofs_of_growth_are_above_a_scan_in_closed_form(targeted: bool) -> Non
     away = np.linalg.norm(reached - (np.array([0.1, 0.1, 0.8]) if targeted else belief), axis=1)
     assert decision.privacy_bound >= (-away.min() if targeted else away.max())
     assert decision.privacy_bound >= decision.privacy
+
+
+def test_proofs_of_a_horse_race_close() -> None:
+    """What a state that a bettor rules out would cost is of no account."""
+    belief, limit = np.array([0.5, 0.3, 0.2]), 0.05
+    problem = horse_race(3)
+    few = decoy_grid(problem, 25)
+    single = CounterAdversarialDecisionMaker(
+        problem, budget=Budget.regret(limit), candidates=few, method=GlobalSearch(certify=0.01)
+    ).decide(belief)
+    mixed = ProbabilisticDecisionMaker(problem, budget=Budget.regret(limit), candidates=few, certify=0.05).decide(
+        belief
+    )
+    bets = simplex_grid(3, 200)
+    bets = bets[(bets > 0).all(axis=1)]
+    regrets, away = divergence(belief, bets), np.linalg.norm(bets - belief, axis=1)
+    assert single.status is mixed.status is DecisionStatus.GAP_REACHED
+    assert away[regrets <= limit].max() - 1e-9 <= single.privacy_bound <= 1.0101 * single.privacy
+    assert best_mixture(regrets, away, limit) - 1e-9 <= mixed.privacy_bound <= 1.0501 * mixed.expected_privacy

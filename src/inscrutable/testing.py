@@ -65,6 +65,7 @@ def check_decision_problem(
     if not problem.is_discrete:
         _check_convexity(sample)
         _check_gradients(sample)
+    _check_linear(sample)
     _check_optimality(sample)
     _check_explanations(sample)
     _check_rays(sample)
@@ -170,6 +171,19 @@ def _check_gradients(sample: _Sample) -> None:
             f"at {sample.actions[row]} the slope of state {state} along {steps[row]} is {slopes[row, state]:.6g}, by "
             f"differences {(ahead - costs)[row, state] / size:.6g}",
         )
+
+
+def _check_linear(sample: _Sample) -> None:
+    stated = sample.problem.linear_costs
+    if stated is None:
+        return
+    _check_shape("linear_costs", np.shape(stated), (sample.problem.n_states, sample.problem.n_actions))
+    off = float(np.abs(sample.problem.cost_gradients(sample.actions) - stated).max())
+    _promise(
+        off <= tolerances.SLOPE * max(float(np.abs(stated).max()), np.finfo(float).tiny),
+        "linear_costs are the gradients of all decisions",
+        f"they differ by {off:.3g}",
+    )
 
 
 def _check_optimality(sample: _Sample) -> None:

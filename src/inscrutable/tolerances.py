@@ -218,8 +218,9 @@ KINKED = 1e-6
 and no gradient decides: ten times what an interior-point solver leaves."""
 
 COST_ACCURACY = 1e-9
-"""How far above the optimal cost a problem's own solution may lie, relative to the largest state cost: the allowance that
-a proof makes where the problem does not say how exactly it is solved. What two solutions show of each other widens it."""
+"""How far above the optimal cost a problem's own solution may lie, relative to the largest expected size of a cost: the
+allowance that a proof makes where the problem does not say how exactly it is solved. What two solutions show of each other
+widens it."""
 
 EXACT_COST = 1e-13
 """The same for quadratic programmes solved by active sets: stationary to 1e-12, so optimal to its square and rounding."""
@@ -227,6 +228,10 @@ EXACT_COST = 1e-13
 SHARED_DECISION = 1e-11
 """A decision whose cost at a belief exceeds the optimal cost by no more than this, relative to the largest state cost, is
 optimal there too: above the rounding of costs; between different decisions at beliefs `SHARED_WIDTH` apart far below it."""
+
+TIED = 1e-9
+"""Decisions whose costs at a belief differ by no more than this, relative to the largest state cost, may be tied there: ten
+times the residual at which a belief explains a decision, so that a bound never misses a tie that an observer sees."""
 
 SHARED_WIDTH = 1e-3
 """Edge of a cell below which its corners are not asked whether they share a decision: neighbours nearly do anyway."""

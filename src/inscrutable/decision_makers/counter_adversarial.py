@@ -44,14 +44,16 @@ class GlobalSearch:
 
     Args:
         certify: The relative gap of a proof, such as 0.01: `privacy_bound` is then proven for every affordable decision,
-            admissible or not, by branch and bound. None asks for no proof.
+            admissible or not, by branch and bound; exactly, and with mixtures of tied vertices, where all costs are linear
+            (of a finite problem choices alone count, unless candidates mix them). None asks for no proof.
         max_oracle_calls: Beliefs solved for one proof, after which the bound stands as it is.
 
     Raises:
         InputError: The gap is not between 0 and 1, or the number of calls is not positive.
 
     Cost: a look at the candidates and a few climbs, more above three states; a proof at one per cent takes some hundred
-    forward solves for three states, some thousand for four. Source: every plausible decision is optimal for some decoy,
+    forward solves for three states, some thousand for four; for linear costs one for every corner of the cells of beliefs
+    that share a decision, once for all beliefs. Source: every plausible decision is optimal for some decoy,
     and a decoy's regret never falls along a ray from the true belief.
 
     Example:
@@ -142,7 +144,7 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
 
     def _proved(self, belief: Array, measure: PrivacyMeasure) -> Decision:
         found = self._decide(belief, measure)
-        return found if self._proofs is None else self._proofs.single(belief, measure, found)
+        return found if self._proofs is None else self._proofs.single(belief, measure, found, self.between_choices)
 
     def _decide(self, belief: Array, measure: PrivacyMeasure) -> Decision:
         if isinstance(self.method, LocalSearch):

@@ -32,8 +32,8 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
     Args:
         problem: The decision problem.
         resolution: r, at least 1; multiples of 1/r, corners included: every belief is then within √(X/4)/r of a decoy.
-        faces: For linear and finite problems, whether to add mixtures of decisions that are optimal for the same
-            beliefs (`tied_faces.tied_mixtures`).
+        faces: For linear and finite problems, whether to add the vertices that no decoy leads to, and mixtures of
+            decisions that are optimal for the same beliefs (`tied_faces.tied_mixtures`).
 
     Returns:
         C(r+X−1, X−1) candidates, or about 600,000, at most 750,000, where that is more; of a finite problem also every

@@ -37,6 +37,11 @@ class HidingDecisionMaker(Described):
             self._candidates = candidates_for(self.problem, self.measure, self._given)
         return self._candidates
 
+    @property
+    def between_choices(self) -> bool:
+        """Whether decisions between choices are allowed: unless they are whole numbers and so are all candidates."""
+        return not self.problem.is_discrete or bool(((self.candidates.actions % 1.0) != 0.0).any())
+
 
 def candidates_for(
     problem: DecisionProblem, measure: PrivacyMeasure, given: Candidates | ArrayLike | None

@@ -147,7 +147,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
 
     def _proved(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
         found = self._decide(belief, measure)
-        return found if self._proofs is None else self._proofs.lottery(belief, measure, found)
+        return found if self._proofs is None else self._proofs.lottery(belief, measure, found, self.between_choices)
 
     def _decide(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
         if self._streams:

@@ -77,7 +77,10 @@ class DecisionStatus(Enum):
     POLISHED = "best candidate, polished by a local search: no proof that nothing better exists"
     PROVED = "proved: no affordable decision is more private"
     GAP_REACHED = "proved within the gap asked for: a smaller gap, or a finer search, may find a little more"
-    BOUNDED = "best bound after the limit of oracle calls: allow more calls, or play on with the bound as it stands"
+    BOUNDED = (
+        "best bound after the limit of oracle calls, or where only less than min_slack of something mixed in would reach it: "
+        "allow more calls or a smaller min_slack, or play on with the bound as it stands"
+    )
     BEST_CANDIDATE = "best of the candidates: more of them may find better"
     LOCAL_OPTIMUM = "local optimum of a local search: more starts may find better"
     NO_AFFORDABLE_PRIVACY = (

@@ -103,6 +103,8 @@ def _facets(active: Array, equalities: Array) -> Array:
 def _cone_facets(points: Array, rank: int) -> Array:
     """Facets (f,d), outward, of the cone of unit vectors (n,d) that span their space."""
     count = len(points)
+    if count == rank + 1:
+        return _facets_of_one_more(points)
     if count > rank and comb(count, rank - 1) <= _MANY_CHOICES:
         return _tried_facets(points, rank)
     lines = _lineality(points)
@@ -129,6 +131,25 @@ def _cone_facets(points: Array, rank: int) -> Array:
         f"have {_most_facets(count, rank - 1):.2g} faces; remove constraints that meet in this decision, or move their "
         "limits apart"
     )
+
+
+def _facets_of_one_more(points: Array) -> Array:
+    """Facets (f,d) of the cone of d + 1 unit vectors g_k that span their space.
+
+    One dependency Σ a_k g_k = 0 holds: a facet leaves out one vector that has no part in it, or two that stand on its two
+    sides. With the rows D_k of the inverse of all but g_m, of largest |a_m|, these are D_i, and D_i/|a_i| + D_j/|a_j|.
+    """
+    weights = np.linalg.svd(points.T)[2][-1]
+    weights[np.abs(weights) <= tolerances.ON_FACE] = 0.0
+    left_out = int(np.abs(weights).argmax())
+    duals = np.zeros_like(points)
+    kept = np.arange(len(points)) != left_out
+    duals[kept] = np.linalg.inv(points[kept].T)
+    scaled = duals / np.where(weights != 0.0, np.abs(weights), 1.0)[:, None]
+    up, down = np.flatnonzero(weights > 0.0), np.flatnonzero(weights < 0.0)
+    pairs = (scaled[up][:, None] + scaled[down][None]).reshape(-1, points.shape[1])
+    sides = -np.vstack([duals[weights == 0.0], pairs])
+    return np.asarray(sides / np.linalg.norm(sides, axis=1, keepdims=True))
 
 
 def _most_facets(count: int, dimension: int) -> int:

@@ -45,12 +45,19 @@ class DecisionProblem(ABC):
     """Whether only single choices are decisions, and nothing between them."""
 
     cost_accuracy: float = tolerances.COST_ACCURACY
-    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest state cost: what proofs allow for."""
+    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest expected size Σ π_i|c(i,u)| of a cost: what
+    proofs allow for."""
 
     @property
     def costs_are_unique(self) -> bool:
         """Whether all optimal decisions of a belief have the same state costs, so that V is smooth; False is always safe."""
         return False
+
+    @property
+    def linear_costs(self) -> Array | None:
+        """c_i, shape (X,U), where c(i,u) is c_i'u up to a constant in every state; None is always safe, but proofs are
+        exact where it is known."""
+        return None
 
     @property
     @abstractmethod

@@ -95,6 +95,11 @@ class ConvexProblem(DecisionProblem):
         return self.strictly_convex if self._stated is None else self._stated.costs_are_unique
 
     @property
+    def linear_costs(self) -> Array | None:
+        """c_i, shape (X,U), where all costs turn out to be linear."""
+        return None if self._stated is None else self._stated.linear_costs
+
+    @property
     def cost_accuracy(self) -> float:  # type: ignore[override]
         """How far above V(π) the cost of `solve(π)` may lie: what the way in which the costs are solved leaves."""
         if self._stated is not None:

@@ -23,9 +23,13 @@ class LinearProblem(DecisionProblem):
 
     Some vertex of C is optimal for every belief, and Π(u) is a cell of the simplex: the beliefs whose expected cost vector
     lies in the normal cone of C at u, reversed. On the border between cells several vertices are optimal, and so are
-    their mixtures. `solve` then returns the one that is least in a fixed direction, the same at every call. Decision
-    makers choose among vertices; `decoy_grid(problem, r, faces=True)` adds mixtures of tied vertices, which tell more
-    exactly what the belief would have to be, and can be far more private at hardly any cost.
+    their mixtures. `solve` then returns the one that is least in a fixed direction, the same at every call. Without a proof
+    decision makers choose among vertices; `decoy_grid(problem, r, faces=True)` adds mixtures of tied vertices, which tell
+    more exactly what the belief would have to be, and can be far more private at hardly any cost. A proof
+    (`certify=0.01`) counts every decision in C, mixtures among them, so that decision makers that are asked for one play
+    them where they are more private. What mixes all vertices tied at a belief is explained by the fewest beliefs, and may
+    cost as little above the cheapest of them as one likes: the suprema are exact, and are missed only where less than
+    the least slack of C would have to be mixed in.
 
     Args:
         costs: c_i, shape (X,U), cost per decision.
@@ -69,6 +73,11 @@ class LinearProblem(DecisionProblem):
     def n_states(self) -> int:
         """Number of states X."""
         return int(self.costs.shape[0])
+
+    @property
+    def linear_costs(self) -> Array:
+        """c_i, shape (X,U)."""
+        return self.costs
 
     @cached_property
     def _table(self) -> VertexTable:

@@ -87,6 +87,11 @@ class QuadraticProblem(DecisionProblem):
         felt = np.vstack([*self.hessians, weight * self.linear])
         return bent_alike(self.hessians, felt, self.constraints.A_eq)
 
+    @property
+    def linear_costs(self) -> Array | None:
+        """g_i, shape (X,U), where no cost bends."""
+        return None if self.hessians.any() else self.linear
+
     @cached_property
     def _layout(self) -> Layout:
         return layout_of(self.constraints)

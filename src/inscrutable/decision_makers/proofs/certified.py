@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.envelope import Mixture, concave_envelope, mixture_on_envelope
+from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_envelope
 from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.proofs.atoms import Atoms
 from inscrutable.decision_makers.proofs.certificate import Prover, Question
+from inscrutable.decision_makers.proofs.polyhedral import proof_for
+from inscrutable.decision_makers.proofs.subdivision import Subdivision, cells_of
 from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision
 from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
@@ -58,13 +62,26 @@ class Proofs:
         self.gap = gap
         self.most_calls = most_calls
 
-    def single(self, belief: Array, measure: PrivacyMeasure, found: Decision) -> Decision:
-        """Return a decision with a proven bound, and a better one where the proof came across it."""
-        if isinstance(self.problem, FiniteProblem):
+    @cached_property
+    def _cells(self) -> tuple[Subdivision | None, int]:
+        """Cells of a piecewise linear optimal cost, the same for all beliefs, and what they took."""
+        return cells_of(self.problem, self.most_calls)
+
+    def single(self, belief: Array, measure: PrivacyMeasure, found: Decision, between_choices: bool) -> Decision:
+        """Return a decision with a proven bound, and a better one where the proof came across it.
+
+        `between_choices` says whether mixtures of the choices of a finite problem are decisions too.
+        """
+        if isinstance(self.problem, FiniteProblem) and not between_choices:
             return self._best_choice(belief, measure, found)
         reference = _reference(measure, belief)
-        prover = Prover(self.problem, belief, self.most_calls)
         limit = self.budget.limit(found.optimal_cost)
+        cells, calls = self._cells
+        if cells is not None:
+            found, bound = proof_for(self.problem, belief, measure, cells, reference).single(found, limit)
+            status = self._status(found.privacy, bound, found.status)
+            return replace(found, privacy_bound=bound, status=status, oracle_calls=calls)
+        prover = Prover(self.problem, belief, self.most_calls - calls)
         answer = prover.answer(Question(reference, _spent(limit), None, found.privacy + self._allowed(found.privacy)))
         bound = max(min(answer.bound, found.privacy_bound), found.privacy)
         for index in prover.better(Question(reference, limit, None, found.privacy))[:_JUDGED]:
@@ -75,19 +92,26 @@ class Proofs:
                 break
         bound = max(bound, found.privacy)
         status = self._status(found.privacy, bound, found.status)
-        return replace(found, privacy_bound=bound, status=status, oracle_calls=prover.points.calls)
+        return replace(found, privacy_bound=bound, status=status, oracle_calls=calls + prover.points.calls)
 
-    def lottery(self, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> MixedDecision:
+    def lottery(
+        self, belief: Array, measure: PrivacyMeasure, found: MixedDecision, between_choices: bool
+    ) -> MixedDecision:
         """Return a lottery with a proven bound over all distributions, more private where the proof came across better.
 
         Formula: for every μ ≥ 0 the value is at most max_u {Ψ(u) − μ ρ(π,u)} + μ · budget.
         """
-        if isinstance(self.problem, FiniteProblem):
+        if isinstance(self.problem, FiniteProblem) and not between_choices:
             return self._best_lottery(belief, measure, found)
         reference = _reference(measure, belief)
         limit = self.budget.limit(found.optimal_cost)
-        prover = Prover(self.problem, belief, self.most_calls)
-        atoms = _Atoms(self.problem, belief, measure, found)
+        cells, calls = self._cells
+        if cells is not None:
+            improved, bound = proof_for(self.problem, belief, measure, cells, reference).lottery(found, limit)
+            status = self._status(improved.expected_privacy, bound, improved.status)
+            return replace(improved, privacy_bound=bound, status=status, oracle_calls=calls)
+        prover = Prover(self.problem, belief, self.most_calls - calls)
+        atoms = Atoms(self.problem, belief, measure, found)
         bound = found.privacy_bound
         for _ in range(_MOST_ROUNDS):
             value, price = atoms.value(limit)
@@ -106,7 +130,7 @@ class Proofs:
         improved = atoms.lottery(found, limit)
         bound = max(bound, improved.expected_privacy)
         status = self._status(improved.expected_privacy, bound, improved.status)
-        return replace(improved, privacy_bound=bound, status=status, oracle_calls=prover.points.calls)
+        return replace(improved, privacy_bound=bound, status=status, oracle_calls=calls + prover.points.calls)
 
     def _choices(self, belief: Array, measure: PrivacyMeasure) -> list[Decision]:
         """Every choice of a finite problem that a belief explains, judged: there are no other decisions."""
@@ -153,77 +177,13 @@ class Proofs:
         return self.gap * max(abs(privacy), tolerances.PROOF_FLOOR)
 
     def _status(self, privacy: float, bound: float, kept: DecisionStatus) -> DecisionStatus:
-        if kept not in _REPLACED:
+        # Rounding of the sum that made the floor.
+        within = bound <= privacy + self._allowed(privacy) * (1.0 + tolerances.BUDGET_SAFETY)
+        if kept not in _REPLACED and not (kept is DecisionStatus.NO_AFFORDABLE_PRIVACY and not within):
             return kept
         if bound <= privacy + tolerances.PROVED:
             return DecisionStatus.PROVED
-        # Rounding of the sum that made the floor.
-        within = bound <= privacy + self._allowed(privacy) * (1.0 + tolerances.BUDGET_SAFETY)
         return DecisionStatus.GAP_REACHED if within else DecisionStatus.BOUNDED
-
-
-class _Atoms:
-    """Decisions that a lottery may mix: those of the lottery found first, the optimal one, and what proofs come across."""
-
-    def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> None:
-        self.problem = problem
-        self.belief = belief
-        self.measure = measure
-        own = decision_for(problem, belief, problem.solve(belief), measure, DecisionStatus.OPTIMAL)
-        self.actions = [*found.actions, own.action]
-        self.regrets = np.append(found.regrets, 0.0)
-        self.privacies = np.append(found.privacies, own.privacy)
-        self.decoys = [*found.decoys, own.decoy]
-        self.first_price = found.price
-        self.met: set[int] = set()
-
-    def _mixture(self, limit: float) -> Mixture:
-        hull = concave_envelope(self.regrets, self.privacies)
-        mixture = mixture_on_envelope(self.regrets, self.privacies, hull, limit)
-        assert mixture is not None  # the optimal decision costs nothing
-        return mixture
-
-    def value(self, limit: float) -> tuple[float, float]:
-        """Return the best expected privacy and its slope in the budget, the search's own where it knows one."""
-        mixture = self._mixture(limit)
-        price = mixture.price
-        if not self.met or not (self.regrets > limit).any():
-            price = self.first_price if np.isfinite(self.first_price) else price
-        return float(mixture.probabilities @ self.privacies[mixture.indices]), max(price, 0.0)
-
-    def extend(self, prover: Prover, fresh: np.ndarray, price: float, line: float) -> bool:
-        """Take in the decisions of points that lie above the line Ψ = line + price · regret; return whether one does."""
-        self.met.update(fresh.tolist())
-        before = len(self.actions)
-        for index in fresh:
-            action = prover.points.actions[index]
-            met = decision_for(self.problem, self.belief, action, self.measure, DecisionStatus.BEST_CANDIDATE)
-            if met.privacy - price * met.regret > line:
-                self.actions.append(action)
-                self.decoys.append(met.decoy)
-                self.regrets = np.append(self.regrets, met.regret)
-                self.privacies = np.append(self.privacies, met.privacy)
-        return len(self.actions) > before
-
-    def lottery(self, found: MixedDecision, limit: float) -> MixedDecision:
-        """Return the best lottery; the one found first where nothing better was met."""
-        mixture = self._mixture(limit)
-        privacies, regrets = self.privacies[mixture.indices], self.regrets[mixture.indices]
-        expected = float(mixture.probabilities @ privacies)
-        if expected <= found.expected_privacy + tolerances.CHORD:
-            return found
-        return replace(
-            found,
-            actions=np.array([self.actions[index] for index in mixture.indices]),
-            probabilities=mixture.probabilities,
-            regrets=regrets,
-            privacies=privacies,
-            expected_cost=found.optimal_cost + float(mixture.probabilities @ regrets),
-            expected_privacy=expected,
-            price=mixture.price,
-            decoys=np.array([self.decoys[index] for index in mixture.indices]),
-            status=DecisionStatus.BEST_CANDIDATE,
-        )
 
 
 def _spent(limit: float) -> float:

@@ -32,8 +32,8 @@ class OraclePoints:
 
     @property
     def scale(self) -> float:
-        """Largest state cost seen."""
-        return float(np.abs(self.costs).max())
+        """Largest expected size of a cost seen: what it is in states that a belief rules out is of no account."""
+        return float((np.abs(self.costs) * self.beliefs).sum(axis=1).max())
 
     @property
     def allowance(self) -> float:
@@ -47,7 +47,7 @@ class OraclePoints:
 
     def _solved(self, beliefs: Array) -> tuple[Array, Array, Array]:
         self.calls += len(beliefs)
-        actions = self.problem.solve(beliefs)
+        actions = self.problem.solve_points(beliefs)
         costs = np.atleast_2d(self.problem.state_costs(actions))
         return (beliefs * costs).sum(axis=1), costs, actions
 

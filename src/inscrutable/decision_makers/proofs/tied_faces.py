@@ -12,20 +12,30 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
-from inscrutable.problems import LinearProblem
+from inscrutable.decision_makers.proofs.subdivision import cells_of
+from inscrutable.problems import DecisionProblem, LinearProblem
 from inscrutable.validation import Array
 
 _MOST_FACES = 20_000
+_MOST_CALLS = 2_000  # of the oracle, for vertices that no decoy leads to
 
 
 def tied_mixtures(problem: LinearProblem, candidates: Candidates) -> Candidates:
-    """Return mixtures of the candidates that are optimal for the same beliefs, each with one of these beliefs."""
+    """Return mixtures of vertices that are optimal for the same beliefs, and the vertices that are no candidates yet, each
+    with one of these beliefs."""
     chosen = candidates.distinct[candidates.sets.dimension[candidates.distinct] >= 0]
-    vertices, costs = candidates.actions[chosen], candidates.state_costs[chosen]
+    vertices, missing = candidates.actions[chosen], _missing(problem, candidates.actions[chosen])
     actions: list[Array] = []
     decoys: list[Array] = []
+    for vertex in missing:
+        found = belief_set_of(problem, vertex)
+        if not found.is_empty:
+            actions.append(vertex[None])
+            decoys.append(found.center()[None])
+    vertices = np.vstack([vertices, *actions])
+    costs = problem.state_costs(vertices)
     for tied in _tied_sets(costs, _corners(problem, vertices)):
-        mixed = _near_vertices(problem, vertices[list(tied)])
+        mixed = near_vertices(problem, vertices[list(tied)])
         found = belief_set_of(problem, mixed[0])
         if not found.is_empty:
             actions.append(mixed)
@@ -33,6 +43,15 @@ def tied_mixtures(problem: LinearProblem, candidates: Candidates) -> Candidates:
     if not actions:
         return make_candidates(problem, vertices[:1], candidates.sets.start[chosen[:1]])
     return make_candidates(problem, np.vstack(actions), np.vstack(decoys))
+
+
+def _missing(problem: LinearProblem, known: Array) -> Array:
+    """Vertices that are optimal on a cell of beliefs and not among those known (k,U)."""
+    cells, _ = cells_of(problem, _MOST_CALLS)
+    if cells is None:
+        return known[:0]
+    apart = np.abs(cells.actions[:, None] - known[None]).max(axis=2).min(axis=1)
+    return np.asarray(cells.actions[apart > tolerances.SAME_ACTION])
 
 
 def _corners(problem: LinearProblem, vertices: Array) -> Array:
@@ -57,7 +76,7 @@ def _tied_sets(costs: Array, corners: Array) -> list[tuple[int, ...]]:
     return sorted(tuple(sorted(each)) for each in known)
 
 
-def _near_vertices(problem: LinearProblem, tied: Array) -> Array:
+def near_vertices(problem: DecisionProblem, tied: Array, least_share: float = tolerances.SLACK_SAFETY) -> Array:
     """One mixture near each of the tied vertices (k,U), with every row that is not tight at all of them noticeably slack."""
     region, count = problem.constraints, len(tied)
     slacks = region.slacks(tied)  # (k, n)
@@ -65,6 +84,6 @@ def _near_vertices(problem: LinearProblem, tied: Array) -> Array:
     room = slacks[:, loose].sum(axis=0)
     least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY) + tolerances.FEASIBILITY
     share = least / room.min(initial=np.inf) if room.size else 0.0
-    share = min(max(share, tolerances.SLACK_SAFETY), 1.0 / count)
+    share = min(max(share, least_share), 1.0 / count)
     weights = np.full((count, count), share) + np.eye(count) * (1.0 - count * share)
     return np.asarray(weights @ tied)

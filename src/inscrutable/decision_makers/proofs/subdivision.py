@@ -1,0 +1,166 @@
+"""The beliefs cut into cells on which one decision is optimal, where the optimal cost is piecewise linear.
+
+V is the least of the state costs' values s_v·π over finitely many decisions v. With some of them known, their least value
+is above V, and linear on each of its cells; V is concave, so where both agree at all corners of a cell they agree on it.
+Corners are asked one by one, and what is cheaper there is taken in, until nothing is: then the cells are those of V.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import HalfspaceIntersection, QhullError
+
+from inscrutable import tolerances
+from inscrutable.problems import DecisionProblem, LinearProblem, QuadraticProblem
+from inscrutable.validation import Array
+
+_FLOOR = -3.0  # below the normalised costs, which lie between 0 and 1
+_MOST_ROUNDS = 200
+_SURE = 40  # calls after which a problem with a decision for nearly every belief is taken for one that bends
+_BENT = 0.7
+_TRIED_SHARE = 0.1  # of the oracle calls, where costs may bend
+_BLOCK_ENTRIES = 20_000_000
+_MOST_CORNERS = 1e9  # that a polytope of so many sides may have; those that are met have far fewer
+
+
+@dataclass(frozen=True, eq=False)
+class Subdivision:
+    """Cells of beliefs with their corners."""
+
+    costs: Array  # (K,X) state costs of decisions that are optimal on a cell
+    actions: Array  # (K,U)
+    corners: Array  # (W,X) of all cells
+    tied: np.ndarray  # (W,K) what may be optimal at a corner
+    members: np.ndarray  # (W,K) what is surely optimal there
+    scale: float  # of costs
+
+    @property
+    def on_border(self) -> np.ndarray:
+        """Which corners (W,) leave out some state: decisions may be tied there that are optimal nowhere else."""
+        return np.asarray((self.corners <= 0.0).any(axis=1))
+
+
+class Subdivider:
+    """Finds the cells of a problem, at most so many calls of its oracle."""
+
+    def __init__(self, problem: DecisionProblem, most_calls: int, surely_linear: bool) -> None:
+        self.problem = problem
+        self.most_calls = most_calls
+        self.surely_linear = surely_linear
+        self.calls = 0
+        n_states = problem.n_states
+        self._asked: set[bytes] = set()
+        self._costs = np.zeros((0, n_states))
+        self._actions = np.zeros((0, problem.n_actions))
+
+    def found(self) -> Subdivision | None:
+        """Return the cells, None where there are too many or V is not piecewise linear."""
+        n_states = self.problem.n_states
+        self._ask(np.vstack([np.eye(n_states), np.full(n_states, 1.0 / n_states)]))
+        for _ in range(_MOST_ROUNDS):
+            if (len(self._costs) + n_states + 1) ** (n_states // 2) > _MOST_CORNERS:
+                return None
+            corners = _corners(self._costs, self._scale)
+            if corners is None:
+                return None
+            fresh = [i for i, corner in enumerate(corners) if _key(corner) not in self._asked]
+            if self.calls + len(fresh) > self.most_calls or self._bends:
+                return None
+            if not fresh or not self._ask(corners[fresh]):
+                return self._described(corners)
+        return None
+
+    @property
+    def _scale(self) -> float:
+        return float(np.abs(self._costs).max())
+
+    @property
+    def _bends(self) -> bool:
+        return not self.surely_linear and self.calls >= _SURE and len(self._costs) > _BENT * self.calls
+
+    def _ask(self, beliefs: Array) -> bool:
+        """Take in the decisions that are cheaper than all known at some of the beliefs (T,X); whether there are any."""
+        self.calls += len(beliefs)
+        self._asked.update(_key(belief) for belief in beliefs)
+        actions = self.problem.solve_points(beliefs)
+        costs = np.atleast_2d(self.problem.state_costs(actions))
+        values = (beliefs * costs).sum(axis=1)
+        scale = max(self._scale if len(self._costs) else 0.0, float(np.abs(costs).max()), tolerances.TINY)
+        below = np.flatnonzero(values < self._least(beliefs) - tolerances.SHARED_DECISION * scale)
+        before = len(self._costs)
+        for index in below:
+            apart = np.abs(self._costs - costs[index]).max(axis=1, initial=np.inf if not len(self._costs) else 0.0)
+            if not len(self._costs) or apart.min() > tolerances.SHARED_DECISION * scale:
+                self._costs = np.vstack([self._costs, costs[index]])
+                self._actions = np.vstack([self._actions, actions[index]])
+        return len(self._costs) > before
+
+    def _least(self, beliefs: Array) -> Array:
+        return np.asarray((beliefs @ self._costs.T).min(axis=1, initial=np.inf))
+
+    def _described(self, corners: Array) -> Subdivision | None:
+        if len(corners) * len(self._costs) > _BLOCK_ENTRIES:
+            return None
+        values = corners @ self._costs.T
+        above = values - values.min(axis=1, keepdims=True)
+        size = max(self._scale, tolerances.TINY)
+        tied, members = (above <= share * size for share in (tolerances.TIED, tolerances.EXPLAINED))
+        return Subdivision(self._costs, self._actions, corners, tied, members, size)
+
+
+def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | None, int]:
+    """Return the cells of a problem whose optimal cost is piecewise linear, and the calls of the oracle; None where it is
+    not, or where they would be too many."""
+    linear = linear_form(problem)
+    # Where costs are less exact, a small cell would be taken for an error.
+    hopeless = isinstance(problem, QuadraticProblem) or problem.cost_accuracy > tolerances.COST_ACCURACY
+    if linear is None and (hopeless or problem.costs_are_unique):
+        return None, 0
+    most = int(most_calls if linear is not None else _TRIED_SHARE * most_calls)
+    subdivider = Subdivider(problem, most, linear is not None)
+    return subdivider.found(), subdivider.calls
+
+
+def linear_form(problem: DecisionProblem) -> LinearProblem | None:
+    """Return the linear problem with the same decisions, optimal for the same beliefs, where there is one."""
+    if isinstance(problem, LinearProblem):
+        return problem
+    costs = problem.linear_costs
+    return None if costs is None else LinearProblem(costs, problem.constraints)
+
+
+def _key(belief: Array) -> bytes:
+    return np.asarray(np.round(belief / tolerances.SAME_BELIEF) + 0.0).tobytes()
+
+
+def _corners(costs: Array, scale: float) -> Array | None:
+    """Corners (W,X) of the cells of the least of known state costs (K,X)."""
+    n_states = costs.shape[1]
+    if n_states == 1:
+        return np.ones((1, 1))
+    least = costs.min(axis=0)
+    # What all decisions cost alike moves no border.
+    known = (costs - least) / max(float((costs - least).max()), tolerances.SHARED_DECISION * scale, tolerances.TINY)
+    unit = np.eye(n_states - 1)
+    rows = np.vstack(
+        [
+            np.column_stack([known[:, -1:] - known[:, :-1], np.ones(len(known)), -known[:, -1]]),
+            np.column_stack([-unit, np.zeros((n_states - 1, 2))]),
+            np.concatenate([np.ones(n_states - 1), [0.0, -1.0]])[None],
+            np.concatenate([np.zeros(n_states - 1), [-1.0, _FLOOR]])[None],
+        ]
+    )
+    middle = np.full(n_states, 1.0 / n_states)
+    inside = np.append(middle[:-1], float((known @ middle).min()) - 1.0)
+    try:
+        points = HalfspaceIntersection(rows, inside).intersections
+    except QhullError:
+        return None
+    points = points[np.isfinite(points).all(axis=1) & (points[:, -1] > 0.5 * (_FLOOR - 1.0))]
+    beliefs = np.column_stack([points[:, :-1], 1.0 - points[:, :-1].sum(axis=1)])
+    beliefs = np.where(beliefs <= tolerances.REACHED_BELIEF, 0.0, beliefs)
+    beliefs /= beliefs.sum(axis=1, keepdims=True)
+    _, first = np.unique(np.round(beliefs / tolerances.SAME_BELIEF), axis=0, return_index=True)
+    return np.asarray(beliefs[np.sort(first)])

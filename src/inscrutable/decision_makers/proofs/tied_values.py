@@ -1,0 +1,141 @@
+"""What decisions that are optimal for the same beliefs are worth: the exact frontier of a piecewise linear optimal cost.
+
+What explains a decision is a face of the cells of V. Of all that are optimal at a corner w, mixtures of all of them are
+explained by the fewest beliefs, the face of which w is a corner and on which the same decisions are tied; and one of them
+costs as little above the cheapest of them as one likes. So to be far from a belief, one point (regret, distance) for every
+corner gives all suprema. Where a budget is exactly the least regret r at w, nothing is missed by leaving w out: on the way from
+the belief to what explains the decisions of regret r, at its nearest point, others are tied that cost less. To be near a
+target nothing is better than the decisions of whole cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from heapq import heapify, heappop, heapreplace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import nnls
+
+from inscrutable import tolerances
+from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_envelope
+from inscrutable.decision_makers.proofs.face_programmes import FaceProgrammes
+from inscrutable.decision_makers.proofs.subdivision import Subdivision
+from inscrutable.privacy.measures import Reference
+from inscrutable.validation import Array
+
+
+class Supremum(NamedTuple):
+    """What no decision is worth more than, and the places whose decisions come near it, the best first."""
+
+    value: float
+    places: list[int]
+
+
+class TiedValues:
+    """Regrets and privacies of what is tied at every corner, or optimal on every cell, under one belief."""
+
+    def __init__(self, cells: Subdivision, faces: FaceProgrammes | None, belief: Array, reference: Reference) -> None:
+        self.cells = cells
+        self.faces = faces
+        self.reference = reference
+        costs = cells.costs @ belief
+        self._rounding = tolerances.SHARED_DECISION * cells.scale
+        self._alone = np.maximum(costs - costs.min(), 0.0)
+        self._border = cells.on_border
+        self._tight: dict[int, np.ndarray | None] = {}
+        if reference.sign > 0:
+            self.regrets = np.where(cells.tied, self._alone, np.inf).min(axis=1)
+            self.privacies = np.linalg.norm(cells.corners - reference.point, axis=1)
+        else:
+            self.regrets = self._alone
+            self.privacies = np.zeros(len(costs))
+        self.exact = np.zeros(len(self.regrets), dtype=np.bool_)
+
+    def refine(self, place: int) -> None:
+        """Make the privacy of a place exact; until then it is from above."""
+        if not self.exact[place]:
+            self.privacies[place] = min(self.privacies[place], self._privacy(place))
+            self.exact[place] = True
+
+    def affordable(self, limit: float) -> Iterator[int]:
+        """Yield the places of a regret below `limit`, their privacies exact and falling."""
+        rounding = -self._rounding if self.reference.sign > 0 else self._rounding
+        inside = np.flatnonzero(self.regrets < limit + rounding)
+        heap = [(-float(self.privacies[place]), int(place)) for place in inside]
+        heapify(heap)
+        while heap:
+            place = heap[0][1]
+            if self.exact[place]:
+                heappop(heap)
+                yield place
+            else:
+                self.refine(place)
+                heapreplace(heap, (-float(self.privacies[place]), place))
+
+    def single(self, limit: float) -> float:
+        """Return the supremum over single decisions of a regret of at most `limit`."""
+        first = next(self.affordable(limit), None)
+        # Without a budget only what is optimal for the true belief too.
+        return 0.0 if first is None else float(self.privacies[first])
+
+    def lottery(self, limit: float) -> Supremum:
+        """Return the supremum over lotteries of an expected regret of at most `limit`."""
+        if limit <= self._rounding:
+            return Supremum(self.single(limit), [])
+        while True:
+            hull = concave_envelope(self.regrets, self.privacies)
+            rough = hull[~self.exact[hull]]
+            if not rough.size:
+                break
+            for place in rough:
+                self.refine(int(place))
+        mixture = mixture_on_envelope(self.regrets, self.privacies, hull, limit)
+        assert mixture is not None  # the optimal decision costs nothing
+        used = [int(place) for place in mixture.indices]
+        others = [int(place) for place in hull if int(place) not in used]
+        return Supremum(float(mixture.probabilities @ self.privacies[mixture.indices]), used + others)
+
+    def tight(self, place: int) -> np.ndarray | None:
+        """Return the rows that are tight on all that is optimal at a corner; None where there is no telling."""
+        assert self.faces is not None
+        if place not in self._tight:
+            known = self.cells.actions[self.cells.tied[place]]
+            at_border = self._border[place]
+            corner = self.cells.corners[place]
+            self._tight[place] = self.faces.optimal_at(corner, known) if at_border else self.faces.tight_on(known)
+        return self._tight[place]
+
+    def _privacy(self, place: int) -> float:
+        cells, point = self.cells, self.reference.point
+        if self.reference.sign < 0:
+            # From below: fewer members would be farther.
+            return -nearest(cells.corners[cells.tied[:, place]], point)[1]
+        tied = cells.tied[place]
+        away = float(np.linalg.norm(cells.corners[place] - point))
+        if self._border[place]:
+            tight = None if self.faces is None else self.tight(place)
+            if self.faces is None or tight is None:
+                return away
+            if not np.array_equal(tight, self.faces.tight_on(cells.actions[tied])):
+                explained = self.faces.explained(tight)
+                return away if explained.is_empty else min(away, explained.distance(point))
+        together = np.array(cells.members[:, tied].all(axis=1))
+        together[place] = True
+        return nearest(cells.corners[together], point)[0]
+
+
+def nearest(corners: Array, point: Array) -> tuple[float, float]:
+    """Return bounds of the distance from a point (X,) to the hull of corners (n,X), from above and from below."""
+    offsets = corners - point
+    if len(offsets) == 1:
+        away = float(np.linalg.norm(offsets[0]))
+        return away, away
+    # Least |Y'λ|² + (1 − Σλ)² over λ ≥ 0: its λ, scaled to Σλ = 1, gives the nearest point.
+    system = np.vstack([offsets.T, np.ones(len(offsets))])
+    weights = nnls(system, np.append(np.zeros(point.size), 1.0))[0]
+    found = weights @ offsets / max(float(weights.sum()), tolerances.TINY)
+    above = float(np.linalg.norm(found))
+    if above <= tolerances.SAME_BELIEF:
+        return above, 0.0
+    return above, max(float((offsets @ found).min()) / above, 0.0)

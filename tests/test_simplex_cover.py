@@ -105,8 +105,8 @@ def test_a_cover_is_refused_for_what_is_no_size(arguments):
 
 def test_equal_rows_are_found_by_all_pairs():
     rng = np.random.default_rng(3)
-    for columns in (1, 2, 20):
-        rows = rng.integers(-2, 3, (300, columns)) * 0.25
+    for columns, count in ((1, 300), (2, 300), (20, 300), (1, 4), (2, 9)):
+        rows = rng.integers(-2, 3, (count, columns)) * 0.25
         rows = np.vstack([rows, np.eye(columns), -0.0 * np.eye(columns), rows[::7] + 1e-13])
         near = np.abs(rows[:, None] - rows[None]).max(axis=2) <= 1e-11
         np.testing.assert_array_equal(first_equal(rows), near.argmax(axis=1))

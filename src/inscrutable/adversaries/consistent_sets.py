@@ -10,11 +10,11 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.geometry import BeliefSet
+from inscrutable.geometry.equal_rows import first_equal
 from inscrutable.geometry.hulls import described_sets
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
-_FEW = 16
 LARGER = 2
 """Least dimension of the sets that are described only when asked for."""
 
@@ -125,7 +125,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     ends = np.zeros((count, 2, n_states))
     tight = region.tight_rows(form.points)
     patterns, pattern_of = _distinct_rows(tight)
-    distinct = _first_equal(actions)
+    distinct = first_equal(actions)
     pending: dict[int, BeliefSet] = {}
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
@@ -156,7 +156,7 @@ def _by_rows(problem: DecisionProblem, actions: Array, members: Array | None) ->
     """The sets of decisions that are explained row by row, one at a time; with known members, when asked for."""
     if problem.explaining_rows(actions[0]) is None:
         return None
-    distinct, count = _first_equal(actions), len(actions)
+    distinct, count = first_equal(actions), len(actions)
     if members is not None:
         return ConsistentSets(problem, actions, np.full(count, LARGER), members.copy(), members.copy(), distinct)
     found = {int(first): belief_set_of(problem, actions[first]) for first in np.unique(distinct)}
@@ -173,14 +173,3 @@ def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return rows[:1], np.zeros(len(rows), dtype=np.int64)
     found, place = np.unique(rows, axis=0, return_inverse=True)
     return found, place.reshape(-1)
-
-
-def _first_equal(actions: Array) -> np.ndarray:
-    if len(actions) == 1:
-        return np.zeros(1, dtype=np.int64)
-    if len(actions) <= _FEW:
-        equal = np.abs(actions[:, None] - actions[None]).max(axis=2) <= tolerances.SAME_ACTION
-        return np.asarray(equal.argmax(axis=1))
-    rounded = np.round(actions / tolerances.SAME_ACTION) * tolerances.SAME_ACTION
-    _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-    return np.asarray(first[inverse.reshape(-1)])

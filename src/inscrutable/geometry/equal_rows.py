@@ -8,6 +8,7 @@ from inscrutable import tolerances
 from inscrutable.validation import Array
 
 _BLOCK = 8192
+_FEW = 32  # rows that are compared with one another
 _ODD = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 
 
@@ -19,6 +20,11 @@ def first_equal(rows: Array, tolerance: float = tolerances.SAME_ACTION) -> np.nd
 
     Cost: 20 ms for 100,000 rows of 20; working memory of three integers a row.
     """
+    if len(rows) <= 1:
+        return np.zeros(len(rows), dtype=np.int64)
+    if len(rows) <= _FEW:
+        bits = _bits(rows, tolerance)
+        return np.asarray((bits[:, None] == bits).all(axis=2).argmax(axis=1))
     hashes = np.empty(len(rows), dtype=np.uint64)
     for first in range(0, len(rows), _BLOCK):
         hashes[first : first + _BLOCK] = _hashed(_bits(rows[first : first + _BLOCK], tolerance))

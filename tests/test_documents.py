@@ -30,7 +30,10 @@ from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(ROOT.glob("docs/**/*.md"))
+MADE = ROOT / "docs" / "made"
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(
+    page for page in ROOT.glob("docs/**/*.md") if MADE not in page.parents
+)
 EXAMPLES = sorted(ROOT.glob("examples/**/*.py"))
 FENCE = re.compile(r"^```(\w*)([^\n]*)\n(.*?)^```[ \t]*$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?://|mailto:|#)([^)#\s]+)")
@@ -164,8 +167,9 @@ def test_page_runs_with_its_long_commands(page: Path, tmp_path: Path, monkeypatc
 @each_page
 def test_links_lead_somewhere(page: Path) -> None:
     text = FENCE.sub("", page.read_text("utf-8"))
-    missing = [target for target in LINK.findall(text) if not (page.parent / target).exists()]
-    assert not missing
+    # What the build of the documents makes is followed there.
+    written = [target for target in LINK.findall(text) if MADE not in (page.parent / target).parents]
+    assert not [target for target in written if not (page.parent / target).exists()]
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.relative_to(ROOT).as_posix())

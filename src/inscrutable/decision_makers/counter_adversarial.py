@@ -336,7 +336,11 @@ def _cheapest_at(problem: DecisionProblem, scores: Scores, best: Array) -> Array
     around = make_candidates(problem, problem.solve(decoys), decoys)
     judged = score(scores.belief, float(problem.optimal_cost(scores.belief)), around, scores.measure, "exclude")
     index = judged.best(float(problem.regret(scores.belief, best)))
-    return best if index is None else np.asarray(around.actions[index])
+    if index is None:
+        return best
+    # Where the goal is a hair's breadth, what the ends of a set say of it may be rounding.
+    found = np.asarray(around.actions[index])
+    return found if _meets(problem, scores, found) else best
 
 
 def _meets(problem: DecisionProblem, scores: Scores, action: Array) -> bool:

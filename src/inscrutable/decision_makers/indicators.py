@@ -52,15 +52,18 @@ class Indicator:
         if isinstance(self.measure, NonUniqueness):
             return self._by_corners(beliefs, sets)
         met = np.asarray(sets.bounds(beliefs) >= self.least)
-        # A member of an ill-conditioned set may lie beside the ends that are known of it; it leaves no regret.
-        slack = tolerances.FEASIBILITY * np.abs(self.problem.state_costs(actions)).max(axis=1)
-        close = regrets <= slack
+        close = regrets <= self.slack(self.problem.state_costs(actions))
         for t in np.flatnonzero(met & ((sets.dimension >= 2) | (close & (sets.dimension >= 0)))):
-            met[t] = self._is_far(beliefs[t], sets[int(t)])
+            met[t] = self.is_far(beliefs[t], sets[int(t)])
         return met
 
-    def _is_far(self, belief: Array, found: BeliefSet) -> bool:
-        """Whether a set keeps the distance; projections decide, and the described set only where they are close to it."""
+    def slack(self, costs: Array) -> Array:
+        """Return the regret up to which a belief may be a member of a decision of state costs (…,X): one of an
+        ill-conditioned set may lie beside the ends that are known of it, but it leaves no regret."""
+        return np.asarray(tolerances.FEASIBILITY * np.abs(costs).max(axis=-1))
+
+    def is_far(self, belief: Array, found: BeliefSet) -> bool:
+        """Return whether a set keeps the distance; projections decide, and the described set where they are close to it."""
         least, greatest = found.rough_distances(belief)
         if greatest < self.least - tolerances.ROUGH_DISTANCE:
             return False
@@ -111,10 +114,11 @@ class IndicatorTable:
                 floors[left], found, regrets,
             )  # fmt: skip
             answer.found[left], answer.regrets[left], floors[left] = found, regrets, regrets
-            left = left[[d >= 0 and not self._holds(beliefs[t], int(d)) for t, d in zip(left, found, strict=True)]]
+            again = zip(left, found, regrets, strict=True)
+            left = left[[d >= 0 and not self._holds(beliefs[t], int(d), float(regret)) for t, d, regret in again]]
         return answer
 
-    def _holds(self, belief: Array, d: int) -> bool:
+    def _holds(self, belief: Array, d: int, regret: float) -> bool:
         """Whether a decision that the scan takes for one that meets the goal does; what is true for all beliefs is kept."""
         if self._proved[d]:
             return True
@@ -125,6 +129,8 @@ class IndicatorTable:
             if not self._proved[d]:
                 self._kind[d] = self._never
             return bool(self._proved[d])
+        if self.starts is not None and regret <= self.goal.slack(self._arrays[0][d]) and self._kind[d] >= 0:
+            return self.goal.is_far(belief, self._sets[int(self.number[d])])
         if self._kind[d] < self._larger:
             return True
         return self.goal.measure(belief, self._sets[int(self.number[d])]) == 0.0

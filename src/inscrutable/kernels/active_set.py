@@ -151,15 +151,25 @@ def _residual(belief: Any, costs: Any, region: Any, rows: Any, n_rows: int, room
     for k in range(0, n, _TILE):
         a, b, c, d = columns[k], columns[k + 1], columns[k + 2], columns[k + 3]
         first, second, third, fourth = k * n_states, (k + 1) * n_states, (k + 2) * n_states, (k + 3) * n_states
-        for r in range(n_rows):
-            start = rows[r] * n_states
-            total, more = load(reduced, rows[r]), spread(0.0)
+        # Two rows at a time, each one sum in the columns' order: what is zero in a lane changes no digit there.
+        for r in range(0, n_rows, 2):
+            one, two = rows[r], rows[min(r + 1, n_rows - 1)]
+            start, next_start = one * n_states, two * n_states
+            total, other = load(reduced, one), load(reduced, two)
             for i in range(n_states):
                 total += load(weights, first + i) * entry(hessians, a + start + i)
-                more += load(weights, second + i) * entry(hessians, b + start + i)
+                other += load(weights, first + i) * entry(hessians, a + next_start + i)
+            for i in range(n_states):
+                total += load(weights, second + i) * entry(hessians, b + start + i)
+                other += load(weights, second + i) * entry(hessians, b + next_start + i)
+            for i in range(n_states):
                 total += load(weights, third + i) * entry(hessians, c + start + i)
-                more += load(weights, fourth + i) * entry(hessians, d + start + i)
-            store(reduced, rows[r], total + more)
+                other += load(weights, third + i) * entry(hessians, c + next_start + i)
+            for i in range(n_states):
+                total += load(weights, fourth + i) * entry(hessians, d + start + i)
+                other += load(weights, fourth + i) * entry(hessians, d + next_start + i)
+            store(reduced, one, total)
+            store(reduced, two, other)
     largest = load(lanes, _SCALE)
     for r in range(n_rows):
         total = load(reduced, rows[r])
@@ -177,14 +187,11 @@ def _residual_on_face(region: Any, state: Any, n: int, curved: Any, base: Any, r
     transposed, n_equal, zero = region[5], region[3].size, spread(0.0)
     largest = load(lanes, _SCALE)
     for a in range(n):
-        total, more = load(base, a), spread(0.0)
-        for c in range(0, n - 1, 2):
+        total = load(base, a)
+        for c in range(n):
             total += load(curved, a * n + c) * load(u, free[c])
-            more += load(curved, a * n + c + 1) * load(u, free[c + 1])
-        if n % 2:
-            total += load(curved, a * n + n - 1) * load(u, free[n - 1])
         mine = load(state, free[a]) == zero
-        total = where(mine, total + more, zero)
+        total = where(mine, total, zero)
         largest = where(magnitude(total) > largest, magnitude(total), largest)
         for e in range(n_equal):
             total -= entry(transposed, free[a] * n_equal + e) * load(nu, e)

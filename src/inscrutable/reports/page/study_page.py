@@ -62,6 +62,10 @@ _MEANING = {
     "top_state": "names the top state: how often the observer names a most likely state; smaller is more private.",
     "naive_privacy": "naive privacy: mean distance of the belief from those that would make the decision optimal.",
     "mutual_information": "bits told: what one decision tells about the belief, to one who knows the mechanism.",
+    "expected_regret": "expected regret: what hiding costs on average, in the cost's unit (a portfolio's: return "
+    "per period).",
+    "worst_regret": "worst regret: the largest under any belief, in the same unit.",
+    "cost_share": "share of E|c*|: the expected regret as a share of the mean size of the optimal cost.",
     "silence_share": "silence regret: the least expected regret at which one constant decision suffices.",
     "read_auc": "AUC: telling a decision from an optimal one by what it seems to say; 0.5 is nothing.",
 }
@@ -276,11 +280,16 @@ def _ranked(means: StudyMeans, setting: int, budget: float | None, figure: int, 
     told = [cells[0]]
     told += [f"next {means.makers[order[1]]}, {cells[1]}"] if len(order) > 2 else []
     told += [f"last {means.makers[order[-1]]}, {cells[-1]}"] if len(order) > 1 else []
-    kind = _TITLES[means.figures[figure].measure]
-    best = {1: "largest", -1: "smallest"}[sign] if kind != "names the top state" else "rarest"
-    observer = means.figures[figure].observer
-    whom = f" of the {observer} observer" if observer else ""
-    return f"the {best} {_SPOKEN.get(kind, kind)}{whom} is under {means.makers[order[0]]} ({'; '.join(told)})"
+    kind = means.figures[figure].measure
+    best = {1: "largest", -1: "smallest"}[sign] if kind != "top_state" else "rarest"
+    return f"the {best} {_spoken(means.figures[figure])} is under {means.makers[order[0]]} ({'; '.join(told)})"
+
+
+def _spoken(figure: Figure) -> str:
+    """A figure within a sentence: what it is, and whose."""
+    kind = _TITLES[figure.measure]
+    whom = f" of the {figure.observer} observer" if figure.observer else ""
+    return f"{_SPOKEN.get(kind, kind)}{whom}"
 
 
 def _order(means: StudyMeans, setting: int, budget: float | None, figure: int, sign: int) -> list[int]:
@@ -299,7 +308,9 @@ def _elsewhere(means: StudyMeans, setting: int, budget: float | None, figure: in
         return []
     best = _order(means, setting, budget, figure, sign)[0]
     same = sum(place == best for place in firsts)
-    return [f"By {title_of(means.figures[figure])}, {means.makers[best]} is first in {same} of {len(firsts)} settings."]
+    return [
+        f"By the {_spoken(means.figures[figure])}, {means.makers[best]} is first in {same} of {len(firsts)} settings."
+    ]
 
 
 def _cautions(study: Study, means: StudyMeans, shown: int) -> list[str]:

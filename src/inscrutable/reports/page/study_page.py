@@ -64,9 +64,17 @@ _MEANING = {
     "mutual_information": "bits told: what one decision tells about the belief, to one who knows the mechanism.",
     "expected_regret": "expected regret: what hiding costs on average, in the cost's unit (a portfolio's: return "
     "per period).",
-    "worst_regret": "worst regret: the largest under any belief, in the same unit.",
+    "worst_regret": "worst regret: the largest of any decision that is played, in the cost's unit.",
     "cost_share": "share of E|c*|: the expected regret as a share of the mean size of the optimal cost.",
-    "silence_share": "silence regret: the least expected regret at which one constant decision suffices.",
+    "silence_share": "share of the silence regret: the expected regret over the least at which one constant decision suffices.",
+    "min_entropy_leakage": "min-entropy leakage: the bits by which one decision improves a single guess at the belief.",
+    "maximal_leakage": "maximal leakage: the most of that under any prior on the same beliefs.",
+    "prior_error": "error without a decision: what is left to one who knows no more than the law of beliefs.",
+    "prior_entropy": "entropy of the prior: the bits that there are to tell.",
+    "prior_top_state": "top state without a decision: how often it is right to name always the same state.",
+    "n_actions": "decisions played: how many different ones, over all beliefs.",
+    "implausible_share": "share that no belief explains: how often one decision alone gives the hiding away.",
+    "expected_gap": "expected plausibility gap: the least regret of a decision under any belief, on average.",
     "read_auc": "AUC: telling a decision from an optimal one by what it seems to say; 0.5 is nothing.",
 }
 _HEADLINES = (("error", 1), ("naive_privacy", 1), ("mutual_information", -1), ("top_state", -1), ("read_auc", -1))
@@ -103,6 +111,11 @@ _NOTES = (
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian knows "
     "how decisions are made.",
 )
+
+
+def meaning_of(measure: str) -> str:
+    """Return what a measure of a study is, in a sentence."""
+    return _MEANING[measure]
 
 
 def file_of(study: Study) -> StudyFile:

@@ -170,7 +170,10 @@ class Study:
     def gridded(self) -> tuple[StudyGrid, pd.DataFrame]:
         """Return its grid and its rows; raise `InputError` for a study of another kind."""
         if not isinstance(self.grid, StudyGrid):
-            raise InputError(f"{self.plan.name} is no grid of settings, which have means over repeats")
+            raise InputError(
+                f"{self.plan.name} is no grid of settings, so it has no means over repeats and no page "
+                "of its own; the command that made it writes its report"
+            )
         return self.grid, self.frame()
 
     def errors(self) -> Iterator[str]:

@@ -113,12 +113,18 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
     They take the mask of signals over from the thread that starts them, and so do threads that replace them later.
     """
-    from joblib.externals.loky.backend import resource_tracker
+    from multiprocessing import resource_tracker
+
+    from joblib.externals.loky.backend import resource_tracker as joblibs_tracker
 
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # whoever starts it hears interrupts again
+    for tracker in (
+        resource_tracker,
+        joblibs_tracker,
+    ):  # joblib starts both, and who starts them hears interrupts again
+        tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -30,6 +30,7 @@ exclude_patterns = [
     "concepts",
     "made/benchmarks/*.md",
     "made/claims/*.rst",
+    "made/studies/*.rst",
 ]
 
 html_theme = "furo"

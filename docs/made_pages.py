@@ -14,6 +14,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+from made_keys import literal, study_keys
+
 import inscrutable
 
 HERE = Path(__file__).resolve().parent
@@ -95,11 +97,6 @@ def claims(folder: Path, n_markets: int) -> None:
     folder.joinpath("claims.rst").write_text("\n".join(lines) + "\n", "utf-8")
 
 
-def literal(text: str) -> str:
-    """Return text that no character of is read as markup."""
-    return re.sub(r"([|*`\\])", r"\\\1", text)
-
-
 def curves(folder: Path) -> None:
     """Draw the growth curves from the measurements that are kept."""
     from benchmarks.plots import draw_growth
@@ -175,6 +172,7 @@ def make(app: Any) -> None:
     api_pages(MADE / "api")
     curves(MADE / "benchmarks")
     first_steps(HERE / "start-here.md", MADE / "start")
+    study_keys(MADE / "studies")
     claims(MADE / "claims", app.config.claims_markets)
 
 

@@ -295,6 +295,11 @@ def test_goals_and_misses_have_a_page_too(tmp_path: Path) -> None:
     assert {atom[3] for at in data["played"]["CDM"] for entry in at for atom in entry[0]} <= {0, None}
 
 
+def test_comparison_page_starts_at_the_budget_of_its_verdict(compared: Comparison, compared_page: Path) -> None:
+    slider = next(each for each in Reader(compared_page).all("input") if each.get("id") == "budget")
+    assert compared.budgets[int(slider["value"] or 0)] == compared.middle_budget
+
+
 def test_comparison_page_holds_its_rows(compared: Comparison, compared_page: Path) -> None:
     data = data_of(compared_page)
     for maker in compared.makers:

@@ -10,9 +10,11 @@ import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import get_args
 from urllib.parse import unquote, urlsplit
 
 import inscrutable
+from inscrutable.experiments.studies import layout
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ("docs", "examples", "benchmarks", "audit")
@@ -79,6 +81,9 @@ def test_documents_are_built_without_a_warning_and_without_a_dead_link(tmp_path:
         assert any("_images/sphx_glr" in each for each in shown[f"made/{kind}/{script.stem}.html"].pictures), (
             script.name
         )
+    told = re.sub(r"<[^>]+>", "", site.joinpath("studies.html").read_text("utf-8"))
+    keys = {key for model in layout.Section.__subclasses__() for key in model.model_fields}
+    assert not [each for each in (*keys, *get_args(layout.Measure)) if each not in told], "every key has its line"
     assert f"Over {MARKETS} random markets" in (site / "reproducing.html").read_text("utf-8")
     for name, least in (("start-here.html", 2), ("reproducing.html", 11), ("benchmarks.html", 5)):
         assert len([each for each in shown[name].pictures if "_images/" in each]) >= least, name

@@ -35,13 +35,17 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers import LinearProgramme
-from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.errors import InputError, SolverError
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, locked
 from inscrutable.experiments.studies.workshop import DONE, FAILED, Row, Work, Workshop, chunk_of_rows
 from study_runs import SMALL, environment, killed, table, worker_processes
+
+TALKATIVE = (
+    "import sys; from inscrutable import cli, cli_study; cli_study._SECONDS_BETWEEN_LINES = 0; sys.exit(cli.main())"
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 PLAN = json.dumps(SMALL)
@@ -320,10 +324,10 @@ def test_a_store_of_another_version_is_left_alone(copy: Path, version: int, age:
         connection.execute(f"PRAGMA user_version = {version}")
     before = (copy / STORE).read_bytes()
     for use in (Study.load, resume_study):
-        with pytest.raises(ModelError, match=f"{age} release"):
+        with pytest.raises(InputError, match=f"{age} release"):
             use(copy)
     assert (copy / STORE).read_bytes() == before
-    assert cli.main(["study", "status", str(copy)]) == 4
+    assert cli.main(["study", "status", str(copy)]) == 3
 
 
 @pytest.mark.parametrize("left", [0, 50, 1000, 4096, 9000])
@@ -517,6 +521,42 @@ def test_worker_processes_that_keep_dying_are_reported(monkeypatch: pytest.Monke
     monkeypatch.setattr(executors, "_through_joblib", dead)
     with pytest.raises(SolverError, match="lost 3 times"):
         executors.in_processes(2)(Work("", None, ""), [1, 2], lambda rows: None)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_worker_processes_leave_interrupts_to_the_first_one() -> None:
+    from joblib import Parallel, delayed
+    from joblib.externals.loky import get_reusable_executor
+
+    get_reusable_executor().shutdown(wait=True)  # workers of other tests hear them
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    with executors._deaf_to_interrupts():
+        masks = Parallel(n_jobs=2)(delayed(signal.pthread_sigmask)(signal.SIG_BLOCK, []) for _ in range(4))
+    assert all(signal.SIGINT in mask for mask in masks)
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_an_interrupt_to_all_processes_is_told_once_and_resumed(tmp_path: Path) -> None:
+    """As a terminal's Ctrl-C does, once the first rows have come."""
+    file, out = tmp_path / "study.toml", tmp_path / "out"
+    file.write_text(
+        'name = "a"\nrepeats = 5000\ndecision_makers = ["ODM", "uniform"]\nworld = {kind = "random"}\n'
+        'beliefs = {kind = "grid", resolution = 6}\ncandidates = {resolution = 6}\n',
+        "utf-8",
+    )
+    command = [sys.executable, "-c", TALKATIVE, "study", "run", file, "--out", out, "--jobs", "2"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as process:
+        assert process.stderr is not None
+        said = [process.stderr.readline() for _ in range(3)]
+        os.killpg(process.pid, signal.SIGINT)
+        rest = process.communicate(timeout=60)[1]
+    assert said[1].startswith("Tasks: 0 of 10000 done")
+    assert process.returncode == 130
+    assert "Traceback" not in rest
+    assert f"To go on: inscrutable study resume {out}" in rest
+    assert resume_study(out, limit=1).status().done > 0
 
 
 def test_bad_arguments_are_refused_before_anything_is_written(tmp_path: Path) -> None:

@@ -133,7 +133,7 @@ def test_a_misspelt_name_is_answered_with_the_nearest(
         (HEAD + "repeats = 0\n" + RANDOM, 3, "greater than or equal to 1"),
         (HEAD + "seed = 1.5\n" + RANDOM, 3, "valid integer"),
         (HEAD + RANDOM + "regimes = [2, 2]\n", 5, "2 stands twice"),
-        (HEAD + RANDOM + "regimes = []\n", 5, "at least 1 item"),
+        (HEAD + RANDOM + "regimes = []\n", 5, "should have at least 1 entry, got []"),
         (HEAD + RANDOM + 'persistence = [0.5,\n "much"]\n', 6, "'much'"),
         (HEAD + RANDOM + "[budgets]\nvalues = [0.1, -1.0]\n", 6, "greater than or equal to 0"),
         (HEAD + RANDOM + "[budgets]\nvalues = [inf]\n", 6, "finite"),

@@ -52,7 +52,7 @@ def means(whole: Study) -> StudyMeans:
 def test_means_are_those_of_the_rows(whole: Study, means: StudyMeans) -> None:
     """Against pandas, group by group."""
     rows = whole.frame()
-    assert means.settings == ("problem.risk aversion 2", "problem.risk aversion 5")
+    assert means.settings == ("problem.risk_aversion = 2", "problem.risk_aversion = 5")
     assert len(means.makers) == 7
     told = whole.means()
     mine = (rows["problem.risk_aversion"] == 5.0) & (rows["decision_maker"] == "uniform") & (rows["budget"] == 0.3)
@@ -127,7 +127,7 @@ def test_verdict_names_the_best_against_each_observer(means: StudyMeans, page: P
         best = max(plays, key=lambda k: means.mean[0, k, place])
         assert f"largest error of the {observer} observer is under {means.makers[best]} (" in said
     assert "budget of 0.1 of |c*|" in said
-    assert re.search(r"is first in [12] of 2 settings", said)
+    assert re.search(r"By the error of the bayesian observer, .+ is first in [12] of 2 settings", said)
 
 
 def test_an_unfinished_study_says_so(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from inscrutable.experiments.reproduction import Effort, Reproduction, Reproduct
 from inscrutable.experiments.reproduction_study import MarketShop
 from inscrutable.experiments.studies.flat import flat, unflat
 from inscrutable.experiments.studies.store import STORE
-from inscrutable.experiments.studies.whole import all_rows, shipped
+from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
 from inscrutable.experiments.studies.workshop import Row, Shop
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 from study_runs import SMALL
@@ -162,6 +163,23 @@ def test_what_is_whole_or_of_another_plan_is_begun_anew(tmp_path: Path) -> None:
     more = ReproductionSettings(n_steps=2, n_markets=5, n_jobs=1, effort=EFFORT)
     assert len(done(more).runs) == 5
     assert json.loads((tmp_path / "manifest.json").read_text("utf-8"))["study"]["markets"] == 5
+
+
+def test_an_unfinished_run_of_other_settings_is_set_aside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    interrupted_at(2, monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        reproduce(SETTINGS, folder=tmp_path)
+    monkeypatch.undo()
+    stopped = (tmp_path / STORE).read_bytes()
+    assert len(reproduce(replace(SETTINGS, n_markets=5), folder=tmp_path).runs) == 5
+    assert (tmp_path / BEFORE).read_bytes() == stopped
+    assert "held an unfinished run of other settings" in caplog.text
+    caplog.clear()
+    reproduce(SETTINGS, folder=tmp_path)
+    assert (tmp_path / BEFORE).read_bytes() == stopped, "a finished one makes room"
+    assert caplog.text == ""
 
 
 def test_another_study_in_the_folder_is_left_alone(tmp_path: Path) -> None:

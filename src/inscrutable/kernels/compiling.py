@@ -20,7 +20,7 @@ from numba.core import event
 
 PATIENCE = 1.0
 """Seconds of compilation before a word is said."""
-MESSAGE = "inscrutable: compiling numerical kernels, once per machine; this takes some seconds"
+MESSAGE = "inscrutable: compiling numerical kernels, once per machine; this can take a minute or two"
 
 _PACKAGE = __name__.partition(".")[0]
 _LOGGER = logging.getLogger(__name__.rpartition(".")[0])

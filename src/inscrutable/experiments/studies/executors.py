@@ -6,8 +6,11 @@ kill loses no more than the seconds under way. Chunks change no result.
 
 from __future__ import annotations
 
+import signal
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from itertools import chain, islice
 from typing import Any
 
@@ -93,13 +96,48 @@ def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
     from joblib import Parallel, delayed
 
     parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=f"{_IN_FLIGHT}*n_jobs")
-    found = parallel(delayed(chunk_of_rows)(work, chunk) for chunk in chunks)
+    with _renewed_quietly():
+        with _deaf_to_interrupts():
+            found = parallel(delayed(chunk_of_rows)(work, chunk) for chunk in chunks)
+        try:
+            for rows in found:
+                chunks.came_back(rows)
+                keep(rows)
+        finally:
+            found.close()
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Start workers deaf to Ctrl-C, which a terminal sends to every process: this one hears it and ends the others.
+
+    They take the mask of signals over from the thread that starts them, and so do threads that replace them later.
+    """
+    from multiprocessing import resource_tracker
+
+    from joblib.externals.loky.backend import resource_tracker as joblibs_tracker
+
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    for tracker in (
+        resource_tracker,
+        joblibs_tracker,
+    ):  # joblib starts both, and who starts them hears interrupts again
+        tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        for rows in found:
-            chunks.came_back(rows)
-            keep(rows)
+        yield
     finally:
-        found.close()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _renewed_quietly() -> Iterator[None]:
+    """Say nothing where a worker that has grown is replaced by a new one: no task is lost by that."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs were given to the executor")
+        yield
 
 
 def on_cluster(address: str) -> Executor:

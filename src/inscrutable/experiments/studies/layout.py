@@ -67,7 +67,7 @@ class GivenWorld(Section):
 
 
 class RandomWorld(Section):
-    """Markets drawn as in the paper; see `experiments.random_markets.MarketLaw`."""
+    """Markets drawn as in the paper, from the law `experiments.random_markets.MarketLaw`."""
 
     kind: Literal["random"]
     regimes: Grid[Annotated[int, Field(ge=2)]] = (3,)

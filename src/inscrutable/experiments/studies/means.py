@@ -178,7 +178,10 @@ def labels(choices: Sequence[Variant], *, name: str | None = None, prefix: str =
 
 
 def _entry(prefix: str, key: str, value: object) -> str:
-    """A word speaks for itself; a number does not."""
-    if isinstance(value, str) and not prefix:
+    """A word speaks for itself, a number does not; with a prefix the key is that of the file and of the exported rows."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if prefix:
+        return f"{prefix}{key} = {value:g}" if number else f"{prefix}{key} = {value}"
+    if isinstance(value, str):
         return value
-    return f"{prefix}{key.replace('_', ' ')} {value:g}" if isinstance(value, (int, float)) else f"{prefix}{key} {value}"
+    return f"{key.replace('_', ' ')} {value:g}" if number else f"{key} {value}"

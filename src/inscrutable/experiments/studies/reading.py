@@ -111,6 +111,9 @@ def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> s
         names = [each.strip("' ") for each in str(context["expected"]).replace(" or ", ", ").split(",")]
         given = problem["input"]
         return f"{where}: unknown {_short(given)}{_nearest(str(given), names)}; {_one_of(names)}"
+    if kind == "too_short":
+        least = context["min_length"]
+        return f"{where}: should have at least {least} {'entry' if least == 1 else 'entries'}, got {_short(problem['input'])}"
     expected = problem["msg"].removeprefix("Value error, ").removeprefix("Input ")
     return f"{where}: {expected}, got {_short(problem['input'])}"
 

@@ -106,7 +106,9 @@ def run_study(
     folder = output_folder(out)
     with locked(folder):
         if (folder / STORE).exists():
-            raise InputError(f"{folder} holds a study already: resume it, or run into another folder")
+            raise InputError(
+                f"{folder} holds a study already: go on with `inscrutable study resume {folder}`, or run into another folder"
+            )
         if (folder / MANIFEST).exists():
             raise InputError(f"{folder} has a {MANIFEST}, but no {STORE}: it was lost; run into another folder")
         with closing(created(folder, facts_of(chosen))) as store:
@@ -136,8 +138,8 @@ def resume_study(
         The study with its rows: the same as if it had never stopped.
 
     Raises:
-        InputError: The folder holds no study, is in use or cannot be written to, or the store is damaged.
-        ModelError: The store is one of another version.
+        InputError: The folder holds no study, is in use or cannot be written to; the store is damaged, or one of another
+            version.
 
     Cost: the tasks'.
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from inscrutable.errors import InputError, ModelError
+from inscrutable.errors import InputError
 from inscrutable.experiments.studies.workshop import FAILED, Row
 from inscrutable.files import whole_file
 
@@ -131,8 +131,7 @@ def opened(folder: Path, *, writable: bool = False) -> Store:
     """Return the store of a folder, to read or to write.
 
     Raises:
-        InputError: There is none, or it is damaged.
-        ModelError: It is one of another version.
+        InputError: There is none, it is damaged, or it is one of another version.
     """
     path = folder / STORE
     if not path.is_file():
@@ -160,7 +159,7 @@ def _check_kind(folder: Path, connection: sqlite3.Connection) -> None:
         raise damaged(folder, "it bears another program's mark")
     if version != VERSION:
         age = "an older" if version < VERSION else "a newer"
-        raise ModelError(
+        raise InputError(
             f"{folder / STORE} was written by {age} release (store version {version}, this release reads {VERSION}); "
             "it was left as it is. Go on with the release named in manifest.json, or run the study anew"
         )

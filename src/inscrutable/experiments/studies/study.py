@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 from pydantic import ValidationError
 
-from inscrutable.errors import InputError, ModelError
+from inscrutable.errors import InputError
 from inscrutable.experiments.studies.grid import StudyGrid, TaskGrid
 from inscrutable.experiments.studies.kinds import kind_named, kind_of
 from inscrutable.experiments.studies.layout import PlanFile, StudyFile
@@ -113,8 +113,7 @@ class Study:
         """Return the study that was run into a folder, finished or not.
 
         Raises:
-            InputError: The folder holds no study, or its store is damaged.
-            ModelError: The store is one of another version.
+            InputError: The folder holds no study, or its store is damaged or one of another version.
         """
         place = Path(folder)
         with closing(opened(place)) as store:
@@ -123,7 +122,7 @@ class Study:
             name = json.loads(plan or "{}").get("kind")
             found = kind_named(name).layout.model_validate_json(plan or "")
         except ValidationError as error:
-            raise ModelError(
+            raise InputError(
                 f"{place} holds a study that this release cannot read: {error.errors()[0]['msg']}"
             ) from None
         return cls(found, place, data_hash=data_hash or None)
@@ -171,7 +170,10 @@ class Study:
     def gridded(self) -> tuple[StudyGrid, pd.DataFrame]:
         """Return its grid and its rows; raise `InputError` for a study of another kind."""
         if not isinstance(self.grid, StudyGrid):
-            raise InputError(f"{self.plan.name} is no grid of settings, which have means over repeats")
+            raise InputError(
+                f"{self.plan.name} is no grid of settings, so it has no means over repeats and no page "
+                "of its own; the command that made it writes its report"
+            )
         return self.grid, self.frame()
 
     def errors(self) -> Iterator[str]:

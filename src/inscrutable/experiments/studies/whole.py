@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import tomllib
 from collections.abc import Callable
 from contextlib import closing
@@ -23,6 +24,10 @@ from inscrutable.experiments.studies.runner import (
 from inscrutable.experiments.studies.store import STORE, created, locked, opened
 from inscrutable.experiments.studies.study import PathLike, Study
 from inscrutable.experiments.studies.workshop import FAILED, Row, Work
+
+BEFORE = "before.sqlite"
+"""Where the rows of an unfinished run go when another is begun in its folder."""
+_LOGGER = logging.getLogger(__name__)
 
 Counted = Callable[[int, int], None]
 """Takes (tasks done, tasks in all)."""
@@ -55,7 +60,7 @@ def all_rows(
     Args:
         study: A study.
         folder: Where its rows are kept while it runs. An unfinished run of the same study by the same versions is gone on
-            with; anything else of its kind is begun anew. None keeps nothing.
+            with; anything else of its kind is begun anew, and an unfinished one set aside. None keeps nothing.
         jobs: As for `run_study`.
         prepared: Told what was prepared before the first task.
         progress: Called with (tasks done, tasks in all) for every task.
@@ -81,8 +86,7 @@ def all_rows(
     place = output_folder(folder)
     with locked(place):
         if not _can_go_on(study, place):
-            for name in (STORE, MANIFEST):
-                (place / name).unlink(missing_ok=True)
+            _set_aside(place)
             created(place, facts_of(study)).close()
         with closing(opened(place, writable=True)) as store:
             count = _Counter(progress, study.n_tasks)
@@ -118,6 +122,22 @@ def _can_go_on(study: Study, place: Path) -> bool:
         raise InputError(f"{place} holds another study, {found.plan.name!r}; choose another folder")
     same = found.plan == study.plan and found.data_hash == study.data_hash
     return same and found.manifest().get("versions") == versions() and found.status().done < found.n_tasks
+
+
+def _set_aside(place: Path) -> None:
+    """Make room for a store; the rows of an unfinished run stay beside it, for one who mistyped a setting."""
+    (place / MANIFEST).unlink(missing_ok=True)
+    if not (place / STORE).exists():
+        return
+    found = Study.load(place)
+    if 0 < found.status().done < found.n_tasks:
+        (place / STORE).replace(place / BEFORE)
+        _LOGGER.warning(
+            "inscrutable: %s held an unfinished run of other settings or versions; its rows are now in %s",
+            place,
+            BEFORE,
+        )
+    (place / STORE).unlink(missing_ok=True)
 
 
 class _Counter:

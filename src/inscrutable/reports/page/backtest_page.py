@@ -288,7 +288,9 @@ def _failures(result: Backtest) -> list[str]:
                 found.append(f"{name}: in {figures[key]:.0f} of {len(result.beliefs)} {word}s {text}.")
     collapsed = sum(bool(each.collapsed) for each in result.fit.restarts)
     if collapsed:
-        found.append(f"Fit: {collapsed} of {len(result.fit.restarts)} starts collapsed and were left out.")
+        found.append(
+            f"Fit: {collapsed} of {len(result.fit.restarts)} starts collapsed; such a start is used only if all do."
+        )
     return found
 
 

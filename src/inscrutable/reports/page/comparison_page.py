@@ -29,7 +29,7 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
         verdict=[comparison.summary()],
         tables=[_table(comparison, b, text) for b, text in enumerate(budgets)],
         sliders=[
-            PageSlider("budget", "Expected regret", _short(comparison), len(comparison.budgets) // 2),
+            PageSlider("budget", "Expected regret", _short(comparison), _middle(comparison)),
             PageSlider("seen", "Decisions seen", seen, 0),
         ],
         figures=[
@@ -72,6 +72,11 @@ def _short(comparison: Comparison) -> list[str]:
     """Budgets as text that fits beside a slider on a phone."""
     silent = comparison.silence_regret
     return [f"{each / silent:.0%} of silence" if silent > 0 else f"{each:.3g}" for each in comparison.budgets]
+
+
+def _middle(comparison: Comparison) -> int:
+    """The budget that the verdict speaks of."""
+    return comparison.budgets.index(comparison.middle_budget)
 
 
 def _decisions(n: int) -> str:

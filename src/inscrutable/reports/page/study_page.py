@@ -62,7 +62,19 @@ _MEANING = {
     "top_state": "names the top state: how often the observer names a most likely state; smaller is more private.",
     "naive_privacy": "naive privacy: mean distance of the belief from those that would make the decision optimal.",
     "mutual_information": "bits told: what one decision tells about the belief, to one who knows the mechanism.",
-    "silence_share": "silence regret: the least expected regret at which one constant decision suffices.",
+    "expected_regret": "expected regret: what hiding costs on average, in the cost's unit (a portfolio's: return "
+    "per period).",
+    "worst_regret": "worst regret: the largest of any decision that is played, in the cost's unit.",
+    "cost_share": "share of E|c*|: the expected regret as a share of the mean size of the optimal cost.",
+    "silence_share": "share of the silence regret: the expected regret over the least at which one constant decision suffices.",
+    "min_entropy_leakage": "min-entropy leakage: the bits by which one decision improves a single guess at the belief.",
+    "maximal_leakage": "maximal leakage: the most of that under any prior on the same beliefs.",
+    "prior_error": "error without a decision: what is left to one who knows no more than the law of beliefs.",
+    "prior_entropy": "entropy of the prior: the bits that there are to tell.",
+    "prior_top_state": "top state without a decision: how often it is right to name always the same state.",
+    "n_actions": "decisions played: how many different ones, over all beliefs.",
+    "implausible_share": "share that no belief explains: how often one decision alone gives the hiding away.",
+    "expected_gap": "expected plausibility gap: the least regret of a decision under any belief, on average.",
     "read_auc": "AUC: telling a decision from an optimal one by what it seems to say; 0.5 is nothing.",
 }
 _HEADLINES = (("error", 1), ("naive_privacy", 1), ("mutual_information", -1), ("top_state", -1), ("read_auc", -1))
@@ -99,6 +111,11 @@ _NOTES = (
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian knows "
     "how decisions are made.",
 )
+
+
+def meaning_of(measure: str) -> str:
+    """Return what a measure of a study is, in a sentence."""
+    return _MEANING[measure]
 
 
 def file_of(study: Study) -> StudyFile:
@@ -276,11 +293,16 @@ def _ranked(means: StudyMeans, setting: int, budget: float | None, figure: int, 
     told = [cells[0]]
     told += [f"next {means.makers[order[1]]}, {cells[1]}"] if len(order) > 2 else []
     told += [f"last {means.makers[order[-1]]}, {cells[-1]}"] if len(order) > 1 else []
-    kind = _TITLES[means.figures[figure].measure]
-    best = {1: "largest", -1: "smallest"}[sign] if kind != "names the top state" else "rarest"
-    observer = means.figures[figure].observer
-    whom = f" of the {observer} observer" if observer else ""
-    return f"the {best} {_SPOKEN.get(kind, kind)}{whom} is under {means.makers[order[0]]} ({'; '.join(told)})"
+    kind = means.figures[figure].measure
+    best = {1: "largest", -1: "smallest"}[sign] if kind != "top_state" else "rarest"
+    return f"the {best} {_spoken(means.figures[figure])} is under {means.makers[order[0]]} ({'; '.join(told)})"
+
+
+def _spoken(figure: Figure) -> str:
+    """A figure within a sentence: what it is, and whose."""
+    kind = _TITLES[figure.measure]
+    whom = f" of the {figure.observer} observer" if figure.observer else ""
+    return f"{_SPOKEN.get(kind, kind)}{whom}"
 
 
 def _order(means: StudyMeans, setting: int, budget: float | None, figure: int, sign: int) -> list[int]:
@@ -299,7 +321,9 @@ def _elsewhere(means: StudyMeans, setting: int, budget: float | None, figure: in
         return []
     best = _order(means, setting, budget, figure, sign)[0]
     same = sum(place == best for place in firsts)
-    return [f"By {title_of(means.figures[figure])}, {means.makers[best]} is first in {same} of {len(firsts)} settings."]
+    return [
+        f"By the {_spoken(means.figures[figure])}, {means.makers[best]} is first in {same} of {len(firsts)} settings."
+    ]
 
 
 def _cautions(study: Study, means: StudyMeans, shown: int) -> list[str]:

@@ -18,8 +18,8 @@ from inscrutable.decision_makers.aware.stackelberg_game import Game, centred_sta
 from inscrutable.validation import Array
 
 MOST_STEPS = 100
-"""Steps at most; some twenty to forty are usual."""
-_TO_BOUNDARY = 0.98
+"""Steps at most; some fifteen to thirty are usual."""
+_TO_BOUNDARY = 0.9
 _MOST_CENTRED = 0.8
 _REFINED = 2
 _SHORT = 0.1
@@ -28,7 +28,6 @@ _CORRECTIONS = 4
 _AHEAD = 0.3
 _WORTH = 0.05
 _RANGE = 10.0
-_OFF_CENTRE = 5.0
 _TINY = np.finfo(float).tiny
 
 Pair = tuple[Array, Array]
@@ -240,9 +239,10 @@ def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
     second = move.rows * move.spare - bend, move.prices * move.unspent
     aim = share * each[:, None] - products[0] - second[0], share * each - products[1] - second[1]
     move, primal, dual = _corrected(game, newton, share * each, (np.where(game.allowed, aim[0], 0.0), aim[1]))
-    if min(primal, dual) <= _SHORT:  # products differ too much: bring back those that are farthest off
-        inner = _within(products, _MOST_CENTRED * each, _OFF_CENTRE)
-        back = _moved(game, newton, (np.where(game.allowed, inner[0] - products[0], 0.0), inner[1] - products[1]))
+    if min(primal, dual) <= _SHORT:  # products differ too much: little more than centring
+        centre = _MOST_CENTRED * each
+        inner = np.where(game.allowed, centre[:, None] - products[0], 0.0), centre - products[1]
+        back = _corrected(game, newton, centre, inner)
         if min(back[1:]) > min(primal, dual):
             move, primal, dual = back
     if not np.isfinite(primal * dual) or max(primal, dual) < tolerances.NEWTON_STEP:
@@ -259,7 +259,7 @@ def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
 
 
 def _spare_after(now: _Point, move: _Point, length: float) -> Array:
-    return now.spare + length * move.spare - length**2 * (move.estimates**2).sum(axis=1)
+    return np.asarray(now.spare + length * move.spare - length**2 * (move.estimates**2).sum(axis=1))
 
 
 def _products(game: Game, now: _Point, move: _Point | None, lengths: tuple[float, float]) -> Pair:

@@ -24,6 +24,7 @@ from inscrutable import (
 from inscrutable.decision_makers.aware import stackelberg_solver
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.experiments.random_markets import random_market
+from inscrutable.privacy.leaks import silence_regret
 from strategies import SEEDS
 from test_rate_distortion import CORNERS, TWO, market, regrets_of, silence
 
@@ -320,7 +321,7 @@ def test_small_budgets_with_uneven_weights_need_no_more_steps() -> None:
     problem, beliefs = MarkowitzProblem(means, np.array(covariances), 2.0), uniform_prior(3, 18).beliefs
     prior = Prior(beliefs, np.random.default_rng(0).dirichlet(np.ones(len(beliefs))))
     candidates = np.asarray(problem.solve(uniform_prior(3, 40).beliefs))
-    limit = 0.1 * silence(problem, prior, decoy_grid(problem, 40))
+    limit = 0.1 * silence_regret(problem, prior.beliefs, prior.weights)
     steps: list[int] = []
     found = StackelbergDecisionMaker(problem, Budget.regret(limit), prior=prior, candidates=candidates, gap=0.01)
     found.solve(progress=lambda done, most: steps.append(done))

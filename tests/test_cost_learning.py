@@ -211,3 +211,11 @@ def test_what_cannot_be_is_refused(tmp_path: object) -> None:
     assert (again.intervals == learned.intervals).all()
     with pytest.raises(InputError, match="learn again"):
         again.consistent_beliefs([0.5, 0.5])
+
+
+def test_the_low_end_of_a_wide_interval_is_as_well_known_as_the_high_one() -> None:
+    """2γ (u_1 − u_2) is the mean of the states' 0.01 and 3: γ lies between 0.05 and 15 where the weights differ by 0.1."""
+    adversary = CostLearningAdversary.risk_aversion([[0.01, 0.0], [3.0, 0.0]], [np.eye(2), np.eye(2)], (0.001, 1000.0))
+    low, high = adversary.learn([[0.55, 0.45]]).interval
+    assert 0.05 * 0.97 <= low <= 0.05 * (1 + 1e-6)
+    assert 15.0 * (1 - 1e-6) <= high <= 15.0 * 1.03

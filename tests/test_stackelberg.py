@@ -24,6 +24,7 @@ from inscrutable import (
 from inscrutable.decision_makers.aware import stackelberg_solver
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.experiments.random_markets import random_market
+from inscrutable.privacy.leaks import silence_regret
 from strategies import SEEDS
 from test_rate_distortion import CORNERS, TWO, market, regrets_of, silence
 
@@ -309,3 +310,20 @@ def test_finite_choices_stay_whole_numbers() -> None:
     found = StackelbergDecisionMaker(problem, Budget.regret(0.4), prior=CORNERS)
     assert found.mechanism.actions.dtype.kind == "i"
     assert found.value == pytest.approx(prior_error(CORNERS)), "the middle choice suits both"
+
+
+def test_small_budgets_with_uneven_weights_need_no_more_steps() -> None:
+    rng = np.random.default_rng(2)
+    means, covariances = rng.uniform(-0.2, 0.3, (3, 8)), []
+    for _ in range(3):
+        factor = 0.3 * rng.normal(size=(8, 8))
+        covariances.append(factor @ factor.T / 8 + np.diag(rng.uniform(0.1, 0.6, 8)))
+    problem, beliefs = MarkowitzProblem(means, np.array(covariances), 2.0), uniform_prior(3, 18).beliefs
+    prior = Prior(beliefs, np.random.default_rng(0).dirichlet(np.ones(len(beliefs))))
+    candidates = np.asarray(problem.solve(uniform_prior(3, 40).beliefs))
+    limit = 0.1 * silence_regret(problem, prior.beliefs, prior.weights)
+    steps: list[int] = []
+    found = StackelbergDecisionMaker(problem, Budget.regret(limit), prior=prior, candidates=candidates, gap=0.01)
+    found.solve(progress=lambda done, most: steps.append(done))
+    assert found.gap <= 0.01
+    assert len(steps) <= 30

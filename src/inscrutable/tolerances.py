@@ -285,7 +285,7 @@ NO_ERROR = 1e-12
 NO_WEIGHT = 1e-10
 """Weight of a belief below which it moves no estimate, so that it answers the others' and is counted afterwards."""
 
-LEAST_CENTRED = 1e-3
+LEAST_CENTRED = 5e-2
 """Least share of its complementarity that an interior-point step leaves standing: keeps it near the central path."""
 
 ERROR_GAP = 1e-2

@@ -131,4 +131,6 @@ def _is_fine(piece: Piece, clusters: Array) -> bool:
     low, high = piece
     own = clusters[(clusters[:, 0] <= low) & (high <= clusters[:, 1])][0]
     size = max(abs(low), abs(high))
-    return bool(high - low <= max((own[1] - own[0]) / _FINEST, tolerances.PARAMETER * size))
+    narrow = high - low <= tolerances.PARAMETER * size
+    # As pieces are spaced: by ratio where the parameter is positive, so that a low end is known as well as a high one.
+    return bool(narrow or _length(low, high) <= _length(*own) / _FINEST)

@@ -31,7 +31,7 @@ _CELLS = 4.0
 """Largest interpolation errors by which a possible point may lie from one that plays the decision: they are neighbours."""
 
 
-class GridReading(NamedTuple):
+class DecisionReading(NamedTuple):
     """How a decision weighs the points: as K(u_t|·) at the point itself, or at another one that stands in for it."""
 
     shares: Array  # (B,), of the point or of its stand-in; ones where the decision was passed over
@@ -58,7 +58,7 @@ class ForwardPass:
     """Filtered laws (T,X,B) with what made them: the readings used, the errors made, the statuses."""
 
     laws: Array
-    readings: list[GridReading]
+    readings: list[DecisionReading]
     log_likelihood: Array
     errors: Array
     statuses: tuple[SequenceStatus, ...]
@@ -100,7 +100,7 @@ class InverseFilter:
             whole = float(seen.sum())
             if not whole > 0:
                 raise impossible_step(t)
-            reading = GridReading(known[int(evidence.columns[t])])
+            reading = DecisionReading(known[int(evidence.columns[t])])
             law = reading.moved(seen)
             status = evidence.status(t, float(law.sum()))
             if status is SequenceStatus.CONTRADICTED and errors[: t + 1].max() > tolerances.SAME_BELIEF:
@@ -112,11 +112,11 @@ class InverseFilter:
             with np.errstate(divide="ignore"):
                 logs[t] = np.log(total) + evidence.offsets[t]
             statuses.append(status)
-            used.append(reading if total > 0 else GridReading(known[UNSEEN]))
+            used.append(reading if total > 0 else DecisionReading(known[UNSEEN]))
             laws[t] = law / total if total > 0 else seen / whole
         return ForwardPass(laws, used, logs, errors, tuple(statuses))
 
-    def _widened(self, seen: Array, shares: Array) -> GridReading | None:
+    def _widened(self, seen: Array, shares: Array) -> DecisionReading | None:
         """Read possible points as the nearest one that plays the decision, where that is nearest of all, or nearly so.
 
         None where it is too far for the grid to be the reason.
@@ -131,7 +131,7 @@ class InverseFilter:
         stand_in = plays[place]
         weights = np.where(gaps <= least + step, shares[stand_in], 0.0)
         held = mass * weights
-        return GridReading(weights, stand_in, float(held @ gaps / held.sum()))
+        return DecisionReading(weights, stand_in, float(held @ gaps / held.sum()))
 
     def smoothed(self, evidence: Evidence, passed: ForwardPass) -> Array:
         """Return the laws (T,X,B) given the whole sequence."""

@@ -112,6 +112,9 @@ def notes_of(comparison: Comparison) -> list[str]:
         f"are sampled ({comparison.n_draws} sequences) where a mechanism mixes.",
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
         "them leads to names it.",
+        "Not among the observers: one who follows a belief that moves, for whom repeated decisions on one belief stand in "
+        "(SequentialAdversary needs the world and a path of decisions); and one who does not know the cost and learns it, who "
+        "never knows more than those here (CostLearningAdversary).",
         "AUC: telling one decision from an optimal one by what the naive observer reads from it; 0.5 is nothing.",
         *(
             [f"Left out, because they do not suit the problem: {', '.join(comparison.left_out)}."]

@@ -18,12 +18,20 @@ from inscrutable.decision_makers.aware.stackelberg_game import Game, centred_sta
 from inscrutable.validation import Array
 
 MOST_STEPS = 100
-"""Steps at most; some twenty to forty are usual."""
-_TO_BOUNDARY = 0.98
+"""Steps at most; some fifteen to thirty are usual."""
+_TO_BOUNDARY = 0.9
 _MOST_CENTRED = 0.8
 _REFINED = 2
 _SHORT = 0.1
+_LONG = 0.9
+_CORRECTIONS = 4
+_AHEAD = 0.3
+_WORTH = 0.05
+_RANGE = 10.0
 _TINY = np.finfo(float).tiny
+
+Pair = tuple[Array, Array]
+"""Something of every row and column (B,M), and of every row's budget (B,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,35 +229,86 @@ def _lengths(now: _Point, move: _Point, allowed: np.ndarray) -> tuple[float, flo
 
 
 def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
-    """Take one predictor–corrector step; None where it leads nowhere."""
+    """Take one step of predictor, corrector and a few centring corrections; None where it leads nowhere."""
     newton = _Newton(game, costs, now)
-    products, unspent = np.where(game.allowed, now.rows * now.spare, 0.0), now.prices * now.unspent
-    move = newton.towards(-products, -unspent)
-    length, dual_length = (min(1.0, each) for each in _lengths(now, move, game.allowed))
+    products = _products(game, now, None, (0.0, 0.0))
+    move = newton.towards(*(-each for each in products))
+    lengths = tuple(min(1.0, each) for each in _lengths(now, move, game.allowed))
+    each, share = _centre(game, products, _products(game, now, move, (lengths[0], lengths[1])))
     bend = now.rows * (move.estimates**2).sum(axis=1)
-    spare = now.spare + dual_length * move.spare - dual_length**2 * (move.estimates**2).sum(axis=1)
-    ahead = ((now.rows + length * move.rows) * spare).sum(axis=1)
-    ahead += (now.prices + dual_length * move.prices) * (now.unspent + length * move.unspent)
-    total = float(game.weights @ (products.sum(axis=1) + unspent))
-    share = (max(float(game.weights @ ahead), 0.0) / total) ** 3
-    share = float(np.clip(share, tolerances.LEAST_CENTRED, _MOST_CENTRED))
-    each = _centres(game)
-    each = total / float(game.weights @ (each * (game.allowed.sum(axis=1) + 1.0))) * each
     second = move.rows * move.spare - bend, move.prices * move.unspent
-    for centre, bent in ((share * each, 1.0), (_MOST_CENTRED * each, 0.0)):  # the other where products differ too much
-        aim = np.where(game.allowed, centre[:, None] - products - bent * second[0], 0.0)
-        move = newton.towards(aim, centre - unspent - bent * second[1])
-        length, dual_length = (min(1.0, _TO_BOUNDARY * part) for part in _lengths(now, move, game.allowed))
-        if min(length, dual_length) > _SHORT:
-            break
-    if not np.isfinite(length * dual_length) or max(length, dual_length) < tolerances.NEWTON_STEP:
+    aim = share * each[:, None] - products[0] - second[0], share * each - products[1] - second[1]
+    move, primal, dual = _corrected(game, newton, share * each, (np.where(game.allowed, aim[0], 0.0), aim[1]))
+    if min(primal, dual) <= _SHORT:  # products differ too much: little more than centring
+        centre = _MOST_CENTRED * each
+        inner = np.where(game.allowed, centre[:, None] - products[0], 0.0), centre - products[1]
+        back = _corrected(game, newton, centre, inner)
+        if min(back[1:]) > min(primal, dual):
+            move, primal, dual = back
+    if not np.isfinite(primal * dual) or max(primal, dual) < tolerances.NEWTON_STEP:
         return None
-    levels, prices = now.levels + dual_length * move.levels, now.prices + dual_length * move.prices
-    estimates = now.estimates + dual_length * move.estimates
-    rows = now.rows + length * move.rows
+    levels, prices = now.levels + dual * move.levels, now.prices + dual * move.prices
     # Not from levels and prices anew: of a tiny spare that would leave rounding.
-    reached = now.spare + dual_length * move.spare - dual_length**2 * (move.estimates**2).sum(axis=1)
-    reached = np.where(game.allowed, reached, 1.0)
+    reached = np.where(game.allowed, _spare_after(now, move, dual), 1.0)
+    rows = now.rows + primal * move.rows
     if not (np.isfinite(rows).all() and reached.min() > 0):
         return None
-    return _Point(rows, now.unspent + length * move.unspent, levels, prices, estimates, reached)
+    return _Point(
+        rows, now.unspent + primal * move.unspent, levels, prices, now.estimates + dual * move.estimates, reached
+    )
+
+
+def _spare_after(now: _Point, move: _Point, length: float) -> Array:
+    return np.asarray(now.spare + length * move.spare - length**2 * (move.estimates**2).sum(axis=1))
+
+
+def _products(game: Game, now: _Point, move: _Point | None, lengths: tuple[float, float]) -> Pair:
+    """Rows times spare (B,M), and prices times unspent (B,), after a move of some length on either side."""
+    if move is None:
+        return np.where(game.allowed, now.rows * now.spare, 0.0), now.prices * now.unspent
+    primal, dual = lengths
+    rows = (now.rows + primal * move.rows) * _spare_after(now, move, dual)
+    return np.where(game.allowed, rows, 0.0), (now.prices + dual * move.prices) * (now.unspent + primal * move.unspent)
+
+
+def _centre(game: Game, products: Pair, ahead: Pair) -> tuple[Array, float]:
+    """What every product of a row would be on the central path (B,), and the share of it to aim at."""
+    total = float(game.weights @ (products[0].sum(axis=1) + products[1]))
+    share = (max(float(game.weights @ (ahead[0].sum(axis=1) + ahead[1])), 0.0) / total) ** 3
+    each = _centres(game)
+    each = total / float(game.weights @ (each * (game.allowed.sum(axis=1) + 1.0))) * each
+    return each, float(np.clip(share, tolerances.LEAST_CENTRED, _MOST_CENTRED))
+
+
+def _within(products: Pair, centre: Array, width: float) -> Pair:
+    """Products moved to within a factor of their row's centre (B,)."""
+    low, high = centre / width, centre * width
+    return np.clip(products[0], low[:, None], high[:, None]), np.clip(products[1], low, high)
+
+
+def _moved(game: Game, newton: _Newton, aim: Pair) -> tuple[_Point, float, float]:
+    """A move and how far either side goes along it."""
+    move = newton.towards(*aim)
+    primal, dual = (min(1.0, _TO_BOUNDARY * each) for each in _lengths(newton.now, move, game.allowed))
+    return move, primal, dual
+
+
+def _corrected(game: Game, newton: _Newton, centre: Array, aim: Pair) -> tuple[_Point, float, float]:
+    """The move towards an aim, corrected while that makes it longer, at the cost of one solve each.
+
+    A longer step is tried, and what its products miss of a wide range about the centre is added to the aim (Gondzio,
+    Multiple centrality corrections in a primal-dual method for linear programming, 1996).
+    """
+    found = _moved(game, newton, aim)
+    for _ in range(_CORRECTIONS):
+        longer = min(1.0, found[1] + _AHEAD), min(1.0, found[2] + _AHEAD)
+        tried = _products(game, newton.now, found[0], longer)
+        inner = _within(tried, centre, _RANGE)
+        added = np.maximum(inner[0] - tried[0], -_RANGE * centre[:, None])
+        aim = aim[0] + np.where(game.allowed, added, 0.0), aim[1] + np.maximum(inner[1] - tried[1], -_RANGE * centre)
+        better = _moved(game, newton, aim)
+        gain = sum(better[1:]) - sum(found[1:])
+        found = better if gain > 0 else found
+        if gain < _WORTH or min(found[1:]) > _LONG:
+            break
+    return found

@@ -20,12 +20,14 @@ from inscrutable import tolerances
 from inscrutable.adversaries import consistent_beliefs, consistent_sets
 from inscrutable.decision_makers.proofs.cell_programmes import cell_bounds
 from inscrutable.decision_makers.proofs.fibres import Fibres
-from inscrutable.decision_makers.proofs.oracle_points import N_LEVELS, OraclePoints
+from inscrutable.decision_makers.proofs.growth_cells import GrowthCells, whitened_growth
+from inscrutable.decision_makers.proofs.oracle_points import LEVELS_TRIED, N_LEVELS, OraclePoints
 from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
+from inscrutable.decision_makers.proofs.smooth_cells import Nearness, SmoothCells
 from inscrutable.errors import InscrutableError
 from inscrutable.geometry.simplicial import cones_from, directions_to, edges, halved
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, KellyProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _MOST_CELLS = 256  # halved in one round
@@ -89,9 +91,8 @@ class Prover:
         self._exact = np.zeros(0, dtype=np.bool_)
         self._leaves: _Cells | None = None
         self._allowance = 0.0
-        form = whitened(problem) if isinstance(problem, QuadraticProblem) else None
-        self._quadratic = None if form is None else QuadraticCells(problem, self.points, form)  # type: ignore[arg-type]
-        self._fibres = None if self._quadratic is None else Fibres(self._quadratic)
+        self._smooth = _smooth_cells(problem, self.points)
+        self._fibres = None if self._smooth is None else Fibres(self._smooth)
 
     def answer(self, question: Question) -> Answer:
         """Return a bound for one question; again where the solver turned out less exact than allowed for."""
@@ -174,17 +175,20 @@ class Prover:
         """Bounds of gains and regrets on cells, without cells in which there is nothing to find."""
         outside = question.reference.sign > 0
         points = self.points.beliefs[corners]
-        if self._quadratic is None:
+        if self._smooth is None:
             regrets = self._by_values(corners)
         else:
-            near, broken = self._quadratic.nearness(corners)
-            regrets = self._quadratic.regret_bounds(corners, near)
-            if not self._quadratic.bends:
-                regrets = np.concatenate([regrets, self._by_values(corners)], axis=2)
+            near = self._smooth.nearness(corners)
+            regrets = self._smooth.regret_bounds(corners, near)
+            if not self._smooth.bends:
+                blind = np.flatnonzero(self._smooth.is_blind(regrets, near))
+                values = np.zeros((*corners.shape, LEVELS_TRIED * corners.shape[1]))
+                values[blind] = self._by_values(corners[blind])
+                regrets = np.concatenate([regrets, values], axis=2)
         cells = _Cells(corners, _gains(points, question.reference), regrets, self._tiny(points))
         alive = np.flatnonzero(cells.bounds(question) > question.floor)
-        if outside and self._fibres is not None and self._quadratic is not None and alive.size:
-            empty = self._fibres.passes(corners[alive], near[alive], broken[alive])
+        if outside and self._fibres is not None and alive.size:
+            empty = self._fibres.passes(corners[alive], Nearness(*(part[alive] for part in near)))
             kept = np.ones(len(corners), dtype=np.bool_)
             kept[alive[empty]] = False
             cells = cells.pick(kept)
@@ -241,6 +245,17 @@ class Prover:
         except InscrutableError:
             return member
         return np.asarray(found) if np.isfinite(found).all() else member
+
+
+def _smooth_cells(problem: DecisionProblem, points: OraclePoints) -> SmoothCells | None:
+    """What is known between corners, where costs say how much they bend."""
+    if isinstance(problem, QuadraticProblem):
+        form = whitened(problem)
+        return None if form is None else QuadraticCells(problem, points, form)
+    if isinstance(problem, KellyProblem):
+        form = whitened_growth(problem)
+        return None if form is None else GrowthCells(problem, points, form)
+    return None
 
 
 def _gains(points: Array, reference: Reference) -> Array:

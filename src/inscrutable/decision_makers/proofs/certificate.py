@@ -3,9 +3,9 @@
 Every plausible decision is optimal for some belief y, and its privacy is then at most ‖π − y‖ (at most −‖t − y‖ when the
 goal is a target t and y the member nearest to it). The simplex is cut into simplicial cells; on each, the regret of
 *every* decision that is optimal for one of its beliefs is bounded from below through optimal costs at the corners and on
-the way to them, for quadratic costs through optimal decisions, which turns the largest privacy there into a tiny linear
+the way to them, for quadratic costs and growth through optimal decisions, which turns the largest privacy there into a tiny linear
 programme. Cells that could still hold something better are halved. A cell whose corners share one decision is part of its
-consistent set and counts with the distance of that set, itself and nothing beyond it. For quadratic costs a cell is left
+consistent set and counts with the distance of that set, itself and nothing beyond it. For quadratic costs and growth a cell is left
 out where no belief is the nearest one that explains its decision.
 """
 
@@ -23,7 +23,7 @@ from inscrutable.decision_makers.proofs.fibres import Fibres
 from inscrutable.decision_makers.proofs.growth_cells import GrowthCells, whitened_growth
 from inscrutable.decision_makers.proofs.oracle_points import LEVELS_TRIED, N_LEVELS, OraclePoints
 from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
-from inscrutable.decision_makers.proofs.smooth_cells import Nearness, SmoothCells
+from inscrutable.decision_makers.proofs.smooth_cells import SmoothCells
 from inscrutable.errors import InscrutableError
 from inscrutable.geometry.simplicial import cones_from, directions_to, edges, halved
 from inscrutable.privacy.measures import Reference
@@ -175,6 +175,7 @@ class Prover:
         """Bounds of gains and regrets on cells, without cells in which there is nothing to find."""
         outside = question.reference.sign > 0
         points = self.points.beliefs[corners]
+        near = None
         if self._smooth is None:
             regrets = self._by_values(corners)
         else:
@@ -185,15 +186,18 @@ class Prover:
                 values = np.zeros((*corners.shape, LEVELS_TRIED * corners.shape[1]))
                 values[blind] = self._by_values(corners[blind])
                 regrets = np.concatenate([regrets, values], axis=2)
+        single = np.full(len(corners), self.problem.costs_are_unique)
+        if near is not None:
+            single |= np.isfinite(near.near)
         cells = _Cells(corners, _gains(points, question.reference), regrets, self._tiny(points))
         alive = np.flatnonzero(cells.bounds(question) > question.floor)
-        if outside and self._fibres is not None and alive.size:
-            empty = self._fibres.passes(corners[alive], Nearness(*(part[alive] for part in near)))
+        if outside and self._fibres is not None and near is not None and alive.size:
+            empty = self._fibres.passes(corners[alive], near.pick(alive))
             kept = np.ones(len(corners), dtype=np.bool_)
             kept[alive[empty]] = False
-            cells = cells.pick(kept)
-        if outside and self.problem.costs_are_unique:
-            self._close_shared(cells)
+            cells, single = cells.pick(kept), single[kept]
+        if outside:
+            self._close_shared(cells, single)
         return cells
 
     def _tiny(self, points: Array) -> np.ndarray:
@@ -209,14 +213,16 @@ class Prover:
         self.points.look_on_the_way(corners, levels)
         return self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
 
-    def _close_shared(self, cells: _Cells) -> None:
-        """Write into cells whose corners share one decision what it is worth."""
+    def _close_shared(self, cells: _Cells, single: np.ndarray) -> None:
+        """Write into cells whose corners share one decision what it is worth, where beliefs have a `single` one (C,)."""
+        if not single.any():
+            return
         corners = cells.corners
         upper = self.points.upper_costs(corners)
         slack = tolerances.SHARED_DECISION * self.points.scale
         optimal = (upper <= self.points.values[corners][:, :, None] + slack).all(axis=1)
         width = np.abs(self.points.beliefs[corners] - self.points.beliefs[corners[:, :1]]).max(axis=(1, 2))
-        for cell in np.flatnonzero(optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)):
+        for cell in np.flatnonzero(single & optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)):
             costs = self.points.costs[corners[cell, optimal[cell].argmax()]]
             regret = float(costs @ self.belief) - self.points.optimal_cost - self.points.allowance
             cells.gains[cell] = self._distance(costs, corners[cell])

@@ -60,7 +60,9 @@ class Fibres:
                 tight = held.copy()
                 tight[list(extra)] = True
                 left = left[
-                    self._leads_nearer(tight, np.array(extra, dtype=np.intp), _Cells(corners[left], near.gradients[left]))
+                    self._leads_nearer(
+                        tight, np.array(extra, dtype=np.intp), _Cells(corners[left], near.gradients[left])
+                    )
                 ]
                 if not left.size:
                     break

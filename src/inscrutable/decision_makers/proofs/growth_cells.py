@@ -8,7 +8,8 @@ conditions of optimality are broken by
 
 where W_k(y)/w̃_k, a ratio of linear functions, lies between its values at the corners. Monotony of the slopes gives
 Σ_k W_k (w*_k − w̃_k)²/(w*_k w̃_k) ≤ R·(u* − ũ) + c, with c as for quadratic costs and no more wealth w*_k than C allows,
-and once u* is known to be near ũ, no more than that allows. In a horse race R is zero: u*(π) = π is linear.
+and once u* is known to be near ũ, no more than that allows. What the multipliers cost a decision that leaves a row which is
+tight at all corners, λ·slack(u*), counts too: at least λ·slack²/(most slack). In a horse race R is zero: u*(π) = π is linear.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ from inscrutable.decision_makers.proofs.smooth_cells import (
     whitened_by,
 )
 from inscrutable.geometry.simplicial import edges
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems import KellyProblem
 from inscrutable.validation import Array
 
-_ROUNDS = 2  # in which wealth is bounded by what is known of it
+_ROUNDS = 3  # in which wealth and slacks are bounded by what is known of them
 
 
 def whitened_growth(problem: KellyProblem) -> Whitened | None:
@@ -66,6 +68,9 @@ class GrowthCells(SmoothCells):
         self._largest = np.where(largest > 0.0, largest, np.inf)
         self._rows = returns @ form.basis  # (K,F)
         self._lengths = np.linalg.norm(self._rows, axis=1)
+        region = problem.constraints
+        self._touch = tolerances.FEASIBILITY * region.row_scale[form.kept] / form.lengths
+        self._rooms = np.maximum(_largest_slacks(problem, form.kept) / form.lengths, self._touch)
         super().__init__(problem, points, form)
 
     @property
@@ -76,7 +81,7 @@ class GrowthCells(SmoothCells):
     def is_blind(self, regrets: Array, near: Nearness) -> np.ndarray:
         """Return which cells (C,) need bounds by optimal costs: where hardly any wealth is left, where a corner's outcomes
         do not feel all decisions, and where cells are so large that nothing is known yet."""
-        return ~np.isfinite(near.near) | (regrets.max(axis=(1, 2)) <= 0.0)
+        return np.asarray(~np.isfinite(near.near) | (regrets.max(axis=(1, 2)) <= 0.0))
 
     def _traits(self, actions: Array, beliefs: Array) -> Array:
         """Wealth in every outcome."""
@@ -93,12 +98,15 @@ class GrowthCells(SmoothCells):
         """Return how near interpolations are on cells (C,J)."""
         known, spread, pairs = self.known, self._spread(corners), edges(corners.shape[1])
         broken, wild = self._broken(corners, spread, pairs)
-        loose, share = self.spare(corners, pairs), pair_share(corners.shape[1])
+        # Twice, because rows count as tight that are so up to rounding.
+        loose, share = 2.0 * self.spare(corners, pairs), pair_share(corners.shape[1])
         residuals = known.residuals[corners].max(axis=1)
         top = np.broadcast_to(self._largest, spread.most.shape)
         sure = ~spread.lean
+        held = np.where((known.slacks[corners] <= self._touch).all(axis=1), known.multipliers[corners].min(axis=1), 0.0)
+        rooms = np.broadcast_to(self._rooms, held.shape)
         for _ in range(_ROUNDS):
-            roots, least = self._roots(spread.ratios.min(axis=1) / np.maximum(top, spread.most))
+            roots, least = self._roots(spread.ratios.min(axis=1) / np.maximum(top, spread.most), held / rooms)
             sure = sure & (least > tolerances.CURVATURE)
             lengths = np.linalg.norm(np.einsum("kf,cfg->ckg", self._rows, roots), axis=2)
             left = np.linalg.norm(np.einsum("cef,cfg->ceg", broken, roots), axis=2)
@@ -107,18 +115,20 @@ class GrowthCells(SmoothCells):
             near = 0.5 * (total + np.sqrt(total**2 + 4.0 * loose))
             moves = lengths * near[:, None]
             top = np.minimum(top, spread.most + moves)
+            reach = np.linalg.norm(np.einsum("rf,cfg->crg", self.form.rows, roots), axis=2) * near[:, None]
+            rooms = np.where(sure[:, None], np.clip(reach, self._touch, rooms), rooms)
         plain = np.linalg.norm(broken, axis=2) + np.einsum("cek,k->ce", wild, self._lengths)
         slopes = np.linalg.norm(np.einsum("cjf,cfg->cjg", known.slopes[corners], roots), axis=2)
         # The slope at the interpolated decision is the interpolated one, and what that is off.
         own = self.points.belief[self._states] * self._shares
         slopes += np.einsum("k,ck,ck->c", own, self._slope_gaps(spread), lengths)[:, None]
-        parts = (
+        found = Nearness(
             near / np.sqrt(least),
             residuals + share * plain.max(axis=1) + self._sum_moves(spread, moves),
             self._gradient_moves(spread, moves),
+            slopes * near[:, None],
         )
-        lost = np.where(sure[:, None], slopes * near[:, None], np.inf)
-        return Nearness(*(np.where(sure, part, np.inf) for part in parts), lost)
+        return found.where(sure)
 
     def _broken(self, corners: np.ndarray, spread: _Spread, pairs: np.ndarray) -> tuple[Array, Array]:
         """R for every pair (C,E,F), and what outcomes (C,E,K) may add along their returns."""
@@ -133,9 +143,11 @@ class GrowthCells(SmoothCells):
         broken -= np.einsum("cex,cexf->cef", apart, change)
         return broken, bent * (0.5 * (most - least))[:, None]
 
-    def _roots(self, weights: Array) -> tuple[Array, Array]:
-        """A^(−1/2) (C,F,F) of the curvature A = Σ_k weight (C,K) · r_k r_k', and its least eigenvalue (C,)."""
+    def _roots(self, weights: Array, held: Array) -> tuple[Array, Array]:
+        """A^(−1/2) (C,F,F) of the curvature A that outcomes of weights (C,K) and rows held by (C,r) give, and its least
+        eigenvalue (C,)."""
         bends = np.einsum("ck,kf,kg->cfg", weights, self._rows, self._rows)
+        bends += np.einsum("cr,rf,rg->cfg", held, self.form.rows, self.form.rows)
         values, vectors = np.linalg.eigh(bends)
         sizes = np.maximum(values, tolerances.CURVATURE)
         return vectors / np.sqrt(sizes)[:, None, :], sizes[:, 0]
@@ -182,6 +194,15 @@ class GrowthCells(SmoothCells):
         sure = np.isfinite(near.near)
         lost = np.where(sure[:, None], near.regrets, 0.0) + self.points.allowance
         return np.where(sure[:, None, None], columns - lost[:, :, None], 0.0)
+
+
+def _largest_slacks(problem: KellyProblem, kept: np.ndarray) -> Array:
+    """The largest slack (r,) of rows in C, infinite where it has no limit."""
+    region = problem.constraints
+    below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
+    found = [minimise(region.A_ub[row], below, equal) for row in kept]
+    least = np.array([each.value if each.status == OPTIMAL else -np.inf for each in found])
+    return np.asarray(region.b_ub[kept] - least)
 
 
 def _log_gaps(least: Array, most: Array) -> Array:

@@ -65,11 +65,8 @@ class QuadraticCells(SmoothCells):
         least = np.where(bent, least, 1.0)
         near = (broken + np.sqrt(broken**2 + 4.0 * least * loose)) / (2.0 * least)
         slopes = np.linalg.norm(known.slopes[corners], axis=2)
-        moved = (near, broken + greatest * near, self._bending * near)
-        return Nearness(
-            *(np.where(bent, each, np.inf) for each in moved),
-            np.where(bent[:, None], slopes * near[:, None], np.inf),
-        )
+        found = Nearness(near, broken + greatest * near, self._bending * near, slopes * near[:, None])
+        return found.where(bent)
 
     def regret_bounds(self, corners: np.ndarray, near: Nearness) -> Array:
         """Return columns (C,J,K) of lower bounds of the regret of every optimal decision, linear on each cell (C,J)."""

@@ -53,6 +53,15 @@ class Nearness(NamedTuple):
     gradients: Array  # (C,) all states' gradients together
     regrets: Array  # (C,J) by how much a regret may be less than that of the interpolated decision, linear on the cell
 
+    def pick(self, which: np.ndarray) -> Nearness:
+        """Return that of some cells."""
+        return Nearness(self.near[which], self.sum[which], self.gradients[which], self.regrets[which])
+
+    def where(self, sure: np.ndarray) -> Nearness:
+        """Return the same, infinite but where a cell (C,) is sure."""
+        near, total, gradients = (np.where(sure, part, np.inf) for part in self[:3])
+        return Nearness(near, total, gradients, np.where(sure[:, None], self.regrets, np.inf))
+
 
 def whitened_by(problem: DecisionProblem, hessians: Array) -> Whitened | None:
     """Return the coordinates for the states' curvatures (X,U,U), None where their mean does not bend in all directions

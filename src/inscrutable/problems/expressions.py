@@ -34,7 +34,9 @@ class Node:
     children: list[Node] = field(default_factory=list)
     slopes: list[Array | None] | None = None  # (child's size, size) of an affine atom, None for constants
     bend: Function | None = None  # the slope of a function of one argument, entry by entry
-    gather: tuple[Function, Function] | None = None  # value (n,) and gradient (n, child's size) of a function of one vector
+    gather: tuple[Function, Function] | None = (
+        None  # value (n,) and gradient (n, child's size) of a function of one vector
+    )
 
     @property
     def size(self) -> int:
@@ -58,7 +60,9 @@ class Node:
             return np.asarray(self.expression.numeric([inner[0]]))
         if self.gather is not None:
             return self.gather[0](inner[0])[:, None]
-        return np.array([np.ravel(self.expression.numeric(self._shaped(inner, row)), "F") for row in range(len(points))])
+        return np.array(
+            [np.ravel(self.expression.numeric(self._shaped(inner, row)), "F") for row in range(len(points))]
+        )
 
     def gradients(self, points: Array) -> Array:
         """Return the Jacobians (n,U,size), NaN outside the domain."""
@@ -144,7 +148,7 @@ def _gathered(node: Node) -> tuple[Function, Function] | None:
         share = 1.0 / float(np.ravel(node.children[1].constant)[0])  # type: ignore[arg-type]
         return (lambda x: share * (x * x).sum(axis=1), lambda x: 2.0 * share * x)
     if name == "QuadForm" and len(first.shape) == 1:
-        form = np.reshape(node.children[1].constant, (first.size, first.size), order="F")  # type: ignore[arg-type]
+        form = np.reshape(node.children[1].constant, (first.size, first.size), order="F")  # type: ignore[call-overload]
         return (lambda x: np.einsum("ni,ij,nj->n", x, form, x), lambda x: x @ (form + form.T))
     return None
 

@@ -24,6 +24,7 @@ _FIRST_SPREAD = 0.5
 _SHRINK = 0.4
 _HOPE = 1.0
 _MOST_STEPS = 60
+_ROUGH = 0.01
 
 
 class Rays(NamedTuple):
@@ -50,10 +51,9 @@ def climb_on_rays(goal: Goal, tight: np.ndarray, decoy: Array, known: float) -> 
     spread = _FIRST_SPREAD
     for _ in range(_ROUNDS if direction.size > 1 else 1):
         turned = direction + spread * _pattern(direction, rng)
-        trial = best_on_rays(goal, turned @ basis.T)
-        seen = (goal.problem.constraints.tight_rows(trial.actions) == tight).all(axis=1)
-        seen &= goal.problem.constraints.is_admissible(trial.actions)
-        values = np.where(seen, trial.values, -np.inf)
+        # What turning still gains is of the order of the spread's square: lengths need to be no better known.
+        trial = best_on_rays(goal, turned @ basis.T, max(_ROUGH * spread**2, tolerances.BUDGET_SAFETY))
+        values = np.where(_on_face(goal, tight, trial.actions), trial.values, -np.inf)
         index = int(values.argmax())
         if np.isfinite(values[index]) and (best is None or values[index] > best[0]):
             best = float(values[index]), trial.actions[index]
@@ -61,7 +61,16 @@ def climb_on_rays(goal: Goal, tight: np.ndarray, decoy: Array, known: float) -> 
         if best is not None and best[0] + _HOPE * spread * length < known:
             return None
         spread *= _SHRINK if direction.size == 2 else np.sqrt(_SHRINK)
-    return None if best is None else best[1]
+    if best is None:
+        return None
+    last = best_on_rays(goal, direction[None] @ basis.T)
+    kept = _on_face(goal, tight, last.actions)[0] and last.values[0] >= best[0]
+    return last.actions[0] if kept else best[1]
+
+
+def _on_face(goal: Goal, tight: np.ndarray, actions: Array) -> np.ndarray:
+    region = goal.problem.constraints
+    return np.asarray((region.tight_rows(actions) == tight).all(axis=1) & region.is_admissible(actions))
 
 
 def _pattern(direction: Array, rng: np.random.Generator) -> Array:
@@ -77,8 +86,11 @@ def _pattern(direction: Array, rng: np.random.Generator) -> Array:
     return np.vstack([np.zeros(size), steps])
 
 
-def best_on_rays(goal: Goal, directions: Array) -> Rays:
-    """Return the best affordable point of each ray π + t d, for directions (n,X) that keep the sum."""
+def best_on_rays(goal: Goal, directions: Array, accuracy: float = tolerances.BUDGET_SAFETY) -> Rays:
+    """Return the best affordable point of each ray π + t d, for directions (n,X) that keep the sum.
+
+    `accuracy` is the share of the root of the budget that may stay unspent.
+    """
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.where(directions < 0, goal.belief / -directions, np.inf).min(axis=1)
@@ -86,16 +98,16 @@ def best_on_rays(goal: Goal, directions: Array) -> Rays:
         nearest = directions @ (goal.reference.point - goal.belief)
         reach = np.clip(nearest, 0.0, reach)
     ends = goal.belief + reach[:, None] * directions
-    shares, actions = _affordable(goal, ends)
+    shares, actions = _affordable(goal, ends, accuracy)
     decoys = goal.belief + shares[:, None] * (ends - goal.belief)
     return Rays(decoys, actions, goal.reference.sign * np.linalg.norm(decoys - goal.reference.point, axis=1))
 
 
-def _affordable(goal: Goal, ends: Array) -> tuple[Array, Array]:
-    """The longest affordable shares (n,) of the ways to beliefs (n,X), to the accuracy of the polish, and the decisions."""
+def _affordable(goal: Goal, ends: Array, accuracy: float) -> tuple[Array, Array]:
+    """The longest affordable shares (n,) of the ways to beliefs (n,X), and the decisions."""
     problem, belief = goal.problem, goal.belief
     root = np.sqrt(goal.limit * (1.0 - tolerances.BUDGET_SAFETY))
-    spare = tolerances.BUDGET_SAFETY * root  # what may stay unspent; half of it is aimed at
+    spare = accuracy * root  # what may stay unspent; half of it is aimed at
 
     def excess(which: np.ndarray, shares: Array) -> tuple[Array, Array]:
         mixed = np.maximum(belief + shares[:, None] * (ends[which] - belief), 0.0)

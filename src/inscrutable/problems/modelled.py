@@ -15,6 +15,7 @@ from inscrutable.problems.expressions import Node, tree_of
 from inscrutable.validation import Array
 
 _LONGEST_NAME = 60
+_MOST_KEPT = 10_000  # decisions of beliefs that were asked for
 _SAME = tolerances.EXACT_COST
 
 
@@ -25,6 +26,7 @@ class Modelled:
         self._cvxpy = _imported()
         if not isinstance(variable, self._cvxpy.Variable) or variable.ndim != 1:
             raise InputError(f"variable must be a cvxpy.Variable of shape (U,), got {variable!r}")
+        self._solved: dict[bytes, Array] = {}
         self._variable, self._costs = variable, [_checked_cost(i, cost, variable) for i, cost in enumerate(costs)]
         if not self._costs:
             raise InputError("costs is empty, expected one expression per state")
@@ -98,7 +100,15 @@ class Modelled:
         return cp.Problem(cp.Minimize(expected), rows), belief
 
     def solve(self, belief: Array) -> Array:
-        """Return the minimiser (U,) as the interior-point solver leaves it."""
+        """Return the minimiser (U,) as the interior-point solver leaves it, the same each time."""
+        key = belief.tobytes()
+        if key not in self._solved:
+            if len(self._solved) >= _MOST_KEPT:
+                self._solved.clear()
+            self._solved[key] = self._solve(belief)
+        return self._solved[key]
+
+    def _solve(self, belief: Array) -> Array:
         problem, parameter = self._compiled
         parameter.value = belief
         try:

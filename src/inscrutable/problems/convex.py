@@ -33,7 +33,8 @@ class ConvexProblem(DecisionProblem):
     Formula: c(i,u) = costs[i] over u ∈ C.
 
     Costs that are quadratic or affine in the variable are recognised and solved as such. Others are solved by Clarabel,
-    through one problem compiled with the belief as a parameter, and polished by Newton's method. `from_functions` takes
+    through one problem compiled with the belief as a parameter, and polished by Newton's method; many beliefs together by
+    Newton's method alone, where multipliers and curvature show that it found the one optimum. `from_functions` takes
     functions instead and needs no extra.
 
     Args:
@@ -50,8 +51,8 @@ class ConvexProblem(DecisionProblem):
             affine.
         ModelError: The feasible set is empty (its rows are named) or a cost has no minimum over it.
 
-    Cost: that of a quadratic or linear problem where costs are; else some ten milliseconds per belief, so ask for few
-    decoys, such as `decoy_grid(problem, 20)`. Source: the paper, eq.
+    Cost: that of a quadratic or linear problem where costs are; else about a millisecond per belief of many, and
+    some for one alone, so ask for few decoys, such as `decoy_grid(problem, 20)`. Source: the paper, eq.
     (3); Agrawal et al., A Rewriting System for Convex Optimization Problems (2018).
 
     Example:

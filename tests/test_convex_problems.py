@@ -191,3 +191,33 @@ def test_what_cannot_be_read_is_named():
         ConvexProblem.from_functions(lambda u: np.zeros(2), lambda u: np.zeros((2, 3)), simplex(2))
     with pytest.raises(InputError, match="shape \\(U,\\)"):
         ConvexProblem(cp.Variable((2, 2)), [cp.sum(u)], simplex(2))
+
+
+def test_many_beliefs_are_solved_as_each_alone():
+    """Together by Newton's method; ties, kinks and a wrong promise of smoothness are left to the interior point."""
+    rng = np.random.default_rng(5)
+    u = cp.Variable(3)
+    rates = rng.normal(0.0, 1.0, (2, 4, 3))
+    smooth = [cp.sum(cp.exp(each @ u)) for each in rates]
+    tied = [cp.exp(u[0]), cp.exp(-u[0])]
+    kinked = [cp.norm1(u - 0.3) + cp.sum_squares(u), cp.norm1(u - 0.4) + cp.sum_squares(u - 1)]
+    beliefs = np.vstack([np.eye(2), rng.dirichlet(np.ones(2), 8)])
+    for costs, accuracy in ((smooth, 1e-9), (tied, 1e-6), (kinked, 1e-6)):
+        problem = ConvexProblem(u, costs, simplex(3))
+        many, alone = problem.solve(beliefs), np.array([problem.solve(belief) for belief in beliefs])
+        assert problem.constraints.violation(many).max() <= 1e-9
+        values = [(beliefs * problem.state_costs(each)).sum(axis=1) for each in (many, alone)]
+        np.testing.assert_allclose(values[0], values[1], atol=accuracy)
+        if costs is smooth:
+            np.testing.assert_allclose(many, alone, atol=1e-8)
+
+
+def test_only_what_multipliers_show_is_taken_for_the_optimum():
+    u = cp.Variable(3)
+    problem = ConvexProblem(u, [cp.sum(cp.exp(u)), cp.sum(cp.exp(2 * u))], simplex(3))
+    belief = np.array([[0.5, 0.5]])
+    assert problem._sole_optimum(belief, np.full((1, 3), 1 / 3))[0]
+    assert not problem._sole_optimum(belief, np.array([[0.4, 0.3, 0.3]]))[0]
+    assert not problem._sole_optimum(belief, np.array([[1.0, 0.0, 0.0]]))[0]
+    flat = ConvexProblem(u, [cp.exp(u[0]), cp.exp(2 * u[0])], simplex(3))
+    assert not flat._sole_optimum(belief, np.array([[0.0, 0.5, 0.5]]))[0]

@@ -68,14 +68,14 @@ def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
     fibres = Fibres(cells)
     for _ in range(12):
         index = points.add(random_cell(rng, n_states))[None]
-        near, broken = cells.nearness(index)
+        near = cells.nearness(index)
         bounds = cells.regret_bounds(index, near)[0]
         shares = np.vstack([np.eye(n_states), rng.dirichlet(np.full(n_states, 0.6), 30)])
         beliefs = shares @ points.beliefs[index[0]]
         actions = problem.solve(beliefs)
         regrets = problem.state_costs(actions) @ belief - points.optimal_cost
         assert (regrets - (shares @ bounds).max(axis=1)).min() >= -1e-10 * points.scale
-        if fibres.passes(index, near, broken)[0]:
+        if fibres.passes(index, near)[0]:
             distances = consistent_sets(problem, actions, beliefs).distances(belief)
             assert (distances < np.linalg.norm(beliefs - belief, axis=1)).all()
 
@@ -106,7 +106,7 @@ def test_a_cell_with_the_nearest_belief_of_a_decision_is_never_left_out(seed):
                 moved = corners - corners.mean(axis=0) + nearest
                 corners = moved if moved.min() >= 0.0 else corners
             index = points.add(corners)[None]
-            assert not fibres.passes(index, *cells.nearness(index))[0]
+            assert not fibres.passes(index, cells.nearness(index))[0]
 
 
 def test_some_cells_are_passed_and_steps_along_fibres_bound_distances():
@@ -119,7 +119,7 @@ def test_some_cells_are_passed_and_steps_along_fibres_bound_distances():
     for _ in range(40):
         middle = rng.dirichlet(np.ones(4))
         index = points.add(0.98 * middle + 0.02 * np.eye(4))[None]
-        passed += int(fibres.passes(index, *cells.nearness(index))[0])
+        passed += int(fibres.passes(index, cells.nearness(index))[0])
     assert passed >= 10
     index = np.arange(1, 60)
     above = fibres.distances(index)

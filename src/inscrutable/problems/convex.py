@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import null_space
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError, SolverError
@@ -18,7 +19,7 @@ from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.modelled import Modelled
 from inscrutable.problems.newton import Model, minimise_smooth
 from inscrutable.problems.quadratic import QuadraticProblem
-from inscrutable.problems.quadratic_programme import Layout, layout_of
+from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.validation import Array
 
 Function = Callable[[Array], ArrayLike]
@@ -32,7 +33,8 @@ class ConvexProblem(DecisionProblem):
     Formula: c(i,u) = costs[i] over u ∈ C.
 
     Costs that are quadratic or affine in the variable are recognised and solved as such. Others are solved by Clarabel,
-    through one problem compiled with the belief as a parameter, and polished by Newton's method. `from_functions` takes
+    through one problem compiled with the belief as a parameter, and polished by Newton's method; many beliefs together by
+    Newton's method alone, where multipliers and curvature show that it found the one optimum. `from_functions` takes
     functions instead and needs no extra.
 
     Args:
@@ -49,8 +51,8 @@ class ConvexProblem(DecisionProblem):
             affine.
         ModelError: The feasible set is empty (its rows are named) or a cost has no minimum over it.
 
-    Cost: that of a quadratic or linear problem where costs are; else some ten milliseconds per belief, so ask for few
-    decoys, such as `decoy_grid(problem, 20)`. Source: the paper, eq.
+    Cost: that of a quadratic or linear problem where costs are; else about a millisecond per belief of many, and
+    some for one alone, so ask for few decoys, such as `decoy_grid(problem, 20)`. Source: the paper, eq.
     (3); Agrawal et al., A Rewriting System for Convex Optimization Problems (2018).
 
     Example:
@@ -160,6 +162,12 @@ class ConvexProblem(DecisionProblem):
     def _layout(self) -> Layout:
         return layout_of(self.constraints)
 
+    @cached_property
+    def _inside(self) -> Array:
+        """Directions (U,F) that keep the equalities."""
+        rows = self.constraints.A_eq
+        return np.asarray(null_space(rows)) if len(rows) else np.eye(self.n_actions)
+
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U)."""
         if self._stated is not None:
@@ -169,18 +177,64 @@ class ConvexProblem(DecisionProblem):
         if self._model is None:
             solved = minimise_smooth(_Expected(self), rows, np.tile(self._start, (len(rows), 1)), self._layout)
         else:
-            solved = np.array([self._polished(belief, self._model.solve(belief)) for belief in rows])
+            solved = self._solved(self._model, rows)
         return np.asarray(solved[0]) if held.ndim == 1 else solved
 
-    def _polished(self, belief: Array, rough: Array) -> Array:
+    def _solved(self, model: Modelled, beliefs: Array) -> Array:
+        """Newton's method from the decision for the mean belief, and an interior-point solver where it does not show that
+        it found the one optimum."""
+        found = np.empty((len(beliefs), self.n_actions))
+        left = np.ones(len(beliefs), dtype=np.bool_)
+        if self.differentiable and len(beliefs) > 1:
+            middle = beliefs.mean(axis=0, keepdims=True)
+            start = self._polished(middle, model.solve(middle[0])[None])
+            if np.isfinite(_Expected(self).values(beliefs, start.repeat(len(beliefs), axis=0))).all():
+                found = self._newton(beliefs, start.repeat(len(beliefs), axis=0))
+                left = ~self._sole_optimum(beliefs, found)
+        if left.any():
+            found[left] = self._polished(beliefs[left], np.array([model.solve(belief) for belief in beliefs[left]]))
+        return found
+
+    def _sole_optimum(self, beliefs: Array, points: Array) -> np.ndarray:
+        """Whether multipliers show points (n,U) optimal, and curvature shows that nothing else is."""
+        region, model = self.constraints, _Expected(self).model(beliefs, points)
+        shown = region.violation(points) <= tolerances.FEASIBILITY
+        bends = np.linalg.eigvalsh(self._inside.T @ model.hessians @ self._inside)
+        bends = bends if bends.size else np.ones((len(points), 1))
+        shown &= bends[:, 0] > tolerances.BENT * bends[:, -1]
+        scale = np.abs(model.gradients).max(axis=1) + tolerances.TINY
+        tight = region.slacks(points) <= tolerances.FEASIBILITY
+        for pattern in np.unique(tight[shown], axis=0):
+            at = np.flatnonzero(shown & (tight == pattern).all(axis=1))
+            rows = np.vstack([region.A_ub[pattern], region.A_eq])
+            multipliers = -model.gradients[at] @ np.linalg.pinv(rows)
+            left = np.abs(model.gradients[at] + multipliers @ rows).max(axis=1)
+            wrong = -(multipliers[:, : int(pattern.sum())] * np.abs(region.A_ub[pattern]).max(axis=1)).min(
+                axis=1, initial=0.0
+            )
+            shown[at] = np.maximum(left, wrong) <= tolerances.SHOWN_OPTIMAL * scale[at]
+        return np.asarray(shown)
+
+    def _polished(self, beliefs: Array, rough: Array) -> Array:
+        """What an interior-point solver leaves, made exact where costs have gradients, and feasible elsewhere."""
+        found, left = np.array(rough), np.arange(len(rough))
         if self.differentiable:
-            try:
-                found = minimise_smooth(_Expected(self), belief[None], rough[None], self._layout)
-            except (SolverError, ModelError):
-                found = rough[None]  # a kink after all: the interior point is what there is
-            if self.constraints.violation(found)[0] <= tolerances.FEASIBILITY:
-                return np.asarray(found[0])
-        return _pulled_in(self.constraints, rough)
+            found = self._newton(beliefs, rough)
+            left = np.flatnonzero(~(self.constraints.violation(found) <= tolerances.FEASIBILITY))
+        if left.size:
+            # The nearest feasible decisions.
+            units = np.broadcast_to(np.eye(self.n_actions), (left.size, self.n_actions, self.n_actions))
+            found[left] = solve_programmes(units, -rough[left], self._layout)
+        return found
+
+    def _newton(self, beliefs: Array, starts: Array) -> Array:
+        """Newton's method for all beliefs together; one by one where it fails for some, and these as they start."""
+        try:
+            return minimise_smooth(_Expected(self), beliefs, starts, self._layout)
+        except (SolverError, ModelError):
+            if len(beliefs) == 1:
+                return np.array(starts)  # a kink after all: the interior point is what there is
+        return np.vstack([self._newton(*pair) for pair in zip(beliefs[:, None], starts[:, None], strict=True)])
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
@@ -245,20 +299,22 @@ class _Expected:
         """Return value, gradient and Hessian."""
         slopes = np.einsum("nx,nxu->nu", held, self._slopes(points))
         size = points.shape[1]
-        hessians = np.empty((len(points), size, size))
-        step, unit = tolerances.DIFFERENCE, np.eye(points.shape[1])
+        step, moves = tolerances.DIFFERENCE, tolerances.DIFFERENCE * np.eye(size)
         with np.errstate(all="ignore"):
-            for j in range(size):
-                # One side is enough: an error of the step's size in the curvature costs no more than that share of a step.
-                sides = np.einsum("nx,nxu->nu", held, self._slopes(points + step * unit[j])) - slopes
-                off = np.flatnonzero(~np.isfinite(sides).all(axis=1))
-                if off.size:
-                    back = self._slopes(points[off] - step * unit[j])
-                    sides[off] = slopes[off] - np.einsum("nx,nxu->nu", held[off], back)
-                hessians[:, j] = np.where(np.isfinite(sides), sides, 0.0) / step
+            # One side is enough: an error of the step's size in the curvature costs no more than that share of a step.
+            sides = self._moved(held, points, moves) - slopes[:, None]
+            off = np.flatnonzero(~np.isfinite(sides).all(axis=(1, 2)))
+            if off.size:
+                back = slopes[off, None] - self._moved(held[off], points[off], -moves)
+                sides[off] = np.where(np.isfinite(sides[off]).all(axis=2, keepdims=True), sides[off], back)
+        hessians = np.where(np.isfinite(sides), sides, 0.0) / step
         values, vectors = np.linalg.eigh(0.5 * (hessians + hessians.transpose(0, 2, 1)))
         bent = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors)
         return Model(self.values(held, points), slopes, bent)
+
+    def _moved(self, held: Array, points: Array, moves: Array) -> Array:
+        """Slopes (n,m,U) at points (n,U) after each of moves (m,U)."""
+        return np.asarray(np.einsum("nx,nmxu->nmu", held, self._slopes(points[:, None] + moves)))
 
     def longest_steps(self, held: Array, points: Array, steps: Array) -> Array:
         """Return whole steps: outside the domain the value is infinite."""
@@ -272,13 +328,6 @@ def _middle(region: Polyhedron) -> Array:
     equal = Rows(np.column_stack([region.A_eq, np.zeros(len(region.b_eq))]), region.b_eq)
     bounds: list[tuple[float | None, float | None]] = [(None, None)] * size
     return minimum(np.append(np.zeros(size), -1.0 if n else 0.0), below, equal, [*bounds, (None, 1.0)]).x[:size]
-
-
-def _pulled_in(region: Polyhedron, point: Array) -> Array:
-    """The feasible decision nearest to an interior-point solver's."""
-    size = point.size
-    nearest = QuadraticProblem(np.eye(size)[None], -point[None], constraints=region)
-    return nearest.solve([1.0])
 
 
 def _recognised(model: Modelled, region: Polyhedron) -> DecisionProblem | None:

@@ -1,11 +1,14 @@
-"""Values and gradients of CVXPY expressions of one variable, without asking CVXPY anew for what never changes.
+"""Values and gradients of CVXPY expressions of one variable at many points at once, without asking CVXPY anew for what never
+changes.
 
 An expression is a tree. Its affine parts have one Jacobian for all points, found once; above them the chain rule uses
-each atom's own slopes. CVXPY's public `grad` builds the Jacobians again at every point, some milliseconds each.
+formulas for the common atoms, and each atom's own slopes, point by point, for others. CVXPY's public `grad` builds the
+Jacobians again at every point, some milliseconds each.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,48 +16,79 @@ import numpy as np
 
 from inscrutable.validation import Array
 
+Function = Callable[[Array], Array]
+
 
 @dataclass(eq=False)
 class Node:
-    """One expression: constant, affine with Jacobian and offset, or an atom of other nodes."""
+    """One expression: constant, affine in the variable, affine in other nodes, or an atom of other nodes.
+
+    Entries are in CVXPY's order, the columns of a matrix one after the other.
+    """
 
     expression: Any
     shape: tuple[int, ...]
-    constant: Any = None
-    slope: Array | None = None  # (U, size), entries of the expression in CVXPY's order
+    constant: Array | None = None  # (size,)
     offset: Array | float = 0.0  # (size,)
+    slope: Array | None = None  # (U, size)
     children: list[Node] = field(default_factory=list)
-    is_affine_atom: bool = False
-    _parts: Any = None
+    slopes: list[Array | None] | None = None  # (child's size, size) of an affine atom, None for constants
+    bend: Function | None = None  # the slope of a function of one argument, entry by entry
+    gather: tuple[Function, Function] | None = (
+        None  # value (n,) and gradient (n, child's size) of a function of one vector
+    )
 
-    def value(self, point: Array) -> Any:
-        """Return the expression's value at a point (U,)."""
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        return int(np.prod(self.shape, dtype=np.int64))
+
+    def values(self, points: Array) -> Array:
+        """Return the expression's entries (n,size) at points (n,U)."""
         if self.constant is not None:
-            return self.constant
+            return np.broadcast_to(self.constant, (len(points), self.size))
         if self.slope is not None:
-            return np.reshape(self.offset + point @ self.slope, self.shape, order="F")
-        return self.expression.numeric([child.value(point) for child in self.children])
+            return np.asarray(self.offset + points @ self.slope)
+        if self.slopes is not None:
+            total = np.tile(self.offset, (len(points), 1))
+            for child, slope in zip(self.children, self.slopes, strict=True):
+                if slope is not None:
+                    total += child.values(points) @ slope
+            return total
+        inner = [child.values(points) for child in self.children]
+        if self.bend is not None:
+            return np.asarray(self.expression.numeric([inner[0]]))
+        if self.gather is not None:
+            return self.gather[0](inner[0])[:, None]
+        return np.array(
+            [np.ravel(self.expression.numeric(self._shaped(inner, row)), "F") for row in range(len(points))]
+        )
 
-    def gradient(self, point: Array) -> Array | None:
-        """Return the Jacobian (U, size) at a point, None outside the domain."""
+    def gradients(self, points: Array) -> Array:
+        """Return the Jacobians (n,U,size), NaN outside the domain."""
         if self.slope is not None:
-            return self.slope
-        parts = self._parts
-        if parts is None:
-            parts = self.expression._grad([child.value(point) for child in self.children])
-            if self.is_affine_atom:
-                self._parts = parts
-        size = int(np.prod(self.shape, dtype=np.int64))
-        total = np.zeros((point.size, size))
-        for child, part in zip(self.children, parts, strict=False):  # constants at the end may have no part
-            if child.constant is not None:
-                continue
-            inner = None if part is None else child.gradient(point)
-            if inner is None:
-                return None
-            dense = part.toarray() if hasattr(part, "toarray") else np.asarray(part, dtype=np.float64)
-            total += inner * dense if dense.ndim == 0 else inner @ dense.reshape(inner.shape[1], size)
+            return np.broadcast_to(self.slope, (len(points), *self.slope.shape))
+        total = np.zeros((len(points), points.shape[1], self.size))
+        if self.slopes is not None:
+            for child, slope in zip(self.children, self.slopes, strict=True):
+                if slope is not None:
+                    total += child.gradients(points) @ slope
+            return total
+        inner = [child.values(points) for child in self.children]
+        if self.bend is not None:
+            return self.children[0].gradients(points) * self.bend(inner[0])[:, None, :]
+        if self.gather is not None:
+            return self.children[0].gradients(points) @ self.gather[1](inner[0])[:, :, None]
+        below = [None if child.constant is not None else child.gradients(points) for child in self.children]
+        for row in range(len(points)):
+            parts = self.expression._grad(self._shaped(inner, row))
+            for child, jacobian, part in zip(self.children, below, parts, strict=False):  # constants may have no part
+                if jacobian is not None:
+                    total[row] += np.nan if part is None else jacobian[row] @ _matrix(part, child.size, self.size)
         return total
+
+    def _shaped(self, inner: list[Array], row: int) -> list[Any]:
+        return [np.reshape(each[row], child.shape, order="F") for child, each in zip(self.children, inner, strict=True)]
 
 
 def tree_of(expression: Any, variable: Any) -> Node:
@@ -63,7 +97,7 @@ def tree_of(expression: Any, variable: Any) -> Node:
 
     node = Node(expression, tuple(expression.shape))
     if expression.is_constant():
-        node.constant = expression.value
+        node.constant = np.ravel(_dense(expression.value), order="F").astype(np.float64)
     elif expression.is_affine():
         columns = []
         for point in np.vstack([np.zeros(variable.size), np.eye(variable.size)]):
@@ -73,8 +107,74 @@ def tree_of(expression: Any, variable: Any) -> Node:
         node.slope = np.array(columns[1:], dtype=np.float64) - node.offset
     else:
         node.children = [tree_of(each, variable) for each in expression.args]
-        node.is_affine_atom = isinstance(expression, AffAtom)
+        if isinstance(expression, AffAtom):
+            _describe_affine(node)
+        else:
+            node.bend, node.gather = _entrywise(node), _gathered(node)
     return node
+
+
+def _describe_affine(node: Node) -> None:
+    """Find the offset and the slopes of an affine atom of other nodes, the same at all points."""
+    zero = [np.zeros(child.size) if child.constant is None else child.constant for child in node.children]
+    arguments = [np.reshape(each, child.shape, order="F") for child, each in zip(node.children, zero, strict=True)]
+    node.offset = np.ravel(_dense(node.expression.numeric(arguments)), order="F").astype(np.float64)
+    parts = [*node.expression._grad(arguments), *[None] * len(node.children)]
+    node.slopes = [
+        None if child.constant is not None else _matrix(part, child.size, node.size)
+        for child, part in zip(node.children, parts, strict=False)
+    ]
+
+
+def _entrywise(node: Node) -> Function | None:
+    """The slope of an atom that treats every entry alike."""
+    name = type(node.expression).__name__
+    if len(node.children) != 1 or node.children[0].shape != node.shape:
+        return None
+    if name.lower().startswith("power"):
+        p = float(node.expression.p.value)
+        return (lambda x: 2.0 * x) if p == 2.0 else _within(lambda x: p * x ** (p - 1.0))
+    return _ENTRYWISE.get(name)
+
+
+def _gathered(node: Node) -> tuple[Function, Function] | None:
+    """The formula of an atom that makes a number of one vector."""
+    name, first = type(node.expression).__name__, node.children[0]
+    if node.size != 1 or any(child.constant is None for child in node.children[1:]):
+        return None
+    if name.lower().startswith("pnorm") and float(node.expression.p) == 2.0 and node.expression.axis is None:
+        return (_length, lambda x: x / np.where(_length(x) > 0.0, _length(x), 1.0)[:, None])
+    if name == "quad_over_lin" and len(node.children) == 2 and node.children[1].size == 1:
+        share = 1.0 / float(np.ravel(node.children[1].constant)[0])  # type: ignore[arg-type]
+        return (lambda x: share * (x * x).sum(axis=1), lambda x: 2.0 * share * x)
+    if name == "QuadForm" and len(first.shape) == 1:
+        form = np.reshape(node.children[1].constant, (first.size, first.size), order="F")  # type: ignore[call-overload]
+        return (lambda x: np.einsum("ni,ij,nj->n", x, form, x), lambda x: x @ (form + form.T))
+    return None
+
+
+def _length(rows: Array) -> Array:
+    return np.asarray(np.linalg.norm(rows, axis=1))
+
+
+def _within(formula: Function) -> Function:
+    """The formula where its argument is positive, NaN elsewhere."""
+    return lambda x: np.where(x > 0.0, formula(np.where(x > 0.0, x, 1.0)), np.nan)
+
+
+_ENTRYWISE: dict[str, Function] = {
+    "log": _within(np.reciprocal),
+    "exp": np.exp,
+    "entr": _within(lambda x: -np.log(x) - 1.0),
+    "logistic": lambda x: 0.5 * (1.0 + np.tanh(0.5 * x)),
+    "abs": np.sign,
+}
+
+
+def _matrix(part: Any, rows: int, columns: int) -> Array:
+    """An atom's slopes as a matrix, whatever CVXPY gives them as."""
+    dense = np.asarray(_dense(part), dtype=np.float64)
+    return dense * np.eye(rows) if dense.ndim == 0 else dense.reshape(rows, columns)
 
 
 def _dense(value: Any) -> Any:

@@ -3,10 +3,10 @@
 Every plausible decision is optimal for some belief y, and its privacy is then at most ‖π − y‖ (at most −‖t − y‖ when the
 goal is a target t and y the member nearest to it). The simplex is cut into simplicial cells; on each, the regret of
 *every* decision that is optimal for one of its beliefs is bounded from below through optimal costs at the corners and on
-the way to them, for quadratic costs through optimal decisions, which turns the largest privacy there into a tiny linear
-programme. Cells that could still hold something better are halved. A cell whose corners share one decision is part of its
-consistent set and counts with the distance of that set, itself and nothing beyond it. For quadratic costs a cell is left
-out where no belief is the nearest one that explains its decision.
+the way to them, for quadratic costs and growth through optimal decisions, which turns the largest privacy there into a
+tiny linear programme. Cells that could still hold something better are halved. A cell whose corners share one decision is
+part of its consistent set and counts with the distance of that set, itself and nothing beyond it. For quadratic costs and
+growth a cell is left out where no belief is the nearest one that explains its decision.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from inscrutable import tolerances
 from inscrutable.adversaries import consistent_beliefs, consistent_sets
 from inscrutable.decision_makers.proofs.cell_programmes import cell_bounds
 from inscrutable.decision_makers.proofs.fibres import Fibres
-from inscrutable.decision_makers.proofs.oracle_points import N_LEVELS, OraclePoints
+from inscrutable.decision_makers.proofs.growth_cells import GrowthCells, whitened_growth
+from inscrutable.decision_makers.proofs.oracle_points import LEVELS_TRIED, N_LEVELS, OraclePoints
 from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
+from inscrutable.decision_makers.proofs.smooth_cells import SmoothCells
 from inscrutable.errors import InscrutableError
 from inscrutable.geometry.simplicial import cones_from, directions_to, edges, halved
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, KellyProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _MOST_CELLS = 256  # halved in one round
@@ -89,9 +91,8 @@ class Prover:
         self._exact = np.zeros(0, dtype=np.bool_)
         self._leaves: _Cells | None = None
         self._allowance = 0.0
-        form = whitened(problem) if isinstance(problem, QuadraticProblem) else None
-        self._quadratic = None if form is None else QuadraticCells(problem, self.points, form)  # type: ignore[arg-type]
-        self._fibres = None if self._quadratic is None else Fibres(self._quadratic)
+        self._smooth = _smooth_cells(problem, self.points)
+        self._fibres = None if self._smooth is None else Fibres(self._smooth)
 
     def answer(self, question: Question) -> Answer:
         """Return a bound for one question; again where the solver turned out less exact than allowed for."""
@@ -174,22 +175,29 @@ class Prover:
         """Bounds of gains and regrets on cells, without cells in which there is nothing to find."""
         outside = question.reference.sign > 0
         points = self.points.beliefs[corners]
-        if self._quadratic is None:
+        near = None
+        if self._smooth is None:
             regrets = self._by_values(corners)
         else:
-            near, broken = self._quadratic.nearness(corners)
-            regrets = self._quadratic.regret_bounds(corners, near)
-            if not self._quadratic.bends:
-                regrets = np.concatenate([regrets, self._by_values(corners)], axis=2)
+            near = self._smooth.nearness(corners)
+            regrets = self._smooth.regret_bounds(corners, near)
+            if not self._smooth.bends:
+                blind = np.flatnonzero(self._smooth.is_blind(regrets, near))
+                values = np.zeros((*corners.shape, LEVELS_TRIED * corners.shape[1]))
+                values[blind] = self._by_values(corners[blind])
+                regrets = np.concatenate([regrets, values], axis=2)
+        single = np.full(len(corners), self.problem.costs_are_unique)
+        if near is not None:
+            single |= np.isfinite(near.near)
         cells = _Cells(corners, _gains(points, question.reference), regrets, self._tiny(points))
         alive = np.flatnonzero(cells.bounds(question) > question.floor)
-        if outside and self._fibres is not None and self._quadratic is not None and alive.size:
-            empty = self._fibres.passes(corners[alive], near[alive], broken[alive])
+        if outside and self._fibres is not None and near is not None and alive.size:
+            empty = self._fibres.passes(corners[alive], near.pick(alive))
             kept = np.ones(len(corners), dtype=np.bool_)
             kept[alive[empty]] = False
-            cells = cells.pick(kept)
-        if outside and self.problem.costs_are_unique:
-            self._close_shared(cells)
+            cells, single = cells.pick(kept), single[kept]
+        if outside:
+            self._close_shared(cells, single)
         return cells
 
     def _tiny(self, points: Array) -> np.ndarray:
@@ -205,14 +213,16 @@ class Prover:
         self.points.look_on_the_way(corners, levels)
         return self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
 
-    def _close_shared(self, cells: _Cells) -> None:
-        """Write into cells whose corners share one decision what it is worth."""
+    def _close_shared(self, cells: _Cells, single: np.ndarray) -> None:
+        """Write into cells whose corners share one decision what it is worth, where beliefs have a `single` one (C,)."""
+        if not single.any():
+            return
         corners = cells.corners
         upper = self.points.upper_costs(corners)
         slack = tolerances.SHARED_DECISION * self.points.scale
         optimal = (upper <= self.points.values[corners][:, :, None] + slack).all(axis=1)
         width = np.abs(self.points.beliefs[corners] - self.points.beliefs[corners[:, :1]]).max(axis=(1, 2))
-        for cell in np.flatnonzero(optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)):
+        for cell in np.flatnonzero(single & optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)):
             costs = self.points.costs[corners[cell, optimal[cell].argmax()]]
             regret = float(costs @ self.belief) - self.points.optimal_cost - self.points.allowance
             cells.gains[cell] = self._distance(costs, corners[cell])
@@ -241,6 +251,17 @@ class Prover:
         except InscrutableError:
             return member
         return np.asarray(found) if np.isfinite(found).all() else member
+
+
+def _smooth_cells(problem: DecisionProblem, points: OraclePoints) -> SmoothCells | None:
+    """What is known between corners, where costs say how much they bend."""
+    if isinstance(problem, QuadraticProblem):
+        form = whitened(problem)
+        return None if form is None else QuadraticCells(problem, points, form)
+    if isinstance(problem, KellyProblem):
+        form = whitened_growth(problem)
+        return None if form is None else GrowthCells(problem, points, form)
+    return None
 
 
 def _gains(points: Array, reference: Reference) -> Array:

@@ -1,4 +1,4 @@
-"""Cells of beliefs in which no belief is the nearest that explains its decision, for quadratic costs.
+"""Cells of beliefs in which no belief is the nearest that explains its decision, for costs that say how much they bend.
 
 A decision counts with its nearest consistent belief, for which it is optimal too. Where fewer coordinates of a decision are
 free than a belief has, its consistent beliefs are a fibre that runs through many cells, and of them only those matter that
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, complement
+from inscrutable.decision_makers.proofs.smooth_cells import Nearness, SmoothCells, complement
 from inscrutable.geometry.simplicial import directions_to
 from inscrutable.validation import Array
 
@@ -26,30 +26,29 @@ class _Cells(NamedTuple):
     """Cells with the same rows that are tight for sure, and that may be."""
 
     corners: np.ndarray  # (C,X)
-    near: Array  # (C,) how far a decision can be from the interpolated one
+    drift: Array  # (C,) how far all states' gradients can be from the interpolated ones
 
 
 class Fibres:
     """Tells cells apart that cannot hold the nearest consistent belief of any decision."""
 
-    def __init__(self, cells: QuadraticCells) -> None:
+    def __init__(self, cells: SmoothCells) -> None:
         self.cells = cells
-        form = cells.form
-        self._bending = float(np.sqrt((np.linalg.norm(form.hessians, 2, axis=(1, 2)) ** 2).sum()))
         self._free: dict[bytes, Array | None] = {}
 
-    def passes(self, corners: np.ndarray, near: Array, broken: Array) -> np.ndarray:
+    def passes(self, corners: np.ndarray, near: Nearness) -> np.ndarray:
         """Return for cells (C,X) whether all fibres pass through without a nearest point; False where there is no proof."""
         found = np.zeros(len(corners), dtype=np.bool_)
         known = self.cells.known
         n_states, n_free = self.cells.problem.n_states, self.cells.form.basis.shape[1]
-        met = known.slacks[corners].min(axis=1) <= near[:, None] + tolerances.FEASIBILITY
+        met = known.slacks[corners].min(axis=1) <= near.near[:, None] + tolerances.FEASIBILITY
         # With too few rows there are decisions that one belief alone explains.
-        hopeful = np.flatnonzero((met.sum(axis=1) > n_free - n_states + 1) & np.isfinite(near))
+        known_well = np.isfinite(near.near + near.sum + near.gradients)
+        hopeful = np.flatnonzero((met.sum(axis=1) > n_free - n_states + 1) & known_well)
         sure = np.zeros_like(met)
         for pattern, at in _groups(met[hopeful], hopeful):
             if self._basis(pattern) is not None:
-                sure[np.ix_(at, pattern)] = self._positive(pattern, corners[at], near[at], broken[at])
+                sure[np.ix_(at, pattern)] = self._positive(pattern, corners[at], near.sum[at])
         hopeful = hopeful[sure[hopeful].sum(axis=1) > n_free - n_states + 1]
         for pattern, at in _groups(np.concatenate([met, sure], axis=1)[hopeful], hopeful):
             possible, held = np.split(pattern, 2)
@@ -61,7 +60,9 @@ class Fibres:
                 tight = held.copy()
                 tight[list(extra)] = True
                 left = left[
-                    self._leads_nearer(tight, np.array(extra, dtype=np.intp), _Cells(corners[left], near[left]))
+                    self._leads_nearer(
+                        tight, np.array(extra, dtype=np.intp), _Cells(corners[left], near.gradients[left])
+                    )
                 ]
                 if not left.size:
                     break
@@ -100,12 +101,11 @@ class Fibres:
             self._free[key] = free if independent else None
         return self._free[key]
 
-    def _positive(self, pattern: np.ndarray, corners: np.ndarray, near: Array, broken: Array) -> np.ndarray:
+    def _positive(self, pattern: np.ndarray, corners: np.ndarray, moved: Array) -> np.ndarray:
         """Which of the rows that may be tight have positive multipliers all over cells: (C,r)."""
         known, pseudo = self.cells.known, self.cells.pseudo(pattern)
         slopes = np.einsum("cjx,cjxf->cjf", self.cells.points.beliefs[corners], known.gradients[corners])
         least = (-slopes @ pseudo.T).min(axis=1)
-        moved = broken + known.curvatures[corners, 1].max(axis=1) * near
         return np.asarray(least > moved[:, None] * np.linalg.norm(pseudo, axis=1) + tolerances.FEASIBILITY)
 
     def _leads_nearer(self, tight: np.ndarray, unsure: np.ndarray, cells: _Cells) -> np.ndarray:
@@ -113,7 +113,7 @@ class Fibres:
         known, points = self.cells.known, self.cells.points
         n_states, free = points.belief.size, self._basis(tight)
         if free is None or free.shape[1] >= n_states - 1:
-            return np.zeros(len(cells.near), dtype=np.bool_)
+            return np.zeros(len(cells.drift), dtype=np.bool_)
         beliefs, gradients = points.beliefs[cells.corners], known.gradients[cells.corners]
         system, scale = _systems(gradients @ free)
         middle = system.mean(axis=1)
@@ -122,7 +122,7 @@ class Fibres:
         pseudo = self.cells.pseudo(tight)[np.searchsorted(np.flatnonzero(tight), unsure)]
         bounds = -np.einsum("rf,cjxf->cjrx", pseudo, gradients)  # rows whose product with a belief is a multiplier
         direction = _proposed(points.belief, beliefs, along, bounds)
-        drift = scale * self._bending * cells.near
+        drift = scale * cells.drift
         off = np.linalg.norm(np.einsum("cjkx,cx->cjk", system, direction), axis=2).max(axis=1) + drift
         spread = np.linalg.norm(system - middle[:, None], axis=(2, 3)).max(axis=1)
         regular = sizes[:, -1] - spread - drift
@@ -134,7 +134,7 @@ class Fibres:
         at_border = beliefs.min(axis=1) <= tolerances.FEASIBILITY
         good &= (~at_border | (direction >= turned[:, None])).all(axis=1)
         if unsure.size:
-            wide = self._bending * np.linalg.norm(pseudo, axis=1) * cells.near[:, None]
+            wide = np.linalg.norm(pseudo, axis=1) * cells.drift[:, None]
             steep = np.linalg.norm(bounds, axis=3).max(axis=1) + wide
             falls = np.einsum("cjrx,cx->cjr", bounds, direction).min(axis=1)
             good &= (falls >= steep * turned[:, None] + wide).all(axis=1)

@@ -8,6 +8,8 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 N_LEVELS = 16
+_TRIED = (0, -1, 1)  # levels, from that of a cell
+LEVELS_TRIED = len(_TRIED)
 
 
 class OraclePoints:
@@ -97,7 +99,7 @@ class OraclePoints:
         and each corner's decision above V(y).
         """
         columns = []
-        for step in (0, -1, 1):
+        for step in _TRIED:
             level = np.clip(levels + step, 1, N_LEVELS - 1)
             share = (1.0 - 0.5**level)[:, None, None]
             lower = self.on_the_way[corners, level[:, None]][:, :, None] - self.allowance

@@ -138,7 +138,7 @@ def test_everybody_spends_the_same_or_cannot(found: Comparison) -> None:
         elif row.maker in ("PDM", "PDM, candidates only"):
             assert row.expected_regret == pytest.approx(row.budget, rel=SAME_SPENDING)
         else:  # a few beliefs and single decisions cannot spend every amount
-            assert 0.5 * row.budget < row.expected_regret < 1.1 * row.budget
+            assert 0.5 * row.budget < row.expected_regret <= (1.0 + SAME_SPENDING) * row.budget
 
 
 def test_what_must_hold_of_every_row(found: Comparison) -> None:
@@ -196,7 +196,8 @@ def test_the_order_of_beliefs_is_of_no_account(market: tuple[MarkowitzProblem, P
 def test_one_belief_leaves_nothing_to_hide(market: tuple[MarkowitzProblem, Prior]) -> None:
     prior = Prior([[0.2, 0.3, 0.5]], [1.0])
     found = compare(market[0], prior, SETTINGS, rng=np.random.default_rng(0))
-    assert found.prior_error == found.silence_regret == 0.0
+    assert found.prior_error == 0.0
+    assert found.silence_regret == pytest.approx(0.0, abs=1e-15)
     for row in found.rows:
         assert row.bayes_error == row.mutual_information == 0.0
         assert row.top_state_accuracy == 1.0
@@ -298,7 +299,7 @@ def test_lotteries_among_candidates_by_linear_programme(market: tuple[MarkowitzP
         (lambda amount: min(amount, 0.2), 0.3, 0.2),
         (lambda amount: amount**2, 0.3, 0.3),
         (lambda amount: 0.0, 0.3, 0.0),
-        (lambda amount: 0.0 if amount < 0.5 else 0.4, 0.3, 0.4),
+        (lambda amount: 0.0 if amount < 0.5 else 0.4, 0.3, 0.0),  # a leap over what is asked for
         (lambda amount: amount, 0.0, 0.0),
     ],
 )

@@ -129,15 +129,19 @@ def per_belief(make: Callable[[Setting, Budget], PlaysMany], *, promises: bool) 
 
 
 def scaled_to(setting: Setting, tried: Callable[[float], Play], regret: float) -> Play:
-    """Return the trial whose expected regret is nearest to the one asked for; it grows with a trial's amount."""
+    """Return the trial whose expected regret is nearest to the one asked for, and not above it; it grows with the amount.
+
+    Where single decisions leap over what is asked for, the trial before the leap stands.
+    """
     low, high, amount = (0.0, 0.0), None, regret
-    best, best_gap = None, np.inf
+    best, best_gap = None, (True, np.inf)
     for _ in range(_MOST_TRIALS):
         play = tried(amount)
         found = spent(setting, play)
-        if abs(found - regret) < best_gap:
-            best, best_gap = play, abs(found - regret)
-        if best_gap <= SAME_SPENDING * regret:
+        gap = (found > regret * (1.0 + SAME_SPENDING), abs(found - regret))
+        if gap < best_gap:
+            best, best_gap = play, gap
+        if abs(found - regret) <= SAME_SPENDING * regret:
             break
         if found < regret:
             if amount > regret and found <= low[1] * (1.0 + SAME_SPENDING):

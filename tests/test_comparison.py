@@ -144,6 +144,8 @@ def test_everybody_spends_the_same_or_cannot(found: Comparison) -> None:
 def test_what_must_hold_of_every_row(found: Comparison) -> None:
     for row in found.rows:
         assert 0.0 <= row.bayes_error <= found.prior_error + 1e-12
+        assert 0.0 <= row.least_error <= row.bayes_error + 1e-12
+        assert 0.5 - 1e-9 <= row.read_auc <= row.auc + 1e-9 <= 1.0 + 2e-9
         for error in (row.naive_error, row.near_optimal_error, row.budget_aware_error):
             assert error >= row.bayes_error - 1e-9, "nobody does better than Bayes' rule"
         assert row.mutual_information <= found.prior_entropy + 1e-9
@@ -158,7 +160,7 @@ def test_the_original_decision_hides_nothing(found: Comparison) -> None:
     (row,) = found.of("ODM")
     # Several beliefs may share one decision, most of all where few assets are held.
     assert row.naive_privacy == pytest.approx(0.0, abs=1e-7)
-    assert row.read_auc == pytest.approx(0.5)
+    assert (row.auc, row.read_auc) == pytest.approx((0.5, 0.5))
     assert row.worst_regret == pytest.approx(0.0, abs=1e-12)
 
 

@@ -37,11 +37,13 @@ class ComparisonRow(Saved):
         near_optimal_error: Of one who allows for the expected regret asked for, with the prior.
         budget_aware_error: Of one who knows the largest regret of any decision, with the prior.
         bayes_error: Of one who knows the mechanism and the prior.
+        least_error: The same for the belief that is hidden worst.
         mutual_information: In bits.
         min_entropy_leakage: In bits.
         maximal_leakage: In bits.
         naive_top_state: How often the naive observer names a most likely state.
         top_state_accuracy: How often the one who knows the mechanism does.
+        auc: Area under the curve of telling hiding from not hiding by the likelihoods of single decisions; ½ is nothing.
         read_auc: Area under the curve of telling hiding from not hiding by naive readings of single decisions; ½ is nothing.
         expected_gap: Expected plausibility gap of the decisions, in the cost's unit.
         implausible_share: How often a decision is played that no belief explains.
@@ -64,11 +66,13 @@ class ComparisonRow(Saved):
     near_optimal_error: float
     budget_aware_error: float
     bayes_error: float
+    least_error: float
     mutual_information: float
     min_entropy_leakage: float
     maximal_leakage: float
     naive_top_state: float
     top_state_accuracy: float
+    auc: float
     read_auc: float
     expected_gap: float
     implausible_share: float
@@ -116,11 +120,13 @@ def measured(
         near_optimal_error=guess_error(joint, guesses["near"]),
         budget_aware_error=guess_error(joint, guesses["budget"]),
         bayes_error=read.bayes_error,
+        least_error=read.least_error,
         mutual_information=read.mutual_information,
         min_entropy_leakage=read.min_entropy_leakage,
         maximal_leakage=read.maximal_leakage,
         naive_top_state=top_state_share(joint, guesses["naive"]),
         top_state_accuracy=read.top_state_accuracy,
+        auc=seen.auc,
         read_auc=seen.read_auc,
         expected_gap=seen.expected_gap,
         implausible_share=seen.implausible_share,

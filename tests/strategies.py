@@ -117,3 +117,14 @@ def belief_problem(n_states: int = 3, min_slack: float = 0.0) -> MarkowitzProble
     ρ(π, u*(y)) = ‖π − y‖²/4.
     """
     return MarkowitzProblem(np.eye(n_states), [np.eye(n_states)] * n_states, 1.0, long_only(n_states, min_slack))
+
+
+def random_cell(rng: np.random.Generator, n_states: int, *, smallest: float, evenness: float) -> np.ndarray:
+    """Corners (X,X) of a cell of any size from the smallest on, some on the simplex's border."""
+    size = 10 ** rng.uniform(np.log10(smallest), 0)
+    middle, apart = rng.dirichlet(np.full(n_states, evenness)), rng.dirichlet(np.full(n_states, evenness), n_states)
+    corners = (1 - size) * middle + size * apart
+    if rng.random() < 0.3:
+        corners[:, rng.integers(n_states)] *= rng.random(n_states) < 0.5
+        corners /= corners.sum(axis=1, keepdims=True)
+    return np.asarray(corners)

@@ -23,6 +23,7 @@ from inscrutable.adversaries import consistent_sets
 from inscrutable.decision_makers.proofs.fibres import Fibres
 from inscrutable.decision_makers.proofs.growth_cells import GrowthCells, _log_gaps, whitened_growth
 from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
+from strategies import random_cell
 
 PROVEN = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
 
@@ -58,17 +59,6 @@ def cells_of(problem, belief):
     return None if form is None else GrowthCells(problem, points, form)
 
 
-def random_cell(rng, n_states):
-    size = 10 ** rng.uniform(-3.0, 0)
-    corners = (1 - size) * rng.dirichlet(np.full(n_states, 0.7)) + size * rng.dirichlet(
-        np.full(n_states, 0.7), n_states
-    )
-    if rng.random() < 0.3:
-        corners[:, rng.integers(n_states)] *= rng.random(n_states) < 0.5
-        corners /= corners.sum(axis=1, keepdims=True)
-    return corners
-
-
 @pytest.mark.parametrize("seed", range(24))
 def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
     """Decisions, gradients and regrets between corners; and where no fibre ends all beliefs have a nearer one beside them."""
@@ -81,7 +71,7 @@ def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
         return
     points, fibres = cells.points, Fibres(cells)
     for _ in range(12):
-        index = points.add(random_cell(rng, n_states))[None]
+        index = points.add(random_cell(rng, n_states, smallest=1e-3, evenness=0.7))[None]
         near = cells.nearness(index)
         bounds = cells.regret_bounds(index, near)[0]
         shares = np.vstack([np.eye(n_states), rng.dirichlet(np.full(n_states, 0.6), 30)])

@@ -23,6 +23,7 @@ from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
 from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
 from inscrutable.geometry.simplicial import directions_to
 from oracles import markets
+from strategies import random_cell
 
 
 def region(rng, n_assets):
@@ -44,18 +45,6 @@ def market_of(rng, n_states, spread=0.0):
     return MarkowitzProblem(*market, region(rng, n_assets))
 
 
-def random_cell(rng, n_states):
-    """Corners of a cell of any size, some on the simplex's border."""
-    size = 10 ** rng.uniform(-2.5, 0)
-    corners = (1 - size) * rng.dirichlet(np.full(n_states, 0.5)) + size * rng.dirichlet(
-        np.full(n_states, 0.5), n_states
-    )
-    if rng.random() < 0.3:
-        corners[:, rng.integers(n_states)] *= rng.random(n_states) < 0.5
-        corners /= corners.sum(axis=1, keepdims=True)
-    return corners
-
-
 @pytest.mark.parametrize("seed", range(16))
 def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
     """Interpolated bounds are below every regret, and where no fibre ends all beliefs have a nearer one beside them."""
@@ -67,7 +56,7 @@ def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
     cells = QuadraticCells(problem, points, whitened(problem))
     fibres = Fibres(cells)
     for _ in range(12):
-        index = points.add(random_cell(rng, n_states))[None]
+        index = points.add(random_cell(rng, n_states, smallest=10**-2.5, evenness=0.5))[None]
         near = cells.nearness(index)
         bounds = cells.regret_bounds(index, near)[0]
         shares = np.vstack([np.eye(n_states), rng.dirichlet(np.full(n_states, 0.6), 30)])

@@ -23,7 +23,7 @@ from inscrutable import (
     simplex,
     simplex_grid,
 )
-from inscrutable.decision_makers.proofs.cell_programmes import cell_bounds
+from inscrutable.decision_makers.proofs.cell_programmes import bounds_by, cell_weights
 from inscrutable.decision_makers.proofs.certificate import Prover, Question
 from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
 from inscrutable.geometry.simplicial import cones_from, directions_to, halved
@@ -367,7 +367,8 @@ def test_tiny_programmes_equal_highs(seed):
     gains = rng.uniform(0, 1, (6, n_corners))
     regrets = rng.normal(0.0, 1.0, (6, n_corners, n_columns))
     budget, multiplier = float(rng.uniform(-0.2, 0.8)), float(rng.uniform(0.0, 2.0))
-    under, priced = cell_bounds(gains, regrets, budget, None), cell_bounds(gains, regrets, budget, multiplier)
+    under = bounds_by(cell_weights(gains, regrets, budget, None), gains, regrets, budget)
+    priced = bounds_by(cell_weights(gains, regrets, budget, multiplier), gains, regrets, 0.0)
     for cell in range(6):
         rows, total = regrets[cell].T, [np.ones(n_corners)]
         answer = linprog(-gains[cell], A_ub=rows, b_ub=np.full(n_columns, budget), A_eq=total, b_eq=[1.0])

@@ -40,10 +40,14 @@ class Atoms:
     def value(self, limit: float) -> tuple[float, float]:
         """Return the best expected privacy and its slope in the budget, the search's own where it knows one."""
         mixture = self._mixture(limit)
-        price = mixture.price
-        if not self.met or not (self.regrets > limit).any():
-            price = self.first_price if np.isfinite(self.first_price) else price
-        return float(mixture.probabilities @ self.privacies[mixture.indices]), max(price, 0.0)
+        value, price = float(mixture.probabilities @ self.privacies[mixture.indices]), mixture.price
+        if (not self.met or not (self.regrets > limit).any()) and np.isfinite(self.first_price):
+            price = self.first_price
+            # A concave frontier is no steeper at the budget than on the way there.
+            short = limit - self.regrets
+            before = (short > 0.0) & (self.privacies > value - price * short + tolerances.CHORD)
+            price = float(((value - self.privacies[before]) / short[before]).min(initial=price))
+        return value, max(price, 0.0)
 
     def extend(self, prover: Prover, fresh: np.ndarray, price: float, line: float) -> bool:
         """Take in the decisions of points that lie above the line Ψ = line + price · regret; return whether one does."""

@@ -21,18 +21,28 @@ _MOST_PIVOTS = 60
 _FAR = 20.0  # gains differ by less
 
 
-def cell_bounds(gains: Array, regrets: Array, budget: float, multiplier: float | None) -> Array:
-    """Return the bounds (C,) for gains (C,J) and regrets (C,J,K), below every gain where nothing is affordable.
-
-    `multiplier` None asks for the budget; otherwise the budget is of no account.
-    """
-    largest = gains.max(axis=1)
+def cell_weights(gains: Array, regrets: Array, budget: float, multiplier: float | None) -> Array:
+    """Return z (C,K) that give the least bounds for gains (C,J) and regrets (C,J,K)."""
     if multiplier == 0.0:
-        return np.asarray(largest)
-    price = budget if multiplier is None else 0.0
-    weights = _simplex_method(gains, regrets, price, multiplier)
-    values = (gains - np.einsum("cjk,ck->cj", regrets, weights)).max(axis=1) + price * weights.sum(axis=1)
-    return np.asarray(np.minimum(values, largest))
+        return np.zeros((len(regrets), regrets.shape[2]))
+    return allowed_weights(
+        _simplex_method(gains, regrets, budget if multiplier is None else 0.0, multiplier), multiplier
+    )
+
+
+def bounds_by(weights: Array, gains: Array, regrets: Array, price: float) -> Array:
+    """Return the bounds (C,) that z (C,K) give, where `price` is the budget and no more than the largest gain."""
+    values = (gains - (regrets @ weights[:, :, None])[:, :, 0]).max(axis=1) + price * weights.sum(axis=1)
+    return np.asarray(np.minimum(values, gains.max(axis=1)))
+
+
+def allowed_weights(weights: Array, multiplier: float | None) -> Array:
+    """Return z (C,K), for whatever question, made fit for one with a multiplier: with a sum of no more."""
+    if multiplier is None:
+        return weights
+    return np.asarray(
+        weights * (multiplier / np.maximum(weights.sum(axis=1), max(multiplier, tolerances.TINY)))[:, None]
+    )
 
 
 def _simplex_method(gains: Array, regrets: Array, price: float, multiplier: float | None) -> Array:
@@ -66,7 +76,7 @@ def _simplex_method(gains: Array, regrets: Array, price: float, multiplier: floa
     solution[rows[:, None], basis] = tableau[:, :, -1]
     weights = np.maximum(solution[:, 1 : 1 + n_columns], 0.0)
     if multiplier is not None:
-        return np.asarray(weights * (multiplier / np.maximum(weights.sum(axis=1), multiplier))[:, None])
+        return weights
     ray = np.maximum(rays[:, 1 : 1 + n_columns], 0.0)
     slope = np.einsum("cjk,ck->cj", -regrets, ray).max(axis=1) + price * ray.sum(axis=1)
     far = np.where(slope < 0, _FAR / np.maximum(-slope, tolerances.TINY), 0.0)

@@ -18,9 +18,10 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_beliefs, consistent_sets
-from inscrutable.decision_makers.proofs.cell_programmes import cell_bounds
+from inscrutable.decision_makers.proofs.bounded_cells import BoundedCells, Cells
 from inscrutable.decision_makers.proofs.fibres import Fibres
 from inscrutable.decision_makers.proofs.growth_cells import GrowthCells, whitened_growth
+from inscrutable.decision_makers.proofs.kinks import cuts_at_kinks
 from inscrutable.decision_makers.proofs.oracle_points import LEVELS_TRIED, N_LEVELS, OraclePoints
 from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
 from inscrutable.decision_makers.proofs.smooth_cells import SmoothCells
@@ -31,6 +32,8 @@ from inscrutable.problems import DecisionProblem, KellyProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _MOST_CELLS = 256  # halved in one round
+_NEARLY = 0.15  # of a cell's gap, that may be left without what it loses to kinks
+_MOST_KINKS = 4  # cuts at kinks in a row, so that slivers do not become thinner and thinner
 _EDGE_SHARE = 1.2  # a cell's edge over what is left of the way to it, 1 − τ: where both errors are alike
 _PULLS = np.array([0.0, 0.01, 0.1, 0.5])
 _ATTEMPTS = 3
@@ -57,24 +60,6 @@ class Answer:
     complete: bool
 
 
-class _Cells(NamedTuple):
-    """Cells with bounds of the gain at their corners and of the regret; `final` ones are not cut."""
-
-    corners: np.ndarray  # (C,X)
-    gains: Array  # (C,X)
-    regrets: Array  # (C,X,K)
-    final: np.ndarray  # (C,)
-
-    def pick(self, which: np.ndarray) -> _Cells:
-        return _Cells(*(part[which] for part in self))
-
-    def joined(self, other: _Cells) -> _Cells:
-        return _Cells(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
-
-    def bounds(self, question: Question) -> Array:
-        return cell_bounds(self.gains, self.regrets, question.budget, question.multiplier)
-
-
 class Prover:
     """Branch and bound for one problem, belief and reference; cells and what the oracle said are kept for the next
     question."""
@@ -89,7 +74,7 @@ class Prover:
         self._shared: list[tuple[Array, float]] = []
         self._privacies = np.zeros(0)
         self._exact = np.zeros(0, dtype=np.bool_)
-        self._leaves: _Cells | None = None
+        self._leaves: BoundedCells | None = None
         self._allowance = 0.0
         self._smooth = _smooth_cells(problem, self.points)
         self._fibres = None if self._smooth is None else Fibres(self._smooth)
@@ -99,29 +84,30 @@ class Prover:
         for _ in range(_ATTEMPTS):
             if self._leaves is None or self.points.allowance > 2.0 * self._allowance:
                 self._allowance = self.points.allowance
-                self._leaves = self._described(self._cones, question)
+                self._leaves = self._described(self._cones, np.zeros(len(self._cones), dtype=np.intp), question)
             found = self._search(question)
             if self.points.allowance <= 2.0 * self._allowance:
                 return found
         return Answer(float("inf"), False)
 
     def _search(self, question: Question) -> Answer:
-        assert self._leaves is not None
-        leaves, bounds = self._leaves, self._leaves.bounds(question)
+        leaves = self._leaves
+        assert leaves is not None
+        leaves.ask(question.budget, question.multiplier)
         while True:
-            open_ = np.flatnonzero((bounds > question.floor) & ~leaves.final)
-            over = not open_.size or self.points.calls >= self.most_calls
+            worst = leaves.worst_open(question.floor, _MOST_CELLS)
+            over = not worst.size or self.points.calls >= self.most_calls
             if over or (question.multiplier is not None and self.better(question).size):
-                self._leaves = leaves
-                bound = float(bounds.max(initial=-np.inf))
+                bound = leaves.largest()
                 return Answer(bound, bound <= question.floor)
-            worst = open_[np.argsort(-bounds[open_], kind="stable")[:_MOST_CELLS]]
-            fresh = self._described(self._halved(leaves.corners[worst]), question)
+            gap = leaves.bounds[worst] - question.floor
+            nearly = leaves.without_loss(worst) - question.floor <= _NEARLY * gap
+            fresh = self._described(*self._halved(leaves.cells.pick(worst), nearly), question)
             # A part is bounded by the whole it comes from.
-            kept = np.ones(len(bounds), dtype=np.bool_)
+            kept = np.ones(len(leaves.bounds), dtype=np.bool_)
             kept[worst] = False
-            leaves = leaves.pick(kept).joined(fresh)
-            bounds = np.concatenate([bounds[kept], fresh.bounds(question)])
+            leaves.keep(np.flatnonzero(kept))
+            leaves.take(fresh)
 
     def better(self, question: Question) -> np.ndarray:
         """Return points with admissible decisions known to be worth more than the floor, the best first; not the judged."""
@@ -159,28 +145,37 @@ class Prover:
         usable = self.problem.constraints.is_admissible(actions) & np.isfinite(distances)
         return np.where(usable, reference.sign * np.where(usable, distances, 0.0), -np.inf)
 
-    def _halved(self, corners: np.ndarray) -> np.ndarray:
-        """Cut along the edge that is long and on which V bends."""
+    def _halved(self, cells: Cells, nearly: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Cut along the edge that is long and on which V bends; at a kink where cells would `nearly` be done without."""
+        corners, kinks = cells.corners, cells.kinks
         pairs = edges(corners.shape[1])
         points, costs = self.points.beliefs[corners], self.points.costs[corners]
         ways = points[:, pairs[:, 1]] - points[:, pairs[:, 0]]
         bends = np.maximum(((costs[:, pairs[:, 0]] - costs[:, pairs[:, 1]]) * ways).sum(axis=2), 0.0)
         lengths = (ways * ways).sum(axis=2)
         shares = [part / np.maximum(part.sum(axis=1, keepdims=True), tolerances.TINY) for part in (bends, lengths)]
-        chosen = pairs[(np.sqrt(shares[0]) + np.sqrt(shares[1])).argmax(axis=1)]
-        rows = np.arange(len(corners))[:, None]
-        return halved(corners, chosen, self.points.middles(corners[rows, chosen]))
+        edge, share = (np.sqrt(shares[0]) + np.sqrt(shares[1])).argmax(axis=1), np.full(len(corners), 0.5)
+        if self._smooth is not None:
+            cuts = cuts_at_kinks(self._smooth, corners, pairs)
+            bent = cuts.bent & nearly & (kinks < _MOST_KINKS)
+            edge, share, kinks = (
+                np.where(bent, *either) for either in ((cuts.edge, edge), (cuts.share, share), (kinks + 1, 0))
+            )
+        chosen = pairs[edge]
+        made = self.points.between(corners[np.arange(len(corners))[:, None], chosen], share)
+        return halved(corners, chosen, made), np.tile(kinks, 2)
 
-    def _described(self, corners: np.ndarray, question: Question) -> _Cells:
+    def _described(self, corners: np.ndarray, kinks: np.ndarray, question: Question) -> BoundedCells:
         """Bounds of gains and regrets on cells, without cells in which there is nothing to find."""
         outside = question.reference.sign > 0
         points = self.points.beliefs[corners]
-        near = None
+        near, lost = None, np.zeros(len(corners))
         if self._smooth is None:
             regrets = self._by_values(corners)
         else:
             near = self._smooth.nearness(corners)
             regrets = self._smooth.regret_bounds(corners, near)
+            lost = np.where(np.isfinite(near.near), near.regrets.max(axis=1), 0.0)
             if not self._smooth.bends:
                 blind = np.flatnonzero(self._smooth.is_blind(regrets, near))
                 values = np.zeros((*corners.shape, LEVELS_TRIED * corners.shape[1]))
@@ -189,13 +184,16 @@ class Prover:
         single = np.full(len(corners), self.problem.costs_are_unique)
         if near is not None:
             single |= np.isfinite(near.near)
-        cells = _Cells(corners, _gains(points, question.reference), regrets, self._tiny(points))
-        alive = np.flatnonzero(cells.bounds(question) > question.floor)
+        gains = _gains(points, question.reference)
+        cells = BoundedCells(Cells(corners, gains, regrets, self._tiny(points), lost, kinks))
+        cells.ask(question.budget, question.multiplier)
+        alive = cells.above(question.floor)
         if outside and self._fibres is not None and near is not None and alive.size:
             empty = self._fibres.passes(corners[alive], near.pick(alive))
             kept = np.ones(len(corners), dtype=np.bool_)
             kept[alive[empty]] = False
-            cells, single = cells.pick(kept), single[kept]
+            cells.keep(np.flatnonzero(kept))
+            single = single[kept]
         if outside:
             self._close_shared(cells, single)
         return cells
@@ -213,11 +211,11 @@ class Prover:
         self.points.look_on_the_way(corners, levels)
         return self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
 
-    def _close_shared(self, cells: _Cells, single: np.ndarray) -> None:
+    def _close_shared(self, bounded: BoundedCells, single: np.ndarray) -> None:
         """Write into cells whose corners share one decision what it is worth, where beliefs have a `single` one (C,)."""
         if not single.any():
             return
-        corners = cells.corners
+        corners = bounded.cells.corners
         upper = self.points.upper_costs(corners)
         slack = tolerances.SHARED_DECISION * self.points.scale
         optimal = (upper <= self.points.values[corners][:, :, None] + slack).all(axis=1)
@@ -225,9 +223,7 @@ class Prover:
         for cell in np.flatnonzero(single & optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)):
             costs = self.points.costs[corners[cell, optimal[cell].argmax()]]
             regret = float(costs @ self.belief) - self.points.optimal_cost - self.points.allowance
-            cells.gains[cell] = self._distance(costs, corners[cell])
-            cells.regrets[cell] = max(regret, 0.0)
-            cells.final[cell] = True
+            bounded.close(int(cell), self._distance(costs, corners[cell]), max(regret, 0.0))
 
     def _distance(self, costs: Array, corners: np.ndarray) -> float:
         """An upper bound of the distance to the beliefs for which a decision of these state costs is optimal."""

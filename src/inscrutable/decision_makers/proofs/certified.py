@@ -121,7 +121,7 @@ class Proofs:
             judged = frozenset(atoms.met)
             answer = prover.answer(Question(reference, _spent(limit), multiplier, floor, judged))
             bound = min(bound, answer.bound + (0.0 if multiplier is None else offset))
-            if bound <= value + self._allowed(value) or prover.points.calls >= self.most_calls:
+            if bound <= value + self._allowed(value) or prover.points.calls >= prover.most_calls:
                 break
             line = value - offset if multiplier is not None else value
             fresh = prover.better(Question(reference, _spent(limit), multiplier, line, judged))

@@ -94,6 +94,14 @@ class GrowthCells(SmoothCells):
         weights = self.points.beliefs[corners][..., self._states] * self._shares
         return _Spread(wealth, wealth.min(axis=1), wealth.max(axis=1), weights / wealth, lean)
 
+    def unrest(self, corners: np.ndarray) -> Array:
+        """Return the most by which interpolations break the conditions of optimality on cells (C,J): ‖R‖."""
+        return self._unrest(corners, *self._broken(corners, self._spread(corners), edges(corners.shape[1])))
+
+    def _unrest(self, corners: np.ndarray, broken: Array, wild: Array) -> Array:
+        plain = np.linalg.norm(broken, axis=2) + np.einsum("cek,k->ce", wild, self._lengths)
+        return np.asarray(self.known.residuals[corners].max(axis=1) + pair_share(corners.shape[1]) * plain.max(axis=1))
+
     def nearness(self, corners: np.ndarray) -> Nearness:
         """Return how near interpolations are on cells (C,J)."""
         known, spread, pairs = self.known, self._spread(corners), edges(corners.shape[1])
@@ -117,14 +125,13 @@ class GrowthCells(SmoothCells):
             top = np.minimum(top, spread.most + moves)
             reach = np.linalg.norm(np.einsum("rf,cfg->crg", self.form.rows, roots), axis=2) * near[:, None]
             rooms = np.where(sure[:, None], np.clip(reach, self._touch, rooms), rooms)
-        plain = np.linalg.norm(broken, axis=2) + np.einsum("cek,k->ce", wild, self._lengths)
         slopes = np.linalg.norm(np.einsum("cjf,cfg->cjg", known.slopes[corners], roots), axis=2)
         # The slope at the interpolated decision is the interpolated one, and what that is off.
         own = self.points.belief[self._states] * self._shares
         slopes += np.einsum("k,ck,ck->c", own, self._slope_gaps(spread), lengths)[:, None]
         found = Nearness(
             near / np.sqrt(least),
-            residuals + share * plain.max(axis=1) + self._sum_moves(spread, moves),
+            self._unrest(corners, broken, wild) + self._sum_moves(spread, moves),
             self._gradient_moves(spread, moves),
             slopes * near[:, None],
         )

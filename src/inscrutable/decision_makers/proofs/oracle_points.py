@@ -26,7 +26,7 @@ class OraclePoints:
         self.costs = np.zeros((0, n_states))
         self.actions = np.zeros((0, problem.n_actions))
         self.on_the_way = np.zeros((0, N_LEVELS))
-        self._middles: dict[tuple[int, int], int] = {}
+        self._between: dict[tuple[int, int], int] = {}
         self._shortfall = 0.0
         self.add(np.vstack([belief, others]))
         self.optimal_cost = float(self.values[0])
@@ -64,15 +64,17 @@ class OraclePoints:
         self.on_the_way = np.concatenate([self.on_the_way, np.full((len(beliefs), N_LEVELS), np.nan)])
         return np.arange(first, len(self.values))
 
-    def middles(self, pairs: np.ndarray) -> np.ndarray:
-        """Return the indices of the points half-way between pairs (P,2) of points."""
+    def between(self, pairs: np.ndarray, shares: Array) -> np.ndarray:
+        """Return the indices of points at shares (P,) of the way between pairs (P,2) of points; at another one where the
+        pair was asked for before."""
         keys = [(min(a, b), max(a, b)) for a, b in pairs.tolist()]
-        fresh = [key for key in dict.fromkeys(keys) if key not in self._middles]
+        fresh = {key: place for place, key in enumerate(keys) if key not in self._between}
         if fresh:
-            ends = np.array(fresh)
-            new = self.add(0.5 * (self.beliefs[ends[:, 0]] + self.beliefs[ends[:, 1]]))
-            self._middles.update(zip(fresh, new.tolist(), strict=True))
-        return np.array([self._middles[key] for key in keys], dtype=np.intp)
+            places = np.array(list(fresh.values()))
+            first, second = self.beliefs[pairs[places].T]
+            new = self.add(first + shares[places, None] * (second - first))
+            self._between.update(zip(fresh, new.tolist(), strict=True))
+        return np.array([self._between[key] for key in keys], dtype=np.intp)
 
     def look_on_the_way(self, corners: np.ndarray, levels: np.ndarray) -> None:
         """Make V known at the level (C,) of each cell's corners (C,X)."""

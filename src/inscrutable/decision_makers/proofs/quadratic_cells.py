@@ -50,21 +50,23 @@ class QuadraticCells(SmoothCells):
         bends = np.linalg.eigvalsh(np.tensordot(beliefs, self.form.hessians, axes=1))
         return np.asarray(bends[:, [0, -1]])
 
-    def nearness(self, corners: np.ndarray) -> Nearness:
-        """Return how near interpolations are on cells (C,J)."""
-        known, beliefs = self.known, self.points.beliefs
-        pairs = edges(corners.shape[1])
+    def unrest(self, corners: np.ndarray) -> Array:
+        """Return the most by which interpolations break the conditions of optimality on cells (C,J): ‖R‖."""
+        known, beliefs, pairs = self.known, self.points.beliefs, edges(corners.shape[1])
         first, second = corners[:, pairs[:, 0]], corners[:, pairs[:, 1]]
         change = known.gradients[first] - known.gradients[second]
         left = np.linalg.norm(np.einsum("cex,cexf->cef", beliefs[first] - beliefs[second], change), axis=2)
-        broken = known.residuals[corners].max(axis=1) + pair_share(corners.shape[1]) * left.max(axis=1)
-        loose = self.spare(corners, pairs)
-        curvatures = known.traits[corners]
+        return np.asarray(known.residuals[corners].max(axis=1) + pair_share(corners.shape[1]) * left.max(axis=1))
+
+    def nearness(self, corners: np.ndarray) -> Nearness:
+        """Return how near interpolations are on cells (C,J)."""
+        broken, loose = self.unrest(corners), self.spare(corners, edges(corners.shape[1]))
+        curvatures = self.known.traits[corners]
         least, greatest = curvatures[..., 0].min(axis=1), curvatures[..., 1].max(axis=1)
         bent = least > tolerances.CURVATURE * greatest
         least = np.where(bent, least, 1.0)
         near = (broken + np.sqrt(broken**2 + 4.0 * least * loose)) / (2.0 * least)
-        slopes = np.linalg.norm(known.slopes[corners], axis=2)
+        slopes = np.linalg.norm(self.known.slopes[corners], axis=2)
         found = Nearness(near, broken + greatest * near, self._bending * near, slopes * near[:, None])
         return found.where(bent)
 

@@ -116,6 +116,10 @@ class SmoothCells(ABC):
         """Return which cells (C,) need bounds by optimal costs besides `regrets` (C,J,K)."""
 
     @abstractmethod
+    def unrest(self, corners: np.ndarray) -> Array:
+        """Return the most by which interpolations break the conditions of optimality on cells (C,J): ‖R‖."""
+
+    @abstractmethod
     def nearness(self, corners: np.ndarray) -> Nearness:
         """Return how near interpolations are on cells (C,J)."""
 

@@ -1,0 +1,52 @@
+"""Cuts where a row ceases to be tight: optimal decisions bend there, and cells that end there lose little to it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.decision_makers.proofs.smooth_cells import SmoothCells, complement
+from inscrutable.validation import Array
+
+_LEAST_SHARE = 0.03  # of the edge on either side; nearer to a corner a cut is not worth its sliver
+
+
+class Cuts(NamedTuple):
+    """Where cells are best cut for a kink."""
+
+    bent: np.ndarray  # (C,) whether a kink is what they lose most to
+    edge: np.ndarray  # (C,) which pair of corners
+    share: Array  # (C,) of the way from the first of the pair to the second
+
+
+def cuts_at_kinks(cells: SmoothCells, corners: np.ndarray, pairs: np.ndarray) -> Cuts:
+    """Return the cuts of cells (C,J): where the row is estimated to let go that costs most of what `spare` adds up."""
+    known, every = cells.known, np.arange(len(corners))
+    if not known.slacks.size:
+        return Cuts(every < 0, 0 * every, np.full(len(corners), 0.5))
+    ends = corners[:, pairs.T]  # (C,2,E)
+    products = known.multipliers[ends] * known.slacks[ends[:, ::-1]]
+    largest = products.reshape(len(corners), -1).argmax(axis=1)
+    end, edge, row = np.unravel_index(largest, products.shape[1:])
+    tight, loose = ends[every, end, edge], ends[every, 1 - end, edge]
+    bent = products[every, end, edge, row] > cells.unrest(corners) ** 2
+    share = np.full(len(corners), 0.5)
+    for cell in np.flatnonzero(bent):
+        force, slack = known.multipliers[tight[cell], row[cell]], known.slacks[loose[cell], row[cell]]
+        held = (known.multipliers[tight[cell]] > 0.0) & (known.slacks[loose[cell]] <= tolerances.FEASIBILITY)
+        held[row[cell]] = False
+        middle = 0.5 * (cells.points.beliefs[tight[cell]] + cells.points.beliefs[loose[cell]])
+        inside = _give(cells, middle, held, int(row[cell])) * force
+        share[cell] = inside / max(inside + slack, tolerances.TINY)
+    bent &= (share > _LEAST_SHARE) & (share < 1.0 - _LEAST_SHARE)
+    return Cuts(bent, edge, np.where(end == 0, share, 1.0 - share))
+
+
+def _give(cells: SmoothCells, belief: Array, held: np.ndarray, row: int) -> float:
+    """By how much a row would move with a unit of force on it, the rows `held` being tight."""
+    free = complement(cells.form.rows[held], cells.form.basis.shape[1])
+    along = free.T @ cells.form.rows[row]
+    bend = free.T @ np.tensordot(belief, cells.form.hessians, axes=1) @ free
+    return float(along @ np.linalg.lstsq(bend, along, rcond=None)[0]) if along.size else 0.0

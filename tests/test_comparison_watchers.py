@@ -97,7 +97,7 @@ def test_what_is_followed_equals_every_path(n_late: int) -> None:
 def test_the_error_over_time_is_that_of_all_paths(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(comparison_watchers, "PATH_STEPS", 3)
     monkeypatch.setattr(comparison_watchers, "N_PATHS", 4000)
-    chain = uneven_chain()
+    chain = resting_chain(uneven_chain().prior, 0.9)
     played = some_mechanism(chain)
     bayes = leakage(played, chain.prior).bayes_error
     found = watched(setting_of(chain), Play(played), bayes, np.random.default_rng(0))
@@ -110,7 +110,7 @@ def test_the_error_over_time_is_that_of_all_paths(monkeypatch: pytest.MonkeyPatc
     wanted = np.sqrt((squared[1] + squared[2]) / 2)  # the later half
     assert 0 < found.error_se < 0.002
     assert abs(found.error - wanted) <= 5 * found.error_se
-    assert wanted < bayes - 0.002
+    assert wanted < bayes - 0.01
 
 
 def test_rules_with_a_memory_are_read_backwards_first() -> None:

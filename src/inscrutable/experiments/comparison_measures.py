@@ -120,11 +120,11 @@ def measured(
     seen = detectability(played, prior, problem)
     promise = Budget.regret(told.worst_regret) if play.promise is None else play.promise
     observers: dict[str, Adversary] = {
-        "naive": NaiveAdversary(problem),
         "near": NearOptimalAdversary(problem, regret, prior=prior),
         "budget": BudgetAwareAdversary(problem, promise, prior=prior),
     }
     guesses = {key: guesses_of(each, played.actions, joint) for key, each in observers.items()}
+    guesses["naive"] = guesses_of(NaiveAdversary(problem), played.actions, joint, seen.excuses)
     naive_error = guess_error(joint, guesses["naive"])
     gamma = learned(setting, play, joint, naive_error, of_cost)
     mean_cost = setting.mean_cost

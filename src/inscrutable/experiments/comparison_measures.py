@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
 from inscrutable.budgets import Budget
 from inscrutable.experiments.comparison_makers import Play, Setting
-from inscrutable.experiments.comparison_watchers import learned, watched
+from inscrutable.experiments.comparison_watchers import Learned, Watched, learned, watched
 from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.joint import joint_law
@@ -115,8 +115,6 @@ def measured(
     told = leakage(played, prior, problem)
     read = told if play.seen is None else leakage(play.seen(1), prior)
     again = _repeated(prior, play, repeats, rng)
-    over_time, of_cost = rng.spawn(2)
-    path = watched(setting, play, read.bayes_error, over_time)
     seen = detectability(played, prior, problem)
     promise = Budget.regret(told.worst_regret) if play.promise is None else play.promise
     observers: dict[str, Adversary] = {
@@ -126,7 +124,9 @@ def measured(
     guesses = {key: guesses_of(each, played.actions, joint) for key, each in observers.items()}
     guesses["naive"] = guesses_of(NaiveAdversary(problem), played.actions, joint, seen.excuses)
     naive_error = guess_error(joint, guesses["naive"])
-    gamma = learned(setting, play, joint, naive_error, of_cost)
+    over_time, of_cost = rng.spawn(2)
+    path = watched(setting, play, read.bayes_error, over_time)
+    learner = learned(setting, play, joint, naive_error, of_cost)
     mean_cost = setting.mean_cost
     return ComparisonRow(
         maker=name,
@@ -156,13 +156,13 @@ def measured(
         repeated_information=again.information,
         repeated_top_state=again.top_state,
         strength=play.strength,
-        path_error=path.error,
-        path_error_se=path.error_se,
-        learned_low=gamma.low,
-        learned_high=gamma.high,
-        learned_holds=gamma.holds,
-        learned_error=gamma.error,
+        **_prefixed("path", path),
+        **_prefixed("learned", learner),
     )
+
+
+def _prefixed(name: str, figures: Watched | Learned) -> dict[str, Any]:
+    return {f"{name}_{key}": value for key, value in figures._asdict().items()}
 
 
 class _Repeated(NamedTuple):

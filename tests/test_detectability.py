@@ -25,6 +25,7 @@ from inscrutable import (
     simplex_grid,
     uniform_prior,
 )
+from inscrutable.adversaries.plausibility import nearest_explanation, nearest_explanations
 from inscrutable.privacy.detection import area_under_curve
 from oracles import markets
 from strategies import SEEDS, belief_problem, line_problem
@@ -207,3 +208,29 @@ def test_equal_decisions_share_their_figures():
     assert (other.auc, other.total_variation) == (one.auc, one.total_variation)
     assert other.likelihood_ratios.tolist() == [1.5, 1.5, 0.5]
     assert other.gaps.tolist() == [0, 0, 0]
+
+
+def test_decisions_that_nothing_explains_are_excused_by_the_belief_of_least_regret() -> None:
+    rng = np.random.default_rng(5)
+    problem = MarkowitzProblem(
+        rng.normal(size=(3, 4)) * 0.1, [np.diag(rng.uniform(0.1, 0.3, 4)) for _ in range(3)], 1.0
+    )
+    prior = uniform_prior(3, 3)
+    actions = np.vstack([problem.solve(prior.beliefs[:2]), rng.dirichlet(np.ones(4), size=6)])
+    table = np.tile(np.append(np.full(7, 1 / 7), 0.0), (len(prior), 1))
+    regrets = np.maximum(
+        prior.beliefs @ problem.state_costs(actions).T - problem.optimal_cost(prior.beliefs)[:, None], 0
+    )
+    found = detectability(Mechanism(prior.beliefs, actions, table, regrets), prior, problem)
+    fine = simplex_grid(3, 60)
+    for action, gap, excuse in zip(actions, found.gaps, found.excuses, strict=True):
+        if np.isnan(gap) or gap <= 0:
+            assert np.isnan(excuse).all()  # never played, or in no need
+            continue
+        assert problem.regret(excuse, action) == pytest.approx(gap, abs=1e-9)
+        assert gap <= float(np.min(problem.regret(fine, np.tile(action, (len(fine), 1))))) + 1e-9
+        alone = nearest_explanation(problem, action)
+        assert alone[1] == pytest.approx(gap, abs=1e-9)
+    assert np.isfinite(found.excuses[:, 0]).sum() == 5
+    empty = nearest_explanations(problem, actions[:0])
+    assert (empty[0].shape, empty[1].shape) == ((0, 3), (0,))

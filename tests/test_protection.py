@@ -27,6 +27,9 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.experiments.comparison_makers import MAKERS, SAME_SPENDING, Setting
+from inscrutable.experiments.comparison_paths import PATH_MAKERS
+from inscrutable.mechanisms.chains import resting_chain
 from inscrutable.mechanisms.played import PlaysMany
 from oracles import markets
 
@@ -35,6 +38,14 @@ SEED = 20201
 RESOLUTION = 12
 PER_BELIEF = ("CDM", "PDM", "uniform within budget")
 """They keep to the budget at every belief, as the Stackelberg rule does, which none of them may therefore beat."""
+
+RESTS = 0.8
+"""How often the belief stays where it is, for rules that decide by what came before; otherwise it is drawn afresh."""
+MOVING = {
+    "delay": "belief that rests w.p. 0.8; read back to the belief of some steps ago",
+    "partial trades": "belief that rests w.p. 0.8; the last two decisions give the optimal one",
+}
+"""What their figures mean."""
 
 
 def drawn(number: int) -> MarkowitzProblem:
@@ -86,6 +97,21 @@ def shares_of(number: int) -> dict[str, float]:
         found[name] = told.error_share
         if name in PER_BELIEF:
             assert played.expected_regrets.max() <= regret * (1 + 1e-6), name
+    found.update(compared_shares(problem, prior, candidates, regret))
+    return found
+
+
+def compared_shares(problem: MarkowitzProblem, prior: Prior, candidates: Candidates, regret: float) -> dict[str, float]:
+    """The same for rules as comparisons make them: noise, and those with a memory on a belief that moves, whose law at every
+    step is the prior."""
+    setting = Setting(problem, prior, candidates, resting_chain(prior, RESTS))
+    found = {}
+    for name in ("Dirichlet noise", *PATH_MAKERS):
+        play = {**MAKERS, **PATH_MAKERS}[name](setting, regret)
+        assert play is not None, name
+        assert leakage(play.mechanism, prior).expected_regret <= regret * (1 + SAME_SPENDING), name
+        found[name] = leakage(play.mechanism if play.seen is None else play.seen(1), prior).error_share
+        assert found[name] <= 1 + 1e-9, name
     return found
 
 
@@ -94,6 +120,13 @@ def test_no_rule_with_the_same_budget_per_belief_keeps_more_secret() -> None:
     # The bound holds for decisions among the candidates; the polished ones of CDM and PDM may lie between them.
     assert found["uniform within budget"] <= found["its dual bound"] + 1e-9
     assert found["CDM"] < found["PDM"] < found["Stackelberg"]
+    problem, prior = drawn(0), uniform_prior(3, RESOLUTION)
+    honest = leakage(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior).error_share
+    assert found["partial trades"] == pytest.approx(honest, abs=1e-9)
+    # An estimate of the belief d steps ago is worth 0.8^d of its distance from the prior's mean today.
+    steps = np.log((1 - found["delay"] ** 2) / (1 - honest**2)) / (2 * np.log(RESTS))
+    assert steps == pytest.approx(round(steps), abs=1e-6)
+    assert steps > 0.5
 
 
 @pytest.mark.audit
@@ -102,6 +135,6 @@ def test_what_an_aware_observer_still_does_not_know_over_a_hundred_markets() -> 
     print(f"\nshare of the prior-only error left at half the silence regret, {len(found)} markets, median (quartiles):")
     for name in found[0]:
         low, middle, high = np.percentile([each[name] for each in found], [25, 50, 75])
-        print(f"  {name:24s}{middle:.3f} ({low:.3f} to {high:.3f})")
+        print(f"  {name:24s}{middle:.3f} ({low:.3f} to {high:.3f})  {MOVING.get(name, '')}".rstrip())
     for each in found:
         assert each["uniform within budget"] <= each["its dual bound"] + 1e-9

@@ -70,6 +70,7 @@ _EXPORTS: dict[str, str] = {
     "NonUniqueness": "privacy",
     "OriginalDecisionMaker": "decision_makers",
     "PartialDecisionMaker": "decision_makers.baselines",
+    "PathLeakage": "privacy",
     "PiecewiseLinearProblem": "problems",
     "Polyhedron": "problems",
     "Posterior": "adversaries",
@@ -114,6 +115,7 @@ _EXPORTS: dict[str, str] = {
     "mechanism": "mechanisms",
     "min_weights": "problems",
     "near_optimal_beliefs": "adversaries",
+    "path_leakage": "privacy",
     "plausibility_gap": "adversaries",
     "preference_problem": "problems",
     "privacy_frontier": "decision_makers",
@@ -215,10 +217,12 @@ if TYPE_CHECKING:
     from inscrutable.privacy import MaximalObfuscation as MaximalObfuscation
     from inscrutable.privacy import NonExistence as NonExistence
     from inscrutable.privacy import NonUniqueness as NonUniqueness
+    from inscrutable.privacy import PathLeakage as PathLeakage
     from inscrutable.privacy import PrivacyMeasure as PrivacyMeasure
     from inscrutable.privacy import RepeatedLeakage as RepeatedLeakage
     from inscrutable.privacy import detectability as detectability
     from inscrutable.privacy import leakage as leakage
+    from inscrutable.privacy import path_leakage as path_leakage
     from inscrutable.privacy import repeated_leakage as repeated_leakage
     from inscrutable.problems import ConvexProblem as ConvexProblem
     from inscrutable.problems import DecisionProblem as DecisionProblem

@@ -362,6 +362,8 @@ def compare(
 ) -> None:
     """Set ways of hiding side by side, against a rival who takes decisions at face value and one who knows how they are made.
 
+    The table also has a rival who follows the belief over time, and one who has to learn the risk aversion first.
+
     Every way spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
 
     Args:

@@ -72,7 +72,7 @@ class ExplainedDecisions:
 
         @cache
         def holds(parameter: float) -> bool:
-            return self.programme(parameter, parameter, number).residual() <= self.tolerance
+            return self.programme(parameter, parameter, number).explains(self.tolerance)
 
         kept: list[Piece] = []
         waiting = list(pairwise(ends))
@@ -81,7 +81,7 @@ class ExplainedDecisions:
             for piece in waiting:
                 if holds(piece[0]) and holds(piece[1]):
                     kept.append(piece)
-                elif self.programme(*piece, number).residual() <= self.tolerance:
+                elif self.programme(*piece, number).explains(self.tolerance):
                     still.append(piece)
             clusters = _merged([*kept, *still])
             fine = [_is_fine(piece, clusters) for piece in still]

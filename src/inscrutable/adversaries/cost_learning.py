@@ -32,8 +32,9 @@ class CostLearningAdversary:
         InputError: Bounds are not two ascending numbers, the family gives no decision problem, or one with costs that have
             no gradient.
 
-    Cost: about fifty linear programmes of one or two milliseconds for each decision. Source: inverse optimisation, the
-    paper's Theorem 1 with the cost as one more unknown.
+    Cost: some ten milliseconds for each decision, mostly non-negative least squares; linear programmes decide where these
+    leave it open, and wherever decisions are rounded, a tenth of a second for each. Source: inverse optimisation, the paper's
+    Theorem 1 with the cost as one more unknown.
 
     Example:
         >>> means, covariances = [[0.3, 0.1, 0.0], [0.0, 0.1, 0.25]], [np.diag([1.0, 2.0, 3.0]), np.diag([3.0, 1.0, 1.0])]

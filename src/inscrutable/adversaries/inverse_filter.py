@@ -6,7 +6,9 @@ stands for the agent's next belief T(π_b,y). The sums over y are taken once, in
 
 Points that stand for the beliefs between them may all be excluded by a decision that the agent's own belief does play. Where
 the law so far is interpolated, each point that was still possible then counts as the nearest one that plays the decision, if
-that is hardly farther than for the point that has it nearest.
+that is hardly farther than for the point that has it nearest. This reading gets half of the law, and the other half stays
+what it was before the decision: the square error of the estimate is then at most the mean of what believing the reading and
+passing it over would leave, however wrong the grid led.
 """
 
 from __future__ import annotations
@@ -30,6 +32,9 @@ from inscrutable.worlds import HiddenMarkovModel
 _CELLS = 4.0
 """Largest interpolation errors by which a possible point may lie from one that plays the decision: they are neighbours."""
 
+_BELIEVED = 0.5
+"""Share of the law that a decision read with a tolerance gets."""
+
 
 class DecisionReading(NamedTuple):
     """How a decision weighs the points: as K(u_t|·) at the point itself, or at another one that stands in for it."""
@@ -37,6 +42,7 @@ class DecisionReading(NamedTuple):
     shares: Array  # (B,), of the point or of its stand-in; ones where the decision was passed over
     places: np.ndarray | None = None  # (B,), the stand-ins; None: every point is read as itself
     error: float = 0.0  # expected distance of the stand-ins
+    kept: float = 0.0  # weight of the law as it was, beside that of what was read
 
     def moved(self, law: Array) -> Array:
         """Return a law (X,B) times the shares, with what each point holds at its stand-in."""
@@ -46,11 +52,11 @@ class DecisionReading(NamedTuple):
         found = np.zeros_like(weighed)
         for i, row in enumerate(weighed):
             found[i] = np.bincount(self.places, weights=row, minlength=len(row))
-        return found
+        return found + self.kept * law
 
     def back(self, later: Array) -> Array:
         """Return likelihoods (X,B) of what comes later, times the shares, as each point has them by its stand-in."""
-        return np.asarray((later if self.places is None else later[:, self.places]) * self.shares)
+        return np.asarray((later if self.places is None else later[:, self.places]) * self.shares + self.kept * later)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +125,7 @@ class InverseFilter:
     def _widened(self, seen: Array, shares: Array) -> DecisionReading | None:
         """Read possible points as the nearest one that plays the decision, where that is nearest of all, or nearly so.
 
-        None where it is too far for the grid to be the reason.
+        None where it is too far for the grid to be the reason. The weights add up to what the stand-ins have.
         """
         points, mass = self._points.points, seen.sum(axis=0)
         plays = np.flatnonzero(shares > 0)
@@ -131,7 +137,9 @@ class InverseFilter:
         stand_in = plays[place]
         weights = np.where(gaps <= least + step, shares[stand_in], 0.0)
         held = mass * weights
-        return DecisionReading(weights, stand_in, float(held @ gaps / held.sum()))
+        total = float(held.sum())
+        kept = (1.0 - _BELIEVED) * total / float(mass.sum())
+        return DecisionReading(_BELIEVED * weights, stand_in, float(held @ gaps) / total, kept)
 
     def smoothed(self, evidence: Evidence, passed: ForwardPass) -> Array:
         """Return the laws (T,X,B) given the whole sequence."""

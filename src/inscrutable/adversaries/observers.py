@@ -12,7 +12,7 @@ from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_b
 from inscrutable.adversaries.consistent_sets import LARGER, consistent_sets
 from inscrutable.adversaries.inverse import consistent_beliefs
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
-from inscrutable.adversaries.plausibility import nearest_explanation
+from inscrutable.adversaries.plausibility import nearest_explanations
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
@@ -54,7 +54,7 @@ class SetObserver(ABC):
 
     def _least_regret(self, points: Array) -> Array:
         """Return the beliefs (M,X) that leave decisions (M,U) the least regret."""
-        return np.array([nearest_explanation(self.problem, point)[0] for point in points])
+        return nearest_explanations(self.problem, points)[0]
 
 
 class NaiveAdversary(SetObserver):

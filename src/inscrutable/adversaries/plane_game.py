@@ -30,7 +30,7 @@ class PlaneGame:
         self._slack = [i for i in range(n_states) if i != lowest]
 
     def add(self, plane: Array) -> None:
-        """Add a plane (X,)."""
+        """Add a plane (X,), or several (n,X)."""
         self.planes = np.vstack([self.planes, plane])
 
     def lowest(self) -> tuple[float, Array]:

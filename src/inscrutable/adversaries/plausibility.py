@@ -53,31 +53,76 @@ def planes_below(problem: DecisionProblem, own: Array, margin: float = np.inf) -
 
     Where it may be zero because π·s < V(π), only a finite `margin` ends the search.
     """
-    n_states = problem.n_states
-    points = np.vstack([np.full(n_states, 1.0 / n_states), np.eye(n_states)]) if n_states > 1 else np.ones((1, 1))
-    planes = own - problem.state_costs(problem.solve(points))
-    regrets = (points * planes).sum(axis=1)
-    best, upper = points[int(regrets.argmin())], float(max(regrets.min(), 0.0))
-    scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
-    game = PlaneGame(planes / scale)
-    for _ in range(MOST_PLANES):
+    search = _Search(problem.n_states, own, margin)
+    while not search.is_closed:
+        search.take(problem.state_costs(problem.solve(search.waiting)))
+    return search.found()
+
+
+def nearest_explanations(problem: DecisionProblem, actions: Array) -> tuple[Array, Array]:
+    """Return `nearest_explanation` of many decisions (M,U): beliefs (M,X) and regrets (M,), solved for side by side."""
+    searches = [_Search(problem.n_states, own, np.inf) for own in np.atleast_2d(problem.state_costs(actions))]
+    still = searches
+    while still:
+        costs = problem.state_costs(problem.solve(np.vstack([each.waiting for each in still])))
+        ends = np.cumsum([len(each.waiting) for each in still])
+        for each, own_costs in zip(still, np.split(costs, ends[:-1]), strict=True):
+            each.take(own_costs)
+        still = [each for each in still if not each.is_closed]
+    found = [each.found() for each in searches]
+    beliefs = np.array([each.belief for each in found]).reshape(-1, problem.n_states)
+    return beliefs, np.array([each.gap for each in found], dtype=np.float64)
+
+
+class _Search:
+    """Cutting planes for one decision: beliefs wait to be solved for, and planes are made of what they cost."""
+
+    def __init__(self, n_states: int, own: Array, margin: float) -> None:
+        self._own, self._margin = own, margin
+        middle = np.full((1, n_states), 1.0 / n_states)
+        self.waiting = np.vstack([middle, np.eye(n_states)]) if n_states > 1 else np.ones((1, 1))
+        self.is_closed = False
+        self._planes, self._points = np.empty((0, n_states)), np.empty((0, n_states))
+        self._best, self._upper, self._bound = self.waiting[0], np.inf, np.inf
+        self._game: PlaneGame | None = None
+        self._rounds = 0
+
+    def take(self, costs: Array) -> None:
+        """Take the state costs (n,X) of the optimal decisions of the beliefs that waited."""
+        planes = self._own - costs
+        regrets = (self.waiting * planes).sum(axis=1)
+        for point, regret in zip(self.waiting, regrets, strict=True):
+            if regret < self._upper:
+                self._best, self._upper = point, max(float(regret), 0.0)
+        self._planes, self._points = np.vstack([self._planes, planes]), np.vstack([self._points, self.waiting])
+        if self._game is None:
+            self._scale = max(float(np.abs(planes).max()), np.finfo(float).tiny)
+            self._game = PlaneGame(planes / self._scale)
+        else:
+            self._game.add(planes / self._scale)
+        self._judge(self._game)
+
+    def _judge(self, game: PlaneGame) -> None:
+        """Close the search, or say what to solve for next."""
         lower, trial = game.lowest()
-        if upper - lower * scale <= tolerances.GAP_STEP * scale:
-            break
-        if np.isfinite(margin) and (lower * scale >= margin or upper < margin):
-            bound = max(lower * scale, 0.0) if lower * scale >= margin else upper
-            return ClosedPlanes(best, bound, planes, points)
+        if self._upper - lower * self._scale <= tolerances.GAP_STEP * self._scale:
+            self.is_closed, self._bound = True, self._upper
+            return
+        above = lower * self._scale >= self._margin
+        if np.isfinite(self._margin) and (above or self._upper < self._margin):
+            self.is_closed, self._bound = True, max(lower * self._scale, 0.0) if above else self._upper
+            return
+        self._rounds += 1
+        if self._rounds > MOST_PLANES:
+            raise SolverError(
+                f"the plausibility gap did not close: between {lower * self._scale:.3g} and {self._upper:.3g}"
+            )
         # Half-way to the best belief so far: Kelley's corners alone zigzag.
-        for point in (trial, 0.5 * (trial + best)):
-            plane = own - problem.state_costs(problem.solve(point))
-            game.add(plane / scale)
-            planes, points = np.vstack([planes, plane]), np.vstack([points, point])
-            regret = float(point @ plane)
-            if regret < upper:
-                best, upper = point, max(regret, 0.0)
-    else:
-        raise SolverError(f"the plausibility gap did not close: between {lower * scale:.3g} and {upper:.3g}")
-    return ClosedPlanes(best, upper, planes, points)
+        self.waiting = np.vstack([trial, 0.5 * (trial + self._best)])
+
+    def found(self) -> ClosedPlanes:
+        """Return what the closed search found."""
+        return ClosedPlanes(self._best, self._bound, self._planes, self._points)
 
 
 def lowest_of_planes(planes: Array) -> tuple[float, Array]:

@@ -27,8 +27,8 @@ class SequenceStatus(Enum):
     USED = "used: some belief that was still possible plays the decision"
     NEAREST = "used as the nearest decision that the mechanism plays"
     WIDENED = (
-        "used with a tolerance: of the grid's beliefs none that was still possible plays it, so those nearest to one that does "
-        "count as that one; take a finer grid or particles"
+        "used with a tolerance: of the grid's beliefs none that was still possible plays it, so half of the law moves to the "
+        "nearest that do; take a finer grid or particles"
     )
     UNSEEN = "no decision was seen"
     NEVER_PLAYED = (

@@ -35,9 +35,9 @@ class SequentialAdversary:
     On the mechanism's beliefs, a belief between them is split among the corners of its cell of a triangulation; exact
     where the mechanism lists every belief that the agent can reach, as `reachable_beliefs` does, and otherwise with the
     error that the result states. A decision that no belief of the grid still plays, because the agent's own lies between
-    them, is read with a tolerance of two cells: as played by the nearest. By particles, the agent's beliefs are followed as
-    they are, and only K is interpolated: the better choice where the mechanism hardly mixes, because the beliefs that a grid
-    adds then often contradict what is played.
+    them, is read with a tolerance of two cells: half of the law moves to the nearest that play it, half stays. By particles,
+    the agent's beliefs are followed as they are, and only K is interpolated: the better choice where the mechanism hardly
+    mixes, because the beliefs that a grid adds then often contradict what is played.
 
     Args:
         world: The world as the adversary knows it.

@@ -11,11 +11,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from inscrutable import tolerances
 from inscrutable.linear_programmes import OPTIMAL, LinearAnswer, Rows, minimise, minimum
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
+
+_MORE = 10.0
+"""Times the sum of the unknowns found that a ray is trusted to leave no solution up to."""
 
 
 class Conditions(NamedTuple):
@@ -61,6 +65,32 @@ class Programme:
         """Return the least residual over all w: at most zero where the conditions can be met."""
         columns, size = np.eye(2 * self.n_states), 2 * self.n_states
         return self._least(columns, np.zeros(size), Rows(np.ones((1, size)), np.ones(1)), (0.0, None)).value
+
+    def explains(self, tolerance: float) -> bool:
+        """Return whether the least residual is at most `tolerance`: by least squares where these decide, else by programme."""
+        found = None if self._errors.any() else self._by_squares(tolerance)
+        return self.residual() <= tolerance if found is None else found
+
+    def _by_squares(self, tolerance: float) -> bool | None:
+        """Non-negative least squares for G w + A'λ + E'ν = 0, Σ w = 1: a solution shows the one, its residual the other.
+
+        The residual y is a ray of Farkas: where no column has y'a > 0, y'b > 0 leaves no solution within the tolerance.
+        """
+        n_free = self._normals.shape[1] - self._n_signed
+        columns = np.hstack([self._gradients, self._normals, -self._normals[:, self._normals.shape[1] - n_free :]])
+        size = self._gradients.shape[1]
+        matrix = np.vstack([columns, (np.arange(columns.shape[1]) < size).astype(np.float64)])
+        target = (np.arange(len(matrix)) == len(matrix) - 1).astype(np.float64)
+        try:
+            found, length = nnls(matrix, target)
+        except RuntimeError:
+            return None
+        whole = found[:size].sum()
+        if whole > 0 and np.abs(columns @ found).max() <= tolerance * whole:
+            return True
+        ray = target - matrix @ found
+        slack = length**2 - np.abs(ray).sum() * tolerance
+        return False if max(float((ray @ matrix).max()), 0.0) * _MORE * (1.0 + found.sum()) < 0.5 * slack else None
 
     def residual_of(self, belief: Array) -> float:
         """Return the least residual of one belief (X,), with one parameter for all states."""

@@ -120,6 +120,16 @@ class Comparison(Saved):
         """The budget that the sentence and the terminal speak of; the lower of two middle ones."""
         return self.budgets[(len(self.budgets) - 1) // 2]
 
+    @property
+    def is_moving(self) -> bool:
+        """Whether it is known how the belief moves, so that an observer can follow it."""
+        return any(np.isfinite(row.path_error) for row in self.rows)
+
+    @property
+    def is_learned(self) -> bool:
+        """Whether the cost has a risk aversion, so that an observer can lack it."""
+        return any(np.isfinite(row.learned_holds) for row in self.rows)
+
     def of(self, maker: str) -> tuple[ComparisonRow, ...]:
         """Return the rows of one decision maker, by rising budget; raise `InputError` for an unknown one."""
         found = tuple(row for row in self.rows if row.maker == maker)
@@ -169,6 +179,8 @@ class Comparison(Saved):
             "takes decisions at face value": [(row.maker, row.naive_error) for row in rows],
             "knows the mechanism and the prior": [(row.maker, row.bayes_error) for row in rows],
         }
+        if self.is_moving:
+            named["follows the belief over time as well"] = [(row.maker, row.path_error) for row in rows]
         if self.repeats[last] > 1:
             later = f"sees {self.repeats[last]} decisions on one belief"
             named[later] = [(row.maker, float(row.repeated_errors[last])) for row in rows]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -82,14 +82,28 @@ class Setting:
         return Budget.relative(amount / self.mean_cost) if self.is_relative else Budget.regret(amount)
 
 
+class Memory(Protocol):
+    """How one who knows a rule with a memory reads its decisions, and what it publishes along a path."""
+
+    @property
+    def decided(self) -> tuple[Mechanism, int]:
+        """The mechanism that decisions come from once they are read, and of how many steps ago the belief behind them is."""
+
+    def __call__(self, n: int) -> Mechanism:
+        """Return what n decisions on one belief amount to, as a mechanism."""
+
+    def published(self, path: np.ndarray) -> Array:
+        """Return the decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""
+
+
 class Play(NamedTuple):
     """A mechanism that spends what was asked for, and what it promises of every single decision."""
 
     mechanism: Mechanism
     promise: Budget | None = None
     """The largest regret of any decision it makes; None where only an expectation is promised."""
-    seen: Callable[[int], Mechanism] | None = None
-    """What one who knows the rule makes of n decisions on one belief, as a mechanism; None: each is a draw of `mechanism`."""
+    seen: Memory | None = None
+    """How one who knows the rule reads it, where it has a memory; None: each decision is a draw of `mechanism`."""
     strength: float = float("nan")
     """What was set so that the regret is spent: steps of a delay, the fraction traded; NaN for others."""
 

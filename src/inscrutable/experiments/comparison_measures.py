@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
 from inscrutable.budgets import Budget
 from inscrutable.experiments.comparison_makers import Play, Setting
+from inscrutable.experiments.comparison_watchers import Learned, Watched, learned, watched
 from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.joint import joint_law
@@ -53,6 +54,15 @@ class ComparisonRow(Saved):
         repeated_information: Bits after each number of repeated decisions, shape (S,).
         repeated_top_state: How often the most likely state is then named, shape (S,).
         strength: Steps of a delay, or the fraction traded; NaN for others.
+        path_error: Of one who knows the mechanism and how the belief moves, and follows it from decision to decision; NaN
+            where that is not known. Its ceiling is the prior's error too.
+        path_error_se: Its standard error, over independent paths.
+        learned_low: Least risk aversion that explains every decision of a path to one who knows all of the cost but that, and
+            takes decisions for optimal; NaN where none explains them all, and for costs without one.
+        learned_high: The greatest.
+        learned_holds: 1 where the true risk aversion is among these, 0 where it is not or there are none; NaN for costs
+            without one.
+        learned_error: Of that observer, who then reads single decisions as the naive one does; NaN where none explains all.
     """
 
     maker: str
@@ -82,6 +92,12 @@ class ComparisonRow(Saved):
     repeated_information: Array
     repeated_top_state: Array
     strength: float = float("nan")
+    path_error: float = float("nan")
+    path_error_se: float = float("nan")
+    learned_low: float = float("nan")
+    learned_high: float = float("nan")
+    learned_holds: float = float("nan")
+    learned_error: float = float("nan")
 
 
 def measured(
@@ -102,11 +118,15 @@ def measured(
     seen = detectability(played, prior, problem)
     promise = Budget.regret(told.worst_regret) if play.promise is None else play.promise
     observers: dict[str, Adversary] = {
-        "naive": NaiveAdversary(problem),
         "near": NearOptimalAdversary(problem, regret, prior=prior),
         "budget": BudgetAwareAdversary(problem, promise, prior=prior),
     }
     guesses = {key: guesses_of(each, played.actions, joint) for key, each in observers.items()}
+    guesses["naive"] = guesses_of(NaiveAdversary(problem), played.actions, joint, seen.excuses)
+    naive_error = guess_error(joint, guesses["naive"])
+    over_time, of_cost = rng.spawn(2)
+    path = watched(setting, play, read.bayes_error, over_time)
+    learner = learned(setting, play, joint, naive_error, of_cost)
     mean_cost = setting.mean_cost
     return ComparisonRow(
         maker=name,
@@ -116,7 +136,7 @@ def measured(
         cost_share=told.expected_regret / mean_cost if mean_cost > 0 else float("nan"),
         silence_share=told.silence_share,
         naive_privacy=naive_privacy(setting.problem, played.actions, joint),
-        naive_error=guess_error(joint, guesses["naive"]),
+        naive_error=naive_error,
         near_optimal_error=guess_error(joint, guesses["near"]),
         budget_aware_error=guess_error(joint, guesses["budget"]),
         bayes_error=read.bayes_error,
@@ -136,7 +156,13 @@ def measured(
         repeated_information=again.information,
         repeated_top_state=again.top_state,
         strength=play.strength,
+        **_prefixed("path", path),
+        **_prefixed("learned", learner),
     )
+
+
+def _prefixed(name: str, figures: Watched | Learned) -> dict[str, Any]:
+    return {f"{name}_{key}": value for key, value in figures._asdict().items()}
 
 
 class _Repeated(NamedTuple):

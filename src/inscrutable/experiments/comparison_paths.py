@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from inscrutable.decision_makers import OriginalDecisionMaker
-from inscrutable.decision_makers.baselines.path import partial_trades
+from inscrutable.decision_makers.baselines.path import DelayedDecisionMaker, PartialDecisionMaker, partial_trades
+from inscrutable.decision_makers.baselines.rule import PathRule
 from inscrutable.experiments.comparison_makers import MAKERS, Maker, Play, Setting, scaled_to, spent
 from inscrutable.mechanisms import Mechanism, mechanism
 from inscrutable.mechanisms.chains import BeliefChain
@@ -68,20 +69,30 @@ def delayed(setting: Setting, regret: float) -> Play | None:
         if spent(setting, ahead) > regret:
             break
         n_steps, play = n_steps + 1, ahead
-    return Play(play.mechanism, strength=float(n_steps), seen=_Late(chain, optimal, n_steps))
+    return Play(play.mechanism, strength=float(n_steps), seen=_Late(setting.problem, chain, optimal, n_steps))
 
 
 @dataclass(frozen=True, eq=False)
 class _Late:
     """What one sees who knows of the delay."""
 
+    problem: DecisionProblem
     chain: BeliefChain
     optimal: Mechanism
     n_steps: int
 
+    @property
+    def decided(self) -> tuple[Mechanism, int]:
+        """Optimal decisions, of the belief that many steps ago."""
+        return self.optimal, self.n_steps
+
     def __call__(self, n: int) -> Mechanism:
         """Return the mechanism that the last of n decisions on one belief comes from."""
         return self.chain.lagged(self.optimal, max(self.n_steps + 1 - n, 0))
+
+    def published(self, path: np.ndarray) -> Array:
+        """Return the late decisions (T,U) along a path of beliefs, given as places (T,)."""
+        return _rule_points(DelayedDecisionMaker(self.problem, self.n_steps), self.chain.prior.beliefs[path])
 
 
 def partly(setting: Setting, regret: float) -> Play | None:
@@ -123,16 +134,29 @@ class _Decoded:
 
     optimal: Mechanism
     problem: DecisionProblem
-    published: Array  # the last two decisions, (2, B, n, U)
+    last_two: Array  # the last two decisions, (2, B, n, U)
     fraction: float
 
     def __call__(self, n: int) -> Mechanism:
         """Return the mechanism that the decoded decisions come from, however many were seen."""
-        before, last = self.published
+        before, last = self.last_two
         targets = (last - (1.0 - self.fraction) * before) / self.fraction
         known = self.problem.as_points(self.optimal.actions)
         _, place = cKDTree(known).query(targets)
         return mechanism(_Drawn(self.problem, known[place]), self.optimal.beliefs)
+
+    @property
+    def decided(self) -> tuple[Mechanism, int]:
+        """Optimal decisions, of today's belief."""
+        return self.optimal, 0
+
+    def published(self, path: np.ndarray) -> Array:
+        """Return the decisions (T,U) along a path of beliefs, given as places (T,)."""
+        return _rule_points(PartialDecisionMaker(self.problem, self.fraction), self.optimal.beliefs[path])
+
+
+def _rule_points(rule: PathRule, beliefs: Array) -> Array:
+    return rule.problem.as_points(rule.decide_many(beliefs).action)
 
 
 def _optimal(setting: Setting) -> Mechanism:

@@ -11,12 +11,22 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 
-def guesses_of(observer: Adversary, actions: Array, joint: Joint) -> Array:
-    """Return the estimates (M,X) of the decisions that are played; zeros elsewhere."""
+def guesses_of(observer: Adversary, actions: Array, joint: Joint, excuses: Array | None = None) -> Array:
+    """Return the estimates (M,X) of the decisions that are played; zeros elsewhere.
+
+    `excuses` (M,X) are the beliefs of least regret of decisions that make no sense to the observer, where they are known.
+    """
     shown = np.flatnonzero(joint.played > 0)
     found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))
-    found[shown] = observer.estimates(actions[shown], nearest=True)
-    return found
+    found[shown] = observer.estimates(actions[shown], nearest=excuses is None)
+    if excuses is None:
+        return found
+    found = np.where(np.isnan(found), excuses, found)
+    # Decisions that are all but equal are read as one, and may be excused by the other's belief alone.
+    lost = shown[np.isnan(found[shown, 0])]
+    if len(lost):
+        found[lost] = observer.estimates(actions[lost], nearest=True)
+    return np.asarray(found)
 
 
 def guess_error(joint: Joint, guesses: Array) -> float:

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
+from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import Prior, grid_visits
 from inscrutable.worlds import HiddenMarkovModel
@@ -86,17 +87,24 @@ class BeliefChain:
 
         In the order of time; the last entries are the beliefs themselves.
         """
-        back, count = self.reversed, len(self.prior)
-        levels = back.data.cumsum()
-        before = np.concatenate([[0.0], levels])[back.indptr]
+        drawn, count = RowDraws(self.reversed), len(self.prior)
         found = np.empty((n_steps + 1, count, n_draws), dtype=np.intp)
         found[-1] = np.arange(count)[:, None]
         for step in range(n_steps - 1, -1, -1):
-            now = found[step + 1]
-            height = before[now] + rng.random(now.shape) * (before[now + 1] - before[now])
-            place = np.searchsorted(levels, height, side="right")
-            # Rounding must not leave the row.
-            found[step] = back.indices[np.clip(place, back.indptr[now], back.indptr[now + 1] - 1)]
+            found[step] = drawn(found[step + 1], rng)
+        return found
+
+    def paths(self, n_steps: int, n_draws: int, *, rng: np.random.Generator) -> np.ndarray:
+        """Return sampled paths in the order of time as places among the beliefs, shape (n_steps, n_draws).
+
+        The first belief has the law of the prior, and so has every later one.
+        """
+        count = validation.count(n_steps, "n_steps")
+        drawn = RowDraws(self.transition)
+        found = np.empty((count, validation.count(n_draws, "n_draws")), dtype=np.intp)
+        found[0] = validation.generator(rng).choice(len(self.prior), size=found.shape[1], p=self.prior.weights)
+        for step in range(1, count):
+            found[step] = drawn(found[step - 1], rng)
         return found
 
     def __repr__(self) -> str:

@@ -10,6 +10,7 @@ from inscrutable.privacy.measures import (
     NonUniqueness,
     PrivacyMeasure,
 )
+from inscrutable.privacy.over_time import PathLeakage, path_leakage
 from inscrutable.privacy.repeated import RepeatedLeakage, repeated_leakage
 
 __all__ = [
@@ -20,9 +21,11 @@ __all__ = [
     "MaximalObfuscation",
     "NonExistence",
     "NonUniqueness",
+    "PathLeakage",
     "PrivacyMeasure",
     "RepeatedLeakage",
     "detectability",
     "leakage",
+    "path_leakage",
     "repeated_leakage",
 ]

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.adversaries.observers import NaiveAdversary
-from inscrutable.adversaries.plausibility import nearest_explanation
+from inscrutable.adversaries.plausibility import nearest_explanations
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
@@ -39,6 +39,7 @@ class Detectability(Saved):
         read_total_variation: The total variation of these readings.
         gaps: r(u) of each of the mechanism's decisions, shape (M,); NaN for one never played.
         likelihood_ratios: λ of each of them, shape (M,): infinite where q is zero, NaN where both are.
+        excuses: The belief that leaves a played decision that none explains the least regret, shape (M,X); NaN for others.
 
     Beliefs that stand for a continuum make a comparison decision by decision pessimistic: one that is optimal between two
     points of the prior is told from all that are optimal at them. The gaps and the readings know no such artefact.
@@ -64,6 +65,7 @@ class Detectability(Saved):
     read_total_variation: float
     gaps: Array
     likelihood_ratios: Array
+    excuses: Array
 
     def __repr__(self) -> str:
         return self.summary()
@@ -112,7 +114,7 @@ def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) 
     if checked_problem(problem).n_states != joint.beliefs.shape[1]:
         raise InputError(f"the problem has {problem.n_states} states, the mechanism {joint.beliefs.shape[1]}")
     points = problem.check_actions(mechanism.actions)
-    gaps, explained = _gaps(problem, points, joint.played > 0)
+    gaps, excuses, explained = _gaps(problem, points, joint.played > 0)
     some = joint.weights > 0
     honest = problem.solve_points(joint.beliefs[some])
     first = first_same(np.vstack([points, honest]))
@@ -134,6 +136,7 @@ def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) 
         divergence=_divergence(hiding, open_),
         gaps=gaps[first[: len(points)]],
         likelihood_ratios=_ratios(hiding[first], open_[first])[: len(points)],
+        excuses=excuses,
     )
 
 
@@ -166,15 +169,17 @@ def _by_decision(first: np.ndarray, shares: Array, total: int) -> Array:
     return np.asarray(np.bincount(first, weights=shares, minlength=total), dtype=np.float64)
 
 
-def _gaps(problem: DecisionProblem, points: Array, played: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Plausibility gaps of the played decisions (M,), NaN elsewhere, and which of all need no excuse."""
+def _gaps(problem: DecisionProblem, points: Array, played: np.ndarray) -> tuple[Array, Array, np.ndarray]:
+    """Plausibility gaps of the played decisions (M,), NaN elsewhere, the beliefs behind those that none explains (M,X), NaN
+    elsewhere, and which of all need no excuse."""
     gaps, explained = np.full(len(points), np.nan), np.ones(len(points), dtype=bool)
+    excuses = np.full((len(points), problem.n_states), np.nan)
     index = np.flatnonzero(played)
     explained[index] = consistent_sets(problem, points[index]).dimension >= 0
     gaps[index] = 0.0
-    for i in np.flatnonzero(~explained):
-        gaps[i] = nearest_explanation(problem, points[i])[1]
-    return gaps, explained
+    if not explained.all():
+        excuses[~explained], gaps[~explained] = nearest_explanations(problem, points[~explained])
+    return gaps, excuses, explained
 
 
 def _ratios(hiding: Array, honest: Array) -> Array:

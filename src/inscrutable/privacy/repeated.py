@@ -15,6 +15,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy.leaks import entropy, leakage
+from inscrutable.privacy.sampling import adjusted_means
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
@@ -171,15 +172,8 @@ def repeated_leakage(
 
 def _averages(sampled: _Sampled) -> tuple[Array, Array]:
     """Means of the three figures and their standard errors, less what the figures of known mean explain of the luck."""
-    values, controls = np.array(sampled[:3]).T, np.array(sampled[3:]).T
-    adjusted = values.copy()
-    # Slopes of one half serve the other: fitted to the sample they adjust, they would bias its mean.
-    for own, other in ((slice(0, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(0, None, 2))):
-        centred = controls[other] - controls[other].mean(axis=0)
-        slopes = np.linalg.pinv(centred, rcond=tolerances.RANK) @ (values[other] - values[other].mean(axis=0))
-        adjusted[own] -= controls[own] @ slopes
-    spread = adjusted.std(axis=0, ddof=1)
-    return np.maximum(adjusted.mean(axis=0), 0.0), spread / np.sqrt(len(values))
+    means, errors = adjusted_means(np.array(sampled[:3]).T, np.array(sampled[3:]).T)
+    return np.maximum(means, 0.0), errors
 
 
 def _rising(n_steps: Any) -> list[int]:

@@ -16,19 +16,28 @@ from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.experiments.comparison_makers import SAME_SPENDING
 from inscrutable.experiments.comparison_measures import ComparisonRow
+from inscrutable.experiments.comparison_watchers import GAMMA_RANGE, N_PATHS, PATH_STEPS
 from inscrutable.files import whole_file
 from inscrutable.reports.comparison_plots import draw_comparison
 
 _PERCENT = 100.0
 _TITLE_WIDTH = 10
-_NOT_ON_TERMINAL = ("% of |c*|", "privacy, naive", "error, near-optimal", "told from honest, AUC")
+_NOT_ON_TERMINAL = (
+    "% of |c*|",
+    "privacy, naive",
+    "error, near-optimal",
+    "top state, naive, %",
+    "told from honest, AUC",
+    "error, cost learned",
+    "risk aversion learned",
+)
 
 
 class _Column(NamedTuple):
-    """A column of the short table: its title with the unit, its value, and how it is written."""
+    """A column of the short table: its title with the unit, its value, and how it is written where that is a number."""
 
     title: str
-    value: Callable[[ComparisonRow], float]
+    value: Callable[[ComparisonRow], float | str]
     style: str = ".3f"
 
 
@@ -36,6 +45,11 @@ def _columns(comparison: Comparison) -> list[_Column]:
     after = [
         _Column(f"error, aware, {n} decisions" if n > 1 else "error, aware", _repeated(s))
         for s, n in enumerate(comparison.repeats)
+    ]
+    over_time = [_Column("error, aware, over time", lambda row: row.path_error)]
+    learned = [
+        _Column("error, cost learned", lambda row: row.learned_error),
+        _Column("risk aversion learned", _learned),
     ]
     return [
         _Column("regret, % of silence", lambda row: _PERCENT * row.silence_share, ".1f"),
@@ -50,6 +64,8 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column("error, near-optimal", lambda row: row.near_optimal_error),
         _Column("error, budget-aware", lambda row: row.budget_aware_error),
         *after,
+        *(over_time if comparison.is_moving else []),
+        *(learned if comparison.is_learned else []),
         _Column("bits", lambda row: row.mutual_information, ".2f"),
         _Column("top state, naive, %", lambda row: _PERCENT * row.naive_top_state, ".0f"),
         _Column("top state, aware, %", lambda row: _PERCENT * row.top_state_accuracy, ".0f"),
@@ -63,6 +79,17 @@ _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
 
 def _repeated(place: int) -> Callable[[ComparisonRow], float]:
     return lambda row: float(row.repeated_errors[place])
+
+
+def _learned(row: ComparisonRow) -> str:
+    """The values of the risk aversion that explain every decision of a path."""
+    if np.isnan(row.learned_holds):
+        return "-"
+    if np.isnan(row.learned_low):
+        return "none explains all"
+    low, high = f"{row.learned_low:.3g}", f"{row.learned_high:.3g}"
+    told = low if low == high else f"{low} to {high}"
+    return told if row.learned_holds else f"{told}, wrong"
 
 
 def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataFrame:
@@ -92,7 +119,9 @@ def terminal_table(comparison: Comparison, budget: float) -> pd.DataFrame:
     return table.rename(columns=lambda title: "\n".join(wrap(title, _TITLE_WIDTH, break_long_words=False)))
 
 
-def _written(value: float, style: str) -> str:
+def _written(value: float | str, style: str) -> str:
+    if isinstance(value, str):
+        return value
     return "-" if np.isnan(value) else format(value + 0.0, style)
 
 
@@ -112,9 +141,7 @@ def notes_of(comparison: Comparison) -> list[str]:
         f"are sampled ({comparison.n_draws} sequences) where a mechanism mixes.",
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
         "them leads to names it.",
-        "Not among the observers: one who follows a belief that moves, for whom repeated decisions on one belief stand in "
-        "(SequentialAdversary needs the world and a path of decisions); and one who does not know the cost and learns it, who "
-        "never knows more than those here (CostLearningAdversary).",
+        *_watchers(comparison),
         "AUC: telling one decision from an optimal one by what the naive observer reads from it; 0.5 is nothing.",
         *(
             [f"Left out, because they do not suit the problem: {', '.join(comparison.left_out)}."]
@@ -159,6 +186,29 @@ def _on_paths(comparison: Comparison) -> list[str]:
             "partial trades: a fraction of the way to the optimal decision at every step; aware: knows the fraction and the "
             "decision before, from which the optimal one follows exactly. The others see one decision only."
         )
+    return found
+
+
+def _watchers(comparison: Comparison) -> list[str]:
+    """What is to be known of those who see a path of decisions, or why they are not there."""
+    found = []
+    if comparison.is_moving:
+        found.append(
+            "aware, over time: knows the mechanism and how beliefs move, and follows the belief through every decision so far. "
+            f"Its error is over the later half of {N_PATHS} paths of {PATH_STEPS} decisions (root mean square; standard "
+            "errors in the CSV file). Without decisions its error is that of the prior at every step."
+        )
+    else:
+        found.append("Nobody follows the belief over time, because it is not known how the belief moves.")
+    if comparison.is_learned:
+        found.append(
+            f"cost learned: does not know the risk aversion, takes the {PATH_STEPS} decisions of one path for optimal, and "
+            f"keeps the values between a {GAMMA_RANGE:.0f}th and {GAMMA_RANGE:.0f} times the true one that explain them all; "
+            "then reads single decisions as the naive observer does, with the middle of these values. Where none explains "
+            "them all, it knows that something is hidden, and no more."
+        )
+    else:
+        found.append("Nobody has to learn the risk aversion, because the cost has none.")
     return found
 
 

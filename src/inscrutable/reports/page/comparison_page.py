@@ -12,6 +12,7 @@ from inscrutable.reports.comparison import notes_of, short_table, worth
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import versions
 from inscrutable.reports.style import looks_of
+from inscrutable.validation import Array
 
 _DIGITS = 4
 _SPENT_LESS = 0.98
@@ -20,7 +21,7 @@ _PERCENT = 100.0
 
 def comparison_content(comparison: Comparison, title: str | None, manifest: Mapping[str, str]) -> PageContent:
     """Return the content of a comparison's page; `manifest` are further lines of its own."""
-    seen = [_decisions(n) for n in comparison.repeats]
+    seen = [_decisions(n) for n in comparison.repeats] + ["a path of decisions"] * comparison.is_moving
     budgets = [worth(comparison, budget) for budget in comparison.budgets]
     header = comparison.header()
     return PageContent(
@@ -106,14 +107,19 @@ def page_data(comparison: Comparison) -> dict[str, Any]:
                     "budget": comparison.budgets.index(row.budget) if row.budget in comparison.budgets else None,
                     "regret": float(f"{scale * row.expected_regret:.6g}"),
                     "naive": round(row.naive_error, _DIGITS),
-                    "aware": np.round(row.repeated_errors, _DIGITS),
-                    "se": np.round(row.repeated_error_se, _DIGITS),
+                    "aware": _seen(row.repeated_errors, row.path_error, comparison),
+                    "se": _seen(row.repeated_error_se, row.path_error_se, comparison),
                 }
                 for row in comparison.of(maker)
             ]
             for maker in comparison.makers
         },
     }
+
+
+def _seen(repeated: Array, over_time: float, comparison: Comparison) -> Array:
+    """Figures after each number of decisions on one belief, and over time where that is known."""
+    return np.asarray(np.round(np.append(repeated, [over_time] * comparison.is_moving), _DIGITS))
 
 
 def _failures(comparison: Comparison) -> list[str]:

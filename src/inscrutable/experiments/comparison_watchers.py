@@ -1,0 +1,179 @@
+"""Observers of many decisions in a comparison: one follows a belief that moves, one has to learn the cost first.
+
+The first knows the rule, the law of the belief's steps and every decision so far: α_{t+1} ∝ K(u_{t+1}|·) (α_t T), from
+α_0 ∝ K(u_0|·) w. A rule with a memory is read backwards first: decisions are then those of a mechanism, of the belief some
+steps ago, and the law of today's belief is α T^d. Without decisions the law is the prior at every step, so its error is that
+of the prior.
+
+The second knows all of the cost but the risk aversion, and no rule: it takes every decision of a path for optimal, keeps the
+values that explain them all, and reads decisions as the naive observer does, with the middle of these values.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from inscrutable.adversaries import CostLearningAdversary, LearnedCost, NaiveAdversary, NearOptimalAdversary
+from inscrutable.experiments.comparison_makers import Play, Setting
+from inscrutable.experiments.guesses import guess_error
+from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.drawing import RowDraws
+from inscrutable.mechanisms.joint import Joint
+from inscrutable.privacy.sampling import adjusted_means
+from inscrutable.problems import MarkowitzProblem
+from inscrutable.validation import Array
+
+PATH_STEPS = 40
+"""Decisions of a path; the first half is watched only, so that errors are those of one who has watched for long."""
+
+N_PATHS = 100
+"""Independent paths, the same ones for every decision maker; the cost is learned from the first."""
+
+GAMMA_RANGE = 10.0
+"""Times the risk aversion, up or down, that one who does not know it thinks possible."""
+
+_PATH_SEED = 1
+_DENSE = 0.1
+"""Share of entries above zero from which a table is multiplied as a plain one."""
+
+
+class Watched(NamedTuple):
+    """Error of one who follows the belief over time, with its standard error; NaN where it is not known how it moves."""
+
+    error: float = float("nan")
+    error_se: float = float("nan")
+
+
+class Learned(NamedTuple):
+    """What one concludes who learns the risk aversion; all NaN where there is none, the interval where none explains."""
+
+    low: float = float("nan")
+    high: float = float("nan")
+    holds: float = float("nan")  # 1 where the true one is among them
+    error: float = float("nan")
+
+
+def watched(setting: Setting, play: Play, bayes_error: float, rng: np.random.Generator) -> Watched:
+    """Return what is hidden from one who knows the rule and sees every decision of a path.
+
+    `bayes_error` is that of one who knows the rule and sees the last decision alone: its mean over paths is known, so what
+    the paths at hand are off by there is taken off here.
+    """
+    chain = setting.chain
+    if chain is None:
+        return Watched()
+    decided, n_late = (play.mechanism, 0) if play.seen is None else play.seen.decided
+    drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting), rng)
+    over_time, alone = (
+        each[PATH_STEPS // 2 :].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late)
+    )
+    squared, spread = (float(each[0]) for each in adjusted_means(over_time, alone - bayes_error**2))
+    error = float(np.sqrt(max(squared, 0.0)))
+    return Watched(error, spread / (2.0 * error) if error > 0 else 0.0)
+
+
+def followed(chain: BeliefChain, mechanism: Mechanism, columns: np.ndarray, n_late: int = 0) -> tuple[Array, Array]:
+    """Return the square error that one expects who saw all decisions so far, and one who saw the last alone.
+
+    Formula: E[‖π_t − E[π_t|u_0..u_t]‖² | u_0..u_t] and E[‖π_t − E[π_t|u_t]‖² | u_t].
+
+    Args:
+        chain: How the belief moves.
+        mechanism: What decides, on the chain's beliefs.
+        columns: Which of its decisions were seen, shape (T,D) for D paths; each must be possible after those before it.
+        n_late: Steps by which decisions are late.
+
+    Returns:
+        Both of shape (T,D), at least 0.
+    """
+    # Beliefs seen from the middle of the prior, so that little is lost in the difference of squares.
+    points = chain.prior.beliefs - chain.prior.mean
+    squares = (points**2).sum(axis=1)
+    step = _plain(chain.transition)
+    for _ in range(n_late):
+        points, squares = step @ points, step @ squares
+
+    def expected(laws: Array) -> Array:
+        return np.asarray(np.maximum(laws @ squares - ((laws @ points) ** 2).sum(axis=1), 0.0))
+
+    used, place = np.unique(columns, return_inverse=True)
+    shares = np.ascontiguousarray(sparse.csc_array(mechanism.observed)[:, used].toarray().T)
+    place = place.reshape(columns.shape)
+    law = np.tile(chain.prior.weights, (columns.shape[1], 1))
+    found = np.empty(columns.shape)
+    for t, seen in enumerate(place):
+        law = (law if t == 0 else np.asarray(law @ step)) * shares[seen]
+        law /= law.sum(axis=1, keepdims=True)
+        found[t] = expected(law)
+    alone = shares * chain.prior.weights
+    return found, expected(alone / alone.sum(axis=1, keepdims=True))[place]
+
+
+def learned(setting: Setting, play: Play, joint: Joint, naive_error: float, rng: np.random.Generator) -> Learned:
+    """Return what one makes of a path of decisions, and of single ones then, who does not know the risk aversion."""
+    problem = setting.problem
+    if not isinstance(problem, MarkowitzProblem):
+        return Learned()
+    found = learned_cost(problem, _published(setting, play, _paths(setting)[:, 0], rng))
+    low, high = found.interval
+    holds = float(found.contains(problem.risk_aversion))
+    if np.isnan(found.parameter):
+        return Learned(holds=0.0)
+    if found.is_identified and holds:
+        return Learned(low, high, holds, naive_error)
+    return Learned(low, high, holds, guess_error(joint, _guesses(setting, play, joint, found.parameter)))
+
+
+def learned_cost(problem: MarkowitzProblem, actions: Array) -> LearnedCost:
+    """Return what decisions (T,U) tell of the risk aversion to one who knows all else and takes them for optimal."""
+    true = problem.risk_aversion
+    limits = true / GAMMA_RANGE, true * GAMMA_RANGE
+    adversary = CostLearningAdversary.risk_aversion(problem.means, problem.covariances, limits, problem.constraints)
+    return adversary.learn(np.unique(actions, axis=0))
+
+
+def _guesses(setting: Setting, play: Play, joint: Joint, parameter: float) -> Array:
+    """The naive observer's estimates (M,X) under a risk aversion; where nothing explains a decision, the belief of the prior
+    under which it costs least."""
+    true = setting.problem
+    assert isinstance(true, MarkowitzProblem)
+    problem = MarkowitzProblem(true.means, true.covariances, parameter, true.constraints)
+    shown = np.flatnonzero(joint.played > 0)
+    points = np.asarray(play.mechanism.actions)[shown]
+    read = NaiveAdversary(problem).estimates(points)
+    lost = np.isnan(read[:, 0])
+    if lost.any():
+        near = NearOptimalAdversary(problem, 0.0, prior=setting.prior)
+        read[lost] = near.estimates(points[lost], nearest=True)
+    found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))
+    found[shown] = read
+    return found
+
+
+def _published(setting: Setting, play: Play, path: np.ndarray, rng: np.random.Generator) -> Array:
+    """The decisions (T,U) published along a path of beliefs."""
+    if play.seen is not None:
+        return play.seen.published(path)
+    drawn = RowDraws(play.mechanism.sparse)(path, rng)
+    return np.asarray(setting.problem.as_points(play.mechanism.actions)[drawn])
+
+
+def _paths(setting: Setting) -> np.ndarray:
+    """Paths of the belief (T,D), the same for every decision maker; independent draws where no chain is known."""
+
+    def made() -> np.ndarray:
+        rng = np.random.default_rng(_PATH_SEED)
+        if setting.chain is not None:
+            return setting.chain.paths(PATH_STEPS, N_PATHS, rng=rng)
+        return rng.choice(len(setting.prior), size=(PATH_STEPS, N_PATHS), p=setting.prior.weights)
+
+    paths: np.ndarray = setting.once("paths", made)
+    return paths
+
+
+def _plain(table: Any) -> Any:
+    return table.toarray() if table.nnz > _DENSE * table.shape[0] * table.shape[1] else table

@@ -40,7 +40,7 @@ from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, locked
-from inscrutable.experiments.studies.workshop import DONE, FAILED, Row, Work, Workshop, chunk_of_rows
+from inscrutable.experiments.studies.workshop import DONE, FAILED, Done, Row, Work, Workshop, chunk_of_rows
 from study_runs import SMALL, environment, killed, table, worker_processes
 
 TALKATIVE = (
@@ -200,7 +200,8 @@ def test_the_order_of_tasks_and_what_was_done_before_change_nothing(whole: Study
     grid = whole.grid
     work = Work(whole.plan.model_dump_json(), None, "[]")
     backwards = chunk_of_rows(work, reversed(range(0, len(grid), 7)))
-    alone = [Workshop(work).row(row.number) for row in backwards]
+    shops = [Workshop(work) for _ in backwards]
+    alone = [shop.rows([shop.done(row.number)])[0] for shop, row in zip(shops, backwards, strict=True)]
     stored = whole.frame()
     for row, other in zip(backwards, alone, strict=True):
         assert row._replace(duration=0) == other._replace(duration=0)
@@ -253,7 +254,7 @@ def test_an_unexpected_error_is_a_failed_row_too(whole: Study, monkeypatch: pyte
         raise ZeroDivisionError("oh")
 
     monkeypatch.setattr(shop, "judged", broken)
-    row = shop.row(0)
+    row = shop.done(0)
     assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", "{}")
 
 
@@ -262,14 +263,14 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
 ) -> None:
     plan = tmp_path / "study.toml"
     plan.write_text(toml_of(SMALL), "utf-8")
-    done = Workshop.row
+    done = Workshop.done
 
-    def interrupted(self: Workshop, number: int) -> Row:
+    def interrupted(self: Workshop, number: int) -> Done:
         if number == 40:
             raise KeyboardInterrupt
         return done(self, number)
 
-    monkeypatch.setattr(Workshop, "row", interrupted)
+    monkeypatch.setattr(Workshop, "done", interrupted)
     out = tmp_path / "out"
     assert cli.main(["study", "run", str(plan), "--out", str(out)]) == 130
     assert f"inscrutable study resume {out}" in capsys.readouterr().err

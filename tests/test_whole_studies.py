@@ -26,7 +26,7 @@ from inscrutable.experiments.reproduction_study import MarketShop
 from inscrutable.experiments.studies.flat import flat, unflat
 from inscrutable.experiments.studies.store import STORE
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
-from inscrutable.experiments.studies.workshop import Row, Shop
+from inscrutable.experiments.studies.workshop import Done, Shop
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 from study_runs import SMALL
 
@@ -43,14 +43,14 @@ def interrupted_at(
     number: int, monkeypatch: pytest.MonkeyPatch, error: type[BaseException] = KeyboardInterrupt
 ) -> None:
     """Have a task stop the run."""
-    done = Shop.row
+    do = Shop.done
 
-    def row(self: Shop, place: int) -> Row:
+    def done(self: Shop, place: int) -> Done:
         if place == number:
             raise error
-        return done(self, place)
+        return do(self, place)
 
-    monkeypatch.setattr(Shop, "row", row)
+    monkeypatch.setattr(Shop, "done", done)
 
 
 # ---- the studies -----------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ _PATIENCE = 30.0  # seconds that a reader and the writer wait for one another
 _SCHEMA = """
 CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE rows (
-    number INTEGER PRIMARY KEY, task TEXT NOT NULL UNIQUE, parameters TEXT NOT NULL, seed TEXT NOT NULL,
+    number INTEGER PRIMARY KEY, task TEXT NOT NULL, parameters TEXT NOT NULL, seed TEXT NOT NULL,
     status TEXT NOT NULL, figures TEXT NOT NULL, duration REAL NOT NULL, error TEXT NOT NULL
 );
 """

@@ -492,11 +492,19 @@ def test_a_table_is_written_whole_or_refused(copy: Path, capsys: pytest.CaptureF
 
 
 def test_parquet_has_the_same_rows(copy: Path) -> None:
-    pytest.importorskip("pyarrow")
     import pandas as pd
 
     assert cli.main(["study", "export", str(copy), "--to", "parquet", "-q"]) == 0
     pd.testing.assert_frame_equal(pd.read_parquet(copy / "rows.parquet"), Study.load(copy).frame())
+
+
+def test_without_pyarrow_the_other_format_is_named(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert cli.main(["study", "export", str(copy), "--to", "parquet"]) == 3
+    assert "pip install pyarrow; or export to CSV" in capsys.readouterr().err
+    assert not (copy / "rows.parquet").exists()
 
 
 def test_chunks_take_about_a_second_and_none_is_lost() -> None:

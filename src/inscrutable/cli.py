@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from inscrutable.experiments.backtest import Backtest
     from inscrutable.experiments.comparison import Comparison
     from inscrutable.experiments.protect import Protection
+    from inscrutable.experiments.reproduction import Reproduction
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
 _LONGEST_TABLE = 40
@@ -92,8 +93,9 @@ def reproduce(
         resolution: Of the action grid and the decoy grid; 40 gives 861 samples.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
-        out: Folder for figures, claims.csv and summary.json. The study behind them is kept in its folder "study": a run that
-            was stopped goes on there when the same command is given again.
+        out: Folder for figures, claims.csv and summary.json; with the extra `inscrutable[report]` also report.html, one page
+            that works offline. The study behind them is kept in its folder "study": a run that was stopped goes on there
+            when the same command is given again.
     """
     from inscrutable.experiments.reproduction import Effort, ReproductionSettings, reproduce
     from inscrutable.reports.reproduction import claims_table, write_reproduction
@@ -107,7 +109,7 @@ def reproduce(
     with resumable(folder / STUDY, AGAIN), speech.progress("Random markets") as move:
         result = reproduce(settings, folder=folder / STUDY, progress=move)
     speech.log("Drawing the figures")
-    files = write_reproduction(result, folder)
+    files = [*write_reproduction(result, folder), *_write_report(result, folder, drawn=folder)]
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -185,7 +187,7 @@ def backtest(
     speech.files(files)
 
 
-def _write_report(result: Backtest | Comparison, folder: Path, **more: Any) -> list[Path]:
+def _write_report(result: Backtest | Comparison | Reproduction, folder: Path, **more: Any) -> list[Path]:
     """The page, where the extra that it needs is there."""
     from inscrutable.reports.page import can_write_pages, write_page
 

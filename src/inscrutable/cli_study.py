@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 FAILED_TASKS = 1
 STUDY, AGAIN = "study", "give the same command again"
 """Where other verbs keep the study behind their results, and how one that was stopped is gone on with."""
+_PAGE = "report.html"
 _SECONDS_BETWEEN_LINES = 10.0
 _ERRORS_SHOWN = 3
 
@@ -167,13 +168,27 @@ def report(
     from inscrutable.experiments.studies import Study
     from inscrutable.reports.page import write_page
 
-    found = Study.load(folder)
-    path = write_page(found, folder / "report.html" if out is None else out, title=title)
+    within = _study_within(folder)
+    found = Study.load(within or folder)
+    path = folder / _PAGE if out is None else out
+    known = within is not None and out is None and title is None and path.exists()
+    if not known:
+        write_page(found, path, title=title)
     if speech.json:
         speech.summary({"name": found.plan.name, "file": path})
         return
     speech.sentence(found.summary())
-    speech.files([path])
+    if known:
+        speech.sentence(f"Its page is {path}, written with the results; --out names a file for another")
+    else:
+        speech.files([path])
+
+
+def _study_within(folder: Path) -> Path | None:
+    """The folder of the study behind the results of another verb, if there is one in theirs."""
+    from inscrutable.experiments.studies.store import STORE
+
+    return folder / STUDY if (folder / STUDY / STORE).is_file() and not (folder / STORE).exists() else None
 
 
 def _told(done: Study, speech: Speech) -> int:

@@ -135,7 +135,11 @@ def opened(folder: Path, *, writable: bool = False) -> Store:
     """
     path = folder / STORE
     if not path.is_file():
-        raise InputError(f"{folder} holds no study: there is no {STORE}; expected a folder that a study was run into")
+        within = next((each.parent for each in sorted(folder.glob(f"*/{STORE}"))), None)
+        such = "" if within is None else f", such as {within}"
+        raise InputError(
+            f"{folder} holds no study: there is no {STORE}; expected a folder that a study was run into{such}"
+        )
     if not path.stat().st_size:
         raise damaged(folder, "the file is empty")
     with speaking(folder):

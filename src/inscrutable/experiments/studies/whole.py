@@ -104,6 +104,29 @@ def all_rows(
             return rows, worlds
 
 
+def rows_of_whole(study: Study) -> tuple[list[Row], list[dict[str, Any]]]:
+    """Return the rows of a finished study in order, and what was prepared for them.
+
+    Raises:
+        InputError: The study was not run, or some of its tasks have no figures.
+    """
+    status = study.status()
+    if status.done < status.total:
+        missing = " and ".join(
+            f"{number} of {status.total} tasks {what}"
+            for number, what in ((status.left, "have no row"), (status.failed, "failed"))
+            if number
+        )
+        retry = " --retry" if status.failed else ""
+        raise InputError(
+            f"{study.folder} is not finished: {missing}, and its page needs all of them; "
+            f"go on with `inscrutable study resume {study.folder}{retry}`"
+        )
+    assert study.folder is not None
+    with closing(opened(study.folder)) as store:
+        return list(store.rows()), json.loads(store.fact("worlds") or "[]")
+
+
 def check_done(rows: list[Row]) -> None:
     """Raise the error of the first row that failed."""
     for row in rows:

@@ -17,7 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
-from inscrutable.cli_study import AGAIN, STUDY, resumable, study
+from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
     MeasureName,
     UsageError,
@@ -106,10 +106,11 @@ def reproduce(
     )
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
-    with resumable(folder / STUDY, AGAIN), speech.progress("Random markets") as move:
-        result = reproduce(settings, folder=folder / STUDY, progress=move)
-    speech.log("Drawing the figures")
-    files = [*write_reproduction(result, folder), *_write_report(result, folder, drawn=folder)]
+    with resumable(folder / STUDY, AGAIN):
+        with speech.progress("Random markets") as move:
+            result = reproduce(settings, folder=folder / STUDY, again=was_told(folder), progress=move)
+        speech.log("Drawing the figures")
+        files = [*write_reproduction(result, folder), *_write_report(result, folder, drawn=folder)]
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -388,11 +389,13 @@ def compare(
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)
-    with resumable(folder / STUDY, AGAIN), speech.progress("Decision makers at budgets") as move:
-        result, note = compared(asked, folder / STUDY, jobs=jobs, say=speech.log, progress=move)
-    speech.log("Drawing the figure")
-    files = write_comparison(result, folder, title=note)
-    files += _write_report(result, folder, manifest={"market": note, "seed": seed})
+    with resumable(folder / STUDY, AGAIN):
+        with speech.progress("Decision makers at budgets") as move:
+            more: dict[str, Any] = {"again": was_told(folder), "say": speech.log, "progress": move}
+            result, note = compared(asked, folder / STUDY, jobs=jobs, **more)
+        speech.log("Drawing the figure")
+        files = write_comparison(result, folder, title=note)
+        files += _write_report(result, folder, manifest={"market": note, "seed": seed})
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

@@ -171,7 +171,13 @@ def comparison_study(settings: ComparisonSettings, *, market: str, resolution: i
 
 
 def compared(
-    study: Study, folder: PathLike | None = None, *, jobs: int = 1, say: Callable[[str], None], progress: Counted
+    study: Study,
+    folder: PathLike | None = None,
+    *,
+    jobs: int = 1,
+    again: bool = True,
+    say: Callable[[str], None],
+    progress: Counted,
 ) -> tuple[Comparison, str]:
     """Run a study of this kind as `all_rows` does, and return the comparison with a line on its market.
 
@@ -183,7 +189,7 @@ def compared(
     def prepared(worlds: Sequence[dict[str, Any]]) -> None:
         say(f"{worlds[0]['note']}; {len(worlds[0]['weights'])} beliefs")
 
-    return _whole(plan, *all_rows(study, folder, jobs=jobs, prepared=prepared, progress=progress))
+    return _whole(plan, *all_rows(study, folder, jobs=jobs, again=again, prepared=prepared, progress=progress))
 
 
 def comparison_of(study: Study) -> tuple[Comparison, str]:

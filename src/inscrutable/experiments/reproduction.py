@@ -187,7 +187,11 @@ class Reproduction:
 
 
 def reproduce(
-    settings: ReproductionSettings | None = None, *, folder: PathLike | None = None, progress: Progress | None = None
+    settings: ReproductionSettings | None = None,
+    *,
+    folder: PathLike | None = None,
+    again: bool = True,
+    progress: Progress | None = None,
 ) -> Reproduction:
     """Return every result of the paper's numerical section and each of its claims, judged over seeded random markets.
 
@@ -197,6 +201,7 @@ def reproduce(
         settings: What to do; None is `ReproductionSettings()`.
         folder: Where the study's rows are kept while it runs, so that a run that was stopped is gone on with; None keeps
             nothing.
+        again: Whether a finished run in the folder is done anew; otherwise its rows are taken.
         progress: Called with (parts done, parts in all).
 
     Returns:
@@ -219,7 +224,7 @@ def reproduce(
     with ThreadPoolExecutor(1) as beside:
         # Where there are processes, the market of the figures is done while they work.
         drawn = None if chosen.n_jobs == 1 else beside.submit(_drawn_market, chosen)
-        rows, _ = all_rows(study_of(chosen), folder, jobs=chosen.n_jobs, progress=progress)
+        rows, _ = all_rows(study_of(chosen), folder, jobs=chosen.n_jobs, again=again, progress=progress)
         return _judged(chosen, rows, _drawn_market(chosen) if drawn is None else drawn.result())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -39,7 +40,7 @@ from inscrutable.errors import InputError, SolverError
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
-from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, locked
+from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, Store, locked, speaking
 from inscrutable.experiments.studies.workshop import DONE, FAILED, Done, Row, Work, Workshop, chunk_of_rows
 from study_runs import SMALL, environment, killed, table, worker_processes
 
@@ -386,7 +387,7 @@ try:
     run_study(Study.of(plan), out)
     print("no error")
 except InputError as error:
-    print("full:", error)
+    print("full:", type(error).__name__, error)
 kept = Study.load(out).status()
 print("kept:", kept.done, kept.left)
 freed()
@@ -398,7 +399,7 @@ if mounted:
             use()
             print("no error")
         except InputError as error:
-            print("read-only:", error)
+            print("read-only:", type(error).__name__, error)
     print("read:", Study.load(out).status().done - kept.done)
     subprocess.run(["mount", "-o", "remount,rw", str(place)], check=True)
 print("rows:", json.dumps(resume_study(out).frame().to_csv(lineterminator="\\n")))
@@ -426,14 +427,50 @@ def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Pa
     said = dict(line.split(": ", 1) for line in run.stdout.splitlines() if ": " in line)
     assert "no error" not in run.stdout
     assert re.search(r"full|disk I/O", said["full"]), said["full"]
+    assert said["full"].startswith("DiskError")
     assert "are kept" in said["full"]
     done, left = map(int, said["kept"].split())
     assert 0 < done < 112
     assert done + left == 112
     if kind == "mounted":
+        assert "DiskError" in said["read-only"]
         assert "read" in said["read-only"]
         assert int(said["read"]) == 10
     assert json.loads(said["rows"]) == table(whole)
+
+
+def test_the_command_line_speaks_of_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With two processes, whose end says nothing more; then a file, and whatever else the system refuses."""
+    plan, out = tmp_path / "study.toml", tmp_path / "out"
+    plan.write_text(toml_of(SMALL), "utf-8")
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def add(self: Store, rows: object) -> None:
+        with speaking(self.folder):
+            error = sqlite3.OperationalError("database or disk is full")
+            error.sqlite_errorcode = sqlite3.SQLITE_FULL
+            raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "add", add)
+        assert cli.main(["study", "run", str(plan), "--out", str(out), "--jobs", "2"]) == 3
+    told = capsys.readouterr().err
+    assert "inscrutable: disk: " in told
+    assert "database or disk is full; the rows stored before are kept" in told
+    assert f"To go on: inscrutable study resume {out}" in told
+
+    def broken(*_: object) -> None:
+        raise full
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", broken)
+        assert cli.main(["study", "export", str(out)]) == 3
+    assert "disk: " in capsys.readouterr().err
+    monkeypatch.setattr("inscrutable.experiments.studies.Study.load", broken)
+    assert cli.main(["study", "status", str(out)]) == 3
+    assert "inscrutable: disk: [Errno" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="permissions do not bind the superuser; a read-only disk is tried above")

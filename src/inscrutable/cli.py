@@ -1,6 +1,6 @@
 """The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies.
 
-Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data,
+Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
 """
 
@@ -27,7 +27,8 @@ from inscrutable.cli_values import (
     measure_of,
     writable_folder,
 )
-from inscrutable.errors import InputError, InscrutableError
+from inscrutable.errors import DiskError, InputError, InscrutableError
+from inscrutable.files import DISK
 from inscrutable.labels import label_text
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ app = App(
     name="inscrutable",
     help="What does my decision give away, how do I change that, and what does it cost?",
     help_epilogue=(
-        "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data, 4 no solution, 130 interrupted. "
+        "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk, 4 no solution, 130 interrupted. "
         "`inscrutable VERB --help` says what a verb takes. Decisions may be altered, never a disclosure that the law "
         "prescribes."
     ),
@@ -425,6 +426,8 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
         return _said(f"{error}", USAGE, tokens)
     except UsageError as error:
         return _said(f"{error}", USAGE, tokens)
+    except DiskError as error:
+        return _said(str(error), error.exit_code, kind="disk")
     except InscrutableError as error:
         return _said(str(error), error.exit_code)
     except KeyboardInterrupt:
@@ -434,6 +437,8 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILURE
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in DISK:
+            return _said(str(error), DiskError.exit_code, kind="disk")
         # A compiled kernel reports an interrupt as an error of its own.
         if interrupts.caused(error):
             return _said("interrupted; every file that was written is whole", INTERRUPTED)
@@ -443,9 +448,9 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _said(message: str, code: int, tokens: Sequence[str] = ()) -> int:
+def _said(message: str, code: int, tokens: Sequence[str] = (), kind: str = "") -> int:
     """Print one clear message on stderr and return the exit code; wrong usage of a verb points to that verb's help."""
-    kind = {USAGE: "usage", INTERRUPTED: "stopped", InputError.exit_code: "bad data", 4: "no solution"}.get(
+    kind = kind or {USAGE: "usage", INTERRUPTED: "stopped", InputError.exit_code: "bad data", 4: "no solution"}.get(
         code, "error"
     )
     verb = next((token for token in tokens if not token.startswith("-")), "")

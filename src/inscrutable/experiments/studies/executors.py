@@ -143,8 +143,9 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _renewed_quietly() -> Iterator[None]:
-    """Say nothing where a worker that has grown is replaced by a new one: no task is lost by that."""
+    """Say nothing where a worker that has grown is replaced by a new one, which loses no task, or a run is stopped."""
     with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"\d+ tasks ")
         warnings.filterwarnings("ignore", "A worker stopped while some jobs were given to the executor")
         yield
 

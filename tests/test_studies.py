@@ -226,6 +226,17 @@ def test_a_limited_run_is_spread_and_can_be_gone_on_with(whole: Study, tmp_path:
     assert table(resume_study(tmp_path, limit=1000)) == table(whole)
 
 
+def test_what_is_left_is_said_with_how_to_do_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, out = tmp_path / "study.toml", tmp_path / "out"
+    plan.write_text(toml_of(SMALL | {"repeats": 1}), "utf-8")
+    assert cli.main(["study", "run", str(plan), "--out", str(out), "--limit", "3"]) == 0
+    assert f"To do the others: inscrutable study resume {out}" in capsys.readouterr().err
+    assert cli.main(["study", "resume", str(out)]) == 0
+    assert "To do the others" not in capsys.readouterr().err
+    assert cli.main(["study", "resume", str(plan)]) == 3
+    assert "study.toml is a file, expected a folder" in capsys.readouterr().err
+
+
 def test_a_task_that_fails_is_a_row_and_the_others_are_done(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = tmp_path / "study.toml"
     plan.write_text(
@@ -295,8 +306,10 @@ def toml_of(plan: dict[str, object]) -> str:
 
 def test_a_second_run_into_the_same_folder_is_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (copy / STORE).read_bytes()
-    with pytest.raises(InputError, match="holds a study already"):
+    with pytest.raises(InputError, match="holds this study already: go on with"):
         run_study(Study.of(SMALL), copy)
+    with pytest.raises(InputError, match="holds another study, 'small', or this one with other settings"):
+        run_study(Study.of(SMALL | {"repeats": 3}), copy)
     with locked(copy):
         with pytest.raises(InputError, match="another process runs this study"):
             resume_study(copy)

@@ -170,7 +170,11 @@ def test_a_wrong_value_is_named_with_its_line(folder: Path, text: str, line: int
 
 def test_what_is_no_study_is_refused(tmp_path: Path) -> None:
     assert "line 1" in refused("name = \n", tmp_path)
-    assert "world is missing" in refused(HEAD, tmp_path)
+    assert "world is missing; expected one of: given, random, fitted" in refused(HEAD, tmp_path)
+    assert "decision_makers is missing; expected one of: ODM, CDM" in refused('name = "a"\n' + RANDOM, tmp_path)
+    assert refused(HEAD + RANDOM + 'a = 1\n[budgets]\nunit = "b"\n', tmp_path).endswith("(and 1 more mistake)")
+    with pytest.raises(InputError, match="is a folder, expected a study file"):
+        Study.read(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
         Study.read(tmp_path / "none.toml")
     (tmp_path / "study.toml").write_bytes(b"\xff\xfe")

@@ -196,10 +196,12 @@ def _study_within(folder: Path) -> Path | None:
 
 def _told(done: Study, speech: Speech) -> int:
     _say_status(done, speech)
-    failed = done.status().failed
-    if failed:
+    how = done.status()
+    if how.failed:
         _say_errors(done, speech)
-    return FAILED_TASKS if failed else 0
+    if how.left:
+        speech.log(f"To do the others: inscrutable study resume {done.folder}")
+    return FAILED_TASKS if how.failed else 0
 
 
 def _say_status(found: Study, speech: Speech) -> None:

@@ -141,6 +141,8 @@ def opened(folder: Path, *, writable: bool = False) -> Store:
     """
     path = folder / STORE
     if not path.is_file():
+        if path.parent.is_file():
+            raise InputError(f"{folder} is a file, expected a folder that a study was run into")
         within = next((each.parent for each in sorted(folder.glob(f"*/{STORE}"))), None)
         such = "" if within is None else f", such as {within}"
         raise InputError(

@@ -267,7 +267,7 @@ def test_an_unexpected_error_is_a_failed_row_too(whole: Study, monkeypatch: pyte
 
     monkeypatch.setattr(shop, "judged", broken)
     row = shop.done(0)
-    assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", "{}")
+    assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", {})
 
 
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(

@@ -22,7 +22,6 @@ from inscrutable.experiments.studies.workshop import (
     Work,
     chunk_of_rows,
     done_of,
-    figures_text,
     workshop,
 )
 
@@ -105,7 +104,7 @@ def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
     from joblib import Parallel, delayed
 
     parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=f"{_IN_FLIGHT}*n_jobs")
-    with _renewed_quietly():
+    with renewed_quietly():
         with _deaf_to_interrupts():
             found = parallel(delayed(chunk_of_rows)(work, chunk) for chunk in chunks)
         try:
@@ -142,7 +141,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def _renewed_quietly() -> Iterator[None]:
+def renewed_quietly() -> Iterator[None]:
     """Say nothing where a worker that has grown is replaced by a new one, which loses no task, or a run is stopped."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"\d+ tasks ")
@@ -228,4 +227,4 @@ def lost_row(work: Work, number: int) -> Row:
     """Return the row of a task that took its workers down with it."""
     shop = workshop(work)
     error = "SolverError: the workers doing this task were lost each time (killed, or out of memory)"
-    return shop.rows([Done(shop.grid.task(number), FAILED, figures_text({}), 0.0, error)])[0]
+    return shop.rows([Done(shop.grid.task(number), FAILED, {}, 0.0, error)])[0]

@@ -164,8 +164,8 @@ def report(
     """Write the study, finished or not, as one HTML page that works offline (needs the extra `inscrutable[report]`).
 
     Args:
-        folder: The folder that the study was run into.
-        out: The file. Default: report.html in the study's folder.
+        folder: The folder that the study was run into; or that of a reproduction or a comparison, which must be finished.
+        out: The file. Default: report.html in that folder.
         title: The heading. Default: the study's name.
     """
     from inscrutable.experiments.studies import Study

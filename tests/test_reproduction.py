@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import warnings
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pandas as pd
 import pytest
@@ -67,6 +69,20 @@ def test_same_seed_same_bytes_whatever_the_jobs(folder: Path, tmp_path: Path) ->
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert "n_jobs" not in (folder / "summary.json").read_text("utf-8")
+
+
+def test_a_worker_that_is_renewed_while_drawing_ends_nothing(
+    small: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An error in the thread that renews it, as warnings are here, would leave the others waiting for ever."""
+    drawing = joblib.Parallel.__call__
+
+    def renewing(self: joblib.Parallel, tasks: object) -> object:
+        warnings.warn("A worker stopped while some jobs were given to the executor.", UserWarning, stacklevel=1)
+        return drawing(self, tasks)
+
+    monkeypatch.setattr(joblib.Parallel, "__call__", renewing)
+    assert write_reproduction(small, tmp_path)
 
 
 def test_another_seed_is_another_market(small: Reproduction) -> None:

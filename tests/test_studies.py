@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -39,8 +40,8 @@ from inscrutable.errors import InputError, SolverError
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
-from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, locked
-from inscrutable.experiments.studies.workshop import DONE, FAILED, Row, Work, Workshop, chunk_of_rows
+from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, Store, locked, speaking
+from inscrutable.experiments.studies.workshop import DONE, FAILED, Done, Row, Work, Workshop, chunk_of_rows
 from study_runs import SMALL, environment, killed, table, worker_processes
 
 TALKATIVE = (
@@ -200,7 +201,8 @@ def test_the_order_of_tasks_and_what_was_done_before_change_nothing(whole: Study
     grid = whole.grid
     work = Work(whole.plan.model_dump_json(), None, "[]")
     backwards = chunk_of_rows(work, reversed(range(0, len(grid), 7)))
-    alone = [Workshop(work).row(row.number) for row in backwards]
+    shops = [Workshop(work) for _ in backwards]
+    alone = [shop.rows([shop.done(row.number)])[0] for shop, row in zip(shops, backwards, strict=True)]
     stored = whole.frame()
     for row, other in zip(backwards, alone, strict=True):
         assert row._replace(duration=0) == other._replace(duration=0)
@@ -222,6 +224,17 @@ def test_a_limited_run_is_spread_and_can_be_gone_on_with(whole: Study, tmp_path:
     assert part.frame()["repeat"].nunique() == 8
     assert part.status().left == 102
     assert table(resume_study(tmp_path, limit=1000)) == table(whole)
+
+
+def test_what_is_left_is_said_with_how_to_do_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan, out = tmp_path / "study.toml", tmp_path / "out"
+    plan.write_text(toml_of(SMALL | {"repeats": 1}), "utf-8")
+    assert cli.main(["study", "run", str(plan), "--out", str(out), "--limit", "3"]) == 0
+    assert f"To do the others: inscrutable study resume {out}" in capsys.readouterr().err
+    assert cli.main(["study", "resume", str(out)]) == 0
+    assert "To do the others" not in capsys.readouterr().err
+    assert cli.main(["study", "resume", str(plan)]) == 3
+    assert "study.toml is a file, expected a folder" in capsys.readouterr().err
 
 
 def test_a_task_that_fails_is_a_row_and_the_others_are_done(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -253,8 +266,8 @@ def test_an_unexpected_error_is_a_failed_row_too(whole: Study, monkeypatch: pyte
         raise ZeroDivisionError("oh")
 
     monkeypatch.setattr(shop, "judged", broken)
-    row = shop.row(0)
-    assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", "{}")
+    row = shop.done(0)
+    assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", {})
 
 
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
@@ -262,14 +275,14 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
 ) -> None:
     plan = tmp_path / "study.toml"
     plan.write_text(toml_of(SMALL), "utf-8")
-    done = Workshop.row
+    done = Workshop.done
 
-    def interrupted(self: Workshop, number: int) -> Row:
+    def interrupted(self: Workshop, number: int) -> Done:
         if number == 40:
             raise KeyboardInterrupt
         return done(self, number)
 
-    monkeypatch.setattr(Workshop, "row", interrupted)
+    monkeypatch.setattr(Workshop, "done", interrupted)
     out = tmp_path / "out"
     assert cli.main(["study", "run", str(plan), "--out", str(out)]) == 130
     assert f"inscrutable study resume {out}" in capsys.readouterr().err
@@ -293,8 +306,10 @@ def toml_of(plan: dict[str, object]) -> str:
 
 def test_a_second_run_into_the_same_folder_is_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (copy / STORE).read_bytes()
-    with pytest.raises(InputError, match="holds a study already"):
+    with pytest.raises(InputError, match="holds this study already: go on with"):
         run_study(Study.of(SMALL), copy)
+    with pytest.raises(InputError, match="holds another study, 'small', or this one with other settings"):
+        run_study(Study.of(SMALL | {"repeats": 3}), copy)
     with locked(copy):
         with pytest.raises(InputError, match="another process runs this study"):
             resume_study(copy)
@@ -385,7 +400,7 @@ try:
     run_study(Study.of(plan), out)
     print("no error")
 except InputError as error:
-    print("full:", error)
+    print("full:", type(error).__name__, error)
 kept = Study.load(out).status()
 print("kept:", kept.done, kept.left)
 freed()
@@ -397,7 +412,7 @@ if mounted:
             use()
             print("no error")
         except InputError as error:
-            print("read-only:", error)
+            print("read-only:", type(error).__name__, error)
     print("read:", Study.load(out).status().done - kept.done)
     subprocess.run(["mount", "-o", "remount,rw", str(place)], check=True)
 print("rows:", json.dumps(resume_study(out).frame().to_csv(lineterminator="\\n")))
@@ -425,14 +440,50 @@ def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Pa
     said = dict(line.split(": ", 1) for line in run.stdout.splitlines() if ": " in line)
     assert "no error" not in run.stdout
     assert re.search(r"full|disk I/O", said["full"]), said["full"]
+    assert said["full"].startswith("DiskError")
     assert "are kept" in said["full"]
     done, left = map(int, said["kept"].split())
     assert 0 < done < 112
     assert done + left == 112
     if kind == "mounted":
+        assert "DiskError" in said["read-only"]
         assert "read" in said["read-only"]
         assert int(said["read"]) == 10
     assert json.loads(said["rows"]) == table(whole)
+
+
+def test_the_command_line_speaks_of_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With two processes, whose end says nothing more; then a file, and whatever else the system refuses."""
+    plan, out = tmp_path / "study.toml", tmp_path / "out"
+    plan.write_text(toml_of(SMALL), "utf-8")
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def add(self: Store, rows: object) -> None:
+        with speaking(self.folder):
+            error = sqlite3.OperationalError("database or disk is full")
+            error.sqlite_errorcode = sqlite3.SQLITE_FULL
+            raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "add", add)
+        assert cli.main(["study", "run", str(plan), "--out", str(out), "--jobs", "2"]) == 3
+    told = capsys.readouterr().err
+    assert "inscrutable: disk: " in told
+    assert "database or disk is full; the rows stored before are kept" in told
+    assert f"To go on: inscrutable study resume {out}" in told
+
+    def broken(*_: object) -> None:
+        raise full
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", broken)
+        assert cli.main(["study", "export", str(out)]) == 3
+    assert "disk: " in capsys.readouterr().err
+    monkeypatch.setattr("inscrutable.experiments.studies.Study.load", broken)
+    assert cli.main(["study", "status", str(out)]) == 3
+    assert "inscrutable: disk: [Errno" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="permissions do not bind the superuser; a read-only disk is tried above")
@@ -491,11 +542,19 @@ def test_a_table_is_written_whole_or_refused(copy: Path, capsys: pytest.CaptureF
 
 
 def test_parquet_has_the_same_rows(copy: Path) -> None:
-    pytest.importorskip("pyarrow")
     import pandas as pd
 
     assert cli.main(["study", "export", str(copy), "--to", "parquet", "-q"]) == 0
     pd.testing.assert_frame_equal(pd.read_parquet(copy / "rows.parquet"), Study.load(copy).frame())
+
+
+def test_without_pyarrow_the_other_format_is_named(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert cli.main(["study", "export", str(copy), "--to", "parquet"]) == 3
+    assert "pip install pyarrow; or export to CSV" in capsys.readouterr().err
+    assert not (copy / "rows.parquet").exists()
 
 
 def test_chunks_take_about_a_second_and_none_is_lost() -> None:

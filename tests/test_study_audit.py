@@ -57,8 +57,10 @@ def test_a_hundred_thousand_small_tasks_with_flat_memory(tmp_path: Path) -> None
     early, late = seen
     worked, spent, own, workers = (after - before for before, after in zip(early, late, strict=True))
     print(f"\n100,000 tasks in {taken:.0f} s, the start of the processes included")
-    print(f"from a tenth of the way on {1 - worked / (2 * spent):.1%} of their time was not in tasks")
+    overhead = 1 - worked / (2 * spent)
+    print(f"from a tenth of the way on {overhead:.1%} of their time was not in tasks")
     print(f"memory gained meanwhile: {own / 1e6:.1f} MB here, {workers / 1e6:.1f} MB in workers")
+    assert overhead < 0.05
     assert own < 30e6
     assert workers < 60e6
 

@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -16,7 +17,9 @@ from inscrutable import Study
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.experiments.studies import layout
 from inscrutable.experiments.studies.reading import StudySource, checked_study
+from inscrutable.experiments.studies.seeds import seed_numbers
 from inscrutable.experiments.studies.toml_lines import key_lines
+from inscrutable.experiments.studies.workshop import Work, chunk_of_rows
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAD = 'name = "a"\ndecision_makers = ["ODM"]\n'
@@ -167,7 +170,11 @@ def test_a_wrong_value_is_named_with_its_line(folder: Path, text: str, line: int
 
 def test_what_is_no_study_is_refused(tmp_path: Path) -> None:
     assert "line 1" in refused("name = \n", tmp_path)
-    assert "world is missing" in refused(HEAD, tmp_path)
+    assert "world is missing; expected one of: given, random, fitted" in refused(HEAD, tmp_path)
+    assert "decision_makers is missing; expected one of: ODM, CDM" in refused('name = "a"\n' + RANDOM, tmp_path)
+    assert refused(HEAD + RANDOM + 'a = 1\n[budgets]\nunit = "b"\n', tmp_path).endswith("(and 1 more mistake)")
+    with pytest.raises(InputError, match="is a folder, expected a study file"):
+        Study.read(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
         Study.read(tmp_path / "none.toml")
     (tmp_path / "study.toml").write_bytes(b"\xff\xfe")
@@ -244,6 +251,25 @@ def test_an_identity_hangs_on_the_task_alone() -> None:
     again = next(t for t in map(large.grid.task, range(large.n_tasks)) if t.key == task.key)
     assert again.number != task.number
     assert (small.grid.seed(task.text).generate_state(4) == large.grid.seed(again.text).generate_state(4)).all()
+
+
+@given(
+    seed=st.integers(0, 2**31) | st.integers(0, 2**300),
+    keys=st.integers(1, 5).flatmap(
+        lambda words: st.lists(st.tuples(*[st.integers(0, 2**32 - 1)] * words), min_size=1, max_size=3)
+    ),
+)
+def test_seeds_of_many_tasks_are_numpys_own(seed: int, keys: list[tuple[int, ...]]) -> None:
+    expected = [int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1, np.uint64)[0]) for key in keys]
+    assert seed_numbers(seed, ["".join(f"{word:08x}" for word in key) for key in keys]) == expected
+    assert seed_numbers(seed, []) == []
+
+
+def test_a_rows_seed_is_its_tasks_own() -> None:
+    study = Study.of(plan(repeats=2))
+    rows = chunk_of_rows(Work(study.plan.model_dump_json(), None, "[]"), range(study.n_tasks))
+    expected = [study.grid.task_seed(study.grid.task(row.number)).generate_state(1, np.uint64)[0] for row in rows]
+    assert [row.seed for row in rows] == [str(seed) for seed in expected]
 
 
 def test_whole_numbers_and_fractions_of_one_value_are_one_task() -> None:

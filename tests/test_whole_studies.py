@@ -2,33 +2,47 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
+import shutil
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import browser
 from inscrutable import InputError, MarkowitzProblem, ModelError, Study, cli, resume_study, run_study
+from inscrutable.datasets import write_json
 from inscrutable.experiments.comparison import ComparisonSettings, compare
 from inscrutable.experiments.comparison_markets import market_of
 from inscrutable.experiments.comparison_paths import EVERY_MAKER
-from inscrutable.experiments.comparison_study import compared, comparison_study
+from inscrutable.experiments.comparison_study import compared, comparison_of, comparison_study
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.market_runs import MarketRun, run_market
 from inscrutable.experiments.random_markets import MarketLaw
-from inscrutable.experiments.reproduction import Effort, Reproduction, ReproductionSettings, reproduce, study_of
+from inscrutable.experiments.reproduction import (
+    Effort,
+    Reproduction,
+    ReproductionSettings,
+    reproduce,
+    reproduction_of,
+    study_of,
+)
 from inscrutable.experiments.reproduction_study import MarketShop
 from inscrutable.experiments.studies.flat import flat, unflat
 from inscrutable.experiments.studies.store import STORE
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
-from inscrutable.experiments.studies.workshop import Row, Shop
+from inscrutable.experiments.studies.workshop import Done, Shop
+from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 from study_runs import SMALL
+from test_page import EVIL, Reader
 
 EFFORT = Effort(
     resolution=5, n_simulations=2, n_market_steps=2, budgets=(0.1, 1.0), starts=(1, 2), sample_resolutions=(2,)
@@ -43,14 +57,14 @@ def interrupted_at(
     number: int, monkeypatch: pytest.MonkeyPatch, error: type[BaseException] = KeyboardInterrupt
 ) -> None:
     """Have a task stop the run."""
-    done = Shop.row
+    do = Shop.done
 
-    def row(self: Shop, place: int) -> Row:
+    def done(self: Shop, place: int) -> Done:
         if place == number:
             raise error
-        return done(self, place)
+        return do(self, place)
 
-    monkeypatch.setattr(Shop, "row", row)
+    monkeypatch.setattr(Shop, "done", done)
 
 
 # ---- the studies -----------------------------------------------------------------------------------
@@ -120,8 +134,125 @@ def test_rows_can_be_exported_like_any_studys(tmp_path: Path, capsys: pytest.Cap
     assert {"market", "odm.privacy.0", "global.cdm.privacy.1", "samples.decoy grid.0", "duration"} <= set(
         lines[0].split(",")
     )
+    with pytest.raises(InputError, match="is no grid of settings"):
+        Study.load(tmp_path).means()
+
+
+# ---- their pages -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Folders of both verbs' results."""
+    place = tmp_path_factory.mktemp("told")
+    for verb in (REPRODUCE, COMPARE):
+        assert cli.main([*verb, "--out", str(place / verb[0]), "-q"]) == 0
+    return {verb[0]: place / verb[0] for verb in (REPRODUCE, COMPARE)}
+
+
+@pytest.mark.parametrize("verb", ["reproduce", "compare"])
+def test_a_study_has_the_page_of_its_results(verb: str, told: dict[str, Path], tmp_path: Path) -> None:
+    """The same but for the manifest, which says what the rows were made by."""
+    assert cli.main(["study", "report", str(told[verb] / "study"), "--out", str(tmp_path / "report.html")]) == 0
+    own, found = (each.read_text("utf-8") for each in (told[verb] / "report.html", tmp_path / "report.html"))
+    cut = '<h2 id="manifest">'
+    assert found.split(cut)[0] == own.split(cut)[0]
+    assert found.split("</main>")[1] == own.split("</main>")[1]
+    read = Reader(tmp_path / "report.html")
+    manifest = dict(zip(read.inside["dt"], read.inside["dd"], strict=True))
+    stored = Study.load(told[verb] / "study").manifest()
+    assert manifest["version of joblib"] == stored["versions"]["joblib"]
+    assert manifest["kind"] == stored["study"]["kind"]
+    assert len(found) < 6e6
+
+
+def test_the_page_of_a_reproduction_holds_its_claims_and_pictures(told: dict[str, Path]) -> None:
+    folder = told["reproduce"]
+    read = Reader(folder / "report.html")
+    claims = pd.read_csv(folder / "claims.csv")
+    assert set(claims["claim"]) <= set(read.inside["th"])
+    verdicts = claims["verdict"].value_counts()
+    assert f"{verdicts['holds']} hold" in read.inside["p"][1]
+    assert any("4 markets are few" in each for each in read.inside["p"])
+    pictures = [
+        base64.b64decode((each["src"] or "").removeprefix("data:image/svg+xml;base64,")) for each in read.all("img")
+    ]
+    assert pictures == [
+        (folder / f"{name}.svg").read_bytes()
+        for name in (
+            *(
+                f"{variant}_{what}"
+                for what in ("actions", "beliefs", "privacy", "costs", "tradeoff")
+                for variant in ("paper", "global")
+            ),
+            "convergence",
+        )
+    ]
+    assert all(len(each["alt"] or "") > 40 for each in read.all("img"))
+    assert not read.all("script")
+
+
+def test_a_page_that_is_there_is_named(
+    told: dict[str, Path], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(told["compare"], tmp_path / "copy"))
+    page = folder / "report.html"
+    page.write_text("mine", "utf-8")
+    assert cli.main(["study", "report", str(folder)]) == 0
+    assert f"Its page is {page}" in capsys.readouterr().out
+    assert page.read_text("utf-8") == "mine"
+    page.unlink()
+    assert cli.main(["study", "report", str(folder), "--title", EVIL]) == 0
+    assert Reader(page).inside["h1"] == [EVIL]
+    assert cli.main(["study", "status", str(folder)]) == 3
+    assert f"such as {folder / 'study'}" in capsys.readouterr().err
+
+
+def test_a_page_of_the_whole_needs_the_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_study(study_of(SETTINGS), tmp_path, limit=3)
     assert cli.main(["study", "report", str(tmp_path)]) == 3
-    assert "is no grid of settings" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "1 of 4 tasks have no row" in told
+    assert f"go on with `inscrutable study resume {tmp_path}`" in told
+    assert not (tmp_path / "report.html").exists()
+    resume_study(tmp_path)
+    assert cli.main(["study", "report", str(tmp_path), "-q"]) == 0
+
+
+def test_a_reproduction_comes_back_from_its_rows(tmp_path: Path) -> None:
+    made = reproduce(SETTINGS, folder=tmp_path)
+    found = reproduction_of(Study.load(tmp_path))
+    assert found.settings == replace(SETTINGS, n_jobs=-1)
+    write_json(summary_of(made), tmp_path / "made.json")
+    write_json(summary_of(found), tmp_path / "found.json")
+    assert (tmp_path / "made.json").read_bytes() == (tmp_path / "found.json").read_bytes()
+    with pytest.raises(InputError, match="no comparison"):
+        comparison_of(Study.load(tmp_path))
+    with pytest.raises(InputError, match="no study of the paper"):
+        reproduction_of(comparison_study(ComparisonSettings(), market="paper", resolution=4, seed=0))
+
+
+def test_the_steps_that_are_drawn_are_no_part_of_a_task() -> None:
+    """Stores written before a file could name them are read, and have the same rows."""
+    data = {key: value for key, value in shipped("reproduction").items() if key != "steps"}
+    older, newer = Study.of(data), Study.of(data | {"steps": 5})
+    assert older.plan.model_dump()["steps"] == 30
+    assert older.grid.task(3) == newer.grid.task(3)
+
+
+@pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")
+@pytest.mark.parametrize("width", [1200, 390])
+def test_the_page_of_a_reproduction_opens(width: int, told: dict[str, Path]) -> None:
+    page = told["reproduce"] / "report.html"
+    with browser.Browser() as tab:
+        tab.size(width, 800)
+        tab.open(page)
+        assert tab.run("document.documentElement.scrollWidth") <= width
+        shown = "[...document.images].every(each => each.complete && each.naturalWidth > 0 && each.width <= window.innerWidth)"
+        assert tab.run(shown)
+        assert tab.run("document.images.length") == 11
+        assert tab.complaints == []
+        assert [each for each in tab.requests if not each.startswith("data:")] == [page.as_uri()]
 
 
 # ---- stopped and gone on with ----------------------------------------------------------------------
@@ -146,6 +277,33 @@ def test_ctrl_c_loses_nothing(
     assert cli.main([*verb, "--out", str(out), "-q"]) == 0
     for name in ("summary.json", "claims.csv" if verb is REPRODUCE else "comparison.csv"):
         assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize(("verb", "drawing"), [(REPRODUCE, "write_reproduction"), (COMPARE, "write_comparison")])
+@pytest.mark.parametrize("late", [False, True])
+def test_ctrl_c_while_drawing_loses_no_task(
+    verb: list[str],
+    drawing: str,
+    late: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    module = "page" if late else "reproduction" if verb is REPRODUCE else "comparison"
+    monkeypatch.setattr(f"inscrutable.reports.{module}.{'write_page' if late else drawing}", stopped)
+    assert cli.main([*verb, "--out", str(tmp_path), "-q"]) == 130
+    assert "All tasks are stored. To go on: give the same command again" in capsys.readouterr().err
+    assert Study.load(tmp_path / "study").status().left == 0
+    monkeypatch.undo()
+    for number in range(4):
+        interrupted_at(number, monkeypatch, AssertionError)
+    assert cli.main([*verb, "--out", str(tmp_path), "-q"]) == 0, "no task is done again"
+    assert (tmp_path / "report.html").exists()
+    with pytest.raises(AssertionError):  # once all is written, the same command begins anew
+        cli.main([*verb, "--out", str(tmp_path), "-q", "-v"])
 
 
 def test_what_is_whole_or_of_another_plan_is_begun_anew(tmp_path: Path) -> None:

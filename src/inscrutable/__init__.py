@@ -37,6 +37,7 @@ _EXPORTS: dict[str, str] = {
     "DesiredObfuscation": "privacy",
     "Detectability": "privacy",
     "DirichletDecisionMaker": "decision_makers.baselines",
+    "DiskError": "errors",
     "Emission": "worlds",
     "Envelope": "decision_makers",
     "ExponentialDecisionMaker": "decision_makers.baselines",
@@ -192,6 +193,7 @@ if TYPE_CHECKING:
     from inscrutable.decision_makers.baselines import RoundingDecisionMaker as RoundingDecisionMaker
     from inscrutable.decision_makers.baselines import UniformDecisionMaker as UniformDecisionMaker
     from inscrutable.decision_makers.baselines import calibrate as calibrate
+    from inscrutable.errors import DiskError as DiskError
     from inscrutable.errors import InputError as InputError
     from inscrutable.errors import InscrutableError as InscrutableError
     from inscrutable.errors import ModelError as ModelError

@@ -1,6 +1,6 @@
 """The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies.
 
-Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data,
+Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
 """
 
@@ -17,7 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
-from inscrutable.cli_study import AGAIN, STUDY, resumable, study
+from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
     MeasureName,
     UsageError,
@@ -27,7 +27,8 @@ from inscrutable.cli_values import (
     measure_of,
     writable_folder,
 )
-from inscrutable.errors import InputError, InscrutableError
+from inscrutable.errors import DiskError, InputError, InscrutableError
+from inscrutable.files import DISK
 from inscrutable.labels import label_text
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from inscrutable.experiments.backtest import Backtest
     from inscrutable.experiments.comparison import Comparison
     from inscrutable.experiments.protect import Protection
+    from inscrutable.experiments.reproduction import Reproduction
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
 _LONGEST_TABLE = 40
@@ -45,7 +47,7 @@ app = App(
     name="inscrutable",
     help="What does my decision give away, how do I change that, and what does it cost?",
     help_epilogue=(
-        "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data, 4 no solution, 130 interrupted. "
+        "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk, 4 no solution, 130 interrupted. "
         "`inscrutable VERB --help` says what a verb takes. Decisions may be altered, never a disclosure that the law "
         "prescribes."
     ),
@@ -92,8 +94,9 @@ def reproduce(
         resolution: Of the action grid and the decoy grid; 40 gives 861 samples.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
-        out: Folder for figures, claims.csv and summary.json. The study behind them is kept in its folder "study": a run that
-            was stopped goes on there when the same command is given again.
+        out: Folder for figures, claims.csv and summary.json; with the extra `inscrutable[report]` also report.html, one page
+            that works offline. The study behind them is kept in its folder "study": a run that was stopped goes on there
+            when the same command is given again.
     """
     from inscrutable.experiments.reproduction import Effort, ReproductionSettings, reproduce
     from inscrutable.reports.reproduction import claims_table, write_reproduction
@@ -104,10 +107,11 @@ def reproduce(
     )
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
-    with resumable(folder / STUDY, AGAIN), speech.progress("Random markets") as move:
-        result = reproduce(settings, folder=folder / STUDY, progress=move)
-    speech.log("Drawing the figures")
-    files = write_reproduction(result, folder)
+    with resumable(folder / STUDY, AGAIN):
+        with speech.progress("Random markets") as move:
+            result = reproduce(settings, folder=folder / STUDY, again=was_told(folder), progress=move)
+        speech.log("Drawing the figures")
+        files = [*write_reproduction(result, folder), *_write_report(result, folder, drawn=folder)]
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -185,7 +189,7 @@ def backtest(
     speech.files(files)
 
 
-def _write_report(result: Backtest | Comparison, folder: Path, **more: Any) -> list[Path]:
+def _write_report(result: Backtest | Comparison | Reproduction, folder: Path, **more: Any) -> list[Path]:
     """The page, where the extra that it needs is there."""
     from inscrutable.reports.page import can_write_pages, write_page
 
@@ -388,11 +392,13 @@ def compare(
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)
-    with resumable(folder / STUDY, AGAIN), speech.progress("Decision makers at budgets") as move:
-        result, note = compared(asked, folder / STUDY, jobs=jobs, say=speech.log, progress=move)
-    speech.log("Drawing the figure")
-    files = write_comparison(result, folder, title=note)
-    files += _write_report(result, folder, manifest={"market": note, "seed": seed})
+    with resumable(folder / STUDY, AGAIN):
+        with speech.progress("Decision makers at budgets") as move:
+            more: dict[str, Any] = {"again": was_told(folder), "say": speech.log, "progress": move}
+            result, note = compared(asked, folder / STUDY, jobs=jobs, **more)
+        speech.log("Drawing the figure")
+        files = write_comparison(result, folder, title=note)
+        files += _write_report(result, folder, manifest={"market": note, "seed": seed})
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -422,6 +428,8 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
         return _said(f"{error}", USAGE, tokens)
     except UsageError as error:
         return _said(f"{error}", USAGE, tokens)
+    except DiskError as error:
+        return _said(str(error), error.exit_code, kind="disk")
     except InscrutableError as error:
         return _said(str(error), error.exit_code)
     except KeyboardInterrupt:
@@ -431,6 +439,8 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILURE
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in DISK:
+            return _said(str(error), DiskError.exit_code, kind="disk")
         # A compiled kernel reports an interrupt as an error of its own.
         if interrupts.caused(error):
             return _said("interrupted; every file that was written is whole", INTERRUPTED)
@@ -440,9 +450,9 @@ def _exit_code(tokens: list[str], interrupts: Interrupts) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _said(message: str, code: int, tokens: Sequence[str] = ()) -> int:
+def _said(message: str, code: int, tokens: Sequence[str] = (), kind: str = "") -> int:
     """Print one clear message on stderr and return the exit code; wrong usage of a verb points to that verb's help."""
-    kind = {USAGE: "usage", INTERRUPTED: "stopped", InputError.exit_code: "bad data", 4: "no solution"}.get(
+    kind = kind or {USAGE: "usage", INTERRUPTED: "stopped", InputError.exit_code: "bad data", 4: "no solution"}.get(
         code, "error"
     )
     verb = next((token for token in tokens if not token.startswith("-")), "")

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 FAILED_TASKS = 1
 STUDY, AGAIN = "study", "give the same command again"
 """Where other verbs keep the study behind their results, and how one that was stopped is gone on with."""
+_PAGE = "report.html"
+_REPORT = "inscrutable study report {}"
 _SECONDS_BETWEEN_LINES = 10.0
 _ERRORS_SHOWN = 3
 
@@ -63,9 +65,10 @@ def run(
 
     plan = Study.read(file)
     speech.log(f"{plan.plan.name}: {plan.n_tasks} tasks")
-    with resumable(out), _watched(speech) as watch:
-        done = run_study(plan, out, jobs=jobs, cluster=cluster, limit=limit, progress=watch)
-    return _told(done, speech)
+    with resumable(out, then=_REPORT):
+        with _watched(speech) as watch:
+            done = run_study(plan, out, jobs=jobs, cluster=cluster, limit=limit, progress=watch)
+        return _told(done, speech)
 
 
 @study.command
@@ -90,9 +93,10 @@ def resume(
     """
     from inscrutable.experiments.studies import resume_study
 
-    with resumable(folder), _watched(speech) as watch:
-        done = resume_study(folder, jobs=jobs, cluster=cluster, retry=retry, limit=limit, progress=watch)
-    return _told(done, speech)
+    with resumable(folder, then=_REPORT):
+        with _watched(speech) as watch:
+            done = resume_study(folder, jobs=jobs, cluster=cluster, retry=retry, limit=limit, progress=watch)
+        return _told(done, speech)
 
 
 @study.command
@@ -160,28 +164,44 @@ def report(
     """Write the study, finished or not, as one HTML page that works offline (needs the extra `inscrutable[report]`).
 
     Args:
-        folder: The folder that the study was run into.
-        out: The file. Default: report.html in the study's folder.
+        folder: The folder that the study was run into; or that of a reproduction or a comparison, which must be finished.
+        out: The file. Default: report.html in that folder.
         title: The heading. Default: the study's name.
     """
     from inscrutable.experiments.studies import Study
     from inscrutable.reports.page import write_page
 
-    found = Study.load(folder)
-    path = write_page(found, folder / "report.html" if out is None else out, title=title)
+    within = _study_within(folder)
+    found = Study.load(within or folder)
+    path = folder / _PAGE if out is None else out
+    known = within is not None and out is None and title is None and path.exists()
+    if not known:
+        write_page(found, path, title=title)
     if speech.json:
         speech.summary({"name": found.plan.name, "file": path})
         return
     speech.sentence(found.summary())
-    speech.files([path])
+    if known:
+        speech.sentence(f"Its page is {path}, written with the results; --out names a file for another")
+    else:
+        speech.files([path])
+
+
+def _study_within(folder: Path) -> Path | None:
+    """The folder of the study behind the results of another verb, if there is one in theirs."""
+    from inscrutable.experiments.studies.store import STORE
+
+    return folder / STUDY if (folder / STUDY / STORE).is_file() and not (folder / STORE).exists() else None
 
 
 def _told(done: Study, speech: Speech) -> int:
     _say_status(done, speech)
-    failed = done.status().failed
-    if failed:
+    how = done.status()
+    if how.failed:
         _say_errors(done, speech)
-    return FAILED_TASKS if failed else 0
+    if how.left:
+        speech.log(f"To do the others: inscrutable study resume {done.folder}")
+    return FAILED_TASKS if how.failed else 0
 
 
 def _say_status(found: Study, speech: Speech) -> None:
@@ -203,8 +223,8 @@ def _say_errors(found: Study, speech: Speech) -> None:
 
 
 @contextmanager
-def resumable(folder: Path, how: str = "inscrutable study resume {}") -> Iterator[None]:
-    """Say how to go on where a run is stopped after it began."""
+def resumable(folder: Path, how: str = "inscrutable study resume {}", then: str = AGAIN) -> Iterator[None]:
+    """Say how to go on where a run is stopped after it began; `then` where all tasks are done, and only files are missing."""
     from inscrutable.experiments.studies.store import STORE
 
     before = _stamp(folder / STORE)
@@ -213,8 +233,29 @@ def resumable(folder: Path, how: str = "inscrutable study resume {}") -> Iterato
     except BaseException as error:
         began = before != _stamp(folder / STORE) or not isinstance(error, InscrutableError)
         if began and (folder / STORE).exists():
-            print(f"Rows so far are kept. To go on: {how.format(folder)}", file=sys.stderr, flush=True)
+            kept, on = ("All tasks are stored.", then) if _is_done(folder) else ("Rows so far are kept.", how)
+            print(f"{kept} To go on: {on.format(folder)}", file=sys.stderr, flush=True)
         raise
+
+
+def _is_done(folder: Path) -> bool:
+    """Whether every task has a row, as far as can be seen."""
+    from inscrutable.experiments.studies import Study
+
+    try:
+        return Study.load(folder).status().left == 0
+    except InscrutableError:
+        return False
+
+
+def was_told(folder: Path) -> bool:
+    """Whether the results of the study within a folder were all written, after its last row; if not, its rows still serve."""
+    from inscrutable.experiments.studies.store import STORE
+    from inscrutable.reports.page import can_write_pages
+
+    last = _stamp(folder / STUDY / STORE)
+    written = [_stamp(folder / name) for name in ("summary.json", *([_PAGE] if can_write_pages() else []))]
+    return last is not None and all(each is not None and each[0] >= last[0] for each in written)
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

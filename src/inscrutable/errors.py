@@ -4,6 +4,8 @@
 error            what to do                              exit code
 ===============  ======================================  =========
 ``InputError``   correct the data or the argument        3
+``DiskError``    make room, or choose another disk; it   3
+                 is an ``InputError`` as well
 ``ModelError``   change the model: it has no answer      4
 ``SolverError``  report it: a solver failed on valid     1
                  input
@@ -25,6 +27,10 @@ class InputError(InscrutableError, ValueError):
     """What was passed in is malformed: wrong shape, not a number, off the simplex, unreadable file."""
 
     exit_code = 3
+
+
+class DiskError(InputError):
+    """What was passed in is right, but the disk is full, failing or read-only."""
 
 
 class ModelError(InscrutableError, ValueError):

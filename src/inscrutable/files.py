@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from inscrutable.errors import InputError
+from inscrutable.errors import DiskError, InputError
 
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG)
+"""What the operating system says where the disk is at fault: full, over quota, read-only, failing, no larger file."""
 PathLike = str | os.PathLike[str]
 
 
@@ -25,8 +28,8 @@ def whole_file(path: PathLike) -> Iterator[Path]:
         Where to write. After an exception it is deleted and the former file, if any, is as it was.
 
     Raises:
-        InputError: The file cannot be written, with the operating system's reason. Other exceptions of the body pass
-            through.
+        InputError: The file cannot be written, with the operating system's reason; a `DiskError` where the disk is full,
+            failing or read-only. Other exceptions of the body pass through.
 
     Cost: one rename. The data are flushed to the disk before it.
 
@@ -50,7 +53,7 @@ def whole_file(path: PathLike) -> Iterator[Path]:
             os.fsync(written.fileno())
         temporary.replace(target)
     except OSError as error:
-        raise InputError(f"{target} cannot be written: {reason(error)}") from error
+        raise unwritten(target, error) from error
     finally:
         remove(temporary, unless=target)
 
@@ -62,6 +65,12 @@ def remove(temporary: Path, *, unless: Path) -> None:
             temporary.unlink(missing_ok=True)
         except OSError:
             return  # the folder itself is out of reach; the first error is the one to report
+
+
+def unwritten(what: object, error: OSError) -> InputError:
+    """Return the error for what the operating system refuses to write: a `DiskError` where that is the disk's fault."""
+    kind = DiskError if error.errno in DISK else InputError
+    return kind(f"{what} cannot be written: {reason(error)}")
 
 
 def reason(error: OSError) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.errors import InputError
-from inscrutable.files import PathLike, reason, remove, whole_file
+from inscrutable.files import PathLike, remove, unwritten, whole_file
 
 
 def write_table(frame: pd.DataFrame, path: PathLike) -> None:
@@ -106,7 +106,7 @@ def output_folder(path: PathLike) -> Path:
         probe.unlink()
     except OSError as error:
         remove(probe, unless=folder)
-        raise InputError(f"output folder {folder} cannot be written: {reason(error)}") from error
+        raise unwritten(f"output folder {folder}", error) from error
     return folder
 
 

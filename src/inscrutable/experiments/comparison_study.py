@@ -26,7 +26,7 @@ from inscrutable.experiments.studies.grid import Task, TaskGrid, canonical
 from inscrutable.experiments.studies.kinds import Kind
 from inscrutable.experiments.studies.layout import Count, Grid, NonNegative, PlanFile
 from inscrutable.experiments.studies.study import Study
-from inscrutable.experiments.studies.whole import Counted, all_rows, shipped
+from inscrutable.experiments.studies.whole import Counted, all_rows, rows_of_whole, shipped
 from inscrutable.experiments.studies.workshop import Row, Shop, Work
 from inscrutable.files import PathLike, reason
 from inscrutable.mechanisms import Prior
@@ -171,7 +171,13 @@ def comparison_study(settings: ComparisonSettings, *, market: str, resolution: i
 
 
 def compared(
-    study: Study, folder: PathLike | None = None, *, jobs: int = 1, say: Callable[[str], None], progress: Counted
+    study: Study,
+    folder: PathLike | None = None,
+    *,
+    jobs: int = 1,
+    again: bool = True,
+    say: Callable[[str], None],
+    progress: Counted,
 ) -> tuple[Comparison, str]:
     """Run a study of this kind as `all_rows` does, and return the comparison with a line on its market.
 
@@ -183,7 +189,22 @@ def compared(
     def prepared(worlds: Sequence[dict[str, Any]]) -> None:
         say(f"{worlds[0]['note']}; {len(worlds[0]['weights'])} beliefs")
 
-    rows, worlds = all_rows(study, folder, jobs=jobs, prepared=prepared, progress=progress)
+    return _whole(plan, *all_rows(study, folder, jobs=jobs, again=again, prepared=prepared, progress=progress))
+
+
+def comparison_of(study: Study) -> tuple[Comparison, str]:
+    """Return the comparison that a finished study of this kind holds, with a line on its market.
+
+    Raises:
+        InputError: The study is of another kind, was not run, or is not finished.
+    """
+    plan = study.plan
+    if not isinstance(plan, ComparisonFile):
+        raise InputError(f"{plan.name} is no comparison")
+    return _whole(plan, *rows_of_whole(study))
+
+
+def _whole(plan: ComparisonFile, rows: Sequence[Row], worlds: Sequence[dict[str, Any]]) -> tuple[Comparison, str]:
     market = market_from(worlds)
     return comparison_from(plan, market, rows), market.note
 

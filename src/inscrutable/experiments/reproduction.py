@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -18,9 +18,10 @@ from inscrutable.experiments.claims import JudgedClaim, judge_claims
 from inscrutable.experiments.episodes import DecisionMaker, Episode, run_episode
 from inscrutable.experiments.market_runs import GLOBAL, PAPER, MarketRun, Plan, decision_makers
 from inscrutable.experiments.random_markets import Market, MarketLaw, random_market
-from inscrutable.experiments.reproduction_study import law_section, run_of
+from inscrutable.experiments.reproduction_study import ReproductionFile, law_section, run_of
 from inscrutable.experiments.studies import Study
-from inscrutable.experiments.studies.whole import all_rows, shipped
+from inscrutable.experiments.studies.whole import all_rows, rows_of_whole, shipped
+from inscrutable.experiments.studies.workshop import Row
 from inscrutable.files import PathLike
 from inscrutable.validation import Array
 
@@ -135,6 +136,10 @@ class VariantEpisode:
     candidates: Candidates
 
 
+DrawnMarket = tuple[Market, Array, dict[str, VariantEpisode]]
+"""A market, its beliefs, and its episode by variant."""
+
+
 @dataclass(frozen=True, eq=False)
 class Reproduction:
     """Every result of the paper's numerical section.
@@ -182,7 +187,11 @@ class Reproduction:
 
 
 def reproduce(
-    settings: ReproductionSettings | None = None, *, folder: PathLike | None = None, progress: Progress | None = None
+    settings: ReproductionSettings | None = None,
+    *,
+    folder: PathLike | None = None,
+    again: bool = True,
+    progress: Progress | None = None,
 ) -> Reproduction:
     """Return every result of the paper's numerical section and each of its claims, judged over seeded random markets.
 
@@ -192,6 +201,7 @@ def reproduce(
         settings: What to do; None is `ReproductionSettings()`.
         folder: Where the study's rows are kept while it runs, so that a run that was stopped is gone on with; None keeps
             nothing.
+        again: Whether a finished run in the folder is done anew; otherwise its rows are taken.
         progress: Called with (parts done, parts in all).
 
     Returns:
@@ -214,11 +224,44 @@ def reproduce(
     with ThreadPoolExecutor(1) as beside:
         # Where there are processes, the market of the figures is done while they work.
         drawn = None if chosen.n_jobs == 1 else beside.submit(_drawn_market, chosen)
-        rows, _ = all_rows(study_of(chosen), folder, jobs=chosen.n_jobs, progress=progress)
-        market, beliefs, episodes = _drawn_market(chosen) if drawn is None else drawn.result()
-    runs = tuple(run_of(chosen.plan, row) for row in rows)
+        rows, _ = all_rows(study_of(chosen), folder, jobs=chosen.n_jobs, again=again, progress=progress)
+        return _judged(chosen, rows, _drawn_market(chosen) if drawn is None else drawn.result())
+
+
+def reproduction_of(study: Study) -> Reproduction:
+    """Return the reproduction that a finished study of its kind holds; the market of the figures is drawn again.
+
+    Raises:
+        InputError: The study is of another kind, was not run, or is not finished.
+
+    Cost: about a second.
+    """
+    plan = study.plan
+    if not isinstance(plan, ReproductionFile):
+        raise InputError(f"{plan.name} is no study of the paper's numerical section")
+    chosen = _settings_of(plan)
+    rows, _ = rows_of_whole(study)
+    return _judged(chosen, rows, _drawn_market(chosen))
+
+
+def _settings_of(plan: ReproductionFile) -> ReproductionSettings:
+    """The settings that `study_of` makes a plan of."""
+    effort = Effort(
+        plan.resolution,
+        plan.simulations,
+        plan.market_steps,
+        tuple(plan.budgets),
+        tuple(plan.starts),
+        tuple(plan.sample_resolutions),
+    )
+    return ReproductionSettings(plan.seed, plan.budget, plan.steps, plan.markets, law=plan.market_law, effort=effort)
+
+
+def _judged(settings: ReproductionSettings, rows: Sequence[Row], drawn: DrawnMarket) -> Reproduction:
+    market, beliefs, episodes = drawn
+    runs = tuple(run_of(settings.plan, row) for row in rows)
     step = _telling_step(episodes[PAPER].episode)
-    return Reproduction(chosen, market, beliefs, step, episodes, runs, judge_claims(runs[: chosen.n_markets]))
+    return Reproduction(settings, market, beliefs, step, episodes, runs, judge_claims(runs[: settings.n_markets]))
 
 
 def study_of(settings: ReproductionSettings) -> Study:
@@ -232,6 +275,7 @@ def study_of(settings: ReproductionSettings) -> Study:
             "markets": int(settings.n_markets),
             "simulations": int(effort.n_simulations),
             "market_steps": int(effort.n_market_steps),
+            "steps": int(settings.n_steps),
             "resolution": int(effort.resolution),
             "budgets": [float(share) for share in effort.budgets],
             "starts": [int(number) for number in effort.starts],
@@ -241,7 +285,7 @@ def study_of(settings: ReproductionSettings) -> Study:
     )
 
 
-def _drawn_market(settings: ReproductionSettings) -> tuple[Market, Array, dict[str, VariantEpisode]]:
+def _drawn_market(settings: ReproductionSettings) -> DrawnMarket:
     (seed,) = np.random.SeedSequence(settings.seed).spawn(1)
     draw, path, local, lottery = (np.random.default_rng(child) for child in seed.spawn(4))
     market = random_market(settings.law, rng=draw)

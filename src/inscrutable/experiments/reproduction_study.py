@@ -40,6 +40,7 @@ class ReproductionFile(PlanFile):
     markets: _AtLeastTwo
     simulations: _AtLeastTwo
     market_steps: _AtLeastTwo
+    steps: _AtLeastTwo = 30
     resolution: _AtLeastTwo
     budgets: Annotated[list[Positive], Field(min_length=2)]
     starts: Annotated[list[Count], Field(min_length=2)]
@@ -87,7 +88,7 @@ class Markets:
 
     def __init__(self, plan: ReproductionFile, data_hash: str | None = None) -> None:
         self.plan = plan
-        outside = ("kind", "name", "note", "seed", "markets", "simulations")
+        outside = ("kind", "name", "note", "seed", "markets", "simulations", "steps")
         self._text = identity(canonical({k: v for k, v in plan.model_dump(mode="json").items() if k not in outside}))
 
     def __len__(self) -> int:

@@ -14,6 +14,7 @@ from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.experiments.claims import Finding, JudgedClaim
 from inscrutable.experiments.episodes import Episode
 from inscrutable.experiments.reproduction import Reproduction, ReproductionSettings
+from inscrutable.experiments.studies.executors import renewed_quietly
 from inscrutable.reports.simplex_plots import plot_actions, plot_beliefs
 from inscrutable.reports.style import COLUMN_WIDTH, drawing, save_figure
 from inscrutable.reports.time_plots import plot_costs, plot_privacy
@@ -43,7 +44,8 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str]) -> 
 
     place = output_folder(folder)
     tasks = [delayed(draw_variant)(result, variant, place) for variant in result.episodes]
-    drawn = Parallel(n_jobs=result.settings.n_jobs)([*tasks, delayed(draw_convergence)(result, place)])
+    with renewed_quietly():  # the processes are those that did the markets, and have grown
+        drawn = Parallel(n_jobs=result.settings.n_jobs)([*tasks, delayed(draw_convergence)(result, place)])
     written = [path for paths in drawn for path in paths]
     write_table(claims_frame(result), place / "claims.csv")
     write_json(summary_of(result), place / "summary.json")

@@ -15,7 +15,15 @@ from itertools import chain, islice
 from typing import Any
 
 from inscrutable.errors import InputError, SolverError
-from inscrutable.experiments.studies.workshop import FAILED, Row, Work, chunk_of_rows, figures_text, rows_of, workshop
+from inscrutable.experiments.studies.workshop import (
+    FAILED,
+    Done,
+    Row,
+    Work,
+    chunk_of_rows,
+    done_of,
+    workshop,
+)
 
 Keep = Callable[[list[Row]], None]
 """Takes rows for good."""
@@ -59,18 +67,18 @@ class Chunks:
 
 def serial(work: Work, numbers: Iterable[int], keep: Keep) -> None:
     """Do tasks in this process; what is done when Ctrl-C comes is kept."""
-    batch: list[Row] = []
+    batch: list[Done] = []
     kept_at = time.monotonic()
     try:
-        for row in rows_of(work, numbers):
-            batch.append(row)
+        for each in done_of(work, numbers):
+            batch.append(each)
             if time.monotonic() - kept_at >= _SECONDS:
-                done, batch = batch, []
-                keep(done)
+                ready, batch = batch, []
+                keep(workshop(work).rows(ready))
                 kept_at = time.monotonic()
     finally:
         if batch:
-            keep(batch)
+            keep(workshop(work).rows(batch))
 
 
 def in_processes(jobs: int) -> Executor:
@@ -96,7 +104,7 @@ def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
     from joblib import Parallel, delayed
 
     parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=f"{_IN_FLIGHT}*n_jobs")
-    with _renewed_quietly():
+    with renewed_quietly():
         with _deaf_to_interrupts():
             found = parallel(delayed(chunk_of_rows)(work, chunk) for chunk in chunks)
         try:
@@ -133,9 +141,10 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def _renewed_quietly() -> Iterator[None]:
-    """Say nothing where a worker that has grown is replaced by a new one: no task is lost by that."""
+def renewed_quietly() -> Iterator[None]:
+    """Say nothing where a worker that has grown is replaced by a new one, which loses no task, or a run is stopped."""
     with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"\d+ tasks ")
         warnings.filterwarnings("ignore", "A worker stopped while some jobs were given to the executor")
         yield
 
@@ -216,6 +225,6 @@ def _through_dask(client: Any, work: Work, chunks: Chunks, keep: Keep) -> None:
 
 def lost_row(work: Work, number: int) -> Row:
     """Return the row of a task that took its workers down with it."""
-    task = workshop(work).grid.task(number)
+    shop = workshop(work)
     error = "SolverError: the workers doing this task were lost each time (killed, or out of memory)"
-    return Row(number, task.key, task.text, workshop(work).seed_text(task), FAILED, figures_text({}), 0.0, error)
+    return shop.rows([Done(shop.grid.task(number), FAILED, {}, 0.0, error)])[0]

@@ -100,7 +100,7 @@ class MarkowitzSection(Section):
 
 
 class DispatchSection(Section):
-    """Generators and wind farms on the IEEE 30-bus network; buses are numbered from 0."""
+    """Generators and wind farms on the IEEE 30-bus network, for a world that is given; buses are numbered from 0."""
 
     kind: Literal["dispatch"]
     wind_buses: Several[Annotated[int, Field(ge=0)]]

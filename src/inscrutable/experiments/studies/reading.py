@@ -45,6 +45,11 @@ def read_study(path: Path) -> tuple[PlanFile, StudySource]:
     """Return the study of a TOML file, or raise one `InputError` that says where it is wrong."""
     try:
         text = path.read_bytes().decode("utf-8")
+    except IsADirectoryError:
+        raise InputError(
+            f"{path} is a folder, expected a study file (TOML); what was run into it goes on with "
+            f"`inscrutable study resume {path}`"
+        ) from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
@@ -68,7 +73,8 @@ def checked_study(data: Any, source: StudySource) -> PlanFile:
     except ValidationError as error:
         problems = error.errors(include_url=False)
         first = min(problems, key=lambda each: each["type"] != "extra_forbidden")  # a misspelt key explains others
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        others = len(problems) - 1
+        more = f" (and {others} more {'mistake' if others == 1 else 'mistakes'})" if others else ""
         raise InputError(_said(first, data, source) + more) from None
     if isinstance(study, StudyFile):
         _check_together(study, source)
@@ -94,7 +100,9 @@ def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> s
         known = _known_keys(problem["loc"][:-1], data)
         return f"{where}: there is no such key{_nearest(str(place[-1]), known)}; expected one of: {', '.join(known)}"
     if kind == "missing":
-        return f"{source.at(place[:-1]) if place[:-1] else source.name}: the key {place[-1]} is missing"
+        names = _names_of(place) if place[-1] in StudyFile.model_fields else []
+        choice = f"; {_one_of(names)}" if names else ""
+        return f"{source.at(place[:-1]) if place[:-1] else source.name}: the key {place[-1]} is missing{choice}"
     if kind == "union_tag_not_found":
         key = str(context["discriminator"]).strip("'")
         given = problem["input"]

@@ -106,13 +106,19 @@ def run_study(
     folder = output_folder(out)
     with locked(folder):
         if (folder / STORE).exists():
-            raise InputError(
-                f"{folder} holds a study already: go on with `inscrutable study resume {folder}`, or run into another folder"
-            )
+            raise InputError(_taken(folder, chosen))
         if (folder / MANIFEST).exists():
             raise InputError(f"{folder} has a {MANIFEST}, but no {STORE}: it was lost; run into another folder")
         with closing(created(folder, facts_of(chosen))) as store:
             return continued(store, execute, progress, limit=limit, retry=False)
+
+
+def _taken(folder: Path, chosen: Study) -> str:
+    """What to say of a folder that holds a study."""
+    held = Study.load(folder)
+    if (held.plan, held.data_hash) == (chosen.plan, chosen.data_hash):
+        return f"{folder} holds this study already: go on with `inscrutable study resume {folder}`, or run into another folder"
+    return f"{folder} holds another study, {held.plan.name!r}, or this one with other settings; run into another folder"
 
 
 def resume_study(

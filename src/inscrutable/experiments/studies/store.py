@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from inscrutable.errors import InputError
+from inscrutable.errors import DiskError, InputError
 from inscrutable.experiments.studies.workshop import FAILED, Row
 from inscrutable.files import whole_file
 
@@ -22,10 +22,11 @@ LOCK = "study.lock"
 VERSION = 1
 _APPLICATION = 0x494E5343  # "INSC": marks the file as one of ours
 _PATIENCE = 30.0  # seconds that a reader and the writer wait for one another
+_DISK = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_READONLY)
 _SCHEMA = """
 CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE rows (
-    number INTEGER PRIMARY KEY, task TEXT NOT NULL UNIQUE, parameters TEXT NOT NULL, seed TEXT NOT NULL,
+    number INTEGER PRIMARY KEY, task TEXT NOT NULL, parameters TEXT NOT NULL, seed TEXT NOT NULL,
     status TEXT NOT NULL, figures TEXT NOT NULL, duration REAL NOT NULL, error TEXT NOT NULL
 );
 """
@@ -101,12 +102,17 @@ def speaking(folder: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.OperationalError as error:
-        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        if code == sqlite3.SQLITE_CORRUPT:
+        if _code(error) == sqlite3.SQLITE_CORRUPT:
             raise damaged(folder, str(error)) from None
-        raise InputError(f"{folder / STORE} cannot be used: {error}; the rows stored before are kept") from None
+        kind = DiskError if _code(error) in _DISK else InputError
+        raise kind(f"{folder / STORE} cannot be used: {error}; the rows stored before are kept") from None
     except sqlite3.DatabaseError as error:
         raise damaged(folder, str(error)) from None
+
+
+def _code(error: sqlite3.Error) -> int:
+    """SQLite's number of an error, without what tells its kinds apart."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
 def damaged(folder: Path, why: str) -> InputError:
@@ -135,7 +141,13 @@ def opened(folder: Path, *, writable: bool = False) -> Store:
     """
     path = folder / STORE
     if not path.is_file():
-        raise InputError(f"{folder} holds no study: there is no {STORE}; expected a folder that a study was run into")
+        if path.parent.is_file():
+            raise InputError(f"{folder} is a file, expected a folder that a study was run into")
+        within = next((each.parent for each in sorted(folder.glob(f"*/{STORE}"))), None)
+        such = "" if within is None else f", such as {within}"
+        raise InputError(
+            f"{folder} holds no study: there is no {STORE}; expected a folder that a study was run into{such}"
+        )
     if not path.stat().st_size:
         raise damaged(folder, "the file is empty")
     with speaking(folder):
@@ -200,7 +212,8 @@ def locked(folder: Path) -> Iterator[None]:
                 raise InputError(
                     f"{folder} is in use: another process runs this study; wait for it or stop it"
                 ) from None
-            raise InputError(f"{path} cannot be written: {error}") from None
+            kind = DiskError if _code(error) in _DISK else InputError
+            raise kind(f"{path} cannot be written: {error}") from None
         except sqlite3.DatabaseError as error:
             raise InputError(f"{path} is no lock of a study: {error}; delete it") from None
         try:

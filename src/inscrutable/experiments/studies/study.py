@@ -171,8 +171,7 @@ class Study:
         """Return its grid and its rows; raise `InputError` for a study of another kind."""
         if not isinstance(self.grid, StudyGrid):
             raise InputError(
-                f"{self.plan.name} is no grid of settings, so it has no means over repeats and no page "
-                "of its own; the command that made it writes its report"
+                f"{self.plan.name} is no grid of settings, so it has no means over repeats; its frame has all rows"
             )
         return self.grid, self.frame()
 

@@ -52,6 +52,7 @@ def all_rows(
     folder: PathLike | None = None,
     *,
     jobs: int = 1,
+    again: bool = True,
     prepared: Callable[[list[dict[str, Any]]], None] = lambda worlds: None,
     progress: Counted | None = None,
 ) -> tuple[list[Row], list[dict[str, Any]]]:
@@ -62,6 +63,7 @@ def all_rows(
         folder: Where its rows are kept while it runs. An unfinished run of the same study by the same versions is gone on
             with; anything else of its kind is begun anew, and an unfinished one set aside. None keeps nothing.
         jobs: As for `run_study`.
+        again: Whether a finished run of the same study is done anew; otherwise its rows are taken.
         prepared: Told what was prepared before the first task.
         progress: Called with (tasks done, tasks in all) for every task.
 
@@ -85,7 +87,7 @@ def all_rows(
         return sorted(rows), worlds
     place = output_folder(folder)
     with locked(place):
-        if not _can_go_on(study, place):
+        if not _can_go_on(study, place, again=again):
             _set_aside(place)
             created(place, facts_of(study)).close()
         with closing(opened(place, writable=True)) as store:
@@ -104,6 +106,29 @@ def all_rows(
             return rows, worlds
 
 
+def rows_of_whole(study: Study) -> tuple[list[Row], list[dict[str, Any]]]:
+    """Return the rows of a finished study in order, and what was prepared for them.
+
+    Raises:
+        InputError: The study was not run, or some of its tasks have no figures.
+    """
+    status = study.status()
+    if status.done < status.total:
+        missing = " and ".join(
+            f"{number} of {status.total} tasks {what}"
+            for number, what in ((status.left, "have no row"), (status.failed, "failed"))
+            if number
+        )
+        retry = " --retry" if status.failed else ""
+        raise InputError(
+            f"{study.folder} is not finished: {missing}, and its page needs all of them; "
+            f"go on with `inscrutable study resume {study.folder}{retry}`"
+        )
+    assert study.folder is not None
+    with closing(opened(study.folder)) as store:
+        return list(store.rows()), json.loads(store.fact("worlds") or "[]")
+
+
 def check_done(rows: list[Row]) -> None:
     """Raise the error of the first row that failed."""
     for row in rows:
@@ -113,15 +138,16 @@ def check_done(rows: list[Row]) -> None:
             raise known[name](text) if name in known else SolverError(row.error)
 
 
-def _can_go_on(study: Study, place: Path) -> bool:
-    """Whether the folder has rows of this very study, and not all of them."""
+def _can_go_on(study: Study, place: Path, *, again: bool) -> bool:
+    """Whether the folder has rows of this very study, and, where a finished one is done anew, not all of them."""
     if not (place / STORE).exists():
         return False
     found = Study.load(place)
     if type(found.plan) is not type(study.plan):
         raise InputError(f"{place} holds another study, {found.plan.name!r}; choose another folder")
     same = found.plan == study.plan and found.data_hash == study.data_hash
-    return same and found.manifest().get("versions") == versions() and found.status().done < found.n_tasks
+    same = same and found.manifest().get("versions") == versions()
+    return same and (not again or found.status().done < found.n_tasks)
 
 
 def _set_aside(place: Path) -> None:

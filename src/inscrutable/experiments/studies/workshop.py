@@ -21,6 +21,7 @@ from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid, Task, Ta
 from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
 from inscrutable.experiments.studies.makers import StudySetting, play
 from inscrutable.experiments.studies.markets import Regimes, drawn_world, given_world, problem_of, regimes_of
+from inscrutable.experiments.studies.seeds import seed_numbers
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior, stationary_prior, uniform_prior
 from inscrutable.problems import DecisionProblem
@@ -30,6 +31,7 @@ DONE, FAILED = "done", "failed"
 _SETTINGS_KEPT = 4
 _PLAYS_KEPT = 2  # tasks that differ in the observer alone follow one another
 _SECONDS_FOR_INTERRUPT = 0.1
+_ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
 
 class Work(NamedTuple):
@@ -59,6 +61,16 @@ class Row(NamedTuple):
     error: str
 
 
+class Done(NamedTuple):
+    """What came of one task. Rows are made of many at once: in between two tasks the same work takes four times as long."""
+
+    task: Task
+    status: str
+    figures: dict[str, float]
+    duration: float
+    error: str
+
+
 class Shop(ABC):
     """Does the tasks of one study, of whatever kind."""
 
@@ -68,8 +80,8 @@ class Shop(ABC):
     def figures(self, task: Task) -> dict[str, float]:
         """Return the figures of one task, by name."""
 
-    def row(self, number: int) -> Row:
-        """Do one task; one that fails is a row that says why."""
+    def done(self, number: int) -> Done:
+        """Do one task; one that fails says why."""
         started = time.perf_counter()
         task = self.grid.task(number)
         status, error, found = DONE, "", {}
@@ -81,12 +93,21 @@ class Shop(ABC):
             _pass_interrupt(reason)
             status, error = FAILED, f"unexpected {type(reason).__name__}: {reason}"
         taken = time.perf_counter() - started
-        return Row(number, task.key, task.text, self.seed_text(task), status, figures_text(found), taken, error)
+        return Done(task, status, found, taken, error)
 
-    def seed_text(self, task: Task) -> str:
-        """Return the child seed of a task as one number."""
-        words = self.grid.task_seed(task).generate_state(1, np.uint64)
-        return str(int(words[0]))
+    def rows(self, done: Sequence[Done]) -> list[Row]:
+        """Return the rows of tasks: what came of them, with their identities and seeds."""
+        keys = [each.task.key for each in done]
+        seeds = self.seeds([each.task for each in done], keys)
+        figures = [figures_text(each.figures) for each in done]
+        return [
+            Row(each.task.number, key, each.task.text, str(seed), each.status, text, each.duration, each.error)
+            for each, key, seed, text in zip(done, keys, seeds, figures, strict=True)
+        ]
+
+    def seeds(self, tasks: Sequence[Task], keys: Sequence[str]) -> list[int]:
+        """Return the child seed of each task as one number."""
+        return [int(self.grid.task_seed(task).generate_state(1, np.uint64)[0]) for task in tasks]
 
 
 class Workshop(Shop):
@@ -100,6 +121,10 @@ class Workshop(Shop):
         self._fitted = [HiddenMarkovModel.from_dict(world) for world in json.loads(work.worlds)]
         self.setting = lru_cache(_SETTINGS_KEPT)(self._setting)
         self.judged = lru_cache(_PLAYS_KEPT)(self._judged)
+
+    def seeds(self, tasks: Sequence[Task], keys: Sequence[str]) -> list[int]:
+        """Return the child seed of each task as one number, for all at once."""
+        return seed_numbers(self.study.seed, keys)
 
     def figures(self, task: Task) -> dict[str, float]:
         """Return the measures of one mechanism against one observer."""
@@ -174,7 +199,10 @@ def _pass_interrupt(error: BaseException) -> None:
 
 def figures_text(figures: dict[str, float]) -> str:
     """Return figures as JSON, floats in full; no number is null, infinities are texts that `float` reads."""
-    return json.dumps({name: _plain(value) for name, value in figures.items()}, separators=(",", ":"), allow_nan=False)
+    try:
+        return _ENCODER.encode(figures)
+    except ValueError:  # a number that JSON has not
+        return _ENCODER.encode({name: _plain(value) for name, value in figures.items()})
 
 
 def _plain(value: float) -> float | str | None:
@@ -191,7 +219,7 @@ def workshop(work: Work) -> Shop:
     return kind_named(json.loads(work.study).get("kind")).shop(work)
 
 
-def rows_of(work: Work, numbers: Iterable[int]) -> Iterator[Row]:
+def done_of(work: Work, numbers: Iterable[int]) -> Iterator[Done]:
     """Do some tasks one after another, each as soon as the one before is taken.
 
     Linear algebra runs on one thread: with several, the order of a sum, and with it the last digit, may change.
@@ -199,9 +227,10 @@ def rows_of(work: Work, numbers: Iterable[int]) -> Iterator[Row]:
     with threadpool_limits(limits=1):
         place = workshop(work)
         for number in numbers:
-            yield place.row(number)
+            yield place.done(number)
 
 
 def chunk_of_rows(work: Work, numbers: Iterable[int]) -> list[Row]:
     """Do some tasks and return their rows."""
-    return list(rows_of(work, numbers))
+    done = list(done_of(work, numbers))
+    return workshop(work).rows(done)

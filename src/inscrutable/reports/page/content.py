@@ -59,6 +59,21 @@ class PageFigure:
 
 
 @dataclass(frozen=True)
+class PagePicture:
+    """A picture that was drawn beforehand.
+
+    Args:
+        heading: Its title.
+        caption: What it shows, for those who see it and those who do not.
+        svg: The picture as the text of an SVG file.
+    """
+
+    heading: str
+    caption: str
+    svg: str
+
+
+@dataclass(frozen=True)
 class PageContent:
     """All that a page holds.
 
@@ -70,6 +85,7 @@ class PageContent:
         tables: The main tables.
         sliders: What a reader can move.
         figures: What the script draws, in order.
+        pictures: What was drawn beforehand, in order.
         details: Tables that are folded at first.
         failures: What went wrong or was left out, one sentence each.
         notes: Definitions.
@@ -85,6 +101,7 @@ class PageContent:
     tables: Sequence[PageTable] = ()
     sliders: Sequence[PageSlider] = ()
     figures: Sequence[PageFigure] = ()
+    pictures: Sequence[PagePicture] = ()
     details: Sequence[PageTable] = ()
     failures: Sequence[str] = ()
     notes: Sequence[str] = ()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -13,6 +12,7 @@ from inscrutable.experiments.studies import Study
 from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import PER_OBSERVER, Figure, StudyMeans, means_of
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
+from inscrutable.reports.page.manifest import manifest_of
 from inscrutable.reports.style import Look, looks_of
 
 _MOST_CELLS = 25_000
@@ -98,7 +98,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
         figures=_drawn(means) if status.done else [],
         failures=_failures(study) if status.failed else [],
         notes=[*_NOTES, *(text for name, text in _MEANING.items() if name in file_of(study).measures)],
-        manifest={**_manifest(study), **manifest},
+        manifest={**manifest_of(study), **manifest},
         script="study.js" if status.done else None,
         data=page_data(means, shown),
     )
@@ -358,16 +358,4 @@ def _failures(study: Study) -> list[str]:
         found.append(f"{'1 task' if count == 1 else f'{count} tasks'} ({named}): {reason}")
     if len(counts) > _MOST_REASONS:
         found.append(f"{len(counts) - _MOST_REASONS} more reasons; the exported rows have all.")
-    return found
-
-
-def _manifest(study: Study) -> dict[str, str]:
-    known = study.manifest()
-    found = {f"version of {name}": str(number) for name, number in known.get("versions", {}).items()}
-    found["seed"] = str(study.plan.seed)
-    if known.get("data_sha256"):
-        found["data, SHA-256"] = str(known["data_sha256"])
-    for key, value in known.get("study", {}).items():
-        if key not in ("seed", "note"):
-            found[key.replace("_", " ")] = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     return found

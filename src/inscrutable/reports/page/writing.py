@@ -17,12 +17,14 @@ import numpy as np
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.comparison import Comparison
+from inscrutable.experiments.reproduction import Reproduction
 from inscrutable.experiments.studies import Study
 from inscrutable.files import PathLike, whole_file
 from inscrutable.reports.page.backtest_page import backtest_content
 from inscrutable.reports.page.comparison_page import comparison_content
 from inscrutable.reports.page.content import PageContent
-from inscrutable.reports.page.study_page import study_content
+from inscrutable.reports.page.reproduction_page import reproduction_content
+from inscrutable.reports.page.whole_page import content_of
 
 _ENGINE = "jinja2"
 _TEMPLATE = "page.html"
@@ -34,11 +36,12 @@ def can_write_pages() -> bool:
 
 
 def write_page(
-    result: Backtest | Comparison | Study,
+    result: Backtest | Comparison | Reproduction | Study,
     path: PathLike,
     *,
     title: str | None = None,
     manifest: Mapping[str, Any] | None = None,
+    drawn: PathLike | None = None,
 ) -> Path:
     """Write a result as one HTML file that works offline: verdict, table, figures to play with, failures, manifest.
 
@@ -47,10 +50,12 @@ def write_page(
     a small script in the file; a security policy in it forbids to load anything. The same result gives the same bytes.
 
     Args:
-        result: A backtest, a comparison, or a study that was run, finished or not.
+        result: A backtest, a comparison, a reproduction, or a study that was run: finished or not, if it is a grid; one that
+            `inscrutable compare` or `reproduce` made must be finished.
         path: The file to create or replace; its folder must exist.
         title: The heading; None says what was done.
         manifest: More lines for the manifest, such as the seed of a comparison; values are written as text.
+        drawn: For a reproduction: the folder into which `write_reproduction` drew it; None draws the pictures anew.
 
     Returns:
         The file.
@@ -77,9 +82,13 @@ def write_page(
         return write_content(backtest_content(result, title, more), path)
     if isinstance(result, Comparison):
         return write_content(comparison_content(result, title, more), path)
+    if isinstance(result, Reproduction):
+        return write_content(reproduction_content(result, title, more, None if drawn is None else Path(drawn)), path)
     if isinstance(result, Study):
-        return write_content(study_content(result, title, more), path)
-    raise InputError(f"there is no page for a {type(result).__name__}; expected a Backtest, a Comparison or a Study")
+        return write_content(content_of(result, title, more), path)
+    raise InputError(
+        f"there is no page for a {type(result).__name__}; expected a Backtest, a Comparison, a Reproduction or a Study"
+    )
 
 
 def write_content(content: PageContent, path: PathLike) -> Path:
@@ -95,6 +104,7 @@ def _page(content: PageContent) -> str:
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters["as_source"] = _as_source
     style = _asset("page.css")
     script = "".join(_asset(name) for name in ("charts.js", content.script)) if content.script else ""
     # Texts of this package and JSON without a sign of HTML stay as they are; everything else is escaped by the template.
@@ -125,6 +135,11 @@ def _engine() -> tuple[Any, Any]:
 
 def _asset(name: str) -> str:
     return files("inscrutable.reports.page").joinpath("assets", name).read_text("utf-8")
+
+
+def _as_source(svg: str) -> str:
+    """A picture as an address that holds all of it; a browser runs no script in it and follows no link."""
+    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8")).decode("ascii")
 
 
 def _hash(text: str) -> str:

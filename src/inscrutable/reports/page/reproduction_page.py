@@ -1,0 +1,149 @@
+"""The page of a reproduction: every claim of the paper judged, its pictures, and the numbers behind their means."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from inscrutable.experiments.claims import Verdict
+from inscrutable.experiments.market_runs import GLOBAL, PAPER
+from inscrutable.experiments.reproduction import Reproduction, study_of
+from inscrutable.reports.page.content import PageContent, PagePicture, PageTable
+from inscrutable.reports.page.manifest import keys_of, versions
+from inscrutable.reports.reproduction import claims_table, draw_convergence, draw_variant
+from inscrutable.validation import Array
+
+_SOLVERS = {PAPER: "the paper's solvers", GLOBAL: "global solvers"}
+_DRAWN = {
+    "actions": (
+        "Decisions of one step",
+        "The decisions of ODM, CDM and PDM on the triangle of the three assets, the candidates, and those the PDM mixes.",
+    ),
+    "beliefs": (
+        "What the adversary reconstructs from them",
+        "The private belief on the triangle of the three regimes, and the beliefs that explain each decision; dashed: the "
+        "distances.",
+    ),
+    "privacy": ("Privacy over time", "The distance of the private belief from those that explain the decision."),
+    "costs": ("Cost over time", "The normalised increase of the cost, (c̄ − c*)/|c*|, with the budget."),
+    "tradeoff": (
+        "The trade-off",
+        "Mean privacy against the cost budget over the simulated markets, with their spread.",
+    ),
+}
+_VERDICTS = {
+    Verdict.HOLDS: ("holds", "hold"),
+    Verdict.ONLY_LOCAL: ("holds only with the local solver", "hold only with the local solver"),
+    Verdict.ONLY_GLOBAL: ("holds only with the global solver", "hold only with the global solver"),
+    Verdict.FAILS: ("fails", "fail"),
+}
+_FEW = 30
+"""Markets below which averages have standard errors too wide to judge a claim by."""
+_NOTES = (
+    "ODM: the original decision maker, who plays the optimal decision. CDM: the counter-adversarial one, the most private "
+    "decision within the budget. PDM: the probabilistic one, a lottery within the budget on average.",
+    "The paper's solvers: a local solver from one start, and the linear programme over a grid of actions. Global solvers: a "
+    "search that leaves local optima, and decoy beliefs for candidates.",
+    "First number of a cell: what the claim's criterion measures; ± its standard error where it is an average over the "
+    "markets, otherwise the least favourable market's, or for “may” the most favourable one's. Then the share of markets in "
+    "which the claim holds by itself.",
+    "Privacy: the distance of the private belief from the beliefs under which the decision is optimal. The adversary takes "
+    "each decision for optimal; one who knows the mechanism learns more.",
+)
+
+
+def reproduction_content(
+    result: Reproduction, title: str | None, manifest: Mapping[str, str], drawn: Path | None = None
+) -> PageContent:
+    """Return the content of a reproduction's page.
+
+    Args:
+        result: What `reproduce` returned.
+        title: The heading; None says what was done.
+        manifest: More lines for the manifest.
+        drawn: Folder with the pictures that `write_reproduction` made of this result; None draws them.
+    """
+    settings, claims = result.settings, claims_table(result)
+    rows = [[str(cell) for cell in row] for row in claims.to_numpy()]
+    criteria = [[claim.text, claim.criterion] for claim in result.claims]
+    return PageContent(
+        title=title or "The paper's numerical section, reproduced",
+        header=f"{len(result.claims)} claims of Lourenço, Mattila, Rojas and Wahlberg (2020), Section V, judged over "
+        f"{settings.n_markets} random markets; budget c_b = {settings.budget:g} of |c*|.",
+        verdict=[_verdict(result)],
+        cautions=_cautions(settings.n_markets),
+        tables=[PageTable("The claims", ["Claim", *map(_capital, claims.columns[1:])], rows)],
+        pictures=list(_pictures(result, drawn)),
+        details=[
+            PageTable("What each claim is measured by", ["Claim", "Criterion"], criteria),
+            *(_tradeoff(result, variant) for variant in result.episodes),
+            _samples(result),
+        ],
+        notes=_NOTES,
+        manifest={
+            **{f"version of {name}": number for name, number in versions().items()},
+            "seed": str(settings.seed),
+            **keys_of(study_of(settings).plan.model_dump(mode="json", exclude_none=True)),
+            "step of the triangles": str(result.step + 1),
+            **manifest,
+        },
+    )
+
+
+def _verdict(result: Reproduction) -> str:
+    counts = Counter(claim.verdict for claim in result.claims)
+    parts = [f"{counts[each]} {words[counts[each] > 1]}" for each, words in _VERDICTS.items() if counts[each]]
+    said = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+    return f"Of the paper's {len(result.claims)} claims, {said}, over {result.settings.n_markets} random markets."
+
+
+def _cautions(markets: int) -> list[str]:
+    if markets >= _FEW:
+        return []
+    return [f"{markets} markets are few: averages have wide standard errors, and a claim may fail for that alone."]
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _pictures(result: Reproduction, drawn: Path | None) -> Iterator[PagePicture]:
+    if drawn is None:
+        with TemporaryDirectory() as folder:
+            for variant in result.episodes:
+                draw_variant(result, variant, Path(folder))
+            draw_convergence(result, Path(folder))
+            yield from _pictures(result, Path(folder))
+        return
+    for name, (heading, caption) in _DRAWN.items():
+        for variant in result.episodes:
+            svg = (drawn / f"{variant}_{name}.svg").read_text("utf-8")
+            yield PagePicture(f"{heading}: {_SOLVERS[variant]}", caption, svg)
+    caption = "The PDM's mean expected privacy against the number M of candidates, by their kind."
+    yield PagePicture("The number of samples", caption, (drawn / "convergence.svg").read_text("utf-8"))
+
+
+def _tradeoff(result: Reproduction, variant: str) -> PageTable:
+    effort = result.settings.effort
+    columns = ["Budget", *result.trade_off(variant)]
+    cells = [_means(each) for each in result.trade_off(variant).values()]
+    rows = [[f"{budget:g} of |c*|", *(each[place] for each in cells)] for place, budget in enumerate(effort.budgets)]
+    heading = f"Mean privacy by budget, {_SOLVERS[variant]} ({effort.n_simulations} markets; ± standard error)"
+    return PageTable(heading, columns, rows)
+
+
+def _samples(result: Reproduction) -> PageTable:
+    found = result.convergence()
+    cells = [_means(each) for each in found.values()]
+    rows = [[f"M = {size}", *(each[place] for each in cells)] for place, size in enumerate(result.sample_sizes)]
+    return PageTable("Mean expected privacy of the PDM by number of samples", ["Samples", *found], rows)
+
+
+def _means(values: Array) -> list[str]:
+    """The mean over the rows with its standard error, one text per column."""
+    errors = values.std(axis=0, ddof=1) / np.sqrt(len(values))
+    return [f"{mean + 0.0:.3f} ± {error:.3f}" for mean, error in zip(values.mean(axis=0).round(3), errors, strict=True)]

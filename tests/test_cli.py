@@ -133,6 +133,8 @@ def test_help_loads_nothing_heavy_and_is_fast() -> None:
         (["protect", "--model", "m.json"], "give one of"),
         (["protect", "--model", "m.json", "--belief", "0.5,x", "--weights", "w"], "give one of"),
         (["protect", "--model", "m.json", "--belief", "0.5,x"], "'x' is not a number"),
+        (["protect", "--model", "m", "--belief", "1,0", "--certify", "2"], "relative gap"),
+        (["protect", "--model", "m", "--belief", "1,0", "--certify", ".1", "--measure", "infeasibility"], "proves"),
     ],
 )
 def test_wrong_usage_is_two(run, arguments: list[str], message: str) -> None:  # type: ignore[no-untyped-def]

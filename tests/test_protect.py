@@ -188,3 +188,45 @@ def test_where_nothing_explains_the_weights_the_observer_concludes_nothing() -> 
     found = protect(MODEL, BELIEFS, Budget.regret(0.01), Infeasibility(), rng=np.random.default_rng(0))
     assert row_lines(found)["observer concludes"].tolist() == ["", ""]
     assert row_lines(found)["names"].tolist() == ["nothing", "nothing"]
+
+
+@pytest.mark.parametrize("measure", [None, DesiredObfuscation([0.6, 0.3, 0.1])])
+def test_a_proof_is_above_every_affordable_decision_met_at_random(measure: DesiredObfuscation | None) -> None:
+    rng = np.random.default_rng(5)
+    budget, problem = Budget.regret(3e-4), MODEL.problem
+    found = protect(MODEL, BELIEFS, budget, measure, certify=0.01, rng=rng)
+    plain = protect(MODEL, BELIEFS, budget, measure, rng=rng)
+    actions = problem.solve(rng.dirichlet(np.full(3, 0.7), 400))
+    for step, belief in enumerate(BELIEFS):
+        chosen, lottery = found.deterministic[step], found.lotteries[step]
+        privacies = [
+            float(found.measure.at_step(step)(belief, consistent_beliefs(problem, action)))
+            for action in actions
+            if float(problem.regret(belief, action)) <= 3e-4
+        ]
+        assert max(privacies) <= chosen.privacy_bound + 1e-9
+        assert chosen.privacy_bound <= chosen.privacy + 0.0101 * max(abs(chosen.privacy), 0.01)
+        assert max(chosen.privacy_bound, lottery.expected_privacy) <= lottery.privacy_bound + 1e-9
+        assert chosen.privacy_bound <= plain.deterministic[step].privacy_bound
+    assert "proven" in found.summary()
+    assert "proven" not in plain.summary()
+    assert protect_summary(found)["certified"] == 0.01
+    assert "at most" in row_lines(found)
+    assert "at most" not in row_lines(plain)
+
+
+def test_weights_that_were_read_already_stand_for_their_beliefs() -> None:
+    planned = published(MODEL, BELIEFS, None)
+    read = attack_weights(MODEL, planned)
+    found = protect(MODEL, read, 0.2, rng=np.random.default_rng(2))
+    same = protect_weights(MODEL, planned, 0.2, rng=np.random.default_rng(2))
+    assert found.planned is read
+    assert np.array_equal(found.beliefs, same.beliefs)
+    assert np.array_equal(found.drawn.action, same.drawn.action)
+
+
+def test_what_cannot_be_proven_is_refused_before_any_work() -> None:
+    with pytest.raises(InputError, match="certify proves"):
+        protect(MODEL, BELIEFS, measure=NonExistence(), certify=0.01)
+    with pytest.raises(InputError, match="between 0 and 1"):
+        protect(MODEL, BELIEFS, certify=1.5)

@@ -282,6 +282,7 @@ def protect(
     budget: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
     target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
+    certify: Annotated[float | None, Parameter(group=_PRIVACY)] = None,
     seed: OptionalSeed = None,
     out: OptionalOut = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
@@ -296,12 +297,17 @@ def protect(
         budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit. Default: the model's.
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
+        certify: Prove how much more privacy there could be, to this relative gap, such as 0.01; for maximal and desired.
         seed: Makes the draw repeatable. Without it the operating system draws, because a rival who knows the seed
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
     if sum(option is not None for option in (belief, beliefs, weights)) != 1:
         raise UsageError("give one of --belief, --beliefs and --weights")
+    if certify is not None and not 0 < certify < 1:
+        raise UsageError(f"--certify must be a relative gap between 0 and 1, such as 0.01, got {certify:g}")
+    if certify is not None and measure not in ("maximal", "desired"):
+        raise UsageError(f"--certify proves --measure maximal and desired, not {measure}")
     chosen = measure_of(measure, target)
     limit = None if budget is None else budget_of(budget)
     single = None if belief is None else belief_of(belief, "--belief")
@@ -310,6 +316,8 @@ def protect(
 
     from inscrutable.datasets import read_beliefs, read_weights
     from inscrutable.experiments import protect as experiment
+    from inscrutable.experiments.attack import attack_weights
+    from inscrutable.experiments.episodes import part_of
     from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.reports.protect import protect_summary, write_protect
 
@@ -319,11 +327,9 @@ def protect(
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     folder = None if out is None else writable_folder(out)
     with speech.progress("Steps") as move:
-        extra: dict[str, Any] = {"rng": rng, "progress": move}
         if planned is not None:
-            found = experiment.protect_weights(investor, planned, limit, chosen, **extra)
-        else:
-            found = experiment.protect(investor, held, limit, chosen, **extra)
+            held = attack_weights(investor, planned, progress=part_of(move, 0, experiment.PARTS + 1))
+        found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=rng, progress=move)
     files = [] if folder is None else write_protect(found, folder)
     if speech.json:
         speech.summary(protect_summary(found))

@@ -15,9 +15,11 @@ from inscrutable.datasets import WeightsTable
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     Decisions,
+    GlobalSearch,
     MixedDecisions,
     ProbabilisticDecisionMaker,
 )
+from inscrutable.decision_makers.proofs.certified import check_provable, checked_gap
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack, Reading, attack_weights
@@ -27,7 +29,7 @@ from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
 
-_PARTS = 3  # CDM, PDM, and what an observer concludes who knows the budget
+PARTS = 3  # of the work: CDM, PDM, and what an observer concludes who knows the budget
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,8 @@ class Protection:
         aware_bounds: What an observer concludes from the CDM's weights who knows the regret that was allowed in that row:
             least and greatest probability of each regime with ρ(π',ū) within it, shape (T,X,2); π is always inside.
         planned: How the planned weights were read, where the beliefs came from weights; else None.
+        certified: The relative gap that a proof was asked for, or None; `deterministic.privacy_bound` and
+            `lotteries.privacy_bound` are then proven.
     """
 
     model: InvestorModel
@@ -62,6 +66,7 @@ class Protection:
     drawn: Decisions
     aware_bounds: Array
     planned: Attack | None = None
+    certified: float | None = None
 
     def __len__(self) -> int:
         return len(self.beliefs)
@@ -81,7 +86,16 @@ class Protection:
             by_lot = f" for {float(np.mean(self.lotteries.expected_privacy)):.3f} in expectation"
         return (
             f"{rows}the weights to publish cost {spent:.3g} of regret{share}{bought}, the lottery "
-            f"{max(lottery, 0.0):.3g}{by_lot}, against an observer who takes weights at face value"
+            f"{max(lottery, 0.0):.3g}{by_lot}, against an observer who takes weights at face value{self._proven()}"
+        )
+
+    def _proven(self) -> str:
+        if self.certified is None:
+            return ""
+        single, lottery = (float(np.mean(found.privacy_bound)) for found in (self.deterministic, self.lotteries))
+        return (
+            f"; it is proven that within the budget no weights give more than {single:.3f} and no lottery more than "
+            f"{lottery:.3f}"
         )
 
 
@@ -97,10 +111,11 @@ def _how_often(privacies: Array) -> str:
 
 def protect(
     model: InvestorModel,
-    beliefs: ArrayLike | pd.DataFrame,
+    beliefs: ArrayLike | pd.DataFrame | Attack,
     budget: Budget | float | None = None,
     measure: PrivacyMeasure | None = None,
     *,
+    certify: float | None = None,
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
 ) -> Protection:
@@ -110,9 +125,12 @@ def protect(
 
     Args:
         model: The investor.
-        beliefs: π, shape (X,) or (T,X); a frame's columns are the model's regimes, its index labels the rows.
+        beliefs: π, shape (X,) or (T,X); a frame's columns are the model's regimes, its index labels the rows. Planned
+            weights as `attack_weights` read them stand for the beliefs that it estimates.
         budget: A share of |c*|, or a `Budget`; None is the model's.
         measure: The privacy measure Ψ; None is maximal obfuscation.
+        certify: The relative gap of a proof that nothing affordable is more private, such as 0.01, for up to about five
+            regimes; None asks for no proof.
         rng: Source of the draws; None is the entropy of the operating system, because a rival who knows the seed
             knows the draw.
         progress: Called with (steps done, steps in all).
@@ -121,9 +139,11 @@ def protect(
         A `Protection`.
 
     Raises:
-        InputError: The beliefs are not on the simplex, have other regimes than the model, or an argument is malformed.
+        InputError: The beliefs are not on the simplex, have other regimes than the model, or an argument is malformed;
+            `certify` with another measure than maximal or desired obfuscation.
 
-    Cost: about 0.3 s a belief, after a second for the candidates. Source: the paper, Approaches 1 and 2.
+    Cost: about 0.3 s a belief, after a second for the candidates; a proof takes as long again or some seconds. Source:
+    the paper, Approaches 1 and 2.
 
     Example:
         >>> from inscrutable.problems import MarkowitzProblem
@@ -136,6 +156,11 @@ def protect(
         True
     """
     order = _Order(model, budget, measure, rng, progress)
+    order.certify = checked_gap(certify)
+    if order.certify is not None:
+        check_provable(order.measure, "exclude")
+    if isinstance(beliefs, Attack):
+        return _protect(model, beliefs.estimates, beliefs.index, order, beliefs)
     held, index = _beliefs_of(model, beliefs)
     return _protect(model, held, index, order, None)
 
@@ -179,7 +204,7 @@ def protect_weights(
         array([[0.8, 0.2]])
     """
     order = _Order(model, budget, measure, rng, progress)
-    planned = attack_weights(model, weights, decimals=decimals, progress=part_of(progress, 0, _PARTS + 1))
+    planned = attack_weights(model, weights, decimals=decimals, progress=part_of(progress, 0, PARTS + 1))
     return _protect(model, planned.estimates, planned.index, order, planned)
 
 
@@ -199,6 +224,7 @@ class _Order:
         self.measure = MaximalObfuscation() if measure is None else measure
         self.rng = None if rng is None else validation.generator(rng)
         self.progress = progress
+        self.certify: float | None = None
         if not isinstance(self.measure, PrivacyMeasure):
             raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
 
@@ -209,10 +235,13 @@ def _protect(
     problem = model.problem
     _check_target(order.measure, beliefs)
     done = 0 if planned is None else 1  # the reading of the weights
-    watch = [part_of(order.progress, done + number, done + _PARTS) for number in range(_PARTS)]
-    chooser = CounterAdversarialDecisionMaker(problem, order.measure, order.budget)
+    watch = [part_of(order.progress, done + number, done + PARTS) for number in range(PARTS)]
+    method = GlobalSearch(certify=order.certify)
+    chooser = CounterAdversarialDecisionMaker(problem, order.measure, order.budget, method=method)
     deterministic = chooser.decide_many(beliefs, progress=watch[0])
-    mixer = ProbabilisticDecisionMaker(problem, order.measure, order.budget, candidates=chooser.candidates)
+    mixer = ProbabilisticDecisionMaker(
+        problem, order.measure, order.budget, candidates=chooser.candidates, certify=order.certify
+    )
     lotteries = mixer.decide_many(beliefs, progress=watch[1])
     optimal = problem.solve(beliefs)
     aware = []
@@ -233,6 +262,7 @@ def _protect(
         lotteries.sample(rng=order.rng),
         np.array(aware),
         planned,
+        order.certify,
     )
 
 

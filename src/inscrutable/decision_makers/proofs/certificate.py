@@ -71,7 +71,7 @@ class Prover:
         cones = cones_from(belief)
         self.points = OraclePoints(problem, belief, cones.points[1:])
         self._cones = cones.corners
-        self._shared: list[tuple[Array, float]] = []
+        self._shared = np.zeros((0, belief.size + 1))  # state costs of shared decisions, and what these are worth
         self._privacies = np.zeros(0)
         self._exact = np.zeros(0, dtype=np.bool_)
         self._leaves: BoundedCells | None = None
@@ -227,9 +227,10 @@ class Prover:
 
     def _distance(self, costs: Array, corners: np.ndarray) -> float:
         """An upper bound of the distance to the beliefs for which a decision of these state costs is optimal."""
-        for known, distance in self._shared:
-            if np.abs(known - costs).max() <= tolerances.SHARED_DECISION * self.points.scale:
-                return distance
+        apart = np.abs(self._shared[:, :-1] - costs).max(axis=1)
+        known = np.flatnonzero(apart <= tolerances.SHARED_DECISION * self.points.scale)
+        if known.size:
+            return float(self._shared[known[0], -1])
         start = self.points.beliefs[corners]
         start = start[np.linalg.norm(start - self.belief, axis=1).argmin()]
         trials = np.vstack([self._nearest(start) + _PULLS[:, None] * (start - self._nearest(start))])
@@ -237,7 +238,7 @@ class Prover:
         members = values >= trials @ costs - tolerances.SHARED_DECISION * self.points.scale
         reached = np.vstack([trials[members], start])
         distance = float(np.linalg.norm(reached - self.belief, axis=1).min())
-        self._shared.append((costs, distance))
+        self._shared = np.vstack([self._shared, np.append(costs, distance)])
         return distance
 
     def _nearest(self, member: Array) -> Array:

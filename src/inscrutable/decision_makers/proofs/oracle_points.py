@@ -28,14 +28,11 @@ class OraclePoints:
         self.on_the_way = np.zeros((0, N_LEVELS))
         self._between: dict[tuple[int, int], int] = {}
         self._shortfall = 0.0
+        self.scale = 0.0
+        """Largest expected size of a cost seen: what it is in states that a belief rules out is of no account."""
         self.add(np.vstack([belief, others]))
         self.optimal_cost = float(self.values[0])
         self.on_the_way[0] = self.optimal_cost
-
-    @property
-    def scale(self) -> float:
-        """Largest expected size of a cost seen: what it is in states that a belief rules out is of no account."""
-        return float((np.abs(self.costs) * self.beliefs).sum(axis=1).max())
 
     @property
     def allowance(self) -> float:
@@ -57,6 +54,7 @@ class OraclePoints:
         """Return the indices of new points."""
         values, costs, actions = self._solved(beliefs)
         first = len(self.values)
+        self.scale = max(self.scale, float((np.abs(costs) * beliefs).sum(axis=1).max(initial=0.0)))
         self.beliefs = np.concatenate([self.beliefs, beliefs])
         self.values = np.concatenate([self.values, values])
         self.costs = np.concatenate([self.costs, costs])

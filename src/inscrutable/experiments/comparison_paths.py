@@ -101,7 +101,7 @@ def partly(setting: Setting, regret: float) -> Play | None:
     if chain is None or problem.is_discrete:
         return None
     if regret <= 0.0 or not setting.prior.error > 0:
-        return Play(_optimal(setting))
+        return Play(_optimal(setting), strength=1.0)
     targets = setting.once("targets of partial trading", lambda: _targets(chain, problem))
     unit = setting.once("unit of partial trading", lambda: spent(setting, _traded(setting, targets, 0.0)))
 

@@ -129,9 +129,9 @@ def notes_of(comparison: Comparison) -> list[str]:
     """Return the definitions that the table rests on."""
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
-        f"All decision makers of one budget spend the same expected regret under the prior, to {SAME_SPENDING:.1%}; "
-        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less; "
-        "rounding and delay come in steps.",
+        "All decision makers of one budget are made to spend the same expected regret under the prior, to "
+        f"{SAME_SPENDING:.1%}; budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy "
+        "or comes in steps, as rounding and delay do, spends less; the first column says what.",
         _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate, in units of belief. naive: takes decisions for "
         "optimal; near-optimal: allows for the expected regret; budget-aware: knows the largest regret of any decision (both "
@@ -144,8 +144,8 @@ def notes_of(comparison: Comparison) -> list[str]:
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
         "them leads to names it.",
         *_watchers(comparison),
-        "told from honest, AUC: how well one decision is told from an optimal one by what the naive observer reads from it; 0.5 "
-        "is nothing, 1 certainty.",
+        "told from honest, AUC: how well one decision is told from an optimal one by what the naive observer reads from it; "
+        "0.5 is nothing, 1 certainty.",
         "comparison.csv has further figures, and all to full precision; its columns are the fields of "
         "`inscrutable.experiments.comparison_measures.ComparisonRow`, whose documentation defines each.",
         *(
@@ -222,10 +222,11 @@ def _watchers(comparison: Comparison) -> list[str]:
     if comparison.is_learned:
         found.append(
             f"cost learned: does not know the risk aversion, takes {PATH_STEPS} decisions on one path of beliefs for optimal, "
-            f"and keeps the values between a {GAMMA_RANGE:.0f}th and {GAMMA_RANGE:.0f} times the true one that explain them "
-            "all (risk aversion learned; wrong: the true one is not among them); then reads single decisions as the naive "
-            "observer does, with the middle of these values. Where none explains them all, it knows that something is hidden, "
-            "and no more."
+            "few of them distinct where beliefs rest, and keeps the values between a "
+            f"{GAMMA_RANGE:.0f}th and {GAMMA_RANGE:.0f} times "
+            "the true one that explain them all (risk aversion learned; wrong: the true one is not among them); then reads "
+            "single decisions as the naive observer does, with the middle of these values. Where none explains them all, it "
+            "knows that something is hidden, and no more."
         )
     else:
         found.append("Nobody has to learn the risk aversion, because the cost has none.")

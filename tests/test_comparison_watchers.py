@@ -28,7 +28,7 @@ from inscrutable.adversaries.cost_family import ExplainedDecisions
 from inscrutable.experiments import comparison_watchers
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.experiments.comparison_makers import MAKERS, Play, Setting, as_play
-from inscrutable.experiments.comparison_paths import EVERY_MAKER, LONGEST_DELAY, PATH_MAKERS, delayed, partly
+from inscrutable.experiments.comparison_paths import EVERY_MAKER, LONGEST_DELAY, PAST, PATH_MAKERS, delayed, partly
 from inscrutable.experiments.comparison_watchers import followed, learned, learned_cost, watched
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
@@ -304,6 +304,12 @@ def test_what_is_not_scaled_down_to_a_tiny_budget_is_not_played() -> None:
             assert play is not None
             assert setting.prior.weights @ play.mechanism.expected_regrets <= 1.01 * regret + 1e-15
             assert name == "rounding" or play.strength == (0.0 if name == "delay" else pytest.approx(1.0))
+
+
+def test_a_fraction_of_a_trade_is_one_that_a_past_can_be_sampled_for() -> None:
+    play = partly(setting_of(resting_chain(uniform_prior(3, 3), 1.0)), 1e-3)  # nothing ever moves, nothing can be spent
+    assert play is not None
+    assert play.strength >= 1 / PAST
 
 
 # ---- in a comparison ------------------------------------------------------------------------------------

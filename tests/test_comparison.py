@@ -456,6 +456,7 @@ def test_the_verb_writes_and_says_what_it_found(tmp_path: Path, capsys: pytest.C
     said = capsys.readouterr()
     assert "protection holds" in said.out
     assert "comparison.csv" in said.out
+    assert "What the columns mean" in said.out
     assert "Decision makers at budgets" in said.err
     assert cli.main([*arguments, "--json", "-q"]) == 0
     said = capsys.readouterr()
@@ -486,6 +487,7 @@ def test_wrong_flags_end_with_one_message(
     assert said.out == ""
     assert "inscrutable: " in said.err
     assert "Traceback" not in said.err
+    assert "--market" not in arguments or "expected 'paper', 'returns' or the model.json" in said.err
 
 
 def test_help_gives_an_example(capsys: pytest.CaptureFixture[str]) -> None:

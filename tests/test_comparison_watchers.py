@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise, product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,10 +28,12 @@ from inscrutable.adversaries.cost_family import ExplainedDecisions
 from inscrutable.experiments import comparison_watchers
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.experiments.comparison_makers import MAKERS, Play, Setting, as_play
-from inscrutable.experiments.comparison_paths import PATH_MAKERS, delayed, partly
-from inscrutable.experiments.comparison_watchers import followed, learned_cost, watched
+from inscrutable.experiments.comparison_paths import EVERY_MAKER, LONGEST_DELAY, PAST, PATH_MAKERS, delayed, partly
+from inscrutable.experiments.comparison_watchers import followed, learned, learned_cost, watched
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
+from inscrutable.mechanisms.joint import joint_law
+from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import notes_of, short_table, terminal_table
 from inscrutable.reports.page.comparison_page import comparison_content, page_data
 
@@ -266,6 +269,49 @@ def test_who_learned_reads_with_the_middle(monkeypatch: pytest.MonkeyPatch) -> N
     assert row.learned_error > row.naive_error + 0.01
 
 
+@pytest.mark.parametrize("maker", ["delay", "partial trades"])
+def test_the_cost_is_learned_from_one_who_began_long_ago(maker: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At its start a long delay repeats one decision, and a partial trade is whole; neither lasts."""
+    learned_from: list[np.ndarray] = []
+
+    def kept(problem: MarkowitzProblem, actions: np.ndarray) -> Any:
+        learned_from.append(actions)
+        return learned_cost(problem, actions)
+
+    monkeypatch.setattr(comparison_watchers, "learned_cost", kept)
+    setting = setting_of(resting_chain(uneven_chain(6).prior, 0.7))
+    play = PATH_MAKERS[maker](setting, 10.0 if maker == "delay" else 3e-4)
+    assert play is not None
+    assert maker == "partial trades" or play.strength == LONGEST_DELAY
+    assert maker == "delay" or 0 < play.strength < 1
+    learned(setting, play, joint_law(play.mechanism, setting.prior), 0.0, np.random.default_rng(0))
+    (published,) = learned_from
+    assert len(published) == comparison_watchers.PATH_STEPS
+    optimal = setting.problem.solve(setting.prior.beliefs)
+    known = np.array([np.abs(optimal - each).max(axis=1).min() < 1e-9 for each in published])
+    if maker == "delay":
+        assert known.all()
+        assert len(np.unique(published.round(9), axis=0)) > 1
+    else:
+        assert not known.any()
+
+
+def test_what_is_not_scaled_down_to_a_tiny_budget_is_not_played() -> None:
+    setting = setting_of(resting_chain(uniform_prior(3, 3), 0.8))
+    for regret in (0.0, 1e-12):
+        for name in ("rounding", "delay", "partial trades"):
+            play = EVERY_MAKER[name](setting, regret)
+            assert play is not None
+            assert setting.prior.weights @ play.mechanism.expected_regrets <= 1.01 * regret + 1e-15
+            assert name == "rounding" or play.strength == (0.0 if name == "delay" else pytest.approx(1.0))
+
+
+def test_a_fraction_of_a_trade_is_one_that_a_past_can_be_sampled_for() -> None:
+    play = partly(setting_of(resting_chain(uniform_prior(3, 3), 1.0)), 1e-3)  # nothing ever moves, nothing can be spent
+    assert play is not None
+    assert play.strength >= 1 / PAST
+
+
 # ---- in a comparison ------------------------------------------------------------------------------------
 
 
@@ -297,9 +343,13 @@ def test_reports_show_both_observers(moving: Comparison) -> None:
         assert title in table.columns
     row = moving.of("rate-distortion")[0]
     assert table["error, aware, over time"]["rate-distortion"].iloc[0] == f"{row.path_error:.3f}"
-    assert "follows the belief over time" in moving.summary()
+    assert "one who knows the mechanism and follows the belief over time" in moving.summary()
+    assert "one who knows the mechanism and sees 10 decisions on one belief" in moving.summary()
     notes = " ".join(notes_of(moving))
     assert "paths of 40 decisions" in notes
+    for column in table.columns:  # every column is explained where the table is
+        for word in column.replace(",", "").replace("%", "").split():
+            assert word in notes, column
     assert "cost learned: does not know the risk aversion" in notes
     assert any(str(title).startswith("error,\naware") for title in terminal_table(moving, moving.budgets[0]).columns)
     shown = page_data(moving)["rows"]["rate-distortion"][0]
@@ -310,6 +360,18 @@ def test_reports_show_both_observers(moving: Comparison) -> None:
     frame = moving.frame()
     for name in ("path_error", "path_error_se", "learned_low", "learned_high", "learned_holds", "learned_error"):
         assert frame[name].notna().any()
+
+
+def test_the_picture_shows_the_observer_over_time(moving: Comparison, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures: list[Any] = []
+    monkeypatch.setattr(comparison_plots, "save_figure", lambda figure, *_: figures.append(figure) or [])
+    comparison_plots.draw_comparison(moving, Path())
+    shown = [axis for axis in figures[0].axes if axis.get_visible()]
+    assert len(shown) == 2 + len(moving.repeats)
+    assert shown[-1].get_title(loc="left") == "knows the mechanism: follows a belief that moves"
+    lines = {line.get_label(): line for line in shown[-1].get_lines()}
+    for maker in moving.makers:
+        np.testing.assert_allclose(lines[maker].get_ydata(), [row.path_error for row in moving.of(maker)])
 
 
 def test_observers_that_cannot_be_are_told_of() -> None:

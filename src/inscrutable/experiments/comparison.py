@@ -180,9 +180,11 @@ class Comparison(Saved):
             "knows the mechanism and the prior": [(row.maker, row.bayes_error) for row in rows],
         }
         if self.is_moving:
-            named["follows the belief over time as well"] = [(row.maker, row.path_error) for row in rows]
+            named["knows the mechanism and follows the belief over time"] = [
+                (row.maker, row.path_error) for row in rows
+            ]
         if self.repeats[last] > 1:
-            later = f"sees {self.repeats[last]} decisions on one belief"
+            later = f"knows the mechanism and sees {self.repeats[last]} decisions on one belief"
             named[later] = [(row.maker, float(row.repeated_errors[last])) for row in rows]
         parts = [f"against one who {who}, {holding(errors, floor)}" for who, errors in named.items()]
         return (

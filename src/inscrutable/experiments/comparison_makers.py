@@ -275,11 +275,11 @@ def _noisy(setting: Setting, amount: float) -> PlaysMany:
 
 def _rounded(setting: Setting, regret: float) -> Play:
     """The coarsest rounding that is affordable: of those in use, since it cannot be scaled."""
-    if regret <= 0.0:
-        return as_play(setting, OriginalDecisionMaker(setting.problem))
 
     def every() -> list[tuple[Play, float]]:
         plays = [as_play(setting, RoundingDecisionMaker(setting.problem, 1.0 / steps)) for steps in _ROUNDINGS]
+        # Where even the finest is too dear, nothing is rounded.
+        plays.append(as_play(setting, OriginalDecisionMaker(setting.problem)))
         return [(play, spent(setting, play)) for play in plays]
 
     tried: list[tuple[Play, float]] = setting.once("rounding", every)

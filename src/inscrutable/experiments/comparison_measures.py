@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
+from inscrutable.adversaries import BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
 from inscrutable.budgets import Budget
 from inscrutable.experiments.comparison_makers import Play, Setting
 from inscrutable.experiments.comparison_watchers import Learned, Watched, learned, watched
@@ -117,13 +117,15 @@ def measured(
     again = _repeated(prior, play, repeats, rng)
     seen = detectability(played, prior, problem)
     promise = Budget.regret(told.worst_regret) if play.promise is None else play.promise
-    observers: dict[str, Adversary] = {
-        "near": NearOptimalAdversary(problem, regret, prior=prior),
-        "budget": BudgetAwareAdversary(problem, promise, prior=prior),
-    }
-    guesses = {key: guesses_of(each, played.actions, joint) for key, each in observers.items()}
-    guesses["naive"] = guesses_of(NaiveAdversary(problem), played.actions, joint, seen.excuses)
-    naive_error = guess_error(joint, guesses["naive"])
+    near, aware_of_budget = (
+        guess_error(joint, guesses_of(each, played.actions, joint))
+        for each in (
+            NearOptimalAdversary(problem, regret, prior=prior),
+            BudgetAwareAdversary(problem, promise, prior=prior),
+        )
+    )
+    naive = guesses_of(NaiveAdversary(problem), played.actions, joint, seen.excuses)
+    naive_error = guess_error(joint, naive)
     over_time, of_cost = rng.spawn(2)
     path = watched(setting, play, read.bayes_error, over_time)
     learner = learned(setting, play, joint, naive_error, of_cost)
@@ -135,33 +137,30 @@ def measured(
         worst_regret=told.worst_regret,
         cost_share=told.expected_regret / mean_cost if mean_cost > 0 else float("nan"),
         silence_share=told.silence_share,
-        naive_privacy=naive_privacy(setting.problem, played.actions, joint),
+        naive_privacy=naive_privacy(problem, played.actions, joint),
         naive_error=naive_error,
-        near_optimal_error=guess_error(joint, guesses["near"]),
-        budget_aware_error=guess_error(joint, guesses["budget"]),
+        near_optimal_error=near,
+        budget_aware_error=aware_of_budget,
         bayes_error=read.bayes_error,
         least_error=read.least_error,
         mutual_information=read.mutual_information,
         min_entropy_leakage=read.min_entropy_leakage,
         maximal_leakage=read.maximal_leakage,
-        naive_top_state=top_state_share(joint, guesses["naive"]),
+        naive_top_state=top_state_share(joint, naive),
         top_state_accuracy=read.top_state_accuracy,
         auc=seen.auc,
         read_auc=seen.read_auc,
         expected_gap=seen.expected_gap,
         implausible_share=seen.implausible_share,
         n_actions=told.n_actions,
-        repeated_errors=again.errors,
-        repeated_error_se=again.error_se,
-        repeated_information=again.information,
-        repeated_top_state=again.top_state,
         strength=play.strength,
+        **_prefixed("repeated", again),
         **_prefixed("path", path),
         **_prefixed("learned", learner),
     )
 
 
-def _prefixed(name: str, figures: Watched | Learned) -> dict[str, Any]:
+def _prefixed(name: str, figures: _Repeated | Watched | Learned) -> dict[str, Any]:
     return {f"{name}_{key}": value for key, value in figures._asdict().items()}
 
 

@@ -35,6 +35,9 @@ LONGEST_DELAY = 60
 PAST = 100
 """Steps of trading before the decision that is judged."""
 
+_LEAST_FRACTION = 1.0 / PAST
+"""Of a trade: with a smaller one, what was held at the start of the past would still weigh more than a third."""
+
 _LEAST_DRAWS = 500
 """Pasts sampled at least, the same number for every belief."""
 _PATH_SEED = 0
@@ -101,12 +104,12 @@ def partly(setting: Setting, regret: float) -> Play | None:
     if chain is None or problem.is_discrete:
         return None
     if regret <= 0.0 or not setting.prior.error > 0:
-        return Play(_optimal(setting))
+        return Play(_optimal(setting), strength=1.0)
     targets = setting.once("targets of partial trading", lambda: _targets(chain, problem))
     unit = setting.once("unit of partial trading", lambda: spent(setting, _traded(setting, targets, 0.0)))
 
     def tried(amount: float) -> Play:
-        return _traded(setting, targets, unit / (unit + amount) if unit > 0 else 1.0)
+        return _traded(setting, targets, max(unit / (unit + amount), _LEAST_FRACTION) if unit > 0 else 1.0)
 
     return scaled_to(setting, tried, regret)
 

@@ -151,7 +151,10 @@ def _hash(plan: ComparisonFile, base: Path) -> str | None:
     try:
         return hashlib.sha256((base / plan.market).read_bytes()).hexdigest()
     except OSError as error:
-        raise InputError(f"{base / plan.market} cannot be read: {reason(error)}") from None
+        raise InputError(
+            f"market: expected '{PAPER}', '{RETURNS}' or the model.json of a backtest; {base / plan.market} cannot be read: "
+            f"{reason(error)}"
+        ) from None
 
 
 def comparison_study(settings: ComparisonSettings, *, market: str, resolution: int, seed: int) -> Study:

@@ -18,6 +18,7 @@ from scipy import sparse
 
 from inscrutable.adversaries import CostLearningAdversary, LearnedCost, NaiveAdversary, NearOptimalAdversary
 from inscrutable.experiments.comparison_makers import Play, Setting
+from inscrutable.experiments.comparison_paths import PAST
 from inscrutable.experiments.guesses import guess_error
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
@@ -31,7 +32,7 @@ PATH_STEPS = 40
 """Decisions of a path; the first half is watched only, so that errors are those of one who has watched for long."""
 
 N_PATHS = 100
-"""Independent paths, the same ones for every decision maker; the cost is learned from the first."""
+"""Independent paths, the same ones for every decision maker."""
 
 GAMMA_RANGE = 10.0
 """Times the risk aversion, up or down, that one who does not know it thinks possible."""
@@ -67,7 +68,7 @@ def watched(setting: Setting, play: Play, bayes_error: float, rng: np.random.Gen
     if chain is None:
         return Watched()
     decided, n_late = (play.mechanism, 0) if play.seen is None else play.seen.decided
-    drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting), rng)
+    drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting, PATH_STEPS, N_PATHS), rng)
     over_time, alone = (
         each[PATH_STEPS // 2 :].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late)
     )
@@ -118,7 +119,7 @@ def learned(setting: Setting, play: Play, joint: Joint, naive_error: float, rng:
     problem = setting.problem
     if not isinstance(problem, MarkowitzProblem):
         return Learned()
-    found = learned_cost(problem, _published(setting, play, _paths(setting)[:, 0], rng))
+    found = learned_cost(problem, _published(setting, play, rng))
     low, high = found.interval
     holds = float(found.contains(problem.risk_aversion))
     if np.isnan(found.parameter):
@@ -154,24 +155,25 @@ def _guesses(setting: Setting, play: Play, joint: Joint, parameter: float) -> Ar
     return found
 
 
-def _published(setting: Setting, play: Play, path: np.ndarray, rng: np.random.Generator) -> Array:
-    """The decisions (T,U) published along a path of beliefs."""
+def _published(setting: Setting, play: Play, rng: np.random.Generator) -> Array:
+    """The decisions (T,U) published along a path of the belief, by one who has decided for so long that the start is past."""
+    path = _paths(setting, PAST + PATH_STEPS, 1)[:, 0]
     if play.seen is not None:
-        return play.seen.published(path)
-    drawn = RowDraws(play.mechanism.sparse)(path, rng)
+        return play.seen.published(path)[PAST:]
+    drawn = RowDraws(play.mechanism.sparse)(path[PAST:], rng)
     return np.asarray(setting.problem.as_points(play.mechanism.actions)[drawn])
 
 
-def _paths(setting: Setting) -> np.ndarray:
+def _paths(setting: Setting, n_steps: int, n_paths: int) -> np.ndarray:
     """Paths of the belief (T,D), the same for every decision maker; independent draws where no chain is known."""
 
     def made() -> np.ndarray:
         rng = np.random.default_rng(_PATH_SEED)
         if setting.chain is not None:
-            return setting.chain.paths(PATH_STEPS, N_PATHS, rng=rng)
-        return rng.choice(len(setting.prior), size=(PATH_STEPS, N_PATHS), p=setting.prior.weights)
+            return setting.chain.paths(n_steps, n_paths, rng=rng)
+        return rng.choice(len(setting.prior), size=(n_steps, n_paths), p=setting.prior.weights)
 
-    paths: np.ndarray = setting.once("paths", made)
+    paths: np.ndarray = setting.once(("paths", n_steps, n_paths), made)
     return paths
 
 

@@ -44,13 +44,16 @@ class PathLeakage(Saved):
         belief_information_se: The same.
         state_information_se: The same.
         error_se: The same of `bayes_error`.
-        prior_error: The error of one who sees no decision, at each step: the ceiling.
+        prior_error: The error of one who sees no decision, at each step: the ceiling. On a grid that of the grid's law, a
+            little wider than the agent's own.
         interpolation_error: Largest expected distance, over steps and paths, of the agent's belief from the points of the
             mechanism that stand for it; 0 where all is exact but for the sampling.
         n_draws: Sampled paths.
 
-    Where the interpolation error is not 0, bits are those that the observer believes to have learned, and contradictions
-    between its grid and a decision count as no information; errors are true distances.
+    Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
+    on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
+    one is more surprised (Gibbs), but for decisions that its grid contradicts and that are passed over, which count as none.
+    `belief_information` and `state_information` are what the observer believes to have learned.
 
     Source: the chain rule for mutual information (Shannon, 1948) with the inverse filter of `SequentialAdversary`.
 
@@ -155,6 +158,11 @@ def path_leakage(
         found = _on_chain(world, world.lagged(played, 0), count, draws, source)
     else:
         found = _in_world(world, played, count, draws, source)
+    return _averaged(found)
+
+
+def _averaged(found: _Paths) -> PathLeakage:
+    """The figures of sampled paths as means with their standard errors."""
     (added, total, belief, state, squared), errors = _averages(
         [found.added, found.added.cumsum(axis=1), found.belief, found.state, found.squared]
     )
@@ -169,10 +177,10 @@ def path_leakage(
         cumulative_se=errors[1],
         belief_information_se=errors[2],
         state_information_se=errors[3],
-        error_se=np.divide(errors[4], 2.0 * root, out=np.zeros(count), where=root > 0),
+        error_se=np.divide(errors[4], 2.0 * root, out=np.zeros_like(root), where=root > 0),
         prior_error=found.prior_error,
         interpolation_error=found.interpolation_error,
-        n_draws=draws,
+        n_draws=len(found.added),
     )
 
 

@@ -106,7 +106,7 @@ def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataF
 
 
 def _name(row: ComparisonRow) -> str:
-    if row.maker not in _STRENGTHS:
+    if row.maker not in _STRENGTHS or np.isnan(row.strength):
         return row.maker
     return f"{row.maker} ({_STRENGTHS[row.maker].format(row.strength)})"
 
@@ -129,25 +129,43 @@ def notes_of(comparison: Comparison) -> list[str]:
     """Return the definitions that the table rests on."""
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
-        f"All decision makers of one budget spend the same expected regret under the prior, to {SAME_SPENDING:.1%}; "
-        f"budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy spends less; "
-        "rounding and delay come in steps.",
+        "All decision makers of one budget are made to spend the same expected regret under the prior, to "
+        f"{SAME_SPENDING:.1%}; budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy "
+        "or comes in steps, as rounding and delay do, spends less; the first column says what.",
         _who_is_who(comparison),
-        "Errors: root mean square, Euclidean, of the observer's estimate. naive: takes decisions for optimal; near-optimal: "
-        "allows for the expected regret; budget-aware: knows the largest regret of any decision (both with the prior); "
-        "aware: knows the mechanism and the prior.",
+        "Errors: root mean square, Euclidean, of the observer's estimate, in units of belief. naive: takes decisions for "
+        "optimal; near-optimal: allows for the expected regret; budget-aware: knows the largest regret of any decision (both "
+        "with the prior); aware: knows the mechanism and the prior. Where a decision makes no sense to an observer, its "
+        "estimate is the belief that leaves it the least regret.",
+        *_columns_told(comparison),
         *_on_paths(comparison),
         "Decisions after the first are drawn afresh under the same belief and the same mechanism; figures for more than one "
         f"are sampled ({comparison.n_draws} sequences) where a mechanism mixes.",
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
         "them leads to names it.",
         *_watchers(comparison),
-        "AUC: telling one decision from an optimal one by what the naive observer reads from it; 0.5 is nothing.",
+        "told from honest, AUC: how well one decision is told from an optimal one by what the naive observer reads from it; "
+        "0.5 is nothing, 1 certainty.",
+        "comparison.csv has further figures, and all to full precision; its columns are the fields of "
+        "`inscrutable.experiments.comparison_measures.ComparisonRow`, whose documentation defines each.",
         *(
             [f"Left out, because they do not suit the problem: {', '.join(comparison.left_out)}."]
             if comparison.left_out
             else []
         ),
+    ]
+
+
+def _columns_told(comparison: Comparison) -> list[str]:
+    """What the columns that are no errors mean."""
+    return [
+        "regret: the expected one, as a share of the silence regret, the expected regret of the best constant decision, and "
+        "of the mean optimal cost E|c*|; worst: the largest regret of any decision that is played.",
+        "privacy, naive: mean Euclidean distance of the belief from the beliefs for which the decision is optimal, over "
+        f"decisions that are optimal for some. bits: mutual information of belief and decision, of the "
+        f"{comparison.prior_entropy:.2f} bits of the prior.",
+        "top state: how often the observer names a most likely state of the belief; always naming the commonest is right in "
+        f"{comparison.prior_top_state:.0%} of the cases.",
     ]
 
 
@@ -184,7 +202,8 @@ def _on_paths(comparison: Comparison) -> list[str]:
     if "partial trades" in comparison.makers:
         found.append(
             "partial trades: a fraction of the way to the optimal decision at every step; aware: knows the fraction and the "
-            "decision before, from which the optimal one follows exactly. The others see one decision only."
+            "decision before, from which the optimal one follows exactly. Those who do not know the rule read one decision by "
+            "itself."
         )
     return found
 
@@ -202,10 +221,12 @@ def _watchers(comparison: Comparison) -> list[str]:
         found.append("Nobody follows the belief over time, because it is not known how the belief moves.")
     if comparison.is_learned:
         found.append(
-            f"cost learned: does not know the risk aversion, takes the {PATH_STEPS} decisions of one path for optimal, and "
-            f"keeps the values between a {GAMMA_RANGE:.0f}th and {GAMMA_RANGE:.0f} times the true one that explain them all; "
-            "then reads single decisions as the naive observer does, with the middle of these values. Where none explains "
-            "them all, it knows that something is hidden, and no more."
+            f"cost learned: does not know the risk aversion, takes {PATH_STEPS} decisions on one path of beliefs for optimal, "
+            "few of them distinct where beliefs rest, and keeps the values between a "
+            f"{GAMMA_RANGE:.0f}th and {GAMMA_RANGE:.0f} times "
+            "the true one that explain them all (risk aversion learned; wrong: the true one is not among them); then reads "
+            "single decisions as the naive observer does, with the middle of these values. Where none explains them all, it "
+            "knows that something is hidden, and no more."
         )
     else:
         found.append("Nobody has to learn the risk aversion, because the cost has none.")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inscrutable.experiments.comparison import Comparison
+from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.reports.style import BLACK, Look, drawing, looks_of, save_figure
 from inscrutable.validation import Array
 
@@ -21,24 +23,50 @@ _SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 
 
+class _Panel(NamedTuple):
+    """One observer: how the panel is headed, its error of a row, and the standard error of that."""
+
+    title: str
+    error: Callable[[ComparisonRow], float]
+    spread: Callable[[ComparisonRow], float]
+
+
+def _panels(comparison: Comparison) -> list[_Panel]:
+    found = [_Panel("takes the decision at face value", lambda row: row.naive_error, lambda row: 0.0)]
+    found += [_after(n, place) for place, n in enumerate(comparison.repeats)]
+    if comparison.is_moving:
+        title = "knows the mechanism: follows a belief that moves"
+        found.append(_Panel(title, lambda row: row.path_error, lambda row: row.path_error_se))
+    return found
+
+
+def _after(n: int, place: int) -> _Panel:
+    decisions = "1 decision" if n == 1 else f"{n} decisions on one belief"
+    return _Panel(
+        f"knows the mechanism: {decisions}",
+        lambda row: float(row.repeated_errors[place]),
+        lambda row: float(row.repeated_error_se[place]),
+    )
+
+
 def draw_comparison(comparison: Comparison, folder: Path) -> list[Path]:
-    """Draw the errors of the naive observer and of the aware one after each number of decisions; return the paths."""
-    n_panels = 1 + len(comparison.repeats)
-    n_rows = -(-n_panels // _COLUMNS)
+    """Draw the errors of the naive observer, of the aware one after each number of decisions on one belief, and of the aware
+    one over time where it is known how the belief moves; return the paths."""
+    panels = _panels(comparison)
+    n_rows = -(-len(panels) // _COLUMNS)
     with drawing(_PAGE_WIDTH, n_rows * _PANEL_HEIGHT + 0.6, nrows=n_rows, ncols=_COLUMNS, squeeze=False) as (
         figure,
         axes,
     ):
-        panels = axes.reshape(-1)
-        plot_errors(panels[0], comparison, None)
-        for place in range(len(comparison.repeats)):
-            plot_errors(panels[1 + place], comparison, place)
-        for unused in panels[n_panels:]:
+        places = axes.reshape(-1)
+        for axis, panel in zip(places, panels, strict=False):
+            _plot_errors(axis, comparison, panel)
+        for unused in places[len(panels) :]:
             unused.set_visible(False)
-        highest = max(axis.get_ylim()[1] for axis in panels[:n_panels])
-        for axis in panels[:n_panels]:
+        highest = max(axis.get_ylim()[1] for axis in places[: len(panels)])
+        for axis in places[: len(panels)]:
             axis.set_ylim(0.0, highest)
-        lines, names = panels[0].get_legend_handles_labels()
+        lines, names = places[0].get_legend_handles_labels()
         figure.legend(
             lines,
             names,
@@ -55,34 +83,18 @@ def draw_comparison(comparison: Comparison, folder: Path) -> list[Path]:
         return save_figure(figure, folder, "comparison")
 
 
-def plot_errors(axes: Any, comparison: Comparison, place: int | None) -> None:
-    """Draw one observer's error against the expected regret, one curve per decision maker, the prior as ceiling.
-
-    Args:
-        axes: A Matplotlib axis.
-        comparison: From `compare`.
-        place: Which of `comparison.repeats` the aware observer sees; None draws the naive one, after one decision.
-    """
+def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
+    """Draw one observer's error against the expected regret, one curve per decision maker, the prior as ceiling."""
     scale, _ = _scale(comparison)
     looks = looks_of(comparison.makers)
     for maker in comparison.makers:
-        rows, look = comparison.of(maker), looks[maker]
+        rows = comparison.of(maker)
         along = scale * np.array([row.expected_regret for row in rows])
-        if place is None:
-            _curve(axes, along, np.array([row.naive_error for row in rows]), np.zeros(len(rows)), maker, look)
-            continue
-        errors = np.array([row.repeated_errors[place] for row in rows])
-        _curve(axes, along, errors, _SIDE * np.array([row.repeated_error_se[place] for row in rows]), maker, look)
+        errors, spreads = (np.array([each(row) for row in rows]) for each in (panel.error, panel.spread))
+        _curve(axes, along, errors, _SIDE * spreads, maker, looks[maker])
     axes.axhline(comparison.prior_error, color=BLACK, linestyle="--", linewidth=0.8, zorder=1, label="prior alone")
-    axes.set_title(_title(comparison, place), loc="left")
+    axes.set_title(panel.title, loc="left")
     axes.set_xlim(left=0.0)
-
-
-def _title(comparison: Comparison, place: int | None) -> str:
-    if place is None:
-        return "takes the decision at face value"
-    n = comparison.repeats[place]
-    return "knows the mechanism: 1 decision" if n == 1 else f"knows the mechanism: {n} decisions on one belief"
 
 
 def _scale(comparison: Comparison) -> tuple[float, str]:

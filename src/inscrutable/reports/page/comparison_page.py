@@ -21,7 +21,7 @@ _PERCENT = 100.0
 
 def comparison_content(comparison: Comparison, title: str | None, manifest: Mapping[str, str]) -> PageContent:
     """Return the content of a comparison's page; `manifest` are further lines of its own."""
-    seen = [_decisions(n) for n in comparison.repeats] + ["a path of decisions"] * comparison.is_moving
+    seen = [_decisions(n) for n in comparison.repeats] + ["all so far, on a belief that moves"] * comparison.is_moving
     budgets = [worth(comparison, budget) for budget in comparison.budgets]
     header = comparison.header()
     return PageContent(
@@ -129,7 +129,7 @@ def _failures(comparison: Comparison) -> list[str]:
         spent = [row for row in rows if row.budget > 0 and row.expected_regret < _SPENT_LESS * row.budget]
         if spent:
             shares = ", ".join(f"{row.expected_regret / row.budget:.0%} of {row.budget:.3g}" for row in spent)
-            found.append(f"{maker} finds nothing more to buy and spends {shares}.")
+            found.append(f"{maker} finds nothing more to buy, or comes in steps, and spends {shares}.")
         odd = [row for row in rows if row.implausible_share > 0]
         if odd:
             shares = ", ".join(f"{row.implausible_share:.1%} at {row.budget:.3g}" for row in odd)

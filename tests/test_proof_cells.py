@@ -18,7 +18,7 @@ from inscrutable import (
     simplex,
 )
 from inscrutable.adversaries import consistent_sets
-from inscrutable.decision_makers.proofs.bounded_cells import BoundedCells, Cells
+from inscrutable.decision_makers.proofs.bounded_cells import BoundedCells, DescribedCells
 from inscrutable.decision_makers.proofs.cell_programmes import bounds_by, cell_weights
 from inscrutable.decision_makers.proofs.fibres import Fibres
 from inscrutable.decision_makers.proofs.kinks import cuts_at_kinks
@@ -170,7 +170,7 @@ def test_bounds_that_are_exact_where_looked_at_equal_bounds_that_all_are():
     gains, regrets = rng.uniform(0, 1, (60, 3)), rng.normal(0.2, 0.5, (60, 3, 5))
     final = rng.random(60) < 0.2
     cells = BoundedCells(
-        Cells(np.zeros((60, 3), dtype=int), gains, regrets, final, np.zeros(60), np.zeros(60, dtype=int))
+        DescribedCells(np.zeros((60, 3), dtype=int), gains, regrets, final, np.zeros(60), np.zeros(60, dtype=int))
     )
     for multiplier in (0.3, 2.0, None, 0.7, None, 0.1):
         budget = float(rng.uniform(0.0, 0.3))

@@ -10,7 +10,7 @@ from inscrutable.decision_makers.proofs.cell_programmes import allowed_weights, 
 from inscrutable.validation import Array
 
 
-class Cells(NamedTuple):
+class DescribedCells(NamedTuple):
     """Cells with bounds of the gain at their corners and of the regret; `final` ones are not cut."""
 
     corners: np.ndarray  # (C,X)
@@ -20,15 +20,15 @@ class Cells(NamedTuple):
     lost: Array  # (C,) by how much at most `regrets` are lower for not knowing decisions between corners
     kinks: np.ndarray  # (C,) how often in a row a cell was cut at a kink
 
-    def pick(self, which: np.ndarray) -> Cells:
+    def pick(self, which: np.ndarray) -> DescribedCells:
         """Return some of them."""
-        return Cells(*(part[which] for part in self))
+        return DescribedCells(*(part[which] for part in self))
 
 
 class BoundedCells:
     """Cells with bounds (C,) for one question: from the last one's weights at first, exact where asked for."""
 
-    def __init__(self, cells: Cells) -> None:
+    def __init__(self, cells: DescribedCells) -> None:
         self.cells = cells
         self._weights = np.zeros(cells.regrets.shape[::2])
         self.ask(0.0, None)
@@ -71,7 +71,7 @@ class BoundedCells:
 
     def take(self, others: BoundedCells) -> None:
         """Take in cells that were asked the same question."""
-        self.cells = Cells(*(np.concatenate(pair) for pair in zip(self.cells, others.cells, strict=True)))
+        self.cells = DescribedCells(*(np.concatenate(pair) for pair in zip(self.cells, others.cells, strict=True)))
         self._weights = np.concatenate([self._weights, others._weights])
         self._exact = np.concatenate([self._exact, others._exact])
         self.bounds = np.concatenate([self.bounds, others.bounds])

@@ -18,7 +18,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_beliefs, consistent_sets
-from inscrutable.decision_makers.proofs.bounded_cells import BoundedCells, Cells
+from inscrutable.decision_makers.proofs.bounded_cells import BoundedCells, DescribedCells
 from inscrutable.decision_makers.proofs.fibres import Fibres
 from inscrutable.decision_makers.proofs.growth_cells import GrowthCells, whitened_growth
 from inscrutable.decision_makers.proofs.kinks import cuts_at_kinks
@@ -145,7 +145,7 @@ class Prover:
         usable = self.problem.constraints.is_admissible(actions) & np.isfinite(distances)
         return np.where(usable, reference.sign * np.where(usable, distances, 0.0), -np.inf)
 
-    def _halved(self, cells: Cells, nearly: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _halved(self, cells: DescribedCells, nearly: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Cut along the edge that is long and on which V bends; at a kink where cells would `nearly` be done without."""
         corners, kinks = cells.corners, cells.kinks
         pairs = edges(corners.shape[1])
@@ -185,7 +185,7 @@ class Prover:
         if near is not None:
             single |= np.isfinite(near.near)
         gains = _gains(points, question.reference)
-        cells = BoundedCells(Cells(corners, gains, regrets, self._tiny(points), lost, kinks))
+        cells = BoundedCells(DescribedCells(corners, gains, regrets, self._tiny(points), lost, kinks))
         cells.ask(question.budget, question.multiplier)
         alive = cells.above(question.floor)
         if outside and self._fibres is not None and near is not None and alive.size:

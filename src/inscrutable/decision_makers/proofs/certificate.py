@@ -5,8 +5,9 @@ goal is a target t and y the member nearest to it). The simplex is cut into simp
 *every* decision that is optimal for one of its beliefs is bounded from below through optimal costs at the corners and on
 the way to them, for quadratic costs and growth through optimal decisions, which turns the largest privacy there into a
 tiny linear programme. Cells that could still hold something better are halved, or cut where a row of C ceases to be tight
-if that is all that keeps them. A cell whose corners share one decision is part of its consistent set and counts with the distance of that set, itself and nothing beyond it. For quadratic costs and
-growth a cell is left out where no belief is the nearest one that explains its decision.
+if that is all that keeps them. A cell whose corners share one decision is part of its consistent set and counts with the
+distance of that set, itself and nothing beyond it. For quadratic costs and growth a cell is left out where no belief is the
+nearest one that explains its decision.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import daqp
 import numpy as np
@@ -18,18 +19,31 @@ from inscrutable.validation import Array
 _EQUALITY = 5
 
 
-class Reduced(NamedTuple):
-    """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets."""
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets.
+
+    Its corners are known, or found from a point inside when first asked for: projections need none.
+    """
 
     origin: Array  # (X,)
     directions: Array  # (d, X)
     rows: Array  # (n, d)
     offsets: Array  # (n,)
-    vertices: Array  # (V, X)
+    corners: Array | None = None  # (V, X)
+    inside: Array | None = None  # (d,)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """The corners, shape (V, X)."""
+        if self.corners is not None:
+            return self.corners
+        assert self.inside is not None, "a polytope knows its corners or a point inside"
+        return np.asarray(self.origin + _corners(self.rows, self.offsets, self.inside) @ self.directions)
 
 
 def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Array) -> Reduced | None:
-    """Return the polytope {origin + directions' z : rows z ≤ offsets} with its vertices, or None where it is empty.
+    """Return the polytope {origin + directions' z : rows z ≤ offsets}, or None where it is empty.
 
     Rows that hold with equality everywhere are found by linear programmes and taken out, one dimension each.
     """
@@ -52,7 +66,7 @@ def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Arra
     if radius < -tolerances.ON_FACE:
         return None
     if radius > tolerances.ON_FACE:
-        return Reduced(origin, directions, rows, offsets, origin + _corners(rows, offsets, centre) @ directions)
+        return Reduced(origin, directions, rows, offsets, inside=centre)
     # Rows that conflict by less than the tolerance touch: the linear programmes must see them so.
     tight = _always_tight(rows, offsets + max(0.0, -radius) + tolerances.ON_FACE)
     free = null_space(rows[tight], rcond=tolerances.ON_FACE)
@@ -99,9 +113,20 @@ def minimise_over_rows(objective: Array, rows: Array, offsets: Array) -> Array:
 
 
 def _always_tight(rows: Array, offsets: Array) -> np.ndarray:
-    slack = [offsets[j] - rows[j] @ minimise_over_rows(rows[j], rows, offsets) for j in range(rows.shape[0])]
-    # A row that moves by less than the tolerance anywhere on the set is an equality of it.
-    return np.asarray(np.array(slack) <= 10 * tolerances.ON_FACE)
+    """Whether each row moves by less than the tolerance anywhere on the set, so that it is an equality of it."""
+    least = 10 * tolerances.ON_FACE
+    tight = np.ones(len(rows), dtype=bool)
+    while tight.any():
+        # A point far from many rows at once; what it is not far from may still be loose elsewhere.
+        slack = offsets - rows @ minimise_over_rows(rows[tight].sum(axis=0), rows, offsets)
+        if (slack[tight] > least).any():
+            tight &= slack <= least
+            continue
+        if slack[tight].sum() > least:
+            for j in np.flatnonzero(tight):
+                tight[j] = offsets[j] - rows[j] @ minimise_over_rows(rows[j], rows, offsets) <= least
+        break
+    return tight
 
 
 def _corners(rows: Array, offsets: Array, centre: Array) -> Array:
@@ -110,11 +135,12 @@ def _corners(rows: Array, offsets: Array, centre: Array) -> Array:
     except QhullError:
         found = HalfspaceIntersection(np.column_stack([rows, -offsets]), centre, qhull_options="QJ").intersections
     found = found[np.all(np.isfinite(found), axis=1)]
-    kept: list[Array] = []
+    kept, count = np.empty_like(found), 0
     for corner in found:
-        if all(np.abs(corner - known).max() > tolerances.SAME_BELIEF for known in kept):
-            kept.append(corner)
-    return np.array(kept)
+        if (np.abs(corner - kept[:count]).max(axis=1) > tolerances.SAME_BELIEF).all():
+            kept[count] = corner
+            count += 1
+    return kept[:count]
 
 
 def nearest_point(polytope: Reduced, target: Array) -> Array:

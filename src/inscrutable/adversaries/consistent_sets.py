@@ -10,7 +10,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.geometry import BeliefSet
-from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.geometry.equal_rows import distinct_patterns, first_equal
 from inscrutable.geometry.hulls import described_sets, members_of_sets
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -125,7 +125,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     dimension = np.full(count, -1)
     ends = np.zeros((count, 2, n_states))
     tight = region.tight_rows(form.points)
-    patterns, pattern_of = _distinct_rows(tight)
+    patterns, pattern_of = distinct_patterns(tight)
     distinct = first_equal(actions)
     pending: dict[int, BeliefSet] = {}
     for number, pattern in enumerate(patterns):
@@ -184,10 +184,3 @@ def _described(found: BeliefSet) -> tuple[int, Array]:
     if dimension < 0:
         return dimension, np.zeros((2, found.n_states))
     return dimension, np.tile(found.center(), (2, 1)) if dimension >= LARGER else found.vertices()[[0, -1]]
-
-
-def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    if len(rows) == 1 or (rows == rows[0]).all():
-        return rows[:1], np.zeros(len(rows), dtype=np.int64)
-    found, place = np.unique(rows, axis=0, return_inverse=True)
-    return found, place.reshape(-1)

@@ -8,7 +8,7 @@ from functools import cached_property
 import daqp
 import numpy as np
 from scipy.linalg import null_space
-from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError
+from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError, cKDTree
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
@@ -23,7 +23,7 @@ _EQUALITY = 5
 class Reduced:
     """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets.
 
-    Its corners are known, or found from a point inside when first asked for: projections need none.
+    Its corners are known, or found from a point deep inside when first asked for: projections need none.
     """
 
     origin: Array  # (X,)
@@ -38,14 +38,17 @@ class Reduced:
         """The corners, shape (V, X)."""
         if self.corners is not None:
             return self.corners
-        assert self.inside is not None, "a polytope knows its corners or a point inside"
-        return np.asarray(self.origin + _corners(self.rows, self.offsets, self.inside) @ self.directions)
+        inside = _deepest_point(self.rows, self.offsets)[0] if self.inside is None else self.inside
+        return np.asarray(self.origin + _corners(self.rows, self.offsets, inside) @ self.directions)
 
 
-def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Array) -> Reduced | None:
+def reduce_polytope(
+    origin: Array, directions: Array, rows: Array, offsets: Array, *, solid: bool = False
+) -> Reduced | None:
     """Return the polytope {origin + directions' z : rows z ≤ offsets}, or None where it is empty.
 
-    Rows that hold with equality everywhere are found by linear programmes and taken out, one dimension each.
+    A `solid` one is known to have an interior. Rows of others that hold with equality everywhere are found by linear
+    programmes and taken out, one dimension each.
     """
     varying = _without_constant_rows(rows, offsets)
     if varying is None:
@@ -62,6 +65,8 @@ def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Arra
             return Reduced(origin, directions, rows, offsets, origin + corners @ directions)
         if is_surely_empty(rows, offsets):
             return None
+    if solid:
+        return Reduced(origin, directions, rows, offsets)
     centre, radius = _deepest_point(rows, offsets)
     if radius < -tolerances.ON_FACE:
         return None
@@ -135,12 +140,18 @@ def _corners(rows: Array, offsets: Array, centre: Array) -> Array:
     except QhullError:
         found = HalfspaceIntersection(np.column_stack([rows, -offsets]), centre, qhull_options="QJ").intersections
     found = found[np.all(np.isfinite(found), axis=1)]
-    kept, count = np.empty_like(found), 0
-    for corner in found:
-        if (np.abs(corner - kept[:count]).max(axis=1) > tolerances.SAME_BELIEF).all():
-            kept[count] = corner
-            count += 1
-    return kept[:count]
+    return _apart(found)
+
+
+def _apart(points: Array) -> Array:
+    """Return those of the points (n,d), in order, that are not the same as an earlier one that is kept."""
+    _, first = np.unique(np.round(points / tolerances.SAME_BELIEF), axis=0, return_index=True)
+    left = points[np.sort(first)]
+    near = cKDTree(left).query_pairs(tolerances.SAME_BELIEF, p=np.inf, output_type="ndarray")
+    kept = np.ones(len(left), dtype=bool)
+    for earlier, later in near[np.lexsort(near.T[::-1])]:
+        kept[later] &= not kept[earlier]
+    return np.asarray(left[kept])
 
 
 def nearest_point(polytope: Reduced, target: Array) -> Array:

@@ -199,8 +199,9 @@ def test_points_are_kept_where_no_earlier_one_is_the_same(seed, count):
 
 @given(SEEDS, st.integers(1, 60), st.integers(0, 19))
 @settings(max_examples=60, deadline=None)
-def test_distinct_patterns_are_those_of_a_sort(seed, count, width):
+def test_distinct_patterns_are_those_of_a_sort_in_any_memory_order(seed, count, width):
     patterns = np.random.default_rng(seed).random((count, width)) < 0.3
-    found, which = distinct_patterns(patterns)
-    np.testing.assert_array_equal(found[which], patterns)
-    np.testing.assert_array_equal(found, np.unique(patterns, axis=0) if width else patterns[:1])
+    for held in (patterns, np.asfortranarray(patterns)):
+        found, which = distinct_patterns(held)
+        np.testing.assert_array_equal(found[which], patterns)
+        np.testing.assert_array_equal(found, np.unique(patterns, axis=0) if width else patterns[:1])

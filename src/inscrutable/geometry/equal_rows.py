@@ -44,7 +44,7 @@ def distinct_patterns(patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     if len(patterns) == 1 or not patterns.size or (patterns == patterns[:1]).all():
         return patterns[:1], np.zeros(len(patterns), dtype=np.int64)
-    packed = np.packbits(patterns, axis=1)
+    packed = np.ascontiguousarray(np.packbits(patterns, axis=1))
     keys = packed.view(np.dtype((np.void, packed.shape[1]))).reshape(-1)
     _, first, which = np.unique(keys, return_index=True, return_inverse=True)
     return patterns[first], which.reshape(-1)

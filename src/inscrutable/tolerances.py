@@ -64,6 +64,15 @@ ON_FACE = 1e-9
 POLYGON_WIDTH = 1e-7
 """A polygon narrower than this is handed to the linear programmes that decide whether it is a segment or empty."""
 
+MEMBER_DEPTH = 1e-3
+"""How deep inside a belief set a member is looked for first: far enough from its faces to start a search from."""
+
+LEAST_MEMBER_DEPTH = 1e-6
+"""How deep it must lie at least to prove that a set has an interior; shallower sets are left to linear programmes."""
+
+SURE_CONFLICT = 1e-8
+"""Rows of a belief set that conflict by more than this leave nothing: ten times what may count as touching."""
+
 SAME_ACTION = 1e-11
 """Decisions closer than this in every coordinate are one decision: above solver noise, below any tradable change."""
 

@@ -10,8 +10,8 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.geometry import BeliefSet
-from inscrutable.geometry.equal_rows import first_equal
-from inscrutable.geometry.hulls import described_sets
+from inscrutable.geometry.equal_rows import distinct_patterns, first_equal
+from inscrutable.geometry.hulls import described_sets, members_of_sets
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -111,8 +111,9 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     """Return the consistent sets of decisions (M,U), each solved with those that share its tight rows.
 
     `members` (M,X) are beliefs known to explain the decisions, such as their decoys; they stand for the sets of
-    dimension two and more, which are described when first asked for. Cost: one small singular value decomposition
-    a decision, in bulk.
+    dimension two and more; without them a member is found, or a proof that there is none. These sets are described when
+    first asked for. Cost: one small singular value decomposition a decision, in bulk, and for a larger set without a
+    known member a projection.
     """
     if len(actions) and type(problem).explaining_rows is not DecisionProblem.explaining_rows:
         by_rows = _by_rows(problem, actions, members)
@@ -124,7 +125,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     dimension = np.full(count, -1)
     ends = np.zeros((count, 2, n_states))
     tight = region.tight_rows(form.points)
-    patterns, pattern_of = _distinct_rows(tight)
+    patterns, pattern_of = distinct_patterns(tight)
     distinct = first_equal(actions)
     pending: dict[int, BeliefSet] = {}
     for number, pattern in enumerate(patterns):
@@ -134,21 +135,24 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
         scale = np.abs(gradients).max(axis=(1, 2), keepdims=True)
         scaled = (gradients / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1)
         inequalities = rows.inequalities @ scaled
-        dimension[index], ends[index] = described_sets(rows.equalities @ scaled, inequalities, tolerances.EXPLAINED)
-        for i in index[dimension[index] >= LARGER]:
+        equalities = rows.equalities @ scaled
+        dimension[index], ends[index] = described_sets(equalities, inequalities, tolerances.EXPLAINED)
+        larger = np.flatnonzero(dimension[index] >= LARGER)
+        if not larger.size:
+            continue
+        unclear = larger[:0]
+        if members is not None:
+            dimension[index[larger]], ends[index[larger]] = LARGER, members[index[larger], None]
+        else:
+            verdict, found = members_of_sets(equalities[larger], inequalities[larger], tolerances.EXPLAINED)
+            dimension[index[larger]] = np.where(verdict > 0, LARGER, -1)
+            ends[index[larger]] = found[:, None]
+            unclear = larger[verdict == 0]
+        for i in index[unclear]:
             first = int(distinct[i])
-            if members is not None:
-                dimension[i] = LARGER
-                ends[i] = members[i]
-                continue
             if first not in pending:
                 pending[first] = belief_set_of(problem, actions[first])
-            found = pending[first]
-            dimension[i] = min(found.dimension, LARGER)
-            if dimension[i] >= LARGER:
-                ends[i] = found.center()
-            elif dimension[i] >= 0:
-                ends[i] = found.vertices()[[0, -1]]
+            dimension[i], ends[i] = _described(pending[first])
     return ConsistentSets(problem, actions, dimension, ends[:, 0].copy(), ends[:, 1].copy(), distinct, pending)
 
 
@@ -160,16 +164,23 @@ def _by_rows(problem: DecisionProblem, actions: Array, members: Array | None) ->
     if members is not None:
         return ConsistentSets(problem, actions, np.full(count, LARGER), members.copy(), members.copy(), distinct)
     found = {int(first): belief_set_of(problem, actions[first]) for first in np.unique(distinct)}
-    ends = np.zeros((count, 2, problem.n_states))
-    dimension = np.array([min(found[int(first)].dimension, LARGER) for first in distinct])
-    for i in np.flatnonzero(dimension >= 0):
-        own = found[int(distinct[i])]
-        ends[i] = own.center() if dimension[i] >= LARGER else own.vertices()[[0, -1]]
+    known = {first: _known(each) for first, each in found.items()}
+    dimension = np.array([known[int(first)][0] for first in distinct])
+    ends = np.array([known[int(first)][1] for first in distinct])
     return ConsistentSets(problem, actions, dimension, ends[:, 0].copy(), ends[:, 1].copy(), distinct, dict(found))
 
 
-def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    if len(rows) == 1 or (rows == rows[0]).all():
-        return rows[:1], np.zeros(len(rows), dtype=np.int64)
-    found, place = np.unique(rows, axis=0, return_inverse=True)
-    return found, place.reshape(-1)
+def _known(found: BeliefSet) -> tuple[int, Array]:
+    """Dimension, two at most, and ends (2,X) or a member twice of a set, described only where nothing less tells."""
+    verdict, member = members_of_sets(found.equalities[None], found.inequalities[None], found.tolerance)
+    if verdict[0]:
+        return (LARGER if verdict[0] > 0 else -1), np.tile(member, (2, 1))
+    return _described(found)
+
+
+def _described(found: BeliefSet) -> tuple[int, Array]:
+    """The same from the set's shape."""
+    dimension = min(found.dimension, LARGER)
+    if dimension < 0:
+        return dimension, np.zeros((2, found.n_states))
+    return dimension, np.tile(found.center(), (2, 1)) if dimension >= LARGER else found.vertices()[[0, -1]]

@@ -29,7 +29,7 @@ def as_candidates(problem: DecisionProblem, candidates: Candidates | ArrayLike |
     if isinstance(candidates, Candidates):
         if candidates.actions.shape[1] != problem.n_actions or candidates.state_costs.shape[1] != problem.n_states:
             raise InputError("the candidates belong to a problem with other numbers of states or actions")
-        if candidates.sets.problem is not problem:
+        if candidates.problem is not problem:
             raise InputError("the candidates belong to another problem: their costs would be wrong for this one")
         return candidates
     return make_candidates(problem, candidates)

@@ -102,7 +102,9 @@ def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candida
     shares = np.array([0.01, 0.03, 0.1, 0.3])
     n_ends = 2 * problem.n_actions
     coarse = max(problem.n_states, points // (n_ends * len(shares)))
-    base = problem.solve_points(simplex_cover(problem.n_states, coarse))
+    decoys = simplex_cover(problem.n_states, coarse)
+    base = problem.solve_points(decoys)
     ends = np.unique(coordinate_ends(problem), axis=0)
     mixed = base[:, None, None] + shares[:, None] * (ends[:, None, :] - base[:, None, None, :])
-    return make_candidates(problem, np.vstack([base, mixed.reshape(-1, problem.n_actions)]))
+    beside = make_candidates(problem, mixed.reshape(-1, problem.n_actions))
+    return make_candidates(problem, base, decoys).joined(beside)

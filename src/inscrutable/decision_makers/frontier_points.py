@@ -16,6 +16,7 @@ from inscrutable.decision_makers.results import Decision
 from inscrutable.decision_makers.scores import score
 from inscrutable.decision_makers.search.face_search import rules_for
 from inscrutable.decision_makers.search.faces import face_programme
+from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array
@@ -122,7 +123,7 @@ def _distances(problem: QuadraticProblem, actions: Array, point: Array) -> Array
     found = np.zeros(len(actions))
     if not len(actions):
         return found
-    patterns, pattern_of = np.unique(problem.constraints.tight_rows(actions), axis=0, return_inverse=True)
+    patterns, pattern_of = distinct_patterns(problem.constraints.tight_rows(actions))
     rules, nearest, point = rules_for(problem.n_states), np.empty(problem.n_states), np.ascontiguousarray(point)
     for number, tight in enumerate(patterns):
         face = face_programme(problem, tight)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable.adversaries import consistent_sets
+from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates
@@ -179,5 +180,7 @@ class Hiding:
 def _centres(problem: DecisionProblem, actions: Array) -> Array:
     """A belief in the middle of what explains each decision; NaN where nothing does."""
     sets = consistent_sets(problem, actions)
-    middle = np.where((sets.dimension >= 2)[:, None], sets.start, 0.5 * (sets.start + sets.end))
+    middle = 0.5 * (sets.start + sets.end)
+    for i in np.flatnonzero(sets.dimension >= LARGER):
+        middle[i] = sets[int(i)].center()
     return np.where((sets.dimension < 0)[:, None], np.nan, middle)

@@ -344,7 +344,7 @@ def _setting(problem: DecisionProblem, given: Prior | BeliefChain, candidates: C
         raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {n_states}")
     if candidates is None:
         candidates = decoy_grid(problem, _resolution(n_states, len(prior)))
-    elif not isinstance(candidates, Candidates) or candidates.sets.problem is not problem:
+    elif not isinstance(candidates, Candidates) or candidates.problem is not problem:
         raise InputError("candidates must be Candidates of this problem, such as decoy_grid(problem, 30)")
     return Setting(problem, prior, candidates, chain)
 

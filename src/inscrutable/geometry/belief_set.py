@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
-from inscrutable.geometry.hulls import affine_hulls, described_sets
+from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets
 from inscrutable.geometry.polytopes import (
     Reduced,
     nearest_point,
@@ -74,6 +74,9 @@ class BeliefSet(Saved):
             return None
         if dimension <= 1:
             return _between(ends[0, 0], ends[0, 1])
+        verdict, _ = members_of_sets(self.equalities[None], self.inequalities[None], self.tolerance)
+        if verdict[0] < 0:
+            return None
         hull = affine_hulls(self.equalities[None], self.tolerance)
         directions = hull.directions[0, :dimension]
         bounded = np.vstack([self.inequalities, np.eye(self.n_states)])
@@ -84,7 +87,7 @@ class BeliefSet(Saved):
             unit = np.eye(dimension)[axis]
             rows = np.vstack([rows, unit, -unit])
             offsets = np.concatenate([offsets, [bands[axis, 1], -bands[axis, 0]]])
-        return reduce_polytope(hull.origin[0], directions, rows, offsets)
+        return reduce_polytope(hull.origin[0], directions, rows, offsets, solid=bool(verdict[0] > 0))
 
     @property
     def is_empty(self) -> bool:

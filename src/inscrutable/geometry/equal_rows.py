@@ -1,4 +1,4 @@
-"""Which rows of a table are equal: one pass and one sort of a column of hashes."""
+"""Which rows of a table are equal: one pass and one sort of a column of hashes, or of a row's bits."""
 
 from __future__ import annotations
 
@@ -35,6 +35,19 @@ def first_equal(rows: Array, tolerance: float = tolerances.SAME_ACTION) -> np.nd
         if not np.array_equal(_bits(block, tolerance), _bits(others, tolerance)):
             return _by_sorting(rows, tolerance)
     return same_as
+
+
+def distinct_patterns(patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distinct rows, in order, of truth values (M,n), and which of them each row is, shape (M,).
+
+    Eight values are sorted as one byte: a feasible set may have a thousand rows.
+    """
+    if len(patterns) == 1 or not patterns.size or (patterns == patterns[:1]).all():
+        return patterns[:1], np.zeros(len(patterns), dtype=np.int64)
+    packed = np.ascontiguousarray(np.packbits(patterns, axis=1))
+    keys = packed.view(np.dtype((np.void, packed.shape[1]))).reshape(-1)
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    return patterns[first], which.reshape(-1)
 
 
 def _bits(rows: Array, tolerance: float) -> np.ndarray:

@@ -147,6 +147,24 @@ def described_sets(equalities: Array, inequalities: Array, tolerance: float) -> 
     return dimension, ends
 
 
+def members_of_sets(equalities: Array, inequalities: Array, tolerance: float) -> tuple[np.ndarray, Array]:
+    """Return verdicts (n,) about the sets of stacked rows and members (n,X) of those that are surely not empty (1).
+
+    Sets that are surely empty have verdict −1; those that only linear programmes can judge, and those with a hull of
+    dimension below two, 0.
+    """
+    from inscrutable.kernels.belief_members import Depths, find_members
+
+    count, _, n_states = equalities.shape
+    verdict, members = np.empty(count, dtype=np.int64), np.zeros((count, n_states))
+    rows = (np.ascontiguousarray(equalities), np.ascontiguousarray(inequalities))
+    depths = Depths(
+        tolerances.MEMBER_DEPTH, tolerances.LEAST_MEMBER_DEPTH, tolerances.SURE_CONFLICT, tolerances.STATIONARITY
+    )
+    find_members(*rows, sum_zero_basis(n_states), kernel_limits(tolerance), depths, verdict, members)
+    return verdict, onto_simplex(members)
+
+
 @lru_cache(maxsize=64)
 def kernel_limits(tolerance: float) -> Limits:
     """Return the tolerances of the kernels that describe belief sets."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import daqp
 import numpy as np
 from scipy.linalg import null_space
-from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError
+from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError, cKDTree
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
@@ -18,20 +19,36 @@ from inscrutable.validation import Array
 _EQUALITY = 5
 
 
-class Reduced(NamedTuple):
-    """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets."""
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets.
+
+    Its corners are known, or found from a point deep inside when first asked for: projections need none.
+    """
 
     origin: Array  # (X,)
     directions: Array  # (d, X)
     rows: Array  # (n, d)
     offsets: Array  # (n,)
-    vertices: Array  # (V, X)
+    corners: Array | None = None  # (V, X)
+    inside: Array | None = None  # (d,)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """The corners, shape (V, X)."""
+        if self.corners is not None:
+            return self.corners
+        inside = _deepest_point(self.rows, self.offsets)[0] if self.inside is None else self.inside
+        return np.asarray(self.origin + _corners(self.rows, self.offsets, inside) @ self.directions)
 
 
-def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Array) -> Reduced | None:
-    """Return the polytope {origin + directions' z : rows z ≤ offsets} with its vertices, or None where it is empty.
+def reduce_polytope(
+    origin: Array, directions: Array, rows: Array, offsets: Array, *, solid: bool = False
+) -> Reduced | None:
+    """Return the polytope {origin + directions' z : rows z ≤ offsets}, or None where it is empty.
 
-    Rows that hold with equality everywhere are found by linear programmes and taken out, one dimension each.
+    A `solid` one is known to have an interior. Rows of others that hold with equality everywhere are found by linear
+    programmes and taken out, one dimension each.
     """
     varying = _without_constant_rows(rows, offsets)
     if varying is None:
@@ -48,11 +65,13 @@ def reduce_polytope(origin: Array, directions: Array, rows: Array, offsets: Arra
             return Reduced(origin, directions, rows, offsets, origin + corners @ directions)
         if is_surely_empty(rows, offsets):
             return None
+    if solid:
+        return Reduced(origin, directions, rows, offsets)
     centre, radius = _deepest_point(rows, offsets)
     if radius < -tolerances.ON_FACE:
         return None
     if radius > tolerances.ON_FACE:
-        return Reduced(origin, directions, rows, offsets, origin + _corners(rows, offsets, centre) @ directions)
+        return Reduced(origin, directions, rows, offsets, inside=centre)
     # Rows that conflict by less than the tolerance touch: the linear programmes must see them so.
     tight = _always_tight(rows, offsets + max(0.0, -radius) + tolerances.ON_FACE)
     free = null_space(rows[tight], rcond=tolerances.ON_FACE)
@@ -99,9 +118,20 @@ def minimise_over_rows(objective: Array, rows: Array, offsets: Array) -> Array:
 
 
 def _always_tight(rows: Array, offsets: Array) -> np.ndarray:
-    slack = [offsets[j] - rows[j] @ minimise_over_rows(rows[j], rows, offsets) for j in range(rows.shape[0])]
-    # A row that moves by less than the tolerance anywhere on the set is an equality of it.
-    return np.asarray(np.array(slack) <= 10 * tolerances.ON_FACE)
+    """Whether each row moves by less than the tolerance anywhere on the set, so that it is an equality of it."""
+    least = 10 * tolerances.ON_FACE
+    tight = np.ones(len(rows), dtype=bool)
+    while tight.any():
+        # A point far from many rows at once; what it is not far from may still be loose elsewhere.
+        slack = offsets - rows @ minimise_over_rows(rows[tight].sum(axis=0), rows, offsets)
+        if (slack[tight] > least).any():
+            tight &= slack <= least
+            continue
+        if slack[tight].sum() > least:
+            for j in np.flatnonzero(tight):
+                tight[j] = offsets[j] - rows[j] @ minimise_over_rows(rows[j], rows, offsets) <= least
+        break
+    return tight
 
 
 def _corners(rows: Array, offsets: Array, centre: Array) -> Array:
@@ -110,11 +140,18 @@ def _corners(rows: Array, offsets: Array, centre: Array) -> Array:
     except QhullError:
         found = HalfspaceIntersection(np.column_stack([rows, -offsets]), centre, qhull_options="QJ").intersections
     found = found[np.all(np.isfinite(found), axis=1)]
-    kept: list[Array] = []
-    for corner in found:
-        if all(np.abs(corner - known).max() > tolerances.SAME_BELIEF for known in kept):
-            kept.append(corner)
-    return np.array(kept)
+    return _apart(found)
+
+
+def _apart(points: Array) -> Array:
+    """Return those of the points (n,d), in order, that are not the same as an earlier one that is kept."""
+    _, first = np.unique(np.round(points / tolerances.SAME_BELIEF), axis=0, return_index=True)
+    left = points[np.sort(first)]
+    near = cKDTree(left).query_pairs(tolerances.SAME_BELIEF, p=np.inf, output_type="ndarray")
+    kept = np.ones(len(left), dtype=bool)
+    for earlier, later in near[np.lexsort(near.T[::-1])]:
+        kept[later] &= not kept[earlier]
+    return np.asarray(left[kept])
 
 
 def nearest_point(polytope: Reduced, target: Array) -> Array:

@@ -119,7 +119,8 @@ def project_in(
 ) -> bool:
     """Move x (n,) to the nearest point of the rows, each of unit length; False where they leave nothing.
 
-    `near` is the violation that counts as none. multipliers (m,) are filled; those of equalities have either sign.
+    `near` is the violation that counts as none. multipliers (m,) are filled; those of equalities have either sign. Where
+    rows contradict each other they are the proof y: y'N is zero and y'b is not; where the search gave up they are zero.
     """
     size = x.size
     active, entered, eta, basis, upper, across, along, normal = room
@@ -155,6 +156,9 @@ def project_in(
                 if violation >= -near:  # nothing left to remove: the row repeats active ones
                     break
                 if leaving < 0:
+                    multipliers[new] = sign
+                    for c in range(n_active):
+                        multipliers[active[c]] = -along[c]
                     return False
                 step = longest
             else:

@@ -260,8 +260,10 @@ class NonUniqueness(PrivacyMeasure):
 
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return 0 if the set holds another belief, else −∞."""
-        corners = belief_set.vertices()
         point = validation.one_belief(belief, belief_set.n_states)
+        if belief_set.dimension > 1:
+            return 0.0
+        corners = belief_set.vertices()
         return 0.0 if len(corners) and np.abs(corners - point).max() > tolerances.SAME_BELIEF else -np.inf
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:

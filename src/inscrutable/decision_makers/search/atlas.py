@@ -10,6 +10,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.search.faces import FaceProgramme, face_programme
+from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.search import LARGER, POINT, SEGMENT, Leaves, Table
@@ -63,7 +64,7 @@ class Atlas:
         self.faces = Faces(problem)
         self.actions = candidates.actions[self.index]
         tight = problem.constraints.tight_rows(self.actions)
-        self.patterns, face = np.unique(tight, axis=0, return_inverse=True)
+        self.patterns, face = distinct_patterns(tight)
         start, end = sets.start[self.index], sets.end[self.index]
         dimension = sets.dimension[self.index]
         along = end - start

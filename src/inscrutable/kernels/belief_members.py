@@ -1,0 +1,132 @@
+"""Whether sets of beliefs {π ∈ Δ : P π = 0, Q π ≥ 0} of dimension two and more hold anything, without describing them.
+
+On the hull π = o + D't that `belief_sets` finds, with rows N t ≥ b scaled to unit length, o is projected on N t ≥ b + depth.
+If it lands, the ball of that radius about it is a part of the set. If it does not, the rows that stopped it have weights y ≥ 0
+with y'N = 0; where y'b > 0 nothing is in the set. Between the two nothing is claimed.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable.kernels.belief_sets import LARGER, along, band, hull_of, room_for
+from inscrutable.kernels.options import kernel, part, woven
+from inscrutable.kernels.projection import NO_EQUALITIES, project_in
+from inscrutable.kernels.projection import room_for as projection_room
+
+EMPTY, UNKNOWN, HELD = -1, 0, 1
+_REACH = 2.0  # the hull's origin is its point nearest to the middle of the simplex: members are closer than that to it
+
+
+class Depths(NamedTuple):
+    """How deep a member is looked for, how deep one must lie, and what rows must conflict by at least."""
+
+    wanted: float
+    least: float
+    touching: float
+    rounding: float
+
+
+@part
+def _scaled_rows(rows: Any, size: int, room: Any, touching: float, normals: Any, sides: Any) -> int:
+    """Write the rows Q π ≥ 0 and π ≥ 0 in the coordinates of the hull; return how many, −1 where a constant one fails."""
+    n_given, n_states = rows.shape
+    count = 0
+    for r in range(n_given + n_states):
+        total = 0.0
+        for a in range(size):
+            normals[count, a] = along(rows, n_given, r, room.directions[a])
+            total += normals[count, a] * normals[count, a]
+        length = np.sqrt(total)
+        value = along(rows, n_given, r, room.origin)
+        if length <= touching:
+            if value < -touching:
+                return -1
+            continue
+        for a in range(size):
+            normals[count, a] /= length
+        sides[count] = -value / length
+        count += 1
+    return count
+
+
+@woven
+def _least_slack(normals: Any, sides: Any, count: int, size: int, place: Any) -> float:
+    least = np.inf
+    for r in range(count):
+        total = -sides[r]
+        for a in range(size):
+            total += normals[r, a] * place[a]
+        least = min(least, total)
+    return least
+
+
+@part
+def _contradict(normals: Any, sides: Any, count: int, size: int, weights: Any, touching: float) -> bool:
+    """Whether the weighted rows prove that no point satisfies all of them, loosened by what touching rows may conflict by."""
+    total, conflict = 0.0, 0.0
+    for r in range(count):
+        if weights[r] > 0.0:
+            total += weights[r]
+            conflict += weights[r] * sides[r]
+    if total == 0.0:
+        return False
+    left = 0.0
+    for a in range(size):
+        inner = 0.0
+        for r in range(count):
+            if weights[r] > 0.0:
+                inner += weights[r] * normals[r, a]
+        left += inner * inner
+    return bool(conflict - _REACH * np.sqrt(left) > touching * total)
+
+
+@woven
+def _write_member(room: Any, place: Any, out: Any) -> None:
+    for s in range(out.size):
+        total = room.origin[s]
+        for a in range(place.size):
+            total += place[a] * room.directions[a, s]
+        out[s] = total
+
+
+@kernel
+def find_members(
+    equalities: Any, inequalities: Any, basis: Any, limits: Any, depths: Any, verdict: Any, members: Any
+) -> None:
+    """Say of stacked sets P (n,k,X), Q (n,m,X) with a hull of dimension two or more whether they are `HELD`, with a member
+    (n,X), or `EMPTY`; `UNKNOWN` where that takes linear programmes, and for all others."""
+    n, k, n_states = equalities.shape
+    m = inequalities.shape[1]
+    room = room_for(k, n_states)
+    sides, deeper, weights = np.empty(m + n_states), np.empty(m + n_states), np.empty(m + n_states)
+    for i in range(n):
+        verdict[i] = UNKNOWN
+        size, _, _ = hull_of(equalities[i], k, basis, limits, room)
+        if size < LARGER:
+            continue
+        banded = False
+        for a in range(size):
+            banded = banded or np.isfinite(band(room, a, limits.explained)[0])
+        if banded:
+            continue
+        normals, place = np.empty((m + n_states, size)), np.empty(size)
+        count = _scaled_rows(inequalities[i], size, room, limits.on_face, normals, sides)
+        if count < 0:
+            verdict[i] = EMPTY
+            continue
+        memory = projection_room(size, count)
+        for depth in (depths.wanted, depths.least):
+            for r in range(count):
+                deeper[r] = sides[r] + depth
+            place[:] = 0.0
+            if project_in(normals, deeper, count, NO_EQUALITIES, depths.rounding, place, weights, memory):
+                if _least_slack(normals, sides, count, size, place) > 0.5 * depth:
+                    verdict[i] = HELD
+                    _write_member(room, place, members[i])
+                break
+            if _contradict(normals, sides, count, size, weights, depths.touching):
+                verdict[i] = EMPTY
+                break

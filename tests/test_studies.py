@@ -364,6 +364,20 @@ def test_a_store_with_a_spoilt_page_is_refused(copy: Path) -> None:
         resume_study(copy)
 
 
+def test_going_on_with_other_versions_is_said(copy: Path, whole: Study, caplog: pytest.LogCaptureFixture) -> None:
+    resume_study(copy)
+    assert not caplog.records
+    manifest = json.loads(json.dumps(whole.manifest()))
+    manifest["versions"]["numpy"] = "1.0"
+    with closing(sqlite3.connect(copy / STORE)) as connection:
+        connection.execute("UPDATE facts SET value = ? WHERE name = 'manifest'", (json.dumps(manifest),))
+        connection.commit()
+    assert resume_study(copy).frame().equals(whole.frame())
+    assert [record.getMessage() for record in caplog.records] == [
+        f"inscrutable: {copy} was begun with numpy 1.0 (now {np.__version__}); new rows may differ from what those would give"
+    ]
+
+
 def test_other_files_in_its_place_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no study"):
         Study.load(tmp_path)

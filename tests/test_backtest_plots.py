@@ -21,6 +21,7 @@ from inscrutable.reports.backtest_plots import (
     draw_weights,
     step_of,
 )
+from inscrutable.reports.style import as_written, drawing
 
 FIGURES = ("beliefs", "weights", "privacy_and_cost", "frontier", "month")
 
@@ -63,6 +64,18 @@ def test_labels_are_escaped_in_svg(found: Backtest, tmp_path: Path) -> None:
     draw_weights(found, tmp_path)
     text = (tmp_path / "weights.svg").read_text("utf-8")
     assert "<3>" not in text
+
+
+@pytest.mark.parametrize(
+    "name", ["US$ and C$", r"$\frac$", "_under", "$", "a name of more than twenty-four letters", " "]
+)
+def test_names_of_assets_are_no_formulas_and_never_left_out(name: str) -> None:
+    with drawing() as (figure, axis):
+        legend = figure.legend([axis.bar([0], [1])[0]], [as_written(name)])
+        axis.set_yticks([0], [as_written(name)])
+        figure.draw_without_rendering()
+        listed = [text.get_text() for text in legend.get_texts()]
+    assert [each.replace("\\$", "$").replace("\n", " ").lstrip("\u200b") for each in listed] == [name]
 
 
 def test_panels_show_the_investor_and_every_reading(found: Backtest, kept: list[Any]) -> None:

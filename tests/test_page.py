@@ -22,6 +22,8 @@ import browser
 from inscrutable import Budget, InputError, MarkowitzProblem, NonExistence, cli, consistent_beliefs, uniform_prior
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
+from inscrutable.reports import page as page_folder
+from inscrutable.reports import style
 from inscrutable.reports.page import PageContent, can_write_pages, write_content, write_page
 from inscrutable.reports.page.budget_sweep import BudgetSweep
 from inscrutable.reports.page.writing import embedded
@@ -482,3 +484,12 @@ def test_command_line_does_without_the_extra(
 def test_help_names_the_extra(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     cli.main([verb, "--help"])
     assert "inscrutable[report]" in " ".join(capsys.readouterr().out.split()).replace("│ │ ", "")
+
+
+def test_every_mark_of_the_pictures_is_known_to_the_page() -> None:
+    script = (Path(page_folder.__file__).parent / "assets" / "charts.js").read_text("utf-8")
+    looks = [*style.LOOKS.values(), *style.looks_of(f"stranger {k}" for k in range(9)).values()]
+    looks += [style.look_of(f"{name} local") for name in style.LOOKS]
+    for look in looks:
+        assert look.marker == "o" or f'case "{look.marker}":' in script, look
+        assert f'"{look.line}":' in script, look

@@ -11,6 +11,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import time
 from collections import Counter
 from contextlib import closing
 from pathlib import Path
@@ -363,6 +364,20 @@ def test_a_store_with_a_spoilt_page_is_refused(copy: Path) -> None:
         resume_study(copy)
 
 
+def test_going_on_with_other_versions_is_said(copy: Path, whole: Study, caplog: pytest.LogCaptureFixture) -> None:
+    resume_study(copy)
+    assert not caplog.records
+    manifest = json.loads(json.dumps(whole.manifest()))
+    manifest["versions"]["numpy"] = "1.0"
+    with closing(sqlite3.connect(copy / STORE)) as connection:
+        connection.execute("UPDATE facts SET value = ? WHERE name = 'manifest'", (json.dumps(manifest),))
+        connection.commit()
+    assert resume_study(copy).frame().equals(whole.frame())
+    assert [record.getMessage() for record in caplog.records] == [
+        f"inscrutable: {copy} was begun with numpy 1.0 (now {np.__version__}); new rows may differ from what those would give"
+    ]
+
+
 def test_other_files_in_its_place_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no study"):
         Study.load(tmp_path)
@@ -557,29 +572,87 @@ def test_without_pyarrow_the_other_format_is_named(
     assert not (copy / "rows.parquet").exists()
 
 
-def test_chunks_take_about_a_second_and_none_is_lost() -> None:
+def test_chunks_take_about_a_second_and_those_that_are_out_are_known() -> None:
     chunks = Chunks(range(20_000))
-    sizes, seen = [], []
+    sizes: list[int] = []
+    seen: list[int] = []
     for number, chunk in enumerate(chunks):
         sizes.append(len(chunk))
         if number == 6:
-            chunks.again()  # the worker is lost
+            assert chunks.taken_back() == [chunk]  # the worker is lost
+            seen += chunk
             continue
         seen += chunk
         chunks.came_back([Row(each, "", "", "", DONE, "{}", 0.001, "") for each in chunk])
     assert Counter(seen) == Counter(range(20_000))
+    assert sizes[7] == 1
     assert 990 <= max(sizes) <= 1000
+    assert chunks.taken_back() == []
 
 
-def test_worker_processes_that_keep_dying_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
+def dead(*_: object) -> None:
+    """What no worker survives."""
+    os._exit(9)
 
-    def dead(*_: object) -> None:
-        raise TerminatedWorkerError("killed")
 
-    monkeypatch.setattr(executors, "_through_joblib", dead)
+def deadly(parent: int, work: Work, numbers: list[int]) -> list[Row]:
+    """Do tasks, one of which no worker survives."""
+    return dead() if 5 in numbers else chunk_of_rows(work, numbers)  # type: ignore[func-returns-value, return-value]
+
+
+def test_a_task_that_no_worker_survives_is_a_failed_row(
+    whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "_beside", deadly)
+    monkeypatch.setattr(executors, "_LOSSES", 2)
+    other = run_study(Study.of(SMALL), tmp_path, jobs=2).frame()
+    assert other.status[5] == FAILED
+    assert "were lost each time" in other.failure[5]
+    assert other.drop(index=5).equals(whole.frame().drop(index=5))
+    monkeypatch.undo()
+    assert resume_study(tmp_path, retry=True).frame().equals(whole.frame())
+
+
+def test_worker_processes_that_never_start_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executors, "_beside", deadly)
+    monkeypatch.setattr(executors, "release", dead)
     with pytest.raises(SolverError, match="lost 3 times"):
-        executors.in_processes(2)(Work("", None, ""), [1, 2], lambda rows: None)
+        run_study(Study.of(SMALL), tmp_path, jobs=2)
+    assert Study.load(tmp_path).status().failed == 0
+
+
+ORPHANS = """
+import json, os, signal, sys
+from inscrutable.experiments.studies import Study, run_study
+def watch(progress):
+    if progress.fresh:
+        from joblib.externals.loky import reusable_executor
+        print(*reusable_executor._executor._processes, flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+run_study(Study.of(json.loads(sys.argv[2])), sys.argv[1], jobs=2, progress=watch)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="asks Linux which processes are left")
+def test_worker_processes_do_not_outlive_a_killed_run(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", ORPHANS, str(tmp_path), PLAN]
+    run = subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert run.stdout is not None
+    workers = [int(word) for word in run.stdout.readline().split()]
+    run.stdout.close()
+    assert run.wait(60) == -signal.SIGKILL
+    assert len(workers) == 2
+    end = time.monotonic() + 60
+    while any(_alive(each) for each in workers):
+        assert time.monotonic() < end, "a worker is left"
+        time.sleep(0.05)
+
+
+def _alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")

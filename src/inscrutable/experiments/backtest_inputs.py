@@ -183,6 +183,10 @@ def _training_rows(dates: pd.DatetimeIndex, settings: BacktestSettings) -> int:
         end = pd.Period(given).end_time
     except (ValueError, TypeError, AttributeError):
         raise InputError(f"train_until must be a date such as 1989-12 or 1989-12-31, got {given!r}") from None
+    if len(dates) == 1:
+        raise InputError(
+            f"returns have one row, of {dates[0]:%Y-%m-%d}, expected some to fit regimes to and some to decide on"
+        )
     if not len(dates) or not dates[0] <= end.tz_localize(dates.tz) < dates[-1]:
         middle = f", for example {dates[len(dates) // 2]:%Y-%m-%d}" if len(dates) > 2 else ""
         raise InputError(f"train_until is {given}, the returns cover {_span(dates)}: it must lie inside{middle}")

@@ -18,6 +18,7 @@ from inscrutable.reports.style import (
     ORANGE,
     REGIME_COLOURS,
     around,
+    as_written,
     drawing,
     save_figure,
     ternary_labels,
@@ -170,7 +171,7 @@ def plot_attack_bounds(attack: Attack, axes: Any) -> None:
             panel.plot(places[~explained], estimates[~explained, i], "x", color=ORANGE, markersize=4, label=label)
         panel.set_ylim(-0.04, 1.04)
         panel.set_yticks([0.0, 0.5, 1.0])
-        panel.set_ylabel(regime)
+        panel.set_ylabel(as_written(regime))
     label_rows(axes[-1], attack.index)
 
 

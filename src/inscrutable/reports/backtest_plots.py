@@ -13,7 +13,17 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.episodes import relative_increase
 from inscrutable.geometry import BeliefSet
-from inscrutable.reports.style import BLACK, GREY, REGIME_COLOURS, around, drawing, look_of, save_figure, ternary_labels
+from inscrutable.reports.style import (
+    BLACK,
+    GREY,
+    REGIME_COLOURS,
+    around,
+    as_written,
+    drawing,
+    look_of,
+    save_figure,
+    ternary_labels,
+)
 from inscrutable.validation import Array
 
 PAGE_WIDTH = 7.0
@@ -96,7 +106,9 @@ def draw_weights(result: Backtest, folder: Path) -> list[Path]:
             areas = _stack(axis, frame, colours, result.earned[-1])
             axis.set_title(_published(result, name), loc="left")
             axis.set_ylabel("weight")
-        figure.legend(areas[::-1], list(frame.columns)[::-1], loc="outside right center", title="asset")
+        figure.legend(
+            areas[::-1], [as_written(name) for name in frame.columns[::-1]], loc="outside right center", title="asset"
+        )
         axes[-1].set_xlabel(f"published at the end of {word} t, held over {word} t+1")
         return save_figure(figure, folder, "weights")
 

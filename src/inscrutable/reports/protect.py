@@ -15,7 +15,7 @@ from inscrutable.experiments.protect import Protection, implausible_rows, privac
 from inscrutable.geometry import BeliefSet
 from inscrutable.labels import label_text
 from inscrutable.reports.simplex_plots import plot_beliefs
-from inscrutable.reports.style import BLACK, GREY, drawing, look_of, save_figure
+from inscrutable.reports.style import BLACK, GREY, as_written, drawing, look_of, save_figure
 from inscrutable.validation import Array
 
 _SMALLEST_SHOWN = 0.0005
@@ -151,7 +151,7 @@ def plot_protected_beliefs(protection: Protection, step: int, axes: Any) -> None
         bounds = held.bounds()
         axes.vlines(place + shift, bounds[:, 0], bounds[:, 1], color=look.colour, linewidth=2, alpha=0.5)
         axes.plot(place + shift, held.center(), look.marker, color=look.colour, label=name)
-    axes.set_xticks(place, regimes)
+    axes.set_xticks(place, [as_written(each) for each in regimes])
     axes.set_ylabel("probability")
     axes.set_ylim(-0.04, 1.04)
 
@@ -165,7 +165,7 @@ def plot_protected_weights(protection: Protection, step: int, axes: Any) -> None
         look = look_of(name)
         bars = actions[k, held]
         axes.barh(place + 0.27 * (k - 1), bars, height=0.25, color=look.colour, label=f"{name}: {label}")
-    axes.set_yticks(place, [protection.model.assets[j] for j in held])
+    axes.set_yticks(place, [as_written(protection.model.assets[j]) for j in held])
     axes.invert_yaxis()
     axes.axvline(0.0, color=GREY, linewidth=0.5)
     axes.set_xlabel("weight")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +46,7 @@ _OTHERS = (
 )
 """For names of no decision maker, in the order in which they appear."""
 
+_NAME_WIDTH = 24
 COLUMN_WIDTH = 3.5
 """Inches of one column of a two-column page."""
 
@@ -133,11 +135,23 @@ def around(corners: Array) -> Array:
     return corners[np.argsort(np.arctan2(along, across))]
 
 
+def as_written(name: str) -> str:
+    """Return a reader's own name for a picture: never a formula, never left out of a legend, in lines where it is long.
+
+    Example:
+        >>> as_written("US$ and C$")
+        'US\\\\$ and C\\\\$'
+    """
+    lines = "\n".join(wrap(name, _NAME_WIDTH)) or name
+    # Matplotlib leaves labels that begin with an underscore out of legends; one of no width before it helps.
+    return ("\u200b" if lines.startswith("_") else "") + lines.replace("$", r"\$")
+
+
 def ternary_labels(axes: Any, names: tuple[str, ...]) -> None:
     """Label the corners of a ternary axis with the names of the three states, and thin its ticks."""
-    axes.set_tlabel(names[0])
-    axes.set_llabel(names[1])
-    axes.set_rlabel(names[2])
+    axes.set_tlabel(as_written(names[0]))
+    axes.set_llabel(as_written(names[1]))
+    axes.set_rlabel(as_written(names[2]))
     for axis in (axes.taxis, axes.laxis, axes.raxis):
         axis.set_label_position("corner")
         axis.set_ticks(np.linspace(0.2, 0.8, 4))

@@ -6,12 +6,15 @@ kill loses no more than the seconds under way. Chunks change no result.
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from itertools import chain, islice
+from contextlib import closing, contextmanager, suppress
+from functools import cache
+from itertools import islice
 from typing import Any
 
 from inscrutable.errors import InputError, SolverError
@@ -34,8 +37,9 @@ _SECONDS = 1.0
 _MOST = 5000
 _GROWTH = 8
 _IN_FLIGHT = 2
-_LOSSES = 3
+_LOSSES = 3  # before a task is taken for the one at fault; Dask's own number
 _WAIT = 30.0
+_HEARTBEAT = 0.5
 
 
 class Chunks:
@@ -57,12 +61,12 @@ class Chunks:
         each = max(sum(row.duration for row in rows) / len(rows), _SECONDS / _MOST)
         self._size = max(1, min(int(_SECONDS / each), _GROWTH * self._size))
 
-    def again(self) -> None:
-        """Put what is out back to the front, one task at a time at first."""
-        waiting = [number for chunk in self.out.values() for number in chunk]
+    def taken_back(self) -> list[list[int]]:
+        """Take back the chunks that are out, in order; later ones are small at first."""
+        waiting = sorted(self.out.values())
         self.out.clear()
-        self._numbers = chain(waiting, self._numbers)
         self._size = 1
+        return waiting
 
 
 def serial(work: Work, numbers: Iterable[int], keep: Keep) -> None:
@@ -88,14 +92,15 @@ def in_processes(jobs: int) -> Executor:
         from joblib.externals.loky.process_executor import TerminatedWorkerError
 
         chunks = Chunks(numbers)
-        for _ in range(_LOSSES):
-            try:
-                return _through_joblib(jobs, work, chunks, keep)
-            except TerminatedWorkerError:
-                chunks.again()
-        raise SolverError(
-            f"worker processes were lost {_LOSSES} times (killed, or out of memory); try fewer jobs, then resume"
-        )
+        while True:
+            with suppress(TerminatedWorkerError):
+                _through_joblib(jobs, work, chunks, keep)
+            waiting = chunks.taken_back()
+            if not waiting:
+                return
+            with closing(_Alone(work)) as alone:
+                for chunk in waiting:
+                    keep(alone.rows(chunk))
 
     return execute
 
@@ -106,13 +111,82 @@ def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
     parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=f"{_IN_FLIGHT}*n_jobs")
     with renewed_quietly():
         with _deaf_to_interrupts():
-            found = parallel(delayed(chunk_of_rows)(work, chunk) for chunk in chunks)
+            found = parallel(delayed(_beside)(os.getpid(), work, chunk) for chunk in chunks)
         try:
             for rows in found:
                 chunks.came_back(rows)
                 keep(rows)
         finally:
             found.close()
+
+
+class _Alone:
+    """Does tasks that were out when a worker was lost, in one process after another: so the one at fault is known."""
+
+    def __init__(self, work: Work) -> None:
+        self._work = work
+        self._pool: Any = None
+
+    def close(self) -> None:
+        """End the process."""
+        if self._pool is not None:
+            self._pool.shutdown(kill_workers=True)
+            self._pool = None
+
+    def rows(self, chunk: list[int]) -> list[Row]:
+        """Do a chunk; where that takes its process down, each of its tasks."""
+        from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+        for _ in range(_LOSSES):
+            self._start()
+            try:
+                found: list[Row] = self._pool.submit(_beside, os.getpid(), self._work, chunk).result()
+            except TerminatedWorkerError:
+                self.close()
+                if len(chunk) > 1:
+                    return [row for number in chunk for row in self.rows([number])]
+            else:
+                return found
+        return [lost_row(self._work, chunk[0])]
+
+    def _start(self) -> None:
+        """Start a process, and see that it answers, unless there is one."""
+        from joblib.externals.loky.process_executor import ProcessPoolExecutor, TerminatedWorkerError
+
+        for _ in range(_LOSSES):
+            if self._pool is not None:
+                return
+            self._pool = ProcessPoolExecutor(max_workers=1)
+            try:
+                with _deaf_to_interrupts():
+                    answer = self._pool.submit(release)
+                answer.result()
+            except TerminatedWorkerError:
+                self.close()
+        if self._pool is None:
+            raise SolverError(
+                f"worker processes were lost {_LOSSES} times before they did anything (killed, or out of memory); try fewer "
+                "jobs, then resume"
+            )
+
+
+def _beside(parent: int, work: Work, numbers: list[int]) -> list[Row]:
+    """Do some tasks in a worker process, which ends when its parent has gone."""
+    if os.getppid() == parent:
+        _follow(parent)
+    return chunk_of_rows(work, numbers)
+
+
+@cache
+def _follow(parent: int) -> None:
+    """End this process soon after its parent, which may be killed: a worker would else wait minutes for more to do."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_HEARTBEAT)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="follows its parent", daemon=True).start()
 
 
 @contextmanager
@@ -128,10 +202,8 @@ def _deaf_to_interrupts() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    for tracker in (
-        resource_tracker,
-        joblibs_tracker,
-    ):  # joblib starts both, and who starts them hears interrupts again
+    # joblib starts both, and who starts them hears interrupts again
+    for tracker in (resource_tracker, joblibs_tracker):
         tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

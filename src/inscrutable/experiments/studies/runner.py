@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import platform
 import time
 from collections.abc import Callable, Iterable
@@ -23,6 +24,7 @@ from inscrutable.experiments.studies.study import PathLike, Study
 from inscrutable.experiments.studies.workshop import FAILED, Row, Work
 
 MANIFEST = "manifest.json"
+_LOGGER = logging.getLogger(__name__)
 _PACKAGES = ("inscrutable", "numpy", "scipy", "numba", "daqp", "pandas", "pydantic", "joblib")
 
 
@@ -167,13 +169,27 @@ def resume_study(
         pass  # say what is wrong with it before anything is written
     with locked(place), closing(opened(place, writable=True)) as store:
         store.check()
+        _say_what_changed(store)
         return continued(store, execute, progress, limit=limit, retry=retry)
+
+
+def _say_what_changed(store: Store) -> None:
+    """Warn where a study is gone on with by other versions: rows may then differ in more than their order."""
+    before = json.loads(store.fact("manifest") or "{}").get("versions", {})
+    now = versions()
+    changed = [f"{name} {before[name]} (now {now[name]})" for name in now if before.get(name, now[name]) != now[name]]
+    if changed:
+        _LOGGER.warning(
+            "inscrutable: %s was begun with %s; new rows may differ from what those would give",
+            store.folder,
+            ", ".join(changed),
+        )
 
 
 def executor(jobs: int, cluster: str | None) -> Executor:
     """Return the way of doing tasks that is asked for, or raise `InputError`."""
     if jobs != -1:
-        validation.count(jobs, "jobs")
+        validation.count(jobs, "jobs (-1 is one per core)")
     if cluster is not None and jobs != 1:
         raise InputError(f"jobs={jobs} and a cluster exclude one another: a cluster has workers of its own")
     if cluster is not None:

@@ -23,6 +23,7 @@ VERSION = 1
 _APPLICATION = 0x494E5343  # "INSC": marks the file as one of ours
 _PATIENCE = 30.0  # seconds that a reader and the writer wait for one another
 _DISK = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_READONLY)
+_READ_ONLY = "the folder is read-only, and has to be written to for that, also to undo what a kill left half written"
 _SCHEMA = """
 CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE rows (
@@ -105,7 +106,8 @@ def speaking(folder: Path) -> Iterator[None]:
         if _code(error) == sqlite3.SQLITE_CORRUPT:
             raise damaged(folder, str(error)) from None
         kind = DiskError if _code(error) in _DISK else InputError
-        raise kind(f"{folder / STORE} cannot be used: {error}; the rows stored before are kept") from None
+        why = _READ_ONLY if _code(error) == sqlite3.SQLITE_READONLY else str(error)
+        raise kind(f"{folder / STORE} cannot be used: {why}; the rows stored before are kept") from None
     except sqlite3.DatabaseError as error:
         raise damaged(folder, str(error)) from None
 
@@ -118,7 +120,8 @@ def _code(error: sqlite3.Error) -> int:
 def damaged(folder: Path, why: str) -> InputError:
     """Return the error for a file that is not whole."""
     return InputError(
-        f"{folder / STORE} is damaged or no store of a study ({why or 'it is not whole'}); it was left as it is. "
+        f"{folder / STORE} is damaged or no store of a study ({' '.join(why.split()) or 'it is not whole'}); it was left as "
+        "it is. "
         "Put a copy in its place, or run the study into another folder"
     )
 

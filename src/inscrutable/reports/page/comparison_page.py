@@ -18,6 +18,8 @@ _DIGITS = 4
 _SPENT_LESS = 0.98
 _PERCENT = 100.0
 
+_GIVEN_AS = {"silence": "shares of the silence regret", "cost": "shares of E|c*|", "regret": "regrets"}
+
 
 def comparison_content(comparison: Comparison, title: str | None, manifest: Mapping[str, str]) -> PageContent:
     """Return the content of a comparison's page; `manifest` are further lines of its own."""
@@ -56,8 +58,8 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
         notes=notes_of(comparison),
         manifest={
             **{f"version of {name}": number for name, number in versions().items()},
-            "budgets": ", ".join(f"{budget:.6g}" for budget in comparison.budgets),
-            "unit of the budgets": comparison.unit,
+            "expected regrets": ", ".join(f"{budget:.6g}" for budget in comparison.budgets),
+            "given as": _GIVEN_AS[comparison.unit],
             "decisions under one belief": ", ".join(str(n) for n in comparison.repeats),
             "sequences sampled": str(comparison.n_draws),
             "beliefs of the prior": str(comparison.n_beliefs),

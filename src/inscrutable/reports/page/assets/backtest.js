@@ -16,6 +16,7 @@
   // A cross stays visible on a dot, a dot hides a cross.
   const onTop = (list, name) => [...list].sort((a, b) => (looks[name(a)].marker === "x") - (looks[name(b)].marker === "x"));
   const names = (name) => (isLottery(name) ? `${name}, drawn` : name);
+  const played = (name) => (isLottery(name) ? `the ${name}'s draw` : `the ${name}`);
 
   // ---- the belief simplex: a triangle for three regimes, bars for any other number
   function corner(width) {
@@ -251,14 +252,14 @@
   function drawBeliefs(step, budget) {
     const strips = [["the investor's own belief π", beliefs]];
     for (const name of makers) {
-      strips.push([`read at face value from the ${names(name)}`, data.dates.map((_, t) => {
+      strips.push([`read at face value from ${played(name)}`, data.dates.map((_, t) => {
         const [atoms, drawn] = entry(name, t, budget);
         return centres[atoms[drawn][0]];
       })]);
     }
     for (const name of hiding) {
       const rows = data.dates.map((_, t) => entry(name, t, budget)[2]);
-      if (rows.some((each) => each)) strips.push([`read from the ${names(name)} by one who knows the method`, rows]);
+      if (rows.some((each) => each)) strips.push([`read from ${played(name)} by one who knows the method`, rows]);
     }
     const [tall, gap] = [56, 26];
     const { drawing, width } = empty("beliefs", strips.length * (tall + gap) + 24, strips.map(([title, rows]) => `${title} at ${texts.step[step]}: ${guess(rows[step] || null)}`).join("; "));

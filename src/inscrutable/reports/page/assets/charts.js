@@ -49,6 +49,8 @@ const Page = (() => {
     switch (kind) {
       case "^": return closed([[x, y - 1.15 * r], [x + r, y + 0.75 * r], [x - r, y + 0.75 * r]]);
       case "v": return closed([[x, y + 1.15 * r], [x + r, y - 0.75 * r], [x - r, y - 0.75 * r]]);
+      case "<": return closed([[x - 1.15 * r, y], [x + 0.75 * r, y - r], [x + 0.75 * r, y + r]]);
+      case ">": return closed([[x + 1.15 * r, y], [x - 0.75 * r, y - r], [x - 0.75 * r, y + r]]);
       case "x": return open([[x - r, y - r], [x + r, y + r]]) + open([[x - r, y + r], [x + r, y - r]]);
       case "+": return open([[x - 1.2 * r, y], [x + 1.2 * r, y]]) + open([[x, y - 1.2 * r], [x, y + 1.2 * r]]);
       case "s": return closed([[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r]]);

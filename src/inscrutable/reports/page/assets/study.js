@@ -54,6 +54,13 @@
     });
   }
 
+  // A name of several parts may take two rows; what tells it from others is often its end, so the middle gives way.
+  function inRows(name) {
+    const cut = (text) => text.length > 22 ? `${text.slice(0, 9)}…${text.slice(-12)}` : text;
+    const [first, ...rest] = name.length > 22 ? name.split(", ") : [name];
+    return (rest.length ? [first, rest.join(", ")] : [first]).map(cut);
+  }
+
   function spread(figure, budget, setting) {
     const shown = plays.map(([maker, amount], play) => [makers[maker], amount, cells[setting][play][figure]])
       .filter(([, amount, cell]) => (amount === null || amount === budget) && cell[LEAST] !== null);
@@ -66,7 +73,8 @@
       const y = inside.top + 16 + 30 * k;
       const look = looks[name];
       const [least, low, middle, high, most] = cell.slice(LEAST).map(px);
-      svg(drawing, "text", { x: inside.left - 10, y: y + 4, "text-anchor": "end" }, name.length > 22 ? `${name.slice(0, 21)}…` : name);
+      const rows = inRows(name);
+      rows.forEach((text, row) => svg(drawing, "text", { x: inside.left - 10, y: y + 4 + 13 * (row - (rows.length - 1) / 2), "text-anchor": "end" }, text));
       line(drawing, [[least, y], [most, y]], GREY, "-", 1);
       svg(drawing, "rect", { x: at(low), y: y - 7, width: at(Math.max(high - low, 0)), height: 14, fill: "#fff", stroke: look.colour, "stroke-width": 1.5 });
       line(drawing, [[middle, y - 7], [middle, y + 7]], look.colour, "-", 2.5);

@@ -39,8 +39,9 @@ problem = MarkowitzProblem(means / 100, covariances, 0.8, region)
 belief = np.array([0.55, 0.35, 0.10])
 budget = Budget.regret(0.0005)  # five basis points a month
 odm = OriginalDecisionMaker(problem).decide(belief)
-cdm = CounterAdversarialDecisionMaker(problem, budget=budget).decide(belief)
-pdm = ProbabilisticDecisionMaker(problem, budget=budget).decide(belief)
+hider = CounterAdversarialDecisionMaker(problem, budget=budget)
+cdm = hider.decide(belief)
+pdm = ProbabilisticDecisionMaker(problem, budget=budget, candidates=hider.candidates).decide(belief)
 tight = [name for name, on in zip(region.names, region.tight_rows(odm.action), strict=False) if on]
 print("limits the honest book runs into:", "; ".join(tight))
 print(odm.summary(), cdm.summary(), pdm.summary(), sep="\n\n")

@@ -95,7 +95,7 @@ def parts(run: MarketRun) -> dict[str, object]:
 def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
     settings = ComparisonSettings((0.6,), repeats=(1, 5), n_draws=20)
     market = market_of("paper", 3, 7)
-    direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 2]))
+    direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
     study = comparison_study(settings, market="paper", resolution=3, seed=7)
     told: list[str] = []
     for jobs, folder in ((1, None), (2, tmp_path)):

@@ -60,7 +60,7 @@ class Sizes:
 
 
 FULL = Sizes()
-QUICK = Sizes(n_beliefs=12, resolutions=(20, 30), finer=40, compared=4, behind=0.02, tries=2)
+QUICK = Sizes(n_beliefs=12, resolutions=(20,), finer=40, compared=4, behind=0.02, tries=2)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from oracles import consistent, enumeration, markets, optimum
 
 pytest.importorskip("pyscipopt", reason="SCIP comes with the [global] extra")
 
-CASES = list(optimum.cases())
+CASES = list(optimum.cases())[:18]  # with six assets SCIP takes seconds
 MISSED = 1e-4  # relative: how far below the proven optimum a decision may stay
 ABOVE = 1e-6  # how far above the proven bound rounding may carry it
 

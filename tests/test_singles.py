@@ -53,7 +53,7 @@ def beliefs_of(n_states: int, count: int):
         (3, 6, 100, False),
         (3, 12, 100, False),
         (2, 4, 200, False),
-        (3, 4, 40, True),
+        (3, 4, 24, True),
         (3, 1, 12, False),
     ],
 )

@@ -32,7 +32,7 @@ class Sizes:
 
 
 FULL = Sizes()
-QUICK = Sizes(steps=(20, 40), resolutions=(8,), assets=(4,), states=(2,), few_steps=10)
+QUICK = Sizes(steps=(20, 40), resolutions=(8,), assets=(), states=(), few_steps=10)
 
 CURVES = {
     "steps": "T, steps",

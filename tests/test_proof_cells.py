@@ -145,10 +145,9 @@ def proved_and_sampled(seed, count):
     return mixed, single, *sampled_optimum(problem, belief, limit, count, rng)
 
 
-@pytest.mark.parametrize("block", range(2))
-def test_no_sampled_lottery_of_four_states_is_above_its_bound(block):
+def test_no_sampled_lottery_of_four_states_is_above_its_bound():
     gaps = []
-    for seed in range(9 * block, 9 * block + 9):
+    for seed in range(12):
         mixed, single, best_mixed, best_single = proved_and_sampled(seed, 250)
         assert mixed.privacy_bound >= max(best_mixed, mixed.expected_privacy) - 1e-7
         assert single.privacy_bound >= max(best_single, single.privacy) - 1e-9
@@ -158,7 +157,7 @@ def test_no_sampled_lottery_of_four_states_is_above_its_bound(block):
     assert np.mean(np.array(gaps) <= 0.0201) >= 0.8
 
 
-@pytest.mark.parametrize("seed", [1000, 1007, 1052, 1077])
+@pytest.mark.parametrize("seed", [1000, 1052])
 def test_lotteries_of_four_states_whose_cells_hold_kinks_are_proved(seed):
     # Without cuts at kinks these end at the limit of calls; without a price that falls, 1000 ends short of its optimum.
     mixed, _, best_mixed, _ = proved_and_sampled(seed, 250)

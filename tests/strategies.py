@@ -119,6 +119,22 @@ def belief_problem(n_states: int = 3, min_slack: float = 0.0) -> MarkowitzProble
     return MarkowitzProblem(np.eye(n_states), [np.eye(n_states)] * n_states, 1.0, long_only(n_states, min_slack))
 
 
+def cell_around(rng: np.random.Generator, member: np.ndarray, decoy: np.ndarray, size: float) -> np.ndarray:
+    """Corners (X,X) of a cell of a size with a belief at a corner, or as their mean where they stay in the simplex; some
+    on the way to a decoy, some where the belief's zeros stay zero."""
+    n_states = member.size
+    others = rng.dirichlet(np.ones(n_states), n_states)
+    others[rng.random(n_states) < 0.5] = decoy
+    others[:, member < 1e-12] *= rng.random() < 0.5
+    others /= others.sum(axis=1, keepdims=True)
+    corners = (1 - size) * member + size * others
+    corners[0] = member
+    if rng.random() < 0.5 and (member > 0.0).all():
+        moved = corners - corners.mean(axis=0) + member
+        corners = moved if moved.min() >= 0.0 else corners
+    return np.asarray(corners)
+
+
 def random_cell(rng: np.random.Generator, n_states: int, *, smallest: float, evenness: float) -> np.ndarray:
     """Corners (X,X) of a cell of any size from the smallest on, some on the simplex's border."""
     size = 10 ** rng.uniform(np.log10(smallest), 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from inscrutable.experiments.comparison_paths import PATH_MAKERS, delayed, partl
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain, stationary_chain
 from inscrutable.reports.comparison import short_table
+from oracles.chain_paths import every_path
 
 WORLD = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
 
@@ -51,16 +52,6 @@ def uneven_chain(n_beliefs: int = 4, seed: int = 0) -> BeliefChain:
     return BeliefChain(Prior(rng.dirichlet(np.ones(3), size=n_beliefs), weights / weights.sum()), transition)
 
 
-def paths(chain: BeliefChain, n_steps: int) -> Any:
-    """Every path of a length with its probability."""
-    transition = chain.transition.toarray()
-    for path in product(range(len(chain.prior)), repeat=n_steps):
-        chance = chain.prior.weights[path[0]]
-        for before, after in pairwise(path):
-            chance *= transition[before, after]
-        yield list(path), float(chance)
-
-
 # ---- the chain ---------------------------------------------------------------------------------------
 
 
@@ -72,7 +63,7 @@ def test_a_lagged_mechanism_is_the_delayed_rule_on_every_path(d: int) -> None:
     lagged = chain.lagged(optimal, d)
     joint = np.zeros((len(beliefs), len(optimal.actions)))
     regret = 0.0
-    for path, chance in paths(chain, d + 1):
+    for path, chance in every_path(chain, d + 1):
         action = DelayedDecisionMaker(problem, d).decide_many(beliefs[path]).action[-1]
         place = int(np.abs(optimal.actions - action).max(axis=1).argmin())
         joint[path[-1], place] += chance
@@ -87,7 +78,7 @@ def test_sampled_pasts_have_the_law_of_the_chain_backwards() -> None:
     assert found.shape == (3, 3, n_draws)
     assert (found[-1] == np.arange(3)[:, None]).all()
     wanted = np.zeros((3, 3, 3))
-    for path, chance in paths(chain, 3):
+    for path, chance in every_path(chain, 3):
         wanted[tuple(path)] = chance / chain.prior.weights[path[-1]]
     for b in range(3):
         for first, second in product(range(3), repeat=2):
@@ -199,7 +190,7 @@ def test_the_target_of_partial_trades_is_decoded(monkeypatch: pytest.MonkeyPatch
     assert play.seen is not None
     fraction = play.seen.fraction
     regret = squared = 0.0
-    for path, chance in paths(chain, 4):
+    for path, chance in every_path(chain, 4):
         action = PartialDecisionMaker(problem, fraction).decide_many(beliefs[path]).action[-1]
         found = float(problem.regret(beliefs[path[-1]], action))
         regret += chance * found

@@ -29,6 +29,7 @@ from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
 from inscrutable.geometry.simplicial import cones_from, directions_to, halved
 from inscrutable.privacy.measures import Reference
 from oracles import enumeration, markets, optimum
+from oracles.horse_race import farthest_stake
 
 PROVEN = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
 
@@ -158,17 +159,7 @@ def test_a_horse_race_is_a_closed_form(n_states):
     belief = rng.dirichlet(np.full(n_states, 3.0))
     budget = 0.05
     prover = Prover(Horses(n_states), belief, 20_000)
-    directions = rng.normal(size=(4000, n_states))
-    directions -= directions.mean(axis=1, keepdims=True)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    low = np.zeros(len(directions))
-    high = np.where(directions < 0, -belief / np.where(directions < 0, directions, -1.0), np.inf).min(axis=1)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        stakes = np.maximum(belief + middle[:, None] * directions, 1e-300)
-        inside = (belief * np.log(belief / stakes)).sum(axis=1) <= budget
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    best = float(low.max())
+    best = farthest_stake(belief, budget, rng)
     # In three dimensions the best of many directions is a little below the best of all.
     floor = (1.03 if n_states > 3 else 1.01) * best
     answer = prover.answer(Question(Reference(belief, 1.0), budget, None, floor))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ from inscrutable.mechanisms.joint import joint_law
 from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import notes_of, short_table, terminal_table
 from inscrutable.reports.page.comparison_page import comparison_content, page_data
+from oracles.chain_paths import every_path
 
 
 def market(seed: int = 3) -> MarkowitzProblem:
@@ -60,20 +61,11 @@ def setting_of(chain: BeliefChain, problem: MarkowitzProblem | None = None) -> S
     return Setting(problem, chain.prior, decoy_grid(problem, 3), chain)
 
 
-def paths(chain: BeliefChain, n_steps: int) -> Any:
-    transition = chain.transition.toarray()
-    for path in product(range(len(chain.prior)), repeat=n_steps):
-        chance = chain.prior.weights[path[0]]
-        for before, after in pairwise(path):
-            chance *= transition[before, after]
-        yield path, float(chance)
-
-
 def hidden(chain: BeliefChain, played: Mechanism, seen: tuple[int, ...], n_late: int) -> tuple[float, float]:
     """Expected square error of the belief `n_late` steps after the last decision, and the decisions' probability."""
     beliefs, table = chain.prior.beliefs, np.asarray(played.probabilities)
     law = np.zeros(len(beliefs))
-    for path, chance in paths(chain, len(seen) + n_late):
+    for path, chance in every_path(chain, len(seen) + n_late):
         for place, column in zip(path, seen, strict=False):
             chance *= table[place, column]
         law[path[-1]] += chance
@@ -162,7 +154,7 @@ def test_paths_are_published_as_the_rules_say() -> None:
 def test_sampled_paths_have_the_law_of_the_chain() -> None:
     chain, n_draws = uneven_chain(), 20_000
     found = chain.paths(3, n_draws, rng=np.random.default_rng(0))
-    for path, chance in paths(chain, 3):
+    for path, chance in every_path(chain, 3):
         share = float((np.array(path) == found.T).all(axis=1).mean())
         assert abs(share - chance) <= 5 * np.sqrt(chance * (1 - chance) / n_draws) + 1e-12
 

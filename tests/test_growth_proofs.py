@@ -23,7 +23,8 @@ from inscrutable.adversaries import consistent_sets
 from inscrutable.decision_makers.proofs.fibres import Fibres
 from inscrutable.decision_makers.proofs.growth_cells import GrowthCells, _log_gaps, whitened_growth
 from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
-from strategies import random_cell
+from oracles.horse_race import farthest_stake
+from strategies import cell_around, random_cell
 
 PROVEN = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
 
@@ -111,15 +112,7 @@ def test_a_cell_with_the_nearest_belief_of_a_decision_is_never_left_out(seed):
         nearest = np.maximum(consistent_beliefs(problem, problem.solve(decoy)).nearest(belief), 0.0)
         nearest /= nearest.sum()
         for size in 10 ** rng.uniform(-3.0, -0.3, 4):
-            others = rng.dirichlet(np.ones(n_states), n_states)
-            others[rng.random(n_states) < 0.5] = decoy
-            others[:, nearest < 1e-12] *= rng.random() < 0.5
-            others /= others.sum(axis=1, keepdims=True)
-            corners = (1 - size) * nearest + size * others
-            corners[0] = nearest
-            if rng.random() < 0.5 and (nearest > 0.0).all():
-                moved = corners - corners.mean(axis=0) + nearest
-                corners = moved if moved.min() >= 0.0 else corners
+            corners = cell_around(rng, nearest, decoy, size)
             index = cells.points.add(corners)[None]
             assert not fibres.passes(index, cells.nearness(index))[0]
 
@@ -248,19 +241,10 @@ def test_a_horse_race_is_a_closed_form(n_states):
     rng = np.random.default_rng([20270511, n_states])
     belief, budget = rng.dirichlet(np.full(n_states, 3.0)), 0.05
     problem = KellyProblem((np.full(n_states, 3.0)[:, None] * np.eye(n_states))[:, None, :], np.ones((n_states, 1)))
-    directions = rng.normal(size=(4000, n_states))
-    directions -= directions.mean(axis=1, keepdims=True)
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    low = np.zeros(len(directions))
-    high = np.where(directions < 0, -belief / np.where(directions < 0, directions, -1.0), np.inf).min(axis=1)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        stakes = np.maximum(belief + middle[:, None] * directions, 1e-300)
-        inside = (belief * np.log(belief / stakes)).sum(axis=1) <= budget
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    best = farthest_stake(belief, budget, rng)
     decision, mixed = proofs_of(problem, belief, budget)
     assert decision.status in PROVEN
-    assert decision.privacy_bound >= low.max() * (1 - 1e-9)
-    assert decision.privacy <= low.max() * (1.01 if n_states > 3 else 1 + 1e-3)
+    assert decision.privacy_bound >= best * (1 - 1e-9)
+    assert decision.privacy <= best * (1.01 if n_states > 3 else 1 + 1e-3)
     assert mixed.status in PROVEN
     assert mixed.privacy_bound >= mixed.expected_privacy >= decision.privacy - 1e-6

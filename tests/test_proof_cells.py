@@ -26,7 +26,7 @@ from inscrutable.decision_makers.proofs.oracle_points import OraclePoints
 from inscrutable.decision_makers.proofs.quadratic_cells import QuadraticCells, whitened
 from inscrutable.geometry.simplicial import directions_to, edges
 from oracles import markets
-from strategies import random_cell
+from strategies import cell_around, random_cell
 
 
 def region(rng, n_assets):
@@ -87,16 +87,7 @@ def test_a_cell_with_the_nearest_belief_of_a_decision_is_never_left_out(seed):
         nearest = consistent_beliefs(problem, problem.solve(decoy)).nearest(belief)
         nearest = np.maximum(nearest, 0.0) / np.maximum(nearest, 0.0).sum()
         for size in 10 ** rng.uniform(-3.0, -0.3, 4):
-            others = rng.dirichlet(np.ones(n_states), n_states)
-            others[rng.random(n_states) < 0.5] = decoy
-            others[:, nearest < 1e-12] *= rng.random() < 0.5
-            others /= others.sum(axis=1, keepdims=True)
-            corners = (1 - size) * nearest + size * others
-            corners[0] = nearest
-            if rng.random() < 0.5 and (nearest > 0.0).all():
-                # As the mean of the corners, when they stay in the simplex.
-                moved = corners - corners.mean(axis=0) + nearest
-                corners = moved if moved.min() >= 0.0 else corners
+            corners = cell_around(rng, nearest, decoy, size)
             index = points.add(corners)[None]
             assert not fibres.passes(index, cells.nearness(index))[0]
 

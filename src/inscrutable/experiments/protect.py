@@ -155,10 +155,7 @@ def protect(
         >>> bool(protection.deterministic.regret[0] <= 0.1 * abs(protection.deterministic.optimal_cost[0]))
         True
     """
-    order = _Order(model, budget, measure, rng, progress)
-    order.certify = checked_gap(certify)
-    if order.certify is not None:
-        check_provable(order.measure, "exclude")
+    order = _Order(model, budget, measure, rng, progress, certify)
     if isinstance(beliefs, Attack):
         return _protect(model, beliefs.estimates, beliefs.index, order, beliefs)
     held, index = _beliefs_of(model, beliefs)
@@ -218,15 +215,18 @@ class _Order:
         measure: PrivacyMeasure | None,
         rng: np.random.Generator | None,
         progress: Progress | None,
+        certify: float | None = None,
     ) -> None:
         own = checked_model(model).budget
         self.budget = own if budget is None else as_budget(budget)
         self.measure = MaximalObfuscation() if measure is None else measure
         self.rng = None if rng is None else validation.generator(rng)
         self.progress = progress
-        self.certify: float | None = None
+        self.certify = checked_gap(certify)
         if not isinstance(self.measure, PrivacyMeasure):
             raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
+        if self.certify is not None:
+            check_provable(self.measure, "exclude")
 
 
 def _protect(

@@ -217,7 +217,7 @@ def test_a_decision_that_stays_behind_overspends_or_misstates_is_wrong():
 
 
 def test_what_takes_too_long_is_given_up_and_misses_its_target():
-    rows = list(growth.rows(replace(growth.QUICK, patience=0.01)))
+    rows = list(growth.rows(replace(growth.QUICK, assets=(3,), states=(3,), patience=0.01)))
     assert [row.target.met for row in rows] == [False, False, None, None, None]
     assert {row.ours for row in rows} == {"given up after 0.01 s"}
 

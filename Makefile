@@ -11,7 +11,7 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test lint types imports bench audit clean
+.PHONY: help demo docs test lint types imports kernels bench audit clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | while IFS='|' read -r name text; do \
@@ -32,8 +32,13 @@ docs: .venv/.docs ## build the documents from executed sources; a warning is an 
 # Two test processes share two cores, so each does its linear algebra on one thread.
 test: export OPENBLAS_NUM_THREADS := 1
 test: export OMP_NUM_THREADS := 1
-test: lint types imports ## lint, types, layout, unit tests, doctests, documents and examples (under 10 minutes)
+test: .venv/.test ## lint, types, layout, unit tests, doctests, documents and examples (under 10 minutes)
+	@$(MAKE) --no-print-directory -j 2 lint types imports kernels
 	$(BIN)/pytest -n 2 --dist worksteal
+
+# Once and on both cores; test processes would compile the same ones side by side.
+kernels: .venv/.test
+	$(BIN)/inscrutable compile --quiet
 
 lint: .venv/.test ## style and formatting
 	$(BIN)/ruff check --quiet .
@@ -62,7 +67,7 @@ EVERYTHING := .[test,docs,global,data,bench]
 
 define install
 	@echo "Installing into .venv (a minute or two the first time) ..."
-	@$(BIN)/python -m pip install -qq -c constraints.txt -e '$(1)' || { \
+	@$(BIN)/python -m pip install -qq --no-compile -c constraints.txt -e '$(1)' || { \
 		echo; \
 		echo "The installation failed; pip's reason is above."; \
 		echo "A broken connection, a timeout, or versions said to be missing or in conflict mean that the package"; \

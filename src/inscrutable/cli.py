@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies, compile.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
@@ -413,6 +413,25 @@ def compare(
     speech.sentence(result.summary())
     speech.sentence(f"What the columns mean, and all other budgets: {folder / 'comparison.md'}")
     speech.files(files)
+
+
+@app.command(name="compile")
+def compile_(*, jobs: int = -1, speech: Speech = Speech()) -> None:  # noqa: B008  # frozen
+    """Compile all numerical kernels now, so that no later command on this machine waits for it.
+
+    For a container's image or a cluster's nodes. Else each is compiled when first needed, a minute or two in all.
+
+    Args:
+        jobs: Processes; -1 is one per core.
+    """
+    from inscrutable.experiments.first_calls import compile_kernels
+
+    with speech.progress("Kernels") as move:
+        folder = compile_kernels(n_jobs=jobs, progress=move)
+    if speech.json:
+        speech.summary({"folder": str(folder)})
+    else:
+        speech.sentence(f"All numerical kernels are compiled, in {folder}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,0 +1,105 @@
+"""The first calls on a machine: a kernel is compiled when it is first run, and these calls run them all."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from inscrutable import validation
+from inscrutable.decision_makers import (
+    CounterAdversarialDecisionMaker,
+    GlobalSearch,
+    LocalSearch,
+    ProbabilisticDecisionMaker,
+    privacy_frontier,
+    random_candidates,
+)
+from inscrutable.filtering import filter_beliefs
+from inscrutable.privacy import (
+    DesiredObfuscation,
+    Infeasibility,
+    MaximalObfuscation,
+    NonExistence,
+    NonUniqueness,
+    PrivacyMeasure,
+)
+from inscrutable.problems import MarkowitzProblem
+from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel, fit_gaussian_hmm
+
+_ASSETS = 3
+_BELIEFS = 32
+_MANY = 50_000
+_GAP = 0.05
+_NOTICE = "inscrutable.kernels"
+
+
+def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = lambda done, total: None) -> Path:
+    """Run every kernel once, in `n_jobs` processes, so that no later call on this machine waits for a compiler.
+
+    Args:
+        n_jobs: Processes; −1 is one per core.
+        progress: Called with what is done and with all there is.
+
+    Returns:
+        The folder in which compiled kernels are kept.
+
+    Raises:
+        InputError: `n_jobs` is neither −1 nor at least 1.
+    """
+    from inscrutable.kernels.projection import project
+
+    if n_jobs != -1:
+        validation.count(n_jobs, "jobs (-1 is one per core)")
+    # Kernels for two and for three states are their own; those for four serve more.
+    calls = [delayed(_quietly)(_decisions, n_states) for n_states in (3, 2, 4)] + [delayed(_quietly)(_worlds, 2)]
+    progress(0, len(calls))
+    for done, _ in enumerate(Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls), 1):
+        progress(done, len(calls))
+    return Path(cast(Any, project).stats.cache_path)
+
+
+def _quietly(calls: Callable[[int], None], n_states: int) -> None:
+    """Without the word that kernels are being compiled, which is what was asked for."""
+    logger = logging.getLogger(_NOTICE)
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        calls(n_states)
+    finally:
+        logger.setLevel(before)
+
+
+def _worlds(n_states: int) -> None:
+    rng = np.random.default_rng(0)
+    stays = np.full((n_states, n_states), 0.1) + (1.0 - 0.1 * n_states) * np.eye(n_states)
+    world = HiddenMarkovModel(stays, CategoricalEmission(stays), np.full(n_states, 1.0 / n_states))
+    filter_beliefs(world, world.sample(20, rng=rng).observations)
+    fit_gaussian_hmm(rng.normal(size=(60, 2)), n_states, rng=rng)
+
+
+def _decisions(n_states: int) -> None:
+    rng = np.random.default_rng(0)
+    factors = rng.normal(size=(n_states, _ASSETS, _ASSETS))
+    covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(_ASSETS))
+    problem = MarkowitzProblem(0.02 * rng.normal(size=(n_states, _ASSETS)), covariances, 5.0)
+    beliefs = rng.dirichlet(np.ones(n_states), _BELIEFS)
+    single = CounterAdversarialDecisionMaker(problem)
+    for measure in _measures(beliefs[1]):
+        CounterAdversarialDecisionMaker(problem, measure).decide(beliefs[0])
+        CounterAdversarialDecisionMaker(problem, measure, candidates=single.candidates).decide_many(beliefs)
+        ProbabilisticDecisionMaker(problem, measure, candidates=single.candidates).decide_many(beliefs)
+    privacy_frontier(problem, beliefs[0], candidates=random_candidates(problem, _BELIEFS, rng=rng))
+    many = rng.dirichlet(np.ones(_ASSETS), _MANY)
+    problem.state_costs(many), problem.constraints.is_admissible(many)
+    CounterAdversarialDecisionMaker(problem, method=LocalSearch()).decide(beliefs[0])
+    CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=_GAP)).decide(beliefs[0])
+    ProbabilisticDecisionMaker(problem, certify=_GAP).decide(beliefs[0])
+
+
+def _measures(desired: np.ndarray) -> tuple[PrivacyMeasure, ...]:
+    return MaximalObfuscation(), DesiredObfuscation(desired), NonExistence(), NonUniqueness(), Infeasibility()

@@ -1,0 +1,64 @@
+"""Kernels are compiled when first run: one command runs them all, so that nobody waits later."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from inscrutable import InputError
+from inscrutable.cli import main
+from inscrutable.experiments import first_calls
+from inscrutable.experiments.first_calls import compile_kernels
+
+# A new process: in this one the other tests have run kernels already.
+_RUN_ALL = """
+import json
+import re
+from importlib import import_module
+from pathlib import Path
+
+import inscrutable
+from inscrutable.experiments.first_calls import compile_kernels
+
+moves = []
+folder = compile_kernels(n_jobs=1, progress=lambda *move: moves.append(move))
+package = Path(inscrutable.__file__).parent
+used = set()
+for file in package.rglob("*.py"):
+    if file.parent.name != "kernels":
+        found = re.findall(r"from (inscrutable[.]kernels[.]\\w+) import (?:[(]([^)]*)[)]|(.*))", file.read_text("utf-8"))
+        used |= {(module, name) for module, *names in found for name in re.findall(r"\\w+", " ".join(names))}
+kernels = {pair: getattr(import_module(pair[0]), pair[1]) for pair in used}
+called = {pair: each.signatures for pair, each in kernels.items() if hasattr(each, "signatures")}
+print(json.dumps([moves, folder.is_dir(), len(called), [pair for pair, signatures in called.items() if not signatures]]))
+"""
+
+
+def test_after_the_first_calls_no_kernel_is_left():
+    done = subprocess.run([sys.executable, "-c", _RUN_ALL], capture_output=True, text=True, check=True)
+    moves, there, count, left = json.loads(done.stdout)
+    assert left == []
+    assert count > 20
+    assert there
+    assert moves == [[number, 4] for number in range(5)]
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("jobs", [0, -2])
+def test_jobs_are_counted(jobs: int):
+    with pytest.raises(InputError, match="-1 is one per core"):
+        compile_kernels(n_jobs=jobs)
+
+
+def test_the_command_says_where_kernels_are_kept(monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr(first_calls, "compile_kernels", lambda n_jobs, progress: asked.append(n_jobs) or Path("kept"))
+    assert main(["compile", "--jobs", "3", "--quiet"]) == 0
+    assert capsys.readouterr() == ("All numerical kernels are compiled, in kept\n", "")
+    assert main(["compile", "--json", "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"folder": "kept"}
+    assert asked == [3, -1]

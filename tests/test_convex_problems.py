@@ -221,3 +221,54 @@ def test_only_what_multipliers_show_is_taken_for_the_optimum():
     assert not problem._sole_optimum(belief, np.array([[1.0, 0.0, 0.0]]))[0]
     flat = ConvexProblem(u, [cp.exp(u[0]), cp.exp(2 * u[0])], simplex(3))
     assert not flat._sole_optimum(belief, np.array([[0.0, 0.5, 0.5]]))[0]
+
+
+@pytest.mark.parametrize(
+    "attributes",
+    [{"nonneg": True}, {"pos": True}, {"nonpos": True}, {"neg": True}, {"bounds": [-0.5, np.array([1.0, np.inf])]}],
+)
+@pytest.mark.parametrize("region", [box([-1, -1], [1.5, 1.5]), []])
+def test_attributes_of_the_variable_bound_decisions(attributes, region):
+    u = cp.Variable(2, **attributes)
+    problem = ConvexProblem(u, [cp.sum_squares(u - 2), cp.sum_squares(u + 3)], region)
+    for belief, aim in (([1.0, 0.0], 2.0), ([0.0, 1.0], -3.0)):
+        ends = [] if isinstance(region, list) else [u >= -1, u <= 1.5]
+        cp.Problem(cp.Minimize(cp.sum_squares(u - aim)), ends).solve(solver=cp.CLARABEL)
+        np.testing.assert_allclose(problem.solve(belief), u.value, atol=1e-5)
+
+
+@pytest.mark.parametrize("attribute", ["integer", "boolean", "complex"])
+def test_decisions_with_gaps_are_refused(attribute):
+    u = cp.Variable(2, **{attribute: True})
+    with pytest.raises(InputError, match=f"attribute {attribute}"):
+        ConvexProblem(u, [cp.sum(cp.real(u))], simplex(2))
+
+
+def test_kinks_are_seen_without_being_told():
+    u = cp.Variable(2)
+    kinked = [
+        cp.norm1(u - 1),
+        cp.exp(cp.abs(u[0])),
+        cp.square(cp.pos(u[1])) + cp.norm(u - 0.5),
+        -cp.min(u),
+        cp.max(u),
+        cp.sum_largest(u, 1),
+        cp.norm(u, "inf"),
+        cp.norm(cp.exp(u)),
+    ]
+    smooth = [cp.exp(u[0]), cp.norm(u), cp.norm1(cp.exp(u)), cp.log_sum_exp(u), cp.huber(u[0]), -cp.log(u[0] + 2)]
+    for cost in kinked:
+        assert not ConvexProblem(u, [cp.sum(cp.exp(u)), cost], simplex(2)).differentiable
+        assert ConvexProblem(u, [cost], simplex(2), differentiable=True).differentiable
+    for cost in smooth:
+        assert ConvexProblem(u, [cost, cp.sum(u)], simplex(2)).differentiable
+    assert not ConvexProblem(u, [cp.norm(u)], box([-1, -1], [1, 1])).differentiable
+
+
+def test_least_absolute_deviations_need_no_word_about_their_kinks():
+    """c(i,u) = |u_1 − a_i| + |u_2 − a_i|: both coordinates sit at the weighted median."""
+    u = cp.Variable(2)
+    problem = ConvexProblem(u, [cp.norm1(u - 1), cp.norm1(u + 1)], box([-2, -2], [2, 2]))
+    solved = problem.solve([[0.8, 0.2], [0.1, 0.9], [0.55, 0.45]])
+    np.testing.assert_allclose(solved, [[1, 1], [-1, -1], [1, 1]], atol=1e-6)
+    np.testing.assert_allclose(consistent_beliefs(problem, [1.0, 1.0]).bounds(), [[0.5, 1], [0, 0.5]], atol=1e-5)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from itertools import combinations
 from typing import NamedTuple
 
@@ -9,7 +11,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inscrutable import MarkowitzProblem, MaximalObfuscation, ProbabilisticDecisionMaker, consistent_beliefs, decoy_grid
+from inscrutable import (
+    MarkowitzProblem,
+    MaximalObfuscation,
+    Polyhedron,
+    ProbabilisticDecisionMaker,
+    consistent_beliefs,
+    decoy_grid,
+    long_short,
+    max_weights,
+)
 from inscrutable.decision_makers.candidates import make_candidates
 from inscrutable.decision_makers.decoys import decided_by
 from inscrutable.decision_makers.search import plane as plane_module
@@ -64,14 +75,11 @@ def triangulated(points: Array) -> set[tuple[int, int]]:
     return edges
 
 
-def changes(market: markets.Market, decoys: Array) -> list[tuple[Array, Array]]:
-    """Ends (near, far) of the edges along which the face changes, or whose far end is not admissible: near's is."""
-    sides = [side_of(market, decoy) for decoy in decoys]
+def changes(decoys: Array, sides: list[Side]) -> list[tuple[int, int]]:
+    """Edges (near, far) along which the face changes, or whose far end is not admissible: near's is."""
     found = []
     for edge in triangulated(decoys @ BASIS):
-        for i, j in (edge, edge[::-1]):
-            if sides[i].admissible and sides[i] != sides[j]:
-                found.append((decoys[i], decoys[j]))
+        found += [(i, j) for i, j in (edge, edge[::-1]) if sides[i].admissible and sides[i] != sides[j]]
     return found
 
 
@@ -79,30 +87,91 @@ def few_decoys(seed: int) -> Array:
     return np.vstack([np.eye(3), np.random.default_rng(seed).dirichlet(np.ones(3), 9)])
 
 
-@pytest.mark.parametrize(("seed", "n_assets", "strength"), CASES)
-def test_a_seam_decoy_is_the_last_of_its_side(seed: int, n_assets: int, strength: float) -> None:
-    market = drawn_market(seed, n_assets, strength)
-    decoys = few_decoys(seed)
-    found = seam_decoys(MarkowitzProblem(*market), decoys)
-    expected = changes(market, decoys)
+def expect_last_of_their_sides(found: Array, decoys: Array, side: Callable[[Array], Side]) -> None:
+    sides = [side(decoy) for decoy in decoys]
+    expected = changes(decoys, sides)
     assert len(found) == len(expected)
     matched = np.zeros(len(found), dtype=bool)
-    for near, far in expected:
-        along = far - near
+    for i, j in expected:
+        near, along, own = decoys[i], decoys[j] - decoys[i], sides[i]
         share = (found - near) @ along / (along @ along)
         off = np.linalg.norm(found - near - share[:, None] * along, axis=1)
         on_edge = np.flatnonzero((off < 1e-9) & (share > -1e-12) & (share < 1 + 1e-12))
-        own = side_of(market, near)
         step = min(STEP / np.linalg.norm(along), 1.0)
         last = [
             f
             for f in on_edge
-            if side_of(market, found[f]) == own
-            and (share[f] + step >= 1 or side_of(market, near + (share[f] + step) * along) != own)
+            if side(found[f]) == own and (share[f] + step >= 1 or side(near + (share[f] + step) * along) != own)
         ]
         assert last, "no decoy is the last of this side"
         matched[last] = True
     assert matched.all(), "a decoy on no edge where the face changes"
+
+
+@pytest.mark.parametrize(("seed", "n_assets", "strength"), CASES)
+def test_a_seam_decoy_is_the_last_of_its_side(seed: int, n_assets: int, strength: float) -> None:
+    market, decoys = drawn_market(seed, n_assets, strength), few_decoys(seed)
+    expect_last_of_their_sides(seam_decoys(MarkowitzProblem(*market), decoys), decoys, partial(side_of, market))
+
+
+def side_among_rows(problem: MarkowitzProblem, decoy: Array) -> Side:
+    """Which rows are tight at the best decision of all that are best with some rows tight, by enumeration."""
+    region, n = problem.constraints, problem.n_actions
+    hessian, linear = np.tensordot(decoy, problem.hessians, axes=1), decoy @ problem.linear
+    best, lowest = np.zeros(n), np.inf
+    for count in range(n):
+        for rows in combinations(range(len(region.b_ub)), count):
+            normals = np.vstack([region.A_ub[list(rows)], region.A_eq])
+            held = len(normals)
+            if np.linalg.matrix_rank(normals) < held:
+                continue
+            matrix = np.block([[hessian, normals.T], [normals, np.zeros((held, held))]])
+            action = np.linalg.solve(matrix, np.concatenate([-linear, region.b_ub[list(rows)], region.b_eq]))[:n]
+            cost = 0.5 * action @ hessian @ action + linear @ action
+            if (region.A_ub @ action <= region.b_ub + 1e-10).all() and cost < lowest - 1e-14:
+                best, lowest = action, cost
+    slack = region.b_ub - region.A_ub @ best
+    tight = slack < MIN_SLACK
+    return Side(tuple(bool(t) for t in tight), bool((slack[tight] < 1e-10).all()))
+
+
+def long_short_market(seed: int, kind: str) -> MarkowitzProblem:
+    market = drawn_market(seed, 3, 2.0)
+    region = long_short(3, gross=1.4)
+    if kind == "capped":
+        region = region & max_weights(3, 0.6)
+    if kind == "a row that others imply":
+        region = region & Polyhedron(A_ub=[region.A_ub[0] + region.A_ub[1]], b_ub=[region.b_ub[0] + region.b_ub[1]])
+    return MarkowitzProblem(*market, region)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", ["plain", "capped", "a row that others imply"])
+def test_a_seam_decoy_is_the_last_of_its_side_among_general_rows(seed: int, kind: str) -> None:
+    problem, decoys = long_short_market(seed, kind), few_decoys(seed)
+    found = seam_decoys(problem, decoys)
+    assert len(found)
+    expect_last_of_their_sides(found, decoys, partial(side_among_rows, problem))
+
+
+def test_seams_of_general_rows_are_the_same_without_the_faces_decisions(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, grid = long_short_market(1, "a row that others imply"), simplex_grid(3, 16)
+    quick = seam_decoys(problem, grid)
+    monkeypatch.setattr(seams, "_along_faces", lambda problem, near, far, side: (far, near))
+    slow = seam_decoys(problem, grid)
+    assert len(quick) == len(slow)
+    np.testing.assert_allclose(quick, slow, atol=1e-8)
+
+
+def test_states_of_one_market_with_a_duplicated_asset_have_their_seams(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A face without a unique decision is halved by whole solutions."""
+    market = drawn_market(0, 3, 2.0)
+    twice = [0, 1, 2, 2]
+    region = long_short(4, gross=1.4)
+    problem = MarkowitzProblem(market.means[:, twice], market.covariances[:, twice][:, :, twice], 1.0, region)
+    found = seam_decoys(problem, few_decoys(0))
+    assert len(found)
+    assert problem.constraints.is_admissible(problem.solve(found)).all()
 
 
 @pytest.mark.parametrize(("seed", "n_assets", "strength"), CASES)

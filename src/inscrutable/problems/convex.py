@@ -15,6 +15,7 @@ from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.kinked_costs import has_kinks
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.modelled import Modelled
 from inscrutable.problems.newton import Model, minimise_smooth
@@ -38,11 +39,12 @@ class ConvexProblem(DecisionProblem):
     functions instead and needs no extra.
 
     Args:
-        variable: A `cvxpy.Variable` of shape (U,); its sign attributes are constraints too.
+        variable: A `cvxpy.Variable` of shape (U,); its signs and `bounds` are constraints too.
         costs: X convex `cvxpy` expressions in this variable alone, one per state, in the cost's unit.
         constraints: A `Polyhedron`, or a list of affine `cvxpy` constraints on the variable.
-        differentiable: Whether the costs have gradients all over C. Where they have kinks say False: Π(u) is then
-            found by cutting planes, as the beliefs that lose at most 1e-6 of the cost's scale.
+        differentiable: Whether the costs have gradients all over C; None looks: absolute values, maxima and norms that can
+            be zero on C are taken for kinks. With kinks Π(u) is found by cutting planes, as the beliefs that lose at
+            most 1e-6 of the cost's scale.
         strictly_convex: Whether every state's cost is strictly convex on C, as the user knows: optimal decisions are then
             unique, and proofs become faster. Quadratic and affine costs are looked at instead.
 
@@ -73,13 +75,14 @@ class ConvexProblem(DecisionProblem):
         costs: Sequence[Any],
         constraints: Polyhedron | Sequence[Any],
         *,
-        differentiable: bool = True,
+        differentiable: bool | None = None,
         strictly_convex: bool = False,
     ) -> None:
         model = Modelled(variable, costs, constraints)
         self._model: Modelled | None = model
         self._set_up(model.values, model.gradients, checked_region(model.region, model.n_actions), len(costs))
-        self.differentiable = bool(differentiable)
+        smooth = not has_kinks(costs, variable, self.constraints) if differentiable is None else differentiable
+        self.differentiable = bool(smooth)
         self.strictly_convex = bool(strictly_convex)
         self._stated: DecisionProblem | None = _recognised(model, self.constraints)
 

@@ -10,13 +10,15 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.errors import InputError, ModelError, SolverError
-from inscrutable.problems.constraints import Polyhedron
+from inscrutable.problems.constraints import Polyhedron, box
 from inscrutable.problems.expressions import Node, tree_of
 from inscrutable.validation import Array
 
 _LONGEST_NAME = 60
 _MOST_KEPT = 10_000  # decisions of beliefs that were asked for
 _SAME = tolerances.EXACT_COST
+_FOREIGN = {"boolean", "integer", "complex", "imag"}
+"""Attributes of variables that leave no convex set of real vectors."""
 
 
 class Modelled:
@@ -122,15 +124,17 @@ class Modelled:
         return np.array(self._variable.value, dtype=np.float64)
 
     def _region(self, constraints: Any) -> Polyhedron:
+        bounds = self._attributed()
         if isinstance(constraints, Polyhedron):
             region = constraints
             if region.n_actions != self.n_actions:
                 raise InputError(f"constraints have {region.n_actions} coordinates, the variable {self.n_actions}")
-            return region
-        given = list(constraints)
+        else:
+            region = self._rows_of(list(constraints))
+        return region if bounds is None else region & bounds
+
+    def _rows_of(self, given: list[Any]) -> Polyhedron:
         below, equal, names = [], [], {"below": [], "equal": []}  # type: ignore[var-annotated]
-        if self._variable.attributes.get("nonneg") or self._variable.attributes.get("nonpos"):
-            given.append(self._variable >= 0 if self._variable.attributes.get("nonneg") else self._variable <= 0)
         for each in given:
             rows, is_equality = self._affine_rows(each)
             name = str(each)[:_LONGEST_NAME]
@@ -143,6 +147,19 @@ class Modelled:
         return Polyhedron(
             lower[:, :-1], lower[:, -1], exact[:, :-1], exact[:, -1], names=names["below"] + names["equal"]
         )
+
+    def _attributed(self) -> Polyhedron | None:
+        """The bounds that the variable's own attributes state."""
+        attributes = self._variable.attributes
+        given = {name for name, value in attributes.items() if value is not None and value is not False}
+        foreign = sorted(given & _FOREIGN)
+        if foreign:
+            raise InputError(f"variable has the attribute {foreign[0]}: decisions must be real vectors without gaps")
+        sides = attributes.get("bounds") or (-np.inf, np.inf)
+        lower, upper = (np.array(np.broadcast_to(side, self.n_actions), dtype=np.float64) for side in sides)
+        lower = np.maximum(lower, 0.0) if given & {"nonneg", "pos"} else lower
+        upper = np.minimum(upper, 0.0) if given & {"nonpos", "neg"} else upper
+        return box(lower, upper) if np.isfinite(np.append(lower, upper)).any() else None
 
     def _affine_rows(self, constraint: Any) -> tuple[Array, bool]:
         """Rows [a, b] of a'u ≤ b or a'u = b, read off the expression's values."""

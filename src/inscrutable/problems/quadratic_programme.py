@@ -7,6 +7,8 @@ stationarity residual is a few roundings and coordinates at a bound sit on it ex
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import daqp
 import numpy as np
@@ -34,6 +36,32 @@ class Layout:
     sides: Array  # (n,)
     equalities: Array  # (e, U)
     equality_sides: Array  # (e,)
+
+    @cached_property
+    def asked(self) -> _Asked:
+        """The set as DAQP reads it, the same for all programmes."""
+        n_actions, n_rows = self.lower.size, self.sides.size
+        sense = np.zeros(n_actions + n_rows + self.equality_sides.size, dtype=np.int32)
+        sense[n_actions + n_rows :] = _EQUALITY
+        fixed = np.flatnonzero(self.lower == self.upper)
+        sense[fixed] = _EQUALITY
+        return _Asked(
+            np.vstack([self.general, self.equalities]),
+            np.concatenate([self.lower, np.full(n_rows, -np.inf), self.equality_sides]),
+            np.concatenate([self.upper, self.sides, self.equality_sides]),
+            sense,
+            fixed,
+        )
+
+
+class _Asked(NamedTuple):
+    """Rows with their sides, bounds first; which are equalities; and the coordinates whose two bounds are one."""
+
+    rows: Array
+    lower: Array
+    upper: Array
+    sense: np.ndarray
+    fixed: np.ndarray
 
 
 def layout_of(region: Polyhedron) -> Layout:
@@ -88,19 +116,9 @@ def _solve_chunk(hessians: Array, linear: Array, layout: Layout) -> Array:
 def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Array, _Working]:
     n_actions = linear.size
     n_rows = layout.sides.size
-    infinite = np.full(n_rows, -np.inf)
-    sense = np.zeros(n_actions + n_rows + layout.equality_sides.size, dtype=np.int32)
-    sense[n_actions + n_rows :] = _EQUALITY
-    fixed = np.flatnonzero(layout.lower == layout.upper)
-    sense[fixed] = _EQUALITY
+    asked = layout.asked
     u, _, flag, info = daqp.solve(
-        hessian,
-        linear,
-        np.vstack([layout.general, layout.equalities]),
-        np.concatenate([layout.upper, layout.sides, layout.equality_sides]),
-        np.concatenate([layout.lower, infinite, layout.equality_sides]),
-        sense,
-        primal_tol=tolerances.FEASIBILITY,
+        hessian, linear, asked.rows, asked.upper, asked.lower, asked.sense.copy(), primal_tol=tolerances.FEASIBILITY
     )
     endless = _endless_direction(hessian, linear, layout) if flag == -3 else None
     if endless is not None:
@@ -110,7 +128,7 @@ def _rough_solution(hessian: Array, linear: Array, layout: Layout) -> tuple[Arra
         return _feasible_point(layout), _Working(np.zeros(n_actions, dtype=np.int8), np.zeros(n_rows, dtype=bool))
     multiplier = np.asarray(info["lam"])
     bounds = np.sign(multiplier[:n_actions]).astype(np.int8)
-    bounds[fixed] = -1
+    bounds[asked.fixed] = -1
     return np.asarray(u), _Working(bounds, multiplier[n_actions : n_actions + n_rows] > 0)
 
 
@@ -206,11 +224,12 @@ def _repair(hessian: Array, linear: Array, layout: Layout, working: _Working, st
     rows = layout.sides - layout.general @ u <= tolerances.FEASIBILITY
     fixed = layout.lower == layout.upper
     best, best_residual = u, np.inf
+    bends = bool(np.linalg.eigvalsh(hessian)[0] > tolerances.CURVATURE)
     for _ in range(_MOST_REPAIRS + 4 * u.size):
         free = np.flatnonzero(bounds == 0)
         normals = np.vstack([layout.general[rows], layout.equalities])
         sides = np.concatenate([layout.sides[rows], layout.equality_sides])
-        slide = _flat_descent(hessian, linear, u, free, normals)
+        slide = None if bends else _flat_descent(hessian, linear, u, free, normals)
         if slide is None:
             step, multipliers = _newton_step(hessian, linear, u, free, normals, sides)
             length, blocking = _longest_step(u, step, layout, bounds, rows)

@@ -124,6 +124,7 @@ def test_help_loads_nothing_heavy_and_is_fast() -> None:
         (["attack"], "--model"),
         (["attack", "--modle", "x"], "--modle"),
         (["backtest", "--regimes", "three"], "three"),
+        (["backtest", "--regimes", "2.5"], '"2.5" into a whole number'),
         (["backtest", "--measure", "other"], "other"),
         (["backtest", "--measure", "desired"], "needs --target"),
         (["backtest", "--target", "reverse"], "belongs to --measure desired"),

@@ -475,6 +475,8 @@ def test_the_verb_writes_and_says_what_it_found(tmp_path: Path, capsys: pytest.C
         (["--seed", "-1"], cli.USAGE),
         (["--resolution", "0"], 3),
         (["--resolution", "x"], cli.USAGE),
+        (["--resolution", "30.7"], cli.USAGE),
+        (["--resolution", "500"], 3),
         (["--market", "nowhere.json"], 3),
         (["--unknown"], cli.USAGE),
     ],

@@ -187,6 +187,19 @@ def test_a_known_cost_gives_its_consistent_beliefs() -> None:
     assert union.bounds() == pytest.approx(consistent_beliefs(problem, actions[0]).bounds(), abs=1e-5)
 
 
+def test_a_decision_that_no_cost_explains_leaves_an_empty_union() -> None:
+    means, covariances = market(np.random.default_rng(3), 2, 4)
+    adversary = CostLearningAdversary.risk_aversion(means, covariances, BOUNDS)
+    odd = np.random.default_rng(3).dirichlet(np.ones(4), 3)
+    learned = adversary.learn(odd)
+    assert learned.status is CostStatus.UNEXPLAINED
+    beliefs = learned.consistent_beliefs(odd[0])
+    assert beliefs.is_empty
+    assert not beliefs.contains([0.5, 0.5])
+    assert beliefs.bounds().shape == (2, 2)
+    assert np.isnan(beliefs.bounds()).all()
+
+
 def test_what_cannot_be_is_refused(tmp_path: object) -> None:
     rng = np.random.default_rng(10)
     means, covariances = market(rng, 2, 2)
@@ -201,6 +214,8 @@ def test_what_cannot_be_is_refused(tmp_path: object) -> None:
         adversary.learn([[0.5, 0.5]], rounding=-1.0)
     with pytest.raises(InputError, match="decision problem"):
         CostLearningAdversary(lambda _: None, BOUNDS)  # type: ignore[arg-type, return-value]
+    with pytest.raises(InputError, match="family must give"):
+        CostLearningAdversary(5.0, BOUNDS)  # type: ignore[arg-type]
     kinked = ConvexProblem.from_functions(lambda u: u**2, lambda u: 2.0 * np.diag(u), simplex(2))
     kinked.differentiable = False
     with pytest.raises(InputError, match="without gradients"):

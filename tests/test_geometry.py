@@ -37,6 +37,13 @@ def test_a_grid_needs_whole_numbers(arguments):
         simplex_grid(*arguments)
 
 
+@pytest.mark.parametrize(("n", "resolution", "finest"), [(10, 60, 18), (3, 10**6, 6687), (1000, 2, 1)])
+def test_a_grid_that_would_fill_the_memory_is_refused_before_it_does(n, resolution, finest):
+    with pytest.raises(InputError, match=f"{comb(resolution + n - 1, n - 1):,} points.* at most {finest}$"):
+        simplex_grid(n, resolution)
+    assert comb(finest + n - 1, n - 1) * n <= 2**26 < comb(finest + n, n - 1) * n
+
+
 # --- belief sets by hand ------------------------------------------------------------------------------------------------
 
 

@@ -177,6 +177,8 @@ def test_input_is_checked():
         mechanism(OriginalDecisionMaker(problem), [[0.5, 0.6]])
     with pytest.raises(InputError, match="at least one belief"):
         mechanism(OriginalDecisionMaker(problem), np.zeros((0, 2)))
+    with pytest.raises(InputError, match=r"pass prior\.beliefs"):
+        mechanism(OriginalDecisionMaker(problem), uniform_prior(2, 2))
 
 
 @pytest.mark.parametrize(
@@ -325,6 +327,10 @@ def test_the_stationary_prior_is_repeatable_and_checks_its_input():
             stationary_prior(world, resolution, rng=np.random.default_rng(0), n_steps=n_steps)
     with pytest.raises(InputError, match="rng must be"):
         stationary_prior(world, 10, rng=0)
+    with pytest.raises(InputError, match="world must be a HiddenMarkovModel"):
+        stationary_prior(world.transition, 10, rng=np.random.default_rng(0))
+    with pytest.raises(InputError, match="n_states must be"):
+        uniform_prior(0, 10)
 
 
 @settings(max_examples=60)

@@ -270,6 +270,9 @@ def test_arguments_are_checked() -> None:
         RateDistortionDecisionMaker(problem, 0.1, prior=prior, plausible_only=1)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="at least one"):
         rate_distortion_curve(problem, prior, [])
+    for single in (0.1, Budget.regret(0.1), "0.1"):
+        with pytest.raises(InputError, match="a sequence of budgets"):
+            rate_distortion_curve(problem, prior, single)  # type: ignore[arg-type]
 
 
 def test_progress_is_told() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import permutations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from inscrutable import (
@@ -176,6 +177,18 @@ def test_piecewise_linear_costs_keep_the_promises_of_a_problem() -> None:
     check_decision_problem(problem, rng=rng)
 
 
+def test_tables_with_the_same_labels_in_another_order_are_refused() -> None:
+    prices = pd.DataFrame([[1.0, 2.0], [2.0, 1.0]], columns=["tea", "milk"])
+    choices = pd.DataFrame([[2.0, 1.0], [1.0, 2.0]], columns=["tea", "milk"])
+    assert revealed_preferences(prices, choices).is_consistent
+    assert revealed_preferences(prices, choices.set_axis(["cups", "jugs"], axis=1)).is_consistent
+    assert revealed_preferences(prices.to_numpy(), choices).is_consistent
+    with pytest.raises(InputError, match="column 0 is 'tea' in prices and 'milk' in choices"):
+        revealed_preferences(prices, choices[["milk", "tea"]])
+    with pytest.raises(InputError, match="row 0 is 0 in prices and 1 in choices"):
+        revealed_preferences(prices, choices.iloc[::-1])
+
+
 def test_what_cannot_be_is_refused(tmp_path: object) -> None:
     good = [[1.0, 1.0]]
     with pytest.raises(InputError, match="same"):
@@ -188,6 +201,8 @@ def test_what_cannot_be_is_refused(tmp_path: object) -> None:
         revealed_preferences(good, good, efficiency=1.5)
     with pytest.raises(InputError, match="one per state"):
         preference_problem([], simplex(2))
+    with pytest.raises(InputError, match="one per state"):
+        preference_problem(revealed_preferences(good, good), simplex(2))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="expected 2 goods"):
         revealed_preferences(good, good).utility([1.0, 2.0, 3.0])
     with pytest.raises(InputError, match="as many"):

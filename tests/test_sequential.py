@@ -409,6 +409,8 @@ def test_what_cannot_be_is_refused() -> None:
         adversary.filter([0, 1])
     with pytest.raises(InputError, match="one per decision"):
         adversary.filter(plays.actions, states=[0])
+    with pytest.raises(InputError, match="states have 7 in row 1"):
+        adversary.filter(plays.actions, states=[0, 7])
     with pytest.raises(InputError, match="no sensor"):
         adversary.filter(plays.actions, observations=[0, 1])
     with pytest.raises(InputError, match="pass what it reported"):

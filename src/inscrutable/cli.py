@@ -19,6 +19,7 @@ from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
+    WHOLE,
     MeasureName,
     UsageError,
     belief_of,
@@ -67,19 +68,20 @@ _OUTPUT = Group("Output", sort_key=9)
 Out = Annotated[Path, Parameter(group=_OUTPUT)]
 OptionalOut = Annotated[Path | None, Parameter(group=_OUTPUT)]
 _AT_LEAST_0 = Parameter(group=_OUTPUT, validator=validators.Number(gte=0))
-Seed = Annotated[int, _AT_LEAST_0]
-OptionalSeed = Annotated[int | None, _AT_LEAST_0]
+Whole = Annotated[int, WHOLE]
+Seed = Annotated[Whole, _AT_LEAST_0]
+OptionalSeed = Annotated[int | None, WHOLE, _AT_LEAST_0]
 
 
 @app.command
 def reproduce(
     *,
-    markets: int = 100,
-    simulations: int = 20,
-    steps: int = 30,
+    markets: Whole = 100,
+    simulations: Whole = 20,
+    steps: Whole = 30,
     budget: float = 0.1,
-    resolution: int = 40,
-    jobs: int = -1,
+    resolution: Whole = 40,
+    jobs: Whole = -1,
     seed: Seed = 0,
     out: Out = Path("reproduction"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
@@ -128,7 +130,7 @@ def backtest(
     daily: Annotated[bool, Parameter(group=_DATA, negative=(), show_default=False)] = False,
     beliefs: Annotated[Path | None, Parameter(group=_DATA)] = None,
     train_until: Annotated[str | None, Parameter(group=_DATA)] = None,
-    regimes: Annotated[int, Parameter(group=_INVESTOR)] = 3,
+    regimes: Annotated[Whole, Parameter(group=_INVESTOR)] = 3,
     risk_aversion: Annotated[float, Parameter(group=_INVESTOR)] = 5.0,
     cost_bps: Annotated[float, Parameter(group=_INVESTOR)] = 10.0,
     budget: Annotated[str, Parameter(group=_PRIVACY)] = "0.1",
@@ -363,9 +365,9 @@ def _show_protection(found: Protection) -> None:
 def compare(
     *,
     market: Annotated[str, Parameter(group=_DATA)] = "paper",
-    resolution: Annotated[int, Parameter(group=_DATA)] = 30,
+    resolution: Annotated[Whole, Parameter(group=_DATA)] = 30,
     budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
-    jobs: int = -1,
+    jobs: Whole = -1,
     seed: Seed = 0,
     out: Out = Path("comparison"),
     speech: Speech = Speech(),  # noqa: B008  # frozen

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import App, Group, Parameter, validators
 
 from inscrutable.cli_console import Speech
-from inscrutable.cli_values import UsageError
+from inscrutable.cli_values import WHOLE, UsageError
 from inscrutable.errors import InscrutableError
 
 if TYPE_CHECKING:
@@ -36,9 +36,9 @@ study = App(
 _WORK = Group("Work", sort_key=1)
 _OUTPUT = Group("Output", sort_key=9)
 
-Jobs = Annotated[int, Parameter(group=_WORK)]
+Jobs = Annotated[int, WHOLE, Parameter(group=_WORK)]
 Cluster = Annotated[str | None, Parameter(group=_WORK)]
-Limit = Annotated[int | None, Parameter(group=_WORK, validator=validators.Number(gte=1))]
+Limit = Annotated[int | None, WHOLE, Parameter(group=_WORK, validator=validators.Number(gte=1))]
 
 
 @study.command

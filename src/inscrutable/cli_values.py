@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+
+from cyclopts import Parameter, Token
 
 if TYPE_CHECKING:
     from inscrutable.budgets import Budget
@@ -37,6 +40,18 @@ def budgets_of(text: str) -> tuple[str, tuple[float, ...]]:
             f"--budgets {text}: expected shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, or regret:0.001,0.002"
         )
     return units[kind], tuple(_number(part, "--budgets") for part in amounts.split(","))
+
+
+def whole_number(type_: Any, tokens: Sequence[Token]) -> int:
+    """Return the whole number that is typed; 1.5 is none, and is not rounded."""
+    text = tokens[0].value
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f'unable to convert "{text}" into a whole number') from None
+
+
+WHOLE = Parameter(converter=whole_number)
 
 
 def belief_of(text: str, option: str) -> list[float]:

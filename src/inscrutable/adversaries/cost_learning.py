@@ -52,6 +52,8 @@ class CostLearningAdversary:
         *,
         tolerance: float = tolerances.EXPLAINED,
     ) -> None:
+        if not callable(family):
+            raise InputError(f"family must give a decision problem for a number, got {family!r}")
         limits = validation.finite_array(bounds, "bounds", ndim=1)
         if limits.shape != (2,) or not limits[0] < limits[1]:
             raise InputError(f"bounds must be two ascending numbers, got {limits.tolist()}")
@@ -59,6 +61,11 @@ class CostLearningAdversary:
         self.bounds = float(limits[0]), float(limits[1])
         self.tolerance = validation.positive(tolerance, "tolerance")
         self._problem = checked_problem(family(self.bounds[0]))
+
+    @property
+    def n_states(self) -> int:
+        """Number of states X."""
+        return self._problem.n_states
 
     @classmethod
     def risk_aversion(

@@ -98,7 +98,7 @@ class LearnedCost(Saved):
             raise InputError("a loaded result has no costs: learn again")
         point = self.adversary.checked_actions(np.asarray(action)[None], self.rounding)
         explained = ExplainedDecisions(self.adversary.family, point, self.rounding, self.adversary.tolerance)
-        return UnionBeliefs(explained, self.intervals)
+        return UnionBeliefs(explained, self.intervals, self.adversary.n_states)
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
@@ -117,6 +117,7 @@ class UnionBeliefs:
     Args:
         explained: The one decision under the family of costs.
         intervals: The possible values of the parameter, shape (K,2).
+        n_states: Number of states X.
 
     Source: the paper, Theorem 1, for every cost that is still possible.
 
@@ -128,8 +129,9 @@ class UnionBeliefs:
         ([[0.75, 1.0], [0.0, 0.25]], True)
     """
 
-    def __init__(self, explained: ExplainedDecisions, intervals: Array) -> None:
+    def __init__(self, explained: ExplainedDecisions, intervals: Array, n_states: int) -> None:
         self._explained = explained
+        self.n_states = n_states
         self._programmes = [explained.programme(low, high, 0) for low, high in pieces_of(intervals)]
 
     @property
@@ -139,17 +141,15 @@ class UnionBeliefs:
 
     def contains(self, belief: ArrayLike) -> bool:
         """Return whether a belief (X,) explains the decision under one of the costs."""
-        if not self._programmes:
-            return False
-        held = validation.one_belief(belief, self._programmes[0].n_states)
+        held = validation.one_belief(belief, self.n_states)
         return any(each.residual_of(held) <= self._explained.tolerance for each in self._programmes)
 
     def bounds(self) -> Array:
         """Return outer bounds of each state's probability, shape (X,2): exact but for the relaxation on each of 16 pieces
         of an interval; NaN where the set is empty."""
+        limits = np.full((self.n_states, 2), np.nan)
         if not self._programmes:
-            return np.full((0, 2), np.nan)
-        limits = np.empty((self._programmes[0].n_states, 2))
+            return limits
         for i, unit in enumerate(np.eye(len(limits))):
             most: Any = self._explained.tolerance
             limits[i, 0] = min(each.extreme(unit, most) for each in self._programmes)

@@ -86,7 +86,7 @@ def state_evidence(
     """Return the likelihood (T,X) of each state, largest entry one, and the logarithm (T,) taken out of it."""
     logs = np.zeros((n_steps, n_states))
     if states is not None:
-        known = symbols(states, n_states)
+        known = symbols(states, n_states, "states")
         _check_length(len(known), n_steps, "states")
         logs[np.arange(n_states) != known[:, None]] = -np.inf
     if observations is not None:

@@ -9,11 +9,13 @@ import numpy as np
 
 from inscrutable import validation
 from inscrutable.datasets import load_industry_returns
+from inscrutable.errors import InputError
 from inscrutable.experiments.backtest import fitted_investor
 from inscrutable.experiments.backtest_aware import predicted_chain
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.random_markets import MarketLaw, random_market
+from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Prior, uniform_prior
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.problems import MarkowitzProblem
@@ -22,6 +24,10 @@ PAPER, RETURNS = "paper", "returns"
 
 _RESTS = MarketLaw().persistence
 """How often the belief of the paper's market stays where it is."""
+
+
+_MOST_BELIEFS = 6_000
+"""Beliefs of a comparison at most: tables of beliefs by beliefs are held for every way of hiding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +44,15 @@ class ComparedMarket:
         return self.chain.prior
 
 
+def _few(count: int, resolution: int) -> None:
+    """Refuse more beliefs than can be compared."""
+    if count > _MOST_BELIEFS:
+        raise InputError(
+            f"resolution {resolution} gives {count:,} beliefs, more than the {_MOST_BELIEFS:,} that can be compared: take a "
+            "smaller one"
+        )
+
+
 def paper_market(resolution: int, seed: int) -> ComparedMarket:
     """Return a random market as the paper draws them, with every belief of a grid equally likely.
 
@@ -46,6 +61,7 @@ def paper_market(resolution: int, seed: int) -> ComparedMarket:
     """
     validation.count(resolution, "resolution")
     problem = random_market(rng=np.random.default_rng(seed)).problem
+    _few(grid_size(problem.n_states, resolution), resolution)
     chain = resting_chain(uniform_prior(problem.n_states, resolution), _RESTS)
     return ComparedMarket(
         problem, chain, f"random market of three regimes and three assets, seed {seed}; uniform prior"
@@ -60,6 +76,7 @@ def returns_market(resolution: int, seed: int) -> ComparedMarket:
     sample = checked_market(load_industry_returns().returns, settings, None)
     investor = fitted_investor(sample, settings, None, rng=fit_rng)
     chain = predicted_chain(investor.world, resolution, rng=prior_rng)
+    _few(len(chain.prior), resolution)
     note = f"12 US industries, regimes fitted up to {settings.train_until}; stationary prior of the predicted belief"
     return ComparedMarket(investor.problem, chain, note)
 
@@ -69,6 +86,7 @@ def model_market(path: Path, resolution: int, seed: int) -> ComparedMarket:
     validation.count(resolution, "resolution")
     model = InvestorModel.load(path)
     chain = predicted_chain(model.world, resolution, rng=np.random.default_rng(seed))
+    _few(len(chain.prior), resolution)
     return ComparedMarket(model.problem, chain, f"{path.name}; stationary prior of the predicted belief")
 
 

@@ -6,7 +6,11 @@ from math import comb
 
 import numpy as np
 
+from inscrutable.errors import InputError
 from inscrutable.validation import Array, count
+
+_MOST_NUMBERS = 2**26
+"""Coordinates of a grid, half a gigabyte: a larger one is a slip, and would fill the memory before it said so."""
 
 
 def simplex_grid(n: int, resolution: int) -> Array:
@@ -22,7 +26,7 @@ def simplex_grid(n: int, resolution: int) -> Array:
         Points, shape (C(r+n−1, n−1), n).
 
     Raises:
-        InputError: `n` or `resolution` is not a whole number of at least 1.
+        InputError: `n` or `resolution` is not a whole number of at least 1, or the grid is too large for the memory.
 
     Cost: proportional to the number of points returned.
 
@@ -36,6 +40,12 @@ def simplex_grid(n: int, resolution: int) -> Array:
     """
     count(n, "n")
     count(resolution, "resolution")
+    size = grid_size(n, resolution)
+    if size * n > _MOST_NUMBERS:
+        raise InputError(
+            f"a grid of resolution {resolution} over {n} coordinates has {size:,} points, more than fit: take a resolution of "
+            f"at most {_finest(n)}"
+        )
     left = np.array([resolution])
     counts: list[np.ndarray] = []
     for _ in range(n - 1):
@@ -51,6 +61,16 @@ def simplex_grid(n: int, resolution: int) -> Array:
 def grid_size(n: int, resolution: int) -> int:
     """Return how many points `simplex_grid` has, C(r+n−1, n−1), without making them."""
     return comb(resolution + n - 1, n - 1)
+
+
+def _finest(n: int) -> int:
+    """The largest resolution whose grid is made; at least 1, which is n points."""
+    finer = 2
+    while grid_size(n, finer) * n <= _MOST_NUMBERS:
+        finer += max(1, finer // 64)
+    while finer > 1 and grid_size(n, finer) * n > _MOST_NUMBERS:
+        finer -= 1
+    return finer
 
 
 def resolution_for(n: int, points: int) -> int:

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
+from inscrutable.mechanisms.priors import Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved
@@ -193,6 +194,8 @@ def mechanism(
             f"{type(decision_maker).__name__} decides by what came before, not by the belief alone, so that it is no "
             "mechanism K(u|π); call its decide_many on a path of beliefs"
         )
+    if isinstance(beliefs, Prior):
+        raise InputError("beliefs must be an array (B,X), got a Prior: pass prior.beliefs")
     held = validation.many_beliefs(beliefs, problem.n_states)
     points, row, number, share = _atoms(problem, decision_maker, held)
     listed = np.empty((0, points.shape[-1])) if candidates is None else _listed(problem, candidates)

@@ -87,7 +87,7 @@ def uniform_prior(n_states: int, resolution: int) -> Prior:
         resolution: r, at least 1: beliefs are multiples of 1/r, vertices included.
 
     Raises:
-        InputError: A number is not whole or below 1.
+        InputError: A number is not whole or below 1, or the grid is too large for the memory.
 
     Source: the prior of an observer who knows nothing of the world.
 
@@ -95,7 +95,7 @@ def uniform_prior(n_states: int, resolution: int) -> Prior:
         >>> len(uniform_prior(3, 30))
         496
     """
-    points = simplex_grid(n_states, resolution)
+    points = simplex_grid(validation.count(n_states, "n_states"), resolution)
     return Prior(points, np.full(len(points), 1.0 / len(points)))
 
 
@@ -114,7 +114,7 @@ def stationary_prior(
         n_steps: Length of the simulated path, at least 1; the first tenth is left out.
 
     Raises:
-        InputError: A number is not whole or below 1, or `rng` is no generator.
+        InputError: `world` is no hidden Markov model, a number is not whole or below 1, or `rng` is no generator.
 
     Cost: one simulated and filtered path.
 
@@ -134,6 +134,8 @@ def grid_visits(
     world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int
 ) -> tuple[Prior, np.ndarray]:
     """Return `stationary_prior` and its point nearest to the simulated belief at each step after the first tenth."""
+    if not isinstance(world, HiddenMarkovModel):
+        raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
     count = validation.count(n_steps, "n_steps")
     resolution = validation.count(resolution, "resolution")
     path = world.sample(count, rng=validation.generator(rng))

@@ -7,7 +7,7 @@ connected parts of one graph.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -118,7 +118,8 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
         efficiency: e, above 0 and at most 1.
 
     Raises:
-        InputError: Shapes differ, an entry is negative or not finite, a choice costs nothing, `efficiency` is out of range.
+        InputError: Shapes or the order of labels differ, an entry is negative or not finite, a choice costs nothing, or
+            `efficiency` is out of range.
         SolverError: The linear programme found no numbers though they exist.
 
     Cost: T² for each of log T graphs; a sparse linear programme of T² rows.
@@ -130,6 +131,7 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
         >>> found.is_consistent, found.cycle, round(found.efficiency_index, 4)
         (False, (0, 1), 0.8)
     """
+    _check_labels(prices, choices)
     paid, bought = (
         validation.finite_array(prices, "prices", ndim=2),
         validation.finite_array(choices, "choices", ndim=2),
@@ -152,6 +154,21 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
     nothing = np.full(len(paid), np.nan)
     utilities, multipliers = (nothing, nothing) if cycle else _afriat_numbers(ratios, share)
     return RevealedPreferences(paid, bought, share, not cycle, cycle, _index(ratios), utilities, multipliers)
+
+
+def _check_labels(prices: Any, choices: Any) -> None:
+    """Refuse labelled tables whose rows or columns carry the same labels in another order, or shifted."""
+    for axis, kind in (("index", "row"), ("columns", "column")):
+        known = [getattr(table, axis, None) for table in (prices, choices)]
+        if not all(hasattr(labels, "equals") for labels in known):
+            continue
+        paid, bought = (list(labels) for labels in known)  # type: ignore[arg-type]
+        if paid != bought and not set(paid).isdisjoint(bought):
+            at = next((i for i, (one, other) in enumerate(zip(paid, bought, strict=False)) if one != other), 0)
+            raise InputError(
+                f"prices and choices have different {kind} labels: {kind} {at} is {paid[at]!r} in prices and {bought[at]!r} "
+                "in choices; put them in the same order"
+            )
 
 
 def preference_problem(preferences: Sequence[RevealedPreferences], constraints: Polyhedron) -> PiecewiseLinearProblem:
@@ -181,7 +198,7 @@ def preference_problem(preferences: Sequence[RevealedPreferences], constraints: 
         >>> preference_problem([first, second], budget).n_states
         2
     """
-    given = list(preferences)
+    given = list(preferences) if isinstance(preferences, Iterable) else []
     if not given or not all(isinstance(each, RevealedPreferences) for each in given):
         raise InputError(f"preferences must be results of revealed_preferences, one per state, got {preferences!r}")
     return PiecewiseLinearProblem([-each.slopes for each in given], [-each.levels for each in given], constraints)

@@ -94,7 +94,7 @@ class CategoricalEmission:
 
     def sample(self, states: ArrayLike, *, rng: np.random.Generator) -> NDArray[np.int64]:
         """Draw a symbol for each state of a path (T,), by inversion of the cumulative row."""
-        path = symbols(states, self.n_states)
+        path = symbols(states, self.n_states, "states")
         uniforms = validation.generator(rng).random(path.size)
         return np.asarray((uniforms[:, None] >= cumulative(self.probabilities)[path]).sum(axis=1), dtype=np.int64)
 
@@ -183,7 +183,7 @@ class GaussianEmission:
 
     def sample(self, states: ArrayLike, *, rng: np.random.Generator) -> Array:
         """Draw a vector for each state of a path (T,): means[x_t] + L z with L L' = covariances[x_t]; (T,D)."""
-        path = symbols(states, self.n_states)
+        path = symbols(states, self.n_states, "states")
         drawn = validation.generator(rng).standard_normal((path.size, self.n_dims))
         for state in range(self.n_states):
             rows = path == state

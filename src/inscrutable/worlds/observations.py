@@ -67,21 +67,21 @@ def real_rows(observations: Any, labels: Labels | None = None) -> Array:
     return rows
 
 
-def symbols(observations: Any, n_symbols: int) -> NDArray[np.int64]:
-    """Return observations as whole numbers (T,) in 0..n_symbols-1."""
+def symbols(observations: Any, n_symbols: int, name: str = "observations") -> NDArray[np.int64]:
+    """Return observations, or what else `name` says, as whole numbers (T,) in 0..n_symbols-1."""
     try:
         values = np.array(observations, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"observations must be whole numbers: {error}") from None
+        raise InputError(f"{name} must be whole numbers: {error}") from None
     if values.ndim == 2 and values.shape[1] == 1:
         values = values[:, 0]
     if values.ndim != 1 or values.size == 0:
-        raise InputError(f"observations must be a sequence (T,) of symbols with T >= 1, got shape {values.shape}")
+        raise InputError(f"{name} must be a sequence (T,) of symbols with T >= 1, got shape {values.shape}")
     bad = np.flatnonzero(~((values >= 0) & (values < n_symbols) & (values == np.floor(values))))
     if bad.size:
         row = int(bad[0])
         raise InputError(
-            f"observations have {values[row]:g} in row {row_name(observations, row)}; "
+            f"{name} have {values[row]:g} in row {row_name(observations, row)}; "
             f"symbols are whole numbers from 0 to {n_symbols - 1}"
         )
     return np.asarray(values.astype(np.int64))

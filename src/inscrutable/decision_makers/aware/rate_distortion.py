@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -187,6 +187,8 @@ def rate_distortion_curve(
         >>> print(curve.rates.round(3))
         [0.5 0. ]
     """
+    if isinstance(budgets, (Budget, str)) or not isinstance(budgets, Iterable):
+        raise InputError(f"budgets must be a sequence of budgets such as [Budget.regret(0.1)], got {budgets!r}")
     checked = [as_budget(each) for each in budgets]
     if not checked:
         raise InputError("budgets must hold at least one budget")

@@ -121,15 +121,20 @@ def holds(entry: dict[str, Any]) -> str:
             2: "a matrix",
             3: "a list of matrices",
         }
-        return shape[depth]
+        return f"{shape[depth]}{limits(of)}"
     if "enum" in entry:
         return "one of " + literal(", ".join(map(json.dumps, entry["enum"])))
     if entry["type"] == "boolean":
         return "true or false"
-    limits = " and ".join(
+    return f"{WORDS[entry['type']]}{limits(entry)}"
+
+
+def limits(entry: dict[str, Any]) -> str:
+    """Return the limits of a number, after a space, if it has any."""
+    told = " and ".join(
         f"{sign} {entry[key]:g}" for key, sign in LIMITS.items() if key in entry
     )
-    return f"{WORDS[entry['type']]} {limits}".strip()
+    return f" {told}".rstrip()
 
 
 def named(models: Iterable[Any]) -> list[tuple[str, ...]]:

@@ -595,7 +595,7 @@ def dead(*_: object) -> None:
     os._exit(9)
 
 
-def deadly(parent: int, work: Work, numbers: list[int]) -> list[Row]:
+def deadly(work: Work, numbers: list[int]) -> list[Row]:
     """Do tasks, one of which no worker survives."""
     return dead() if 5 in numbers else chunk_of_rows(work, numbers)  # type: ignore[func-returns-value, return-value]
 
@@ -603,7 +603,7 @@ def deadly(parent: int, work: Work, numbers: list[int]) -> list[Row]:
 def test_a_task_that_no_worker_survives_is_a_failed_row(
     whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(executors, "_beside", deadly)
+    monkeypatch.setattr(executors, "chunk_of_rows", deadly)
     monkeypatch.setattr(executors, "_LOSSES", 2)
     other = run_study(Study.of(SMALL), tmp_path, jobs=2).frame()
     assert other.status[5] == FAILED
@@ -614,7 +614,7 @@ def test_a_task_that_no_worker_survives_is_a_failed_row(
 
 
 def test_worker_processes_that_never_start_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "_beside", deadly)
+    monkeypatch.setattr(executors, "chunk_of_rows", deadly)
     monkeypatch.setattr(executors, "release", dead)
     monkeypatch.setattr(executors, "_LOSSES", 2)
     with pytest.raises(SolverError, match="lost 2 times"):
@@ -634,9 +634,24 @@ run_study(Study.of(json.loads(sys.argv[2])), sys.argv[1], jobs=2, progress=watch
 """
 
 
+EARLY_ORPHANS = """
+import json, os, signal, sys, threading, time
+from inscrutable.experiments.studies import Study, run_study
+def watch():
+    from joblib.externals.loky import reusable_executor
+    while len(found := getattr(reusable_executor._executor, "_processes", None) or ()) < 2:
+        time.sleep(0.001)
+    print(*found, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+threading.Thread(target=watch, daemon=True).start()
+run_study(Study.of(json.loads(sys.argv[2])), sys.argv[1], jobs=2)
+"""
+
+
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="asks Linux which processes are left")
-def test_worker_processes_do_not_outlive_a_killed_run(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", ORPHANS, str(tmp_path), PLAN]
+@pytest.mark.parametrize("script", [ORPHANS, EARLY_ORPHANS], ids=["at work", "while they start"])
+def test_worker_processes_do_not_outlive_a_killed_run(script: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", script, str(tmp_path), PLAN]
     run = subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert run.stdout is not None
     workers = [int(word) for word in run.stdout.readline().split()]

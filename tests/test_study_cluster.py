@@ -104,3 +104,14 @@ def test_a_task_that_takes_its_workers_down_is_a_failed_row() -> None:
     assert (row.number, row.status, row.figures) == (3, FAILED, "{}")
     assert "workers doing this task were lost" in row.error
     assert row.task == Study.of(SMALL).grid.task(3).key
+
+
+@with_dask
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [("foo", "port"), ("http://x:1", "http"), ("tcp://:88", "no host"), ("tcp://a:99999", "99999"), ("", "port")],
+)
+def test_what_is_no_address_is_refused_before_anything_is_written(address: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=f"is no address of a scheduler, expected one such as tcp://.*{told}"):
+        run_study(Study.of(PLAN), tmp_path / "out", cluster=address)
+    assert not (tmp_path / "out").exists()

@@ -24,6 +24,7 @@ from inscrutable.experiments.studies.workshop import Work, chunk_of_rows
 ROOT = Path(__file__).resolve().parent.parent
 HEAD = 'name = "a"\ndecision_makers = ["ODM"]\n'
 RANDOM = '[world]\nkind = "random"\n'
+TWO_FARMS = '[world]\nkind = "given"\nmeans = [[5.0, 2.0]]\ncovariances = [[[4.0, 0.0], [0.0, 1.0]]]\n'
 
 
 def sections() -> list[tuple[str, type[BaseModel], str]]:
@@ -134,7 +135,14 @@ def test_a_misspelt_name_is_answered_with_the_nearest(
     ("text", "line", "told"),
     [
         (HEAD + "repeats = 0\n" + RANDOM, 3, "greater than or equal to 1"),
-        (HEAD + "seed = 1.5\n" + RANDOM, 3, "valid integer"),
+        (HEAD + "seed = 1.5\n" + RANDOM, 3, "whole number, got 1.5"),
+        (HEAD + f"repeats = {10**20}\n" + RANDOM, 3, "expected at most 10,000,000"),
+        (HEAD + RANDOM + "means = [0.2, 0.1]\n", 5, "a lowest and a highest value, got [0.2, 0.1]"),
+        (HEAD + RANDOM + "means = [0.1, 0.2, 0.3]\n", 5, "at most 2 entries"),
+        (HEAD + RANDOM + "volatilities = [0.0, 0.1]\n", 5, "greater than 0"),
+        ('name = ""\n' + HEAD.partition("\n")[2] + RANDOM, 1, "at least one character"),
+        ('world = "random"\n' + HEAD, 1, "a table of keys"),
+        (HEAD + "adversaries = [3]\n" + RANDOM, 3, "a name, or a table with the key name, got 3"),
         (HEAD + RANDOM + "regimes = [2, 2]\n", 5, "2 stands twice"),
         (HEAD + RANDOM + "regimes = []\n", 5, "should have at least 1 entry, got []"),
         (HEAD + RANDOM + 'persistence = [0.5,\n "much"]\n', 6, "'much'"),
@@ -142,6 +150,10 @@ def test_a_misspelt_name_is_answered_with_the_nearest(
         (HEAD + RANDOM + "[budgets]\nvalues = [inf]\n", 6, "finite"),
         (HEAD + RANDOM + '[problem]\nkind = "dispatch"\nwind_buses = [1]\n', 6, 'world of kind "given"'),
         (HEAD + '[world]\nkind = "fitted"\ndata = "no.csv"\n', 5, "cannot be read"),
+        (HEAD + '[world]\nkind = "fitted"\ntrain_until = "soon"\n', 3, "such as 1989-12 or 1989-12-31, got 'soon'"),
+        (HEAD + '[world]\nkind = "fitted"\nprices = true\n', 3, "holds returns"),
+        (HEAD + '[world]\nkind = "fitted"\ndata = "\\u0000"\n', 5, "cannot be read"),
+        (HEAD + TWO_FARMS + '[problem]\nkind = "dispatch"\nwind_buses = [1, 99]\n', 7, "has bus 99, expected 0 to 29"),
         (HEAD + '[world]\nkind = "given"\nmeans = [[1.0], [2.0, 3.0]]\ncovariances = []\n', 3, "same length"),
         (
             HEAD
@@ -177,6 +189,9 @@ def test_what_is_no_study_is_refused(tmp_path: Path) -> None:
         Study.read(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
         Study.read(tmp_path / "none.toml")
+    assert "is not TOML" in refused(f"name = {'9' * 5000}", tmp_path)
+    (tmp_path / "study.toml").write_text(f"\ufeff{HEAD}{RANDOM}", "utf-8")
+    assert Study.read(tmp_path / "study.toml").plan.name == "a"  # some editors begin a file with this mark
     (tmp_path / "study.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="UTF-8"):
         Study.read(tmp_path / "study.toml")

@@ -13,7 +13,7 @@ from inscrutable.experiments.random_markets import MarketLaw, SensorLaw
 from inscrutable.experiments.studies.flat import flat, unflat
 from inscrutable.experiments.studies.grid import Task, canonical, identity
 from inscrutable.experiments.studies.kinds import Kind
-from inscrutable.experiments.studies.layout import Count, Likely, Pair, PlanFile, Positive, Section
+from inscrutable.experiments.studies.layout import Count, Likely, Pair, PlanFile, Positive, PositivePair, Section
 from inscrutable.experiments.studies.workshop import Row, Shop, Work
 
 _AtLeastTwo = Annotated[int, Field(ge=2)]
@@ -25,7 +25,7 @@ class LawSection(Section):
     regimes: _AtLeastTwo = 3
     assets: _AtLeastTwo = 3
     means: Pair = Field(default_factory=lambda: [-0.01, 0.02])
-    volatilities: Pair = Field(default_factory=lambda: [0.04, 0.12])
+    volatilities: PositivePair = Field(default_factory=lambda: [0.04, 0.12])
     risk_aversion: Positive = 5.0
     persistence: Likely = 0.8
     sensor: Literal["categorical", "gaussian"] = "categorical"

@@ -13,7 +13,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
-from functools import cache
 from itertools import islice
 from typing import Any
 
@@ -40,6 +39,7 @@ _IN_FLIGHT = 2
 _LOSSES = 3  # before a task is taken for the one at fault; Dask's own number
 _WAIT = 30.0
 _HEARTBEAT = 0.5
+_LAST_PORT = 2**16 - 1
 
 
 class Chunks:
@@ -108,10 +108,17 @@ def in_processes(jobs: int) -> Executor:
 def _through_joblib(jobs: int, work: Work, chunks: Chunks, keep: Keep) -> None:
     from joblib import Parallel, delayed
 
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=f"{_IN_FLIGHT}*n_jobs")
+    parallel = Parallel(
+        n_jobs=jobs,
+        return_as="generator_unordered",
+        batch_size=1,
+        pre_dispatch=f"{_IN_FLIGHT}*n_jobs",
+        initializer=_follow,
+        initargs=(os.getpid(),),
+    )
     with renewed_quietly():
         with _deaf_to_interrupts():
-            found = parallel(delayed(_beside)(os.getpid(), work, chunk) for chunk in chunks)
+            found = parallel(delayed(chunk_of_rows)(work, chunk) for chunk in chunks)
         try:
             for rows in found:
                 chunks.came_back(rows)
@@ -140,7 +147,7 @@ class _Alone:
         for _ in range(_LOSSES):
             self._start()
             try:
-                found: list[Row] = self._pool.submit(_beside, os.getpid(), self._work, chunk).result()
+                found: list[Row] = self._pool.submit(chunk_of_rows, self._work, chunk).result()
             except TerminatedWorkerError:
                 self.close()
                 if len(chunk) > 1:
@@ -156,7 +163,7 @@ class _Alone:
         for _ in range(_LOSSES):
             if self._pool is not None:
                 return
-            self._pool = ProcessPoolExecutor(max_workers=1)
+            self._pool = ProcessPoolExecutor(max_workers=1, initializer=_follow, initargs=(os.getpid(),))
             try:
                 with _deaf_to_interrupts():
                     answer = self._pool.submit(release)
@@ -170,16 +177,13 @@ class _Alone:
             )
 
 
-def _beside(parent: int, work: Work, numbers: list[int]) -> list[Row]:
-    """Do some tasks in a worker process, which ends when its parent has gone."""
-    if os.getppid() == parent:
-        _follow(parent)
-    return chunk_of_rows(work, numbers)
-
-
-@cache
 def _follow(parent: int) -> None:
-    """End this process soon after its parent, which may be killed: a worker would else wait minutes for more to do."""
+    """End this worker process soon after its parent, which may be killed: it would else wait minutes for more to do.
+
+    A parent that was killed while its workers were starting has gone before they look for it.
+    """
+    if os.name == "nt" and os.getppid() != parent:
+        return  # there a process may be started through another
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -228,6 +232,7 @@ def on_cluster(address: str) -> Executor:
     except ImportError:
         raise InputError("a cluster needs Dask's client: pip install 'inscrutable[dask]'") from None
     connect: Any = Client  # distributed publishes no types for it
+    _check_address(address)
 
     def execute(work: Work, numbers: Iterable[int], keep: Keep) -> None:
         try:
@@ -239,6 +244,24 @@ def on_cluster(address: str) -> Executor:
             _through_dask(client, work, Chunks(numbers), keep)
 
     return execute
+
+
+def _check_address(address: str) -> None:
+    """Refuse what is no address: a client that is given one waits a minute before it gives up its thread."""
+    from distributed.comm import parse_address, parse_host_port
+    from distributed.comm.registry import get_backend
+
+    get: Any = get_backend
+    try:
+        scheme, place = parse_address(address)
+        get(scheme)
+        host, port = parse_host_port(place)
+        if not host or not 0 < port <= _LAST_PORT:
+            raise ValueError("it has no host" if not host else f"there is no port {port}")
+    except ValueError as error:
+        raise InputError(
+            f"{address!r} is no address of a scheduler, expected one such as tcp://10.0.0.1:8786: {error}"
+        ) from None
 
 
 def _check_workers(client: Any, address: str) -> None:

@@ -14,7 +14,7 @@ import pandas as pd
 
 from inscrutable.experiments.studies.grid import StudyGrid, TaskGrid
 from inscrutable.experiments.studies.layout import FittedWorldSection, PlanFile, StudyFile
-from inscrutable.experiments.studies.markets import fitted_world, hash_of_data
+from inscrutable.experiments.studies.markets import fitted_world, hash_of_data, training_of
 from inscrutable.experiments.studies.tables import plain_table, table_of
 from inscrutable.experiments.studies.workshop import Row, Shop, Work, Workshop
 
@@ -33,6 +33,7 @@ class Kind:
         data_hash: Returns the hash of the data that a file names, from the file and its folder; None without any.
         prepared: Returns what is computed once for all processes, as plain data, from the file and its folder.
         table: Returns rows as a table.
+        check: Raises what is wrong with the data that a file names, from the file and its folder.
     """
 
     layout: type[PlanFile]
@@ -43,6 +44,7 @@ class Kind:
     table: Callable[[TaskGrid, Iterable[Row], bool], pd.DataFrame] = lambda grid, rows, durations: plain_table(
         rows, durations=durations
     )
+    check: Callable[[Any, Path], None] = lambda plan, base: None
 
 
 def kind_named(name: str | None) -> Kind:
@@ -67,6 +69,11 @@ def _hash(plan: StudyFile, base: Path) -> str | None:
     return hash_of_data(plan.world, base) if isinstance(plan.world, FittedWorldSection) else None
 
 
+def _check(plan: StudyFile, base: Path) -> None:
+    if isinstance(plan.world, FittedWorldSection):
+        training_of(plan.world, max(plan.world.regimes), base)
+
+
 def _fitted(plan: StudyFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
     """The worlds that are fitted to data, once and here, so that all machines work with the same digits."""
     if not isinstance(plan.world, FittedWorldSection):
@@ -85,5 +92,5 @@ def _table(grid: TaskGrid, rows: Iterable[Row], durations: bool) -> pd.DataFrame
     return table_of(grid, rows, durations=durations)
 
 
-GRID = Kind(StudyFile, StudyGrid, Workshop, _hash, _fitted, _table)
+GRID = Kind(StudyFile, StudyGrid, Workshop, _hash, _fitted, _table, _check)
 """Every combination of what a file's lists hold."""

@@ -26,6 +26,12 @@ def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
     return values
 
 
+def _ascending(pair: list[float]) -> list[float]:
+    if pair[0] > pair[1]:
+        raise ValueError("should be a lowest and a highest value")
+    return pair
+
+
 def _named(value: Any) -> Any:
     """A bare name as a section with nothing but that name."""
     return {"name": value} if isinstance(value, str) else value
@@ -46,7 +52,8 @@ NonNegative = Annotated[float, Field(ge=0)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Likely = Annotated[float, Field(gt=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+Pair = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_ascending)]
+PositivePair = Annotated[list[Positive], Field(min_length=2, max_length=2), AfterValidator(_ascending)]
 Matrix = list[list[float]]
 Goal = Literal["maximal", "reversed", "non-existence", "non-uniqueness", "infeasibility"]
 
@@ -73,7 +80,7 @@ class RandomWorld(Section):
     regimes: Grid[Annotated[int, Field(ge=2)]] = (3,)
     assets: Grid[Annotated[int, Field(ge=2)]] = (3,)
     means: Pair = Field(default_factory=lambda: [-0.01, 0.02])
-    volatilities: Pair = Field(default_factory=lambda: [0.04, 0.12])
+    volatilities: PositivePair = Field(default_factory=lambda: [0.04, 0.12])
     persistence: Grid[Likely] = (0.8,)
     sensor: Grid[Literal["categorical", "gaussian"]] = ("categorical",)
     accuracy: Grid[Likely] = (0.7,)

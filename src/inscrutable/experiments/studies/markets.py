@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from inscrutable import datasets
 from inscrutable.datasets.power import load_ieee_30_bus
@@ -85,9 +86,10 @@ def hash_of_data(section: FittedWorldSection, folder: Path) -> str:
             if path is None
             else path.read_bytes()
         )
-    except OSError as error:
+    except (OSError, ValueError) as error:
+        why = reason(error) if isinstance(error, OSError) else error
         raise InputError(
-            f'the returns {path} cannot be read: {reason(error)}; expected "{EMBEDDED}" or a CSV file, its place '
+            f'the returns {path} cannot be read: {why}; expected "{EMBEDDED}" or a CSV file, its place '
             "relative to the study file"
         ) from None
     return hashlib.sha256(content).hexdigest()
@@ -97,17 +99,24 @@ def fitted_world(
     section: FittedWorldSection, regimes: int, folder: Path, *, rng: np.random.Generator
 ) -> dict[str, Any]:
     """Return a world fitted to returns as plain data, as `HiddenMarkovModel.to_dict` gives it."""
+    restarts = _RESTARTS if section.restarts is None else section.restarts
+    return fit_gaussian_hmm(
+        training_of(section, regimes, folder), regimes, rng=rng, n_restarts=restarts
+    ).world.to_dict()
+
+
+def training_of(section: FittedWorldSection, regimes: int, folder: Path) -> pd.DataFrame:
+    """Return the returns that a world is fitted to, or raise what is wrong with them or with their last date."""
     path = data_file(section, folder)
     if path is None:
+        if section.prices:
+            raise InputError(f'prices = true is for a CSV file of prices; "{EMBEDDED}" holds returns')
         table, middle = datasets.load_industry_returns().returns, _EMBEDDED_TRAINING
     else:
         table = datasets.read_returns(path, prices=section.prices)
         middle = f"{table.index[(len(table) - 1) // 2]:%Y-%m-%d}"
     settings = BacktestSettings(regimes, train_until=section.train_until or middle)
-    training = checked_market(table, settings, None).training
-    restarts = _RESTARTS if section.restarts is None else section.restarts
-    fit = fit_gaussian_hmm(training, regimes, rng=rng, n_restarts=restarts)
-    return fit.world.to_dict()
+    return checked_market(table, settings, None).training
 
 
 def regimes_of(world: HiddenMarkovModel) -> Regimes:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from math import prod
 from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from inscrutable.errors import InputError, InscrutableError
+from inscrutable.errors import InputError, InscrutableError, ModelError
 from inscrutable.experiments.studies.layout import (
     DispatchSection,
     GivenWorld,
@@ -24,6 +26,9 @@ from inscrutable.experiments.studies.toml_lines import Place, key_lines
 
 _NEAR = 0.5
 _LONGEST = 60
+_MOST_TASKS = 10_000_000
+_TABLE = "should be a table of keys, such as [section]"
+_BY_NAME = ("decision_makers", "adversaries")
 
 
 @dataclass(frozen=True)
@@ -40,11 +45,19 @@ class StudySource:
                 return f"{self.name}, line {self.lines[place[:length]]}, key {key_text(place)}"
         return f"{self.name}, key {key_text(place)}" if place else self.name
 
+    @contextmanager
+    def saying(self, place: Place) -> Iterator[None]:
+        """Say of what the library refuses where it stands."""
+        try:
+            yield
+        except InscrutableError as error:
+            raise type(error)(f"{self.at(place)}: {error}") from None
+
 
 def read_study(path: Path) -> tuple[PlanFile, StudySource]:
     """Return the study of a TOML file, or raise one `InputError` that says where it is wrong."""
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = path.read_bytes().decode("utf-8-sig")
     except IsADirectoryError:
         raise InputError(
             f"{path} is a folder, expected a study file (TOML); what was run into it goes on with "
@@ -56,7 +69,7 @@ def read_study(path: Path) -> tuple[PlanFile, StudySource]:
         raise InputError(f"{path} is not UTF-8 text: byte {error.start}; expected a study file in TOML") from None
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also a number of thousands of digits
         raise InputError(f"{path} is not TOML: {error}") from None
     except RecursionError:
         raise InputError(f"{path} is nested too deeply to be a study") from None
@@ -119,11 +132,29 @@ def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> s
         names = [each.strip("' ") for each in str(context["expected"]).replace(" or ", ", ").split(",")]
         given = problem["input"]
         return f"{where}: unknown {_short(given)}{_nearest(str(given), names)}; {_one_of(names)}"
-    if kind == "too_short":
-        least = context["min_length"]
-        return f"{where}: should have at least {least} {'entry' if least == 1 else 'entries'}, got {_short(problem['input'])}"
-    expected = problem["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    return f"{where}: {expected}, got {_short(problem['input'])}"
+    return f"{where}: {_expected(problem)}, got {_short(problem['input'])}"
+
+
+def _expected(problem: ErrorDetails) -> str:
+    """What was expected of a value, in a file's words."""
+    kind, context = problem["type"], problem.get("ctx", {})
+    if kind in ("too_short", "too_long"):
+        bound, number = ("least", context["min_length"]) if kind == "too_short" else ("most", context["max_length"])
+        return f"should have at {bound} {number} {'entry' if number == 1 else 'entries'}"
+    if kind == "string_too_short":
+        return "should have at least one character"
+    words = {
+        "int_type": "should be a whole number",
+        "float_type": "should be a number",
+        "bool_type": "should be true or false",
+        "string_type": "should be text in quotes",
+        "list_type": "should be a list",
+        "model_type": _TABLE,
+        "model_attributes_type": _TABLE,
+    }
+    if kind == "model_attributes_type" and problem["loc"][0] in _BY_NAME:
+        return "should be a name, or a table with the key name"
+    return words.get(kind) or problem["msg"].removeprefix("Value error, ").removeprefix("Input ")
 
 
 def _one_of(names: Iterable[str]) -> str:
@@ -200,6 +231,7 @@ def _short(value: Any) -> str:
 
 def _check_together(study: StudyFile, source: StudySource) -> None:
     """Refuse parts that are well formed, but do not go together."""
+    _check_size(study, source)
     world = study.world
     if isinstance(study.problem, DispatchSection) and not isinstance(world, GivenWorld):
         raise InputError(
@@ -212,9 +244,26 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
             f'{source.at(("beliefs", "kind"))}: beliefs of kind "{study.beliefs.kind}" need the key transition in '
             "[world], expected its matrix"
         )
-    from inscrutable.experiments.studies.markets import given_world
+    from inscrutable.experiments.studies.grid import variants
+    from inscrutable.experiments.studies.markets import given_world, problem_of
 
-    try:
-        given_world(world)
-    except InscrutableError as error:
-        raise type(error)(f"{source.at(('world',))}: {error}") from None
+    with source.saying(("world",)):
+        regimes = given_world(world)
+    for choice in variants(study.problem):
+        assert choice.data is not None
+        with source.saying(("problem",)), suppress(ModelError):  # limits that exclude one another are for rows to say
+            problem_of(choice.data, regimes)
+
+
+def _check_size(study: StudyFile, source: StudySource) -> None:
+    """Refuse more tasks than any machine does, which a slip of the keyboard asks for."""
+    from inscrutable.experiments.studies.grid import StudyGrid
+
+    shape = StudyGrid(study).shape
+    tasks = prod(shape)
+    if tasks > _MOST_TASKS:
+        settings, decisions, observers = prod(shape[:4]), *shape[5:]
+        raise InputError(
+            f"{source.at(('repeats',))}: {tasks:,} tasks (settings {settings:,} x repeats {study.repeats:,} x decision makers "
+            f"with budgets {decisions:,} x adversaries {observers:,}), expected at most {_MOST_TASKS:,}"
+        )

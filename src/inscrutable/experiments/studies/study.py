@@ -102,11 +102,12 @@ class Study:
 
     @classmethod
     def _of(cls, plan: PlanFile, base: Path, source: StudySource) -> Study:
-        try:
-            return cls(plan, base=base, data_hash=kind_of(plan).data_hash(plan, base))
-        except InputError as error:
-            place = ("world", "data") if isinstance(plan, StudyFile) else ()
-            raise InputError(f"{source.at(place)}: {error}") from None
+        kind, is_grid = kind_of(plan), isinstance(plan, StudyFile)
+        with source.saying(("world", "data") if is_grid else ()):
+            data_hash = kind.data_hash(plan, base)
+        with source.saying(("world",) if is_grid else ()):
+            kind.check(plan, base)
+        return cls(plan, base=base, data_hash=data_hash)
 
     @classmethod
     def load(cls, folder: PathLike) -> Study:

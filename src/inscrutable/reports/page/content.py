@@ -16,12 +16,14 @@ class PageTable:
         columns: Headers, one per column.
         rows: Cells, one per column.
         choice: A slider's name and the position at which the table is shown; None is always. Print shows all.
+        is_prose: Whether cells are read one by one, not down a column: a phone then shows each row as a block.
     """
 
     heading: str
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     choice: tuple[str, int] | None = None
+    is_prose: bool = False
 
 
 @dataclass(frozen=True)

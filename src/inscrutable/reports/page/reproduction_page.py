@@ -76,10 +76,10 @@ def reproduction_content(
         f"{settings.n_markets} random markets; budget c_b = {settings.budget:g} of |c*|.",
         verdict=[_verdict(result)],
         cautions=_cautions(settings.n_markets),
-        tables=[PageTable("The claims", ["Claim", *map(_capital, claims.columns[1:])], rows)],
+        tables=[PageTable("The claims", ["Claim", *map(_capital, claims.columns[1:])], rows, is_prose=True)],
         pictures=list(_pictures(result, drawn)),
         details=[
-            PageTable("What each claim is measured by", ["Claim", "Criterion"], criteria),
+            PageTable("What each claim is measured by", ["Claim", "Criterion"], criteria, is_prose=True),
             *(_tradeoff(result, variant) for variant in result.episodes),
             _samples(result),
         ],

@@ -245,7 +245,7 @@
     cursor(frame, step);
     for (const [name, values] of onTop(series, ([name]) => name)) {
       const points = values.map((value, t) => value === null ? null : frame.place([t, value])).filter((each) => each);
-      marks(frame.drawing, looks[name].marker, points, 3 * steps > width ? 1.8 : 2.6, looks[name].colour, name !== makers[0]);
+      marks(frame.drawing, looks[name].marker, points, Math.max(1.8, Math.min(4, width / steps / 4)), looks[name].colour, name !== makers[0]);
     }
   }
 

@@ -72,7 +72,7 @@ const Page = (() => {
       d: points.map(([x, y]) => shape(kind, x, y, r)).join(""),
       fill: flat || !filled ? "none" : filled === true ? colour : filled,
       stroke: colour,
-      "stroke-width": flat ? 2 : 1.6,
+      "stroke-width": flat ? Math.min(2, 0.45 * r) : 1.6, // a small cross with thick arms is a square
       opacity: faint ? 0.75 : null,
     });
   }

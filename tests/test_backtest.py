@@ -258,6 +258,20 @@ def test_one_sentence_says_which_protection_holds_against_whom(found: Backtest, 
     np.testing.assert_allclose(read, found.aware_estimates("PDM"))
 
 
+def test_the_sentence_has_no_nan_where_no_weights_make_sense(found: Backtest) -> None:
+    figures = {name: dict(found.figures[name], error_face_value=float("nan")) for name in found.names}
+    shifted = replace(found)
+    shifted.__dict__["figures"] = figures
+    said = verdict(shifted)
+    assert "nan" not in said
+    assert "no belief explains any decision of CDM or PDM" in said
+
+
+def test_a_budget_of_regret_is_said_as_such(found: Backtest) -> None:
+    shifted = replace(found, settings=replace(found.settings, budget=Budget.regret(0.01)))
+    assert "hiding within a regret of 0.01 brings" in headline(shifted)
+
+
 def test_a_target_for_every_step_has_no_mechanism() -> None:
     returns = market()
     targets = np.tile([0.3, 0.7], (len(returns) - TRAINING, 1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -354,6 +355,13 @@ def test_the_sentence_names_who_holds(found: Comparison) -> None:
     assert holding([("A", 0.3), ("B", 0.5)], 0.4) == "B (0.50) does"
     assert holding([("A", 0.5), ("B", 0.6), ("C", 0.4)], 0.4) == "B (0.60), A (0.50) and C (0.40) do"
     assert holding([("A", 0.3), ("B", 0.1)], 0.4) == "none does (best: A, 0.30)"
+    unread = float("nan")
+    assert holding([("A", 0.1), ("B", unread), ("C", 0.5)], 0.4) == (
+        "C (0.50) does (no belief explains any decision of B)"
+    )
+    assert holding([("A", unread), ("B", unread)], 0.4) == (
+        "there is no estimate to judge, as no belief explains any decision of A or B"
+    )
     for part in ("takes decisions at face value", "knows the mechanism and the prior", "sees 20 decisions"):
         assert part in found.summary()
     for part in (f"{found.n_beliefs} beliefs", "bits", "candidate", "silence regret"):
@@ -428,6 +436,13 @@ def test_panels_show_every_observer_and_every_maker(found: Comparison, kept: lis
             wanted = [row.naive_error if place == 0 else row.repeated_errors[place - 1] for row in rows]
             np.testing.assert_allclose(lines[maker].get_ydata(), wanted)
             np.testing.assert_allclose(lines[maker].get_xdata(), [100 * row.silence_share for row in rows])
+
+
+def test_a_budget_of_nothing_is_not_drawn_on_an_axis_of_rounding(found: Comparison, kept: list[Any]) -> None:
+    rows = tuple(replace(row, budget=0.0, expected_regret=1e-19) for row in found.rows[: len(found.makers)])
+    draw_comparison(replace(found, rows=rows, budgets=(0.0,)), Path())
+    for axis in kept[0].axes:
+        assert axis.get_xlim() == (0.0, 1.0) or not axis.get_visible()
 
 
 def test_nothing_overlaps_in_the_picture(found: Comparison, kept: list[Any]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -327,3 +329,25 @@ def test_small_budgets_with_uneven_weights_need_no_more_steps() -> None:
     found.solve(progress=lambda done, most: steps.append(done))
     assert found.gap <= 0.01
     assert len(steps) <= 30
+
+
+def test_a_lottery_of_many_decisions_prints_the_heaviest_and_the_rest_together() -> None:
+    problem, prior, candidates = market(0)
+    lottery = StackelbergDecisionMaker(problem, 0.1, prior=prior, candidates=candidates).decide(prior.beliefs[0])
+    many = replace(
+        lottery,
+        actions=np.repeat(lottery.actions[:1], 50, axis=0),
+        probabilities=np.arange(1.0, 51.0) / 1275.0,
+        regrets=np.linspace(0.0, 0.49, 50),
+        privacies=np.zeros(50),
+        decoys=np.repeat(lottery.decoys[:1], 50, axis=0),
+    )
+    said = many.summary().splitlines()
+    assert len(said) == 2 + 12 + 1 + 1
+    assert "3.92%" in said[2]  # 50 of 1275
+    assert "regret 0.49" in said[2]
+    assert f"{sum(range(1, 39)) / 1275:.2%}      one of 38 others  regret at most 0.37" in said[14]
+    few = replace(many, **{name: getattr(many, name)[:12] for name in ("actions", "regrets", "privacies", "decoys")})
+    few = replace(few, probabilities=np.full(12, 1 / 12))
+    assert "others" not in few.summary()
+    assert len(few.summary().splitlines()) == 2 + 12 + 1

@@ -22,6 +22,9 @@ from inscrutable.validation import Array
 Progress = Callable[[int, int], None]
 """Called with (steps done, steps in all) in long runs."""
 
+_MOST_SHOWN = 12
+"""Atoms of a lottery that a summary lists."""
+
 
 class Played(Protocol):
     """What was played: `actions(step)` gives one step's decisions, `actions(slice(None))` all of them."""
@@ -255,10 +258,18 @@ class MixedDecision(Saved):
             f"expected cost     {self.expected_cost:.6g}, {self.expected_regret:.3g} above {self.optimal_cost:.6g}",
             f"expected privacy  {self.expected_privacy:.4f} (at most {self.privacy_bound:.4f})",
         ]
-        for share, action, regret, privacy in zip(
-            self.probabilities, self.actions, self.regrets, self.privacies, strict=True
-        ):
-            lines.append(f"with {share:7.2%}      {_numbers(action)}  regret {regret:.3g}  privacy {privacy:.4f}")
+        shown = np.arange(len(self.probabilities))
+        if len(shown) > _MOST_SHOWN:
+            shown = np.argsort(-self.probabilities, kind="stable")[:_MOST_SHOWN]
+        for i in shown:
+            lines.append(
+                f"with {self.probabilities[i]:7.2%}      {_numbers(self.actions[i])}  regret {self.regrets[i]:.3g}  "
+                f"privacy {self.privacies[i]:.4f}"
+            )
+        left = np.setdiff1d(np.arange(len(self.probabilities)), shown)
+        if len(left):
+            share, most = float(self.probabilities[left].sum()), float(self.regrets[left].max())
+            lines.append(f"with {share:7.2%}      one of {len(left)} others  regret at most {most:.3g}")
         return "\n".join([*lines, f"status            {self.status.value}"])
 
 

@@ -197,7 +197,15 @@ class Comparison(Saved):
 
 
 def holding(errors: list[tuple[str, float]], floor: float) -> str:
-    """Return who leaves an observer at least an error of `floor`, the best three first; or who comes nearest to it."""
+    """Return who leaves an observer at least an error of `floor`, the best three first; or who comes nearest to it.
+
+    An error that is NaN is that of an observer who can make nothing of any decision, which is said and not ranked.
+    """
+    blind = [name for name, error in errors if np.isnan(error)]
+    if blind:
+        said = f"no belief explains any decision of {' or '.join(blind)}"
+        known = [each for each in errors if each[0] not in blind]
+        return f"{holding(known, floor)} ({said})" if known else f"there is no estimate to judge, as {said}"
     ranked = sorted(errors, key=lambda each: -each[1])
     held = [f"{name} ({error:.2f})" for name, error in ranked if error >= floor]
     if not held:

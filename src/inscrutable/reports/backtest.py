@@ -183,10 +183,11 @@ def headline(result: Backtest) -> str:
     if not np.isfinite(shares).all():
         regret = " and ".join(f"{figures[name]['mean_regret']:.3g}" for name in hiding) + f" per {word}, where c* is 0,"
     sharpe = " and ".join(_change(figures[name]) for name in hiding)
+    budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
     return (
         f"A rival who inverts the published weights names the investor's likeliest regime in "
-        f"{_share(figures[odm]['share_regime_named'])} of {len(result.beliefs)} {word}s; hiding within a budget of "
-        f"{result.budget} brings that to {named}, where always naming the commonest gives "
+        f"{_share(figures[odm]['share_regime_named'])} of {len(result.beliefs)} {word}s; hiding within a {budget} "
+        f"brings that to {named}, where always naming the commonest gives "
         f"{_share(figures[odm]['base_rate'])}, for a regret of {regret} and a change of the yearly Sharpe "
         f"ratio after costs of {sharpe} ({LEVEL:.0%} intervals)."
     )

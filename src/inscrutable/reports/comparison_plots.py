@@ -94,7 +94,8 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
         _curve(axes, along, errors, _SIDE * spreads, maker, looks[maker])
     axes.axhline(comparison.prior_error, color=BLACK, linestyle="--", linewidth=0.8, zorder=1, label="prior alone")
     axes.set_title(panel.title, loc="left")
-    axes.set_xlim(left=0.0)
+    nothing = max(comparison.budgets) <= 0  # else the axis would be as long as rounding is
+    axes.set_xlim(0.0, 1.0 if nothing else None)
 
 
 def _scale(comparison: Comparison) -> tuple[float, str]:

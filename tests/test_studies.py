@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -362,6 +363,29 @@ def test_a_store_with_a_spoilt_page_is_refused(copy: Path) -> None:
         file.write(b"\x07" * 4096)
     with pytest.raises(InputError, match="damaged"):
         resume_study(copy)
+
+
+@pytest.mark.parametrize(
+    ("change", "uses"),
+    [
+        ("UPDATE rows SET figures = '{x' WHERE number = 3", [lambda folder: Study.load(folder).frame()]),
+        ("UPDATE facts SET value = '{x' WHERE name = 'study'", [Study.load, resume_study]),
+        (
+            "UPDATE facts SET value = '{x' WHERE name = 'manifest'",
+            [lambda folder: Study.load(folder).manifest(), resume_study],
+        ),
+        ("UPDATE rows SET number = 99999 WHERE number = 3", [resume_study]),
+    ],
+)
+def test_a_store_whose_texts_are_spoilt_is_refused(
+    change: str, uses: list[Callable[[Path], object]], copy: Path
+) -> None:
+    with closing(sqlite3.connect(copy / STORE)) as connection:
+        connection.execute(change)
+        connection.commit()
+    for use in uses:
+        with pytest.raises(InputError, match="is damaged"):
+            use(copy)
 
 
 def test_going_on_with_other_versions_is_said(copy: Path, whole: Study, caplog: pytest.LogCaptureFixture) -> None:

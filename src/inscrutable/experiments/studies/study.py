@@ -49,7 +49,13 @@ class StudyStatus:
 
     def summary(self) -> str:
         """Return one line for a person to read."""
-        return f"{self.done} of {self.total} tasks done, {self.failed} failed, {self.left} left; {self.seconds:.3g} s of work"
+        done = f"{self.done} of {tasks_text(self.total)} done, {self.failed} failed, {self.left} left"
+        return f"{done}; {self.seconds:.3g} s of work"
+
+
+def tasks_text(number: int) -> str:
+    """Return a number of tasks in words: 1 task, 2 tasks."""
+    return "1 task" if number == 1 else f"{number} tasks"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -200,5 +206,5 @@ class Study:
 
     def summary(self) -> str:
         """Return one line for a person to read."""
-        size = f"{self.plan.name}: {self.n_tasks} tasks"
+        size = f"{self.plan.name}: {tasks_text(self.n_tasks)}"
         return size if self.folder is None else f"{self.plan.name}: {self.status().summary()}"

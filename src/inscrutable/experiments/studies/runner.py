@@ -189,10 +189,7 @@ def _say_what_changed(store: Store) -> None:
 
 def executor(jobs: int, cluster: str | None) -> Executor:
     """Return the way of doing tasks that is asked for, or raise `InputError`."""
-    if jobs == -1:
-        pass
-    elif isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise InputError(f"jobs must be a number of processes of at least 1, or -1 for one per core, got {jobs!r}")
+    validation.processes(jobs, "jobs")
     if cluster is not None and jobs != 1:
         raise InputError(f"jobs={jobs} and a cluster exclude one another: a cluster has workers of its own")
     if cluster is not None:

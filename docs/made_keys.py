@@ -117,11 +117,11 @@ def holds(entry: dict[str, Any]) -> str:
         while of.get("type") == "array":
             of, depth = of["items"], depth + 1
         shape = {
-            1: "two numbers, least and largest",
+            1: f"two numbers{limits(of)}, least and largest",
             2: "a matrix",
             3: "a list of matrices",
         }
-        return f"{shape[depth]}{limits(of)}"
+        return shape[depth]
     if "enum" in entry:
         return "one of " + literal(", ".join(map(json.dumps, entry["enum"])))
     if entry["type"] == "boolean":

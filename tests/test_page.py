@@ -24,7 +24,7 @@ from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_bac
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.reports import page as page_folder
 from inscrutable.reports import style
-from inscrutable.reports.page import PageContent, can_write_pages, write_content, write_page
+from inscrutable.reports.page import PageContent, PageTable, can_write_pages, write_content, write_page
 from inscrutable.reports.page.budget_sweep import BudgetSweep
 from inscrutable.reports.page.writing import embedded
 
@@ -380,6 +380,28 @@ def test_page_opens_without_complaint_or_request(
     assert (tmp_path / "page.png").stat().st_size > 20_000
     assert tab.complaints == []
     assert tab.requests == [path.as_uri()]
+
+
+@needs_browser
+def test_a_table_of_prose_is_read_on_a_phone_without_moving_it(tab: browser.Browser, tmp_path: Path) -> None:
+    columns = ["Claim", "Paper's solvers", "Global solvers", "Verdict"]
+    rows = [
+        [
+            "The CDM never violates the cost budget",
+            *["0.005 ± 0.007, 100% of markets"] * 2,
+            "holds <only> with & without",
+        ]
+    ]
+    table = PageTable("The claims", columns, rows, is_prose=True)
+    path = write_content(PageContent("Claims", "", ["All hold."], tables=[table]), tmp_path / "report.html")
+    tab.size(390, 800)
+    tab.open(path)
+    assert tab.run("document.querySelector('.scroll').scrollWidth <= document.querySelector('.scroll').clientWidth")
+    named = "[...document.querySelectorAll('td')].map(each => getComputedStyle(each, '::before').content)"
+    assert tab.run(f"{named}[0]").startswith("attr(data-column)") or columns[1] in tab.run(f"{named}[0]")
+    assert [tab.run(f"document.querySelectorAll('td')[{k}].dataset.column") for k in range(3)] == columns[1:]
+    tab.size(1200, 800)
+    assert tab.run(f"{named}[0]") == "none"
 
 
 @needs_browser

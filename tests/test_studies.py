@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -364,6 +365,29 @@ def test_a_store_with_a_spoilt_page_is_refused(copy: Path) -> None:
         resume_study(copy)
 
 
+@pytest.mark.parametrize(
+    ("change", "uses"),
+    [
+        ("UPDATE rows SET figures = '{x' WHERE number = 3", [lambda folder: Study.load(folder).frame()]),
+        ("UPDATE facts SET value = '{x' WHERE name = 'study'", [Study.load, resume_study]),
+        (
+            "UPDATE facts SET value = '{x' WHERE name = 'manifest'",
+            [lambda folder: Study.load(folder).manifest(), resume_study],
+        ),
+        ("UPDATE rows SET number = 99999 WHERE number = 3", [resume_study]),
+    ],
+)
+def test_a_store_whose_texts_are_spoilt_is_refused(
+    change: str, uses: list[Callable[[Path], object]], copy: Path
+) -> None:
+    with closing(sqlite3.connect(copy / STORE)) as connection:
+        connection.execute(change)
+        connection.commit()
+    for use in uses:
+        with pytest.raises(InputError, match="is damaged"):
+            use(copy)
+
+
 def test_going_on_with_other_versions_is_said(copy: Path, whole: Study, caplog: pytest.LogCaptureFixture) -> None:
     resume_study(copy)
     assert not caplog.records
@@ -709,8 +733,9 @@ def test_an_interrupt_to_all_processes_is_told_once_and_resumed(tmp_path: Path) 
 
 def test_bad_arguments_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with pytest.raises(InputError, match="jobs"):
-        run_study(Study.of(SMALL), out, jobs=0)
+    for jobs in (0, -2, 1.5, True):
+        with pytest.raises(InputError, match=f"jobs must be a number of processes of at least 1, or -1 .*, got {jobs}"):
+            run_study(Study.of(SMALL), out, jobs=jobs)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="exclude one another"):
         run_study(Study.of(SMALL), out, jobs=2, cluster="tcp://127.0.0.1:1")
     assert not out.exists()

@@ -160,6 +160,28 @@ def test_failures_are_told_once_with_their_tasks(tmp_path: Path) -> None:
     assert f"{len(failed)} of {study.n_tasks} tasks failed" in " ".join(read.inside["p"])
 
 
+def test_the_page_opens_at_the_setting_of_its_verdict_and_draws_no_rounding(tmp_path: Path) -> None:
+    study = run_study(
+        Study.of(PLAN | {"problem": {"max_weight": [0.2, 1.0]}, "decision_makers": ["ODM", "uniform"]}), tmp_path
+    )
+    path = write_page(study, tmp_path / "report.html")
+    read = Reader(path)
+    (setting,) = (each for each in read.all("input") if each["id"] == "setting")
+    assert setting["value"] == "1"
+    assert "in the setting problem.max_weight = 1" in " ".join(read.inside["p"])
+    cells = data_of(path)["cells"]
+    assert all(cell[0] is None for play in cells[0] for cell in play)
+    numbers = [each for play in cells[1] for cell in play for each in cell if each is not None]
+    assert 0 in numbers
+    assert all(each == 0 or abs(each) >= 1e-12 for each in numbers)
+
+
+def test_one_task_is_one_task(tmp_path: Path) -> None:
+    study = Study.of(PLAN | {"decision_makers": "ODM", "adversaries": "naive", "problem": {}, "repeats": 1})
+    assert study.summary().endswith(": 1 task")
+    assert "1 of 1 task done" in run_study(study, tmp_path).summary()
+
+
 def test_many_settings_are_thinned(whole: Study, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(study_page, "_MOST_CELLS", 10)
     path = write_page(whole, tmp_path / "report.html")
@@ -250,6 +272,7 @@ def test_odd_studies_are_drawn_and_printed_too(tab: browser.Browser, tmp_path: P
     plans: list[tuple[dict[str, Any], int]] = [
         (PLAN | {"measures": ["mutual_information"], "problem": {}, "budgets": {"values": 0.1}}, 5),
         (PLAN, 3),
+        (PLAN | {"problem": {"max_weight": [0.2, 1.0]}}, 1000),
         (PLAN | {"problem": {}, "repeats": 1, "budgets": {"values": [0.001, 0.1, 10.0]}}, 1000),
     ]
     for number, (plan, limit) in enumerate(plans):

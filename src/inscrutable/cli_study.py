@@ -62,9 +62,10 @@ def run(
         limit: Do at most this many tasks now, spread over the grid; `study resume` does the others.
     """
     from inscrutable.experiments.studies import Study, run_study
+    from inscrutable.experiments.studies.study import tasks_text
 
     plan = Study.read(file)
-    speech.log(f"{plan.plan.name}: {plan.n_tasks} tasks")
+    speech.log(f"{plan.plan.name}: {tasks_text(plan.n_tasks)}")
     with resumable(out, then=_REPORT):
         with _watched(speech) as watch:
             done = run_study(plan, out, jobs=jobs, cluster=cluster, limit=limit, progress=watch)

@@ -122,6 +122,13 @@ def count(value: Any, name: str, *, least: int = 1) -> int:
     return int(value)
 
 
+def processes(value: Any, name: str) -> int:
+    """Return `value` as a number of processes: at least 1, or -1 for one per core."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or (value < 1 and value != -1):
+        raise InputError(f"{name} must be a number of processes of at least 1, or -1 for one per core, got {value!r}")
+    return int(value)
+
+
 def generator(rng: Any) -> np.random.Generator:
     """Return `rng` if it is a `numpy.random.Generator`; nothing else is accepted, so every draw can be repeated."""
     if not isinstance(rng, np.random.Generator):

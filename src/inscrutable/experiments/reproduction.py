@@ -106,8 +106,7 @@ class ReproductionSettings:
         validation.positive(self.budget, "budget")
         validation.count(self.n_steps, "n_steps", least=2)
         validation.count(self.n_markets, "n_markets", least=2)
-        if self.n_jobs != -1:
-            validation.count(self.n_jobs, "n_jobs")
+        validation.processes(self.n_jobs, "n_jobs")
         if (self.law.n_regimes, self.law.n_assets) != (_SIDES, _SIDES):
             raise InputError(
                 f"the pictures need 3 regimes and 3 assets, the law has {self.law.n_regimes} and {self.law.n_assets}"

@@ -248,7 +248,7 @@ def on_cluster(address: str) -> Executor:
 
 def _check_address(address: str) -> None:
     """Refuse what is no address: a client that is given one waits a minute before it gives up its thread."""
-    from distributed.comm import parse_address, parse_host_port
+    from distributed.comm.addressing import parse_address, parse_host_port
     from distributed.comm.registry import get_backend
 
     get: Any = get_backend

@@ -6,7 +6,7 @@ import json
 import logging
 import platform
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -19,7 +19,7 @@ from inscrutable.datasets import output_folder, write_json
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies.executors import Executor, in_processes, on_cluster, serial
 from inscrutable.experiments.studies.kinds import kind_of
-from inscrutable.experiments.studies.store import STORE, Store, created, locked, opened
+from inscrutable.experiments.studies.store import STORE, Store, created, damaged, locked, opened, speaking
 from inscrutable.experiments.studies.study import PathLike, Study
 from inscrutable.experiments.studies.workshop import FAILED, Row, Work
 
@@ -175,7 +175,8 @@ def resume_study(
 
 def _say_what_changed(store: Store) -> None:
     """Warn where a study is gone on with by other versions: rows may then differ in more than their order."""
-    before = json.loads(store.fact("manifest") or "{}").get("versions", {})
+    with speaking(store.folder):
+        before = json.loads(store.fact("manifest") or "{}").get("versions", {})
     now = versions()
     changed = [f"{name} {before[name]} (now {now[name]})" for name in now if before.get(name, now[name]) != now[name]]
     if changed:
@@ -188,10 +189,7 @@ def _say_what_changed(store: Store) -> None:
 
 def executor(jobs: int, cluster: str | None) -> Executor:
     """Return the way of doing tasks that is asked for, or raise `InputError`."""
-    if jobs == -1:
-        pass
-    elif isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise InputError(f"jobs must be a number of processes of at least 1, or -1 for one per core, got {jobs!r}")
+    validation.processes(jobs, "jobs")
     if cluster is not None and jobs != 1:
         raise InputError(f"jobs={jobs} and a cluster exclude one another: a cluster has workers of its own")
     if cluster is not None:
@@ -232,7 +230,7 @@ def continued(store: Store, execute: Executor, progress: Watch | None, *, limit:
     if not (store.folder / MANIFEST).exists():
         write_json(study.manifest(), store.folder / MANIFEST)
     work = Work(study.plan.model_dump_json(), study.data_hash, store.fact("worlds") or "[]")
-    missing = _missing(study.n_tasks, store.numbers(without_failed=retry))
+    missing = _missing(store, study.n_tasks, without_failed=retry)
     if limit is not None and validation.count(limit, "limit") < len(missing):
         missing = missing[np.linspace(0, len(missing) - 1, limit).round().astype(np.intp)]
     keep = _Keeper(store, study.n_tasks, len(missing), progress, _failed_left(store, retry=retry))
@@ -248,10 +246,12 @@ def _failed_left(store: Store, *, retry: bool) -> tuple[int, int]:
     return (sum(counts.values()) - failed, 0) if retry else (sum(counts.values()), failed)
 
 
-def _missing(total: int, present: Iterable[int]) -> np.ndarray:
+def _missing(store: Store, total: int, *, without_failed: bool) -> np.ndarray:
     """The numbers of tasks without a row, in order."""
     free = np.ones(total, dtype=bool)
-    for number in present:
+    for number in store.numbers(without_failed=without_failed):
+        if not 0 <= number < total:
+            raise damaged(store.folder, f"it has a row {number}, the study {total} tasks")
         free[number] = False
     return np.flatnonzero(free)
 

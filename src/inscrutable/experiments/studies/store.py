@@ -11,6 +11,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
+from json import JSONDecodeError
 from pathlib import Path
 
 from inscrutable.errors import DiskError, InputError
@@ -99,7 +100,7 @@ class Store:
 
 @contextmanager
 def speaking(folder: Path) -> Iterator[None]:
-    """Turn what SQLite says of the disk into one clear error."""
+    """Turn what SQLite says of the disk, and texts that are not whole, into one clear error."""
     try:
         yield
     except sqlite3.OperationalError as error:
@@ -108,7 +109,7 @@ def speaking(folder: Path) -> Iterator[None]:
         kind = DiskError if _code(error) in _DISK else InputError
         why = _READ_ONLY if _code(error) == sqlite3.SQLITE_READONLY else str(error)
         raise kind(f"{folder / STORE} cannot be used: {why}; the rows stored before are kept") from None
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, JSONDecodeError) as error:
         raise damaged(folder, str(error)) from None
 
 

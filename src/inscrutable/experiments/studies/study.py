@@ -20,7 +20,7 @@ from inscrutable.experiments.studies.kinds import kind_named, kind_of
 from inscrutable.experiments.studies.layout import PlanFile, StudyFile
 from inscrutable.experiments.studies.means import means_of
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
-from inscrutable.experiments.studies.store import opened
+from inscrutable.experiments.studies.store import opened, speaking
 from inscrutable.experiments.studies.workshop import DONE, FAILED
 
 PathLike = str | os.PathLike[str]
@@ -49,7 +49,13 @@ class StudyStatus:
 
     def summary(self) -> str:
         """Return one line for a person to read."""
-        return f"{self.done} of {self.total} tasks done, {self.failed} failed, {self.left} left; {self.seconds:.3g} s of work"
+        done = f"{self.done} of {tasks_text(self.total)} done, {self.failed} failed, {self.left} left"
+        return f"{done}; {self.seconds:.3g} s of work"
+
+
+def tasks_text(number: int) -> str:
+    """Return a number of tasks in words: 1 task, 2 tasks."""
+    return "1 task" if number == 1 else f"{number} tasks"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,7 +126,8 @@ class Study:
         with closing(opened(place)) as store:
             plan, data_hash = store.fact("study"), store.fact("data_hash")
         try:
-            name = json.loads(plan or "{}").get("kind")
+            with speaking(place):
+                name = json.loads(plan or "{}").get("kind")
             found = kind_named(name).layout.model_validate_json(plan or "")
         except ValidationError as error:
             raise InputError(
@@ -157,7 +164,7 @@ class Study:
         Raises:
             InputError: It was not run, or its store is damaged.
         """
-        with closing(opened(self._place())) as store:
+        with closing(opened(self._place())) as store, speaking(store.folder):
             return kind_of(self.plan).table(self.grid, store.rows(), durations)
 
     def means(self) -> pd.DataFrame:
@@ -185,7 +192,7 @@ class Study:
 
     def manifest(self) -> dict[str, Any]:
         """Return versions, seed, resolved study and hash of the data, as they were when it was begun."""
-        with closing(opened(self._place())) as store:
+        with closing(opened(self._place())) as store, speaking(store.folder):
             found: dict[str, Any] = json.loads(store.fact("manifest") or "{}")
         return found
 
@@ -199,5 +206,5 @@ class Study:
 
     def summary(self) -> str:
         """Return one line for a person to read."""
-        size = f"{self.plan.name}: {self.n_tasks} tasks"
+        size = f"{self.plan.name}: {tasks_text(self.n_tasks)}"
         return size if self.folder is None else f"{self.plan.name}: {self.status().summary()}"

@@ -11,6 +11,7 @@ import numpy as np
 from inscrutable.experiments.studies import Study
 from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import PER_OBSERVER, Figure, StudyMeans, means_of
+from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
 from inscrutable.reports.style import Look, looks_of
@@ -87,7 +88,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
     shown = _shown(means)
     section = file_of(study).budgets
     spent = ", ".join(filter(None, [_UNITS[section.unit], "" if section.unit == "relative" else _HOLDS[section.hold]]))
-    header = ". ".join(filter(None, [study.plan.note.rstrip("."), f"{study.n_tasks} tasks; budgets: {spent}"]))
+    header = ". ".join(filter(None, [study.plan.note.rstrip("."), f"{tasks_text(study.n_tasks)}; budgets: {spent}"]))
     return PageContent(
         title=title or study.plan.name,
         header=f"{header[0].upper()}{header[1:]}.",
@@ -169,7 +170,7 @@ def _sliders(means: StudyMeans, shown: Sequence[int], worth: str) -> list[PageSl
     found = [
         PageSlider("figure", "Figure", [title_of(each) for each in means.figures], _first_figure(means)),
         PageSlider("budget", "Budget", [worth.format(each) for each in budgets], _middle(budgets)),
-        PageSlider("setting", "Setting", [means.settings[place] for place in shown]),
+        PageSlider("setting", "Setting", [means.settings[place] for place in shown], _first_setting(means, shown)),
     ]
     return [each for each in found if len(each.texts) > 1]
 
@@ -187,6 +188,11 @@ def _first_figure(means: StudyMeans) -> int:
     """The figure shown at first: what the verdict speaks of."""
     figures = _headline(means)[0]
     return figures[0] if figures else 0
+
+
+def _first_setting(means: StudyMeans, places: Sequence[int]) -> int:
+    """The first of some settings that has figures, else the first: what the verdict speaks of."""
+    return int(means.count[list(places)].any(axis=(1, 2)).argmax())
 
 
 def _drawn(means: StudyMeans) -> list[PageFigure]:
@@ -246,7 +252,7 @@ def _numbers(means: StudyMeans, setting: int, play: int, figure: int) -> list[fl
 
 
 def _rounded(value: float) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None
+    return float(f"{round(value, _DECIMALS) + 0.0:.{_DIGITS}g}") if np.isfinite(value) else None
 
 
 def _looks(names: Iterable[str]) -> dict[str, Look]:
@@ -275,7 +281,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     places, sign = _headline(means)
     if not places:
         return [f"{study.status().done} tasks have figures; the table has their means."]
-    setting = int(means.count.any(axis=(1, 2)).argmax())
+    setting = _first_setting(means, range(len(means.settings)))
     budgets = _budgets(means)
     budget = budgets[_middle(budgets)] if budgets else None
     at = [] if budget is None else [f"at a budget of {_WORTH[file_of(study).budgets.unit].format(budget)}"]

@@ -27,6 +27,9 @@
     return { to, ticks: steps.map((value) => [to(value), short(value)]) };
   }
 
+  const nothing = (drawing, { left, right, top, bottom }) =>
+    svg(drawing, "text", { x: (left + right) / 2, y: (top + bottom) / 2, "text-anchor": "middle" }, "No task has this figure here.");
+
   const isLeftOf = (a, b) => a[0] - b[0];
 
   function tradeoff(figure, budget, setting) {
@@ -40,6 +43,7 @@
       label: `${figures[figure]} against ${data.paid}` + (prior === undefined ? "" : `; without a decision ${short(prior)}`),
       x: range(across.filter((each) => each !== null).map(scale.to), true), y: range(prior === undefined ? known : [...known, prior], true),
     });
+    if (here.every((each) => each[MEAN] === null)) nothing(drawing, inside);
     const kept = (y) => Math.min(Math.max(y, inside.top), inside.bottom);
     if (prior !== undefined) svg(drawing, "line", { x1: inside.left, x2: inside.right, y1: at(py(prior)), y2: at(py(prior)), stroke: "#000", "stroke-dasharray": "6 4" });
     makers.forEach((name, maker) => {
@@ -66,9 +70,10 @@
       .filter(([, amount, cell]) => (amount === null || amount === budget) && cell[LEAST] !== null);
     const all = shown.flatMap(([, , cell]) => cell.slice(LEAST));
     const { drawing, px, inside } = chart("spread", {
-      height: 30 * shown.length + 58, left: 150, x: range(all, true), y: [0, 1], yTicks: [], xLabel: figures[figure],
+      height: 30 * Math.max(1, shown.length) + 58, left: 150, x: range(all, true), y: [0, 1], yTicks: [], xLabel: figures[figure],
       label: shown.map(([name, , cell]) => `${name}: mean ${short(cell[MEAN])}, median ${short(cell[LEAST + 2])}, from ${short(cell[LEAST])} to ${short(cell[LEAST + 4])}`).join("; ") || "nothing yet",
     });
+    if (!shown.length) nothing(drawing, inside);
     shown.forEach(([name, , cell], k) => {
       const y = inside.top + 16 + 30 * k;
       const look = looks[name];

@@ -398,3 +398,11 @@ def test_directions_separate():
     direction = directions_to(outside, part)[0]
     assert np.linalg.norm(direction) == pytest.approx(1.0)
     assert ((part[0] - outside) @ direction).min() == pytest.approx(np.linalg.norm([0.45, 0.45, 0.9]), abs=1e-6)
+
+
+@pytest.mark.parametrize("measure", [MaximalObfuscation(), DesiredObfuscation([1.0])])
+def test_one_state_of_a_portfolio_hides_nothing_and_proves_it(measure):
+    problem = MarkowitzProblem([[0.1, 0.2]], [np.eye(2)], 1.0)
+    alone = CounterAdversarialDecisionMaker(problem, measure, method=GlobalSearch(certify=0.01)).decide([1.0])
+    mixed = ProbabilisticDecisionMaker(problem, measure, certify=0.01).decide([1.0])
+    assert (alone.privacy, alone.privacy_bound, mixed.expected_privacy, mixed.privacy_bound) == (0.0, 0.0, 0.0, 0.0)

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inscrutable import (
+    Budget,
     Candidates,
     CounterAdversarialDecisionMaker,
     DesiredObfuscation,
@@ -20,6 +21,8 @@ from inscrutable import (
     MaximalObfuscation,
     PrivacyMeasure,
     ProbabilisticDecisionMaker,
+    QuadraticProblem,
+    box,
     consistent_beliefs,
     decoy_grid,
 )
@@ -226,3 +229,31 @@ def test_a_lottery_keeps_the_very_decision_of_the_single_one(n_states: int) -> N
         rng = np.random.default_rng([seed, n_states])
         problem, beliefs = market(rng, n_states, 5, two_pairs), drawn_beliefs(rng, n_states)
         Told(problem, MaximalObfuscation(), 0.02).check_all(beliefs[:1], decoy_grid(problem, 4))
+
+
+@pytest.mark.parametrize("n_states", [2, 3, 4])
+@pytest.mark.parametrize("seed", range(3))
+def test_copies_away_from_all_bounds_leave_a_decision_as_private_as_a_candidate(n_states: int, seed: int) -> None:
+    """Decisions are tied inside the box: a face on which nothing climbs still has its candidates."""
+    rng = np.random.default_rng([41, seed])
+    roots, linear, twice = rng.normal(size=(n_states, 2, 2)), 0.3 * rng.normal(size=(n_states, 2)), [0, 1, 1]
+    hessians = (roots @ roots.swapaxes(1, 2) + 0.05 * np.eye(2))[:, twice][:, :, twice]
+    problem = QuadraticProblem(hessians, linear[:, twice], constraints=box([-1] * 3, [1] * 3))
+    belief, candidates = rng.dirichlet(np.ones(n_states)), decoy_grid(problem, 12)
+    regrets = problem.regret(belief, candidates.actions)
+    affordable = (regrets <= np.quantile(regrets, 0.3)) & candidates.usable
+    budget = Budget.regret(float(np.quantile(regrets, 0.3)))
+    target = np.eye(n_states)[0]
+    for measure in (MaximalObfuscation(), DesiredObfuscation(target)):
+        best = max(
+            measure(belief, consistent_beliefs(problem, action)) for action in candidates.actions[affordable][::3]
+        )
+        maker = CounterAdversarialDecisionMaker(problem, measure, budget, candidates=candidates)
+        decided = maker.decide(belief)
+        assert decided.privacy >= best - STATED
+        assert decided.privacy == pytest.approx(
+            measure(belief, consistent_beliefs(problem, decided.action)), abs=STATED
+        )
+        assert maker.decide_many([belief]).privacy[0] == pytest.approx(decided.privacy, abs=STATED)
+        mixed = ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates).decide(belief)
+        assert mixed.expected_privacy >= decided.privacy - SAVED

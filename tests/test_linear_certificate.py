@@ -315,3 +315,16 @@ def test_cells_that_are_too_many_are_left_to_branch_and_bound():
     left = CounterAdversarialDecisionMaker(choices, budget=Budget.regret(0.1), candidates=faces, method=method)
     best, _ = tied.suprema(LinearProblem(choices.costs, simplex(12)), middle, 0.1)
     assert left.decide(middle).privacy_bound >= best - 1e-9
+
+
+@pytest.mark.parametrize("belief", [[0.5, 0.5], [0.3, 0.7], [0.8, 0.2]])
+def test_a_proven_lottery_over_costs_with_kinks_is_no_less_private_than_the_decision(belief):
+    """The decision that the proof comes across is one of the lottery's atoms too."""
+    problem = PiecewiseLinearProblem([[[1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 1, 0]]], [[0, 0.1], [0, 0.2]], simplex(3))
+    budget = Budget.regret(0.05)
+    alone = CounterAdversarialDecisionMaker(problem, budget=budget, method=GlobalSearch(certify=0.01)).decide(belief)
+    mixed = ProbabilisticDecisionMaker(problem, budget=budget, certify=0.01).decide(belief)
+    assert alone.privacy > 0.1
+    assert mixed.expected_privacy >= alone.privacy - 1e-9
+    assert mixed.expected_privacy <= mixed.privacy_bound + 1e-9
+    assert mixed.probabilities @ mixed.regrets <= 0.05 * (1 + 1e-9)

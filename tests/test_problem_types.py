@@ -431,3 +431,9 @@ def test_proofs_of_a_horse_race_close() -> None:
     assert single.status is mixed.status is DecisionStatus.GAP_REACHED
     assert away[regrets <= limit].max() - 1e-9 <= single.privacy_bound <= 1.0101 * single.privacy
     assert best_mixture(regrets, away, limit) - 1e-9 <= mixed.privacy_bound <= 1.0501 * mixed.expected_privacy
+
+
+@pytest.mark.parametrize("choice", [0.5, True, np.float64(1.0)])
+def test_a_choice_that_is_no_whole_number_is_named(choice):
+    with pytest.raises(InputError, match=r"a choice must be a whole number from 0 to 1, got"):
+        consistent_beliefs(FiniteProblem([[1.0, 2.0], [2.0, 1.0]]), choice)

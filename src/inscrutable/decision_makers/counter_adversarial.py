@@ -196,7 +196,12 @@ def _search(case: Case, reference: Reference | None) -> Decision | Singles:
     optimal_cost = float(problem.state_costs(optimal) @ belief)
     limit = case.budget.limit(optimal_cost)
     if reference is not None and case.on_empty == "exclude" and isinstance(problem, QuadraticProblem):
-        return _search_faces(case, problem, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
+        found = _search_faces(case, problem, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
+        if problem.bends:
+            return found
+        # Where decisions are tied on a face, nothing climbs there: what a candidate reaches may be more.
+        other = _search_candidates(case, optimal, optimal_cost, limit)
+        return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
     return _search_candidates(case, optimal, optimal_cost, limit)
 
 

@@ -129,7 +129,8 @@ class DecisionProblem(ABC):
 
     def check_actions(self, actions: ArrayLike) -> Array:
         """Return decisions (U,) or (T,U) as floats; raise `InputError` for a wrong length or one outside C."""
-        given = self.as_points(actions) if np.asarray(actions).dtype.kind in "iu" and self.is_discrete else actions
+        kind = np.asarray(actions)
+        given = self.as_points(actions) if self.is_discrete and (kind.dtype.kind in "iu" or not kind.ndim) else actions
         points = validation.finite_array(given, "action", ndim=(1, 2))
         if points.shape[-1] != self.n_actions:
             raise InputError(f"action has {points.shape[-1]} coordinates, expected {self.n_actions}")

@@ -78,6 +78,8 @@ class FiniteProblem(LinearProblem):
         given = np.asarray(actions)
         if given.dtype.kind in "iu":
             return np.asarray(np.eye(self.n_choices)[self._checked(given)])
+        if given.ndim == 0:
+            raise InputError(f"a choice must be a whole number from 0 to {self.n_choices - 1}, got {actions!r}")
         return super().as_points(given)
 
     def as_actions(self, points: Array) -> Any:

@@ -277,8 +277,8 @@ def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], 
     else:
         try:
             values = np.array(np.broadcast_to(np.asarray(limits, dtype=np.float64), (len(names),)))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{what} must be one number or {len(names)} of them: {error}") from None
+        except (TypeError, ValueError):
+            raise InputError(f"{what} must be one number or {len(names)} of them, got {limits!r}") from None
     if np.isnan(values).any() or (values == -absent).any():
         wrong = int(np.flatnonzero(np.isnan(values) | (values == -absent))[0])
         raise InputError(f"{what} has {values[wrong]} for {names[wrong]}; {absent} stands for no limit")

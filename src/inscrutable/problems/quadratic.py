@@ -87,6 +87,11 @@ class QuadraticProblem(DecisionProblem):
         felt = np.vstack([*self.hessians, weight * self.linear])
         return bent_alike(self.hessians, felt, self.constraints.A_eq)
 
+    @cached_property
+    def bends(self) -> bool:
+        """Whether every state's cost bends in all directions that keep the equalities: no decisions are tied."""
+        return bent_alike(self.hessians, np.eye(self.n_actions), self.constraints.A_eq)
+
     @property
     def linear_costs(self) -> Array | None:
         """g_i, shape (X,U), where no cost bends."""

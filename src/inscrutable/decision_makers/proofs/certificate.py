@@ -39,6 +39,7 @@ _EDGE_SHARE = 1.2  # a cell's edge over what is left of the way to it, 1 − τ:
 _PULLS = np.array([0.0, 0.01, 0.1, 0.5])
 _ATTEMPTS = 3
 _JUDGED = 64  # points whose decisions are judged in one round
+_JUDGED_SLOWLY = 2  # where the beliefs that explain a decision take cutting planes
 
 
 class Question(NamedTuple):
@@ -78,6 +79,7 @@ class Prover:
         self._leaves: BoundedCells | None = None
         self._allowance = 0.0
         self._smooth = _smooth_cells(problem, self.points)
+        self._most_judged = _JUDGED_SLOWLY if getattr(problem, "differentiable", True) is False else _JUDGED
         self._fibres = None if self._smooth is None else Fibres(self._smooth)
 
     def answer(self, question: Question) -> Answer:
@@ -122,7 +124,7 @@ class Prover:
         above = self._privacies - spent - question.floor
         above[list(question.judged)] = -np.inf
         ask = np.flatnonzero((above > tolerances.CHORD) & ~self._exact)
-        ask = ask[np.argsort(-above[ask], kind="stable")[:_JUDGED]]
+        ask = ask[np.argsort(-above[ask], kind="stable")[: self._most_judged]]
         if ask.size:
             self._privacies[ask], self._exact[ask] = self._judged(ask, question.reference), True
             above[ask] = self._privacies[ask] - spent[ask] - question.floor

@@ -74,6 +74,10 @@ class Proofs:
         """
         if isinstance(self.problem, FiniteProblem) and not between_choices:
             return self._best_choice(belief, measure, found)
+        if self.problem.n_states == 1:  # the one belief is what every decision shows
+            return replace(
+                found, privacy_bound=found.privacy, status=self._status(found.privacy, found.privacy, found.status)
+            )
         reference = _reference(measure, belief)
         limit = self.budget.limit(found.optimal_cost)
         cells, calls = self._cells
@@ -103,6 +107,9 @@ class Proofs:
         """
         if isinstance(self.problem, FiniteProblem) and not between_choices:
             return self._best_lottery(belief, measure, found)
+        if self.problem.n_states == 1:
+            value = found.expected_privacy
+            return replace(found, privacy_bound=value, status=self._status(value, value, found.status))
         reference = _reference(measure, belief)
         limit = self.budget.limit(found.optimal_cost)
         cells, calls = self._cells

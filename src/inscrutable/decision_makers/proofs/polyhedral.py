@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple
 
@@ -52,6 +53,14 @@ class PolyhedralProof(NamedTuple):
                 if self.problem.constraints.is_admissible(action):
                     atoms.take(action)
         improved = atoms.lottery(found, limit)
+        # One decision may beat all mixtures of those met so far.
+        own = decision_for(
+            self.problem, self.belief, self.problem.solve_points(self.belief), self.measure, DecisionStatus.OPTIMAL
+        )
+        alone, _ = self.single(replace(own, privacy=max(own.privacy, improved.expected_privacy)), limit)
+        if alone.status is DecisionStatus.BEST_CANDIDATE:
+            atoms.take(self.problem.as_points(alone.action))
+            improved = atoms.lottery(found, limit)
         return improved, max(bound.value, improved.expected_privacy)
 
     def _decisions(self, place: int) -> list[Array]:

@@ -50,7 +50,7 @@ def test_after_the_first_calls_no_kernel_is_left():
 
 @pytest.mark.parametrize("jobs", [0, -2])
 def test_jobs_are_counted(jobs: int):
-    with pytest.raises(InputError, match="-1 is one per core"):
+    with pytest.raises(InputError, match="-1 for one per core"):
         compile_kernels(n_jobs=jobs)
 
 

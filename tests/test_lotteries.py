@@ -507,3 +507,16 @@ def test_an_interrupt_ends_the_run_and_the_next_one_works() -> None:
     with pytest.raises(KeyboardInterrupt):
         case.maker.decide_many(beliefs, progress=interrupt)
     assert np.isfinite(case.maker.decide_many(beliefs).expected_privacy).all()
+
+
+def test_with_few_candidates_one_belief_gets_what_many_get() -> None:
+    # Climbing from the best single decision alone ended 4.6 % lower here.
+    rng = np.random.default_rng(38)
+    factors = rng.normal(size=(3, 6, 6))
+    covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(6))
+    problem = MarkowitzProblem(0.02 * rng.normal(size=(3, 6)), covariances, 5.0)
+    beliefs = rng.dirichlet(np.ones(3), 30)[24:]
+    maker = ProbabilisticDecisionMaker(problem, candidates=decoy_grid(problem, 8))
+    together = maker.decide_many(beliefs).expected_privacy
+    alone = np.array([maker.decide(belief).expected_privacy for belief in beliefs])
+    assert (alone >= together - 1e-6).all()

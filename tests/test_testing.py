@@ -111,7 +111,7 @@ def test_a_wrong_shape_is_named(name):
 def met(monkeypatch):
     """Returns which promises a problem breaks, all of them and not the first alone."""
     found = []
-    monkeypatch.setattr(testing, "_promise", lambda kept, promise, detail: kept or found.append(promise))
+    monkeypatch.setattr(testing.problems, "promise", lambda kept, promise, detail: kept or found.append(promise))
 
     def listed(problem):
         found.clear()

@@ -100,7 +100,11 @@ _EXPORTS: dict[str, str] = {
     "box": "problems",
     "calibrate": "decision_makers.baselines",
     "cheapest_privacy": "decision_makers",
+    "check_adversary": "testing",
+    "check_decision_maker": "testing",
     "check_decision_problem": "testing",
+    "check_emission": "testing",
+    "check_privacy_measure": "testing",
     "consistent_beliefs": "adversaries",
     "decoy_grid": "decision_makers",
     "detectability": "privacy",
@@ -250,7 +254,11 @@ if TYPE_CHECKING:
     from inscrutable.problems import simplex as simplex
     from inscrutable.problems import turnover as turnover
     from inscrutable.problems import with_transaction_costs as with_transaction_costs
+    from inscrutable.testing import check_adversary as check_adversary
+    from inscrutable.testing import check_decision_maker as check_decision_maker
     from inscrutable.testing import check_decision_problem as check_decision_problem
+    from inscrutable.testing import check_emission as check_emission
+    from inscrutable.testing import check_privacy_measure as check_privacy_measure
     from inscrutable.worlds import CategoricalEmission as CategoricalEmission
     from inscrutable.worlds import Emission as Emission
     from inscrutable.worlds import FittedWorld as FittedWorld

@@ -222,6 +222,10 @@ CONTRACT = 1e-9
 """Largest breach of a promise about costs, relative to their scale, that a contract checker forgives: accuracy asked of a
 decision problem's forward solves."""
 
+SAME_LAW = 1e-3
+"""By how much, relative to the scale of costs, a decision maker's expected costs may differ between two ways of asking it.
+Searches end within a millionth of the best privacy, which is flat there: decisions may be its root apart."""
+
 DIFFERENCE = 1e-6
 """Length of the checker's difference steps, as a share of the way to another decision; a curvature of the costs' own scale
 then adds as much to a slope."""

@@ -18,6 +18,8 @@ _KINDS = np.array(
     [DecisionStatus.NO_AFFORDABLE_PRIVACY, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDIDATE], dtype=object
 )
 
+_COARSE = 1000  # candidates
+
 
 def stream(case: Case, beliefs: Array, progress: Progress | None) -> MixedDecisions:
     """Return the lotteries of beliefs (T,X); `case` gives everything but the belief.
@@ -45,7 +47,12 @@ def _one(atlas: Atlas, case: Case, aims: Aims) -> Lotteries:
         known = Spot(best.action, best.decoy, best.regret, best.privacy, best.optimal_cost)
     else:
         known = best.spot()
-    return stream_lotteries(atlas, case.belief[None], aims, known=known)
+    found = stream_lotteries(atlas, case.belief[None], aims, known=known)
+    if len(case.candidates) > _COARSE:
+        return found
+    # With few candidates, what is climbed from the known decision may miss a better pair.
+    without = stream_lotteries(atlas, case.belief[None], aims)
+    return max(found, without, key=lambda each: float((each.probabilities * each.privacies).sum()))
 
 
 def _atlas(case: Case) -> Atlas:

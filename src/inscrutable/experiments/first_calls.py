@@ -53,8 +53,7 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
     """
     from inscrutable.kernels.projection import project
 
-    if n_jobs != -1:
-        validation.count(n_jobs, "jobs (-1 is one per core)")
+    validation.processes(n_jobs, "jobs")
     # Kernels for two and for three states are their own; those for four serve more.
     calls = [delayed(_quietly)(_decisions, n_states) for n_states in (3, 2, 4)] + [delayed(_quietly)(_worlds, 2)]
     progress(0, len(calls))

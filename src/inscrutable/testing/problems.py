@@ -1,4 +1,4 @@
-"""Contract checkers for what a user writes: does a decision problem keep the promises that everything else builds on?"""
+"""Does a decision problem keep the promises that everything else builds on?"""
 
 from __future__ import annotations
 
@@ -9,13 +9,10 @@ import numpy as np
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.plausibility import nearest_explanation
-from inscrutable.decision_makers.action_candidates import random_actions
-from inscrutable.errors import ModelError
 from inscrutable.problems import ConvexProblem, DecisionProblem, checked_problem
+from inscrutable.testing.promises import INTERIOR, check_shape, promise, source_of, tried_actions, tried_beliefs
 from inscrutable.validation import Array
 
-_BELIEFS = 12
-_DECISIONS = 12
 _STEPS_ON_A_RAY = 9
 
 
@@ -58,7 +55,7 @@ def check_decision_problem(
         >>> from inscrutable import FiniteProblem
         >>> check_decision_problem(FiniteProblem([[0.0, 4.0], [10.0, 4.0]]))
     """
-    source = np.random.default_rng(0) if rng is None else validation.generator(rng)
+    source = source_of(rng)
     _check_shapes(checked_problem(problem))
     sample = _sample_of(problem, source, validation.positive(tolerance, "tolerance"))
     _check_costs(sample)
@@ -71,60 +68,35 @@ def check_decision_problem(
     _check_rays(sample)
 
 
-def _promise(kept: bool, promise: str, detail: str) -> None:
-    if not kept:
-        raise AssertionError(f"broken promise: {promise}; {detail}")
-
-
 def _check_shapes(problem: DecisionProblem) -> None:
     n_states, n_actions = problem.n_states, problem.n_actions
-    _check_shape("constraints.n_actions", (problem.constraints.n_actions,), (n_actions,))
+    check_shape("constraints.n_actions", (problem.constraints.n_actions,), (n_actions,))
     middle = np.full(n_states, 1.0 / n_states)
     one, many = np.asarray(problem.solve(middle)), np.asarray(problem.solve(np.tile(middle, (3, 1))))
     own = () if problem.is_discrete else (n_actions,)
-    _check_shape("solve(belief)", one.shape, own)
-    _check_shape("solve(beliefs)", many.shape, (3, *own))
+    check_shape("solve(belief)", one.shape, own)
+    check_shape("solve(beliefs)", many.shape, (3, *own))
     for name, action, lead in (("action", problem.as_points(one), ()), ("actions", problem.as_points(many), (3,))):
-        _check_shape(f"state_costs({name})", np.shape(problem.state_costs(action)), (*lead, n_states))
-        _check_shape(f"cost_gradients({name})", np.shape(problem.cost_gradients(action)), (*lead, n_states, n_actions))
-
-
-def _check_shape(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
-    _promise(found == wanted, f"the shape of {name}", f"found {found}, expected {wanted}")
+        check_shape(f"state_costs({name})", np.shape(problem.state_costs(action)), (*lead, n_states))
+        check_shape(f"cost_gradients({name})", np.shape(problem.cost_gradients(action)), (*lead, n_states, n_actions))
 
 
 def _sample_of(problem: DecisionProblem, rng: np.random.Generator, tolerance: float) -> _Sample:
-    n_states = problem.n_states
-    flat = rng.dirichlet(np.ones(n_states), _BELIEFS)
-    faces = np.where(rng.uniform(size=flat.shape) < 0.5, flat, 0.0)
-    faces = faces[faces.sum(axis=1) > 0]
-    beliefs = np.vstack([flat, faces / faces.sum(axis=1, keepdims=True), np.eye(n_states)])
+    beliefs = tried_beliefs(problem.n_states, rng)
     solved = problem.solve_points(beliefs)
-    if problem.is_discrete:
-        actions = np.eye(problem.n_actions)[rng.integers(problem.n_actions, size=_DECISIONS)]
-    else:
-        actions = _inside(problem, solved, rng)
-    scale = float(np.abs(problem.state_costs(np.vstack([solved[: len(flat)], actions]))).max())
+    actions = tried_actions(problem, solved, rng)
+    scale = float(np.abs(problem.state_costs(np.vstack([solved[:INTERIOR], actions]))).max())
     scale = max(scale, np.finfo(float).tiny)
     return _Sample(problem, beliefs, solved, actions, scale, rng, tolerance * scale)
-
-
-def _inside(problem: DecisionProblem, solved: Array, rng: np.random.Generator) -> Array:
-    try:
-        drawn = random_actions(problem, _DECISIONS, rng=rng)
-    except ModelError:  # unbounded: what is optimal for some beliefs, mixed
-        return np.asarray(rng.dirichlet(np.ones(len(solved)), _DECISIONS) @ solved)
-    # Away from the border, where costs such as logarithms have no slope.
-    return np.asarray(0.9 * drawn + 0.1 * drawn.mean(axis=0))
 
 
 def _check_costs(sample: _Sample) -> None:
     problem = sample.problem
     together = problem.state_costs(sample.actions)
-    _promise(bool(np.isfinite(together).all()), "state costs are finite", f"found {together[~np.isfinite(together)]}")
+    promise(bool(np.isfinite(together).all()), "state costs are finite", f"found {together[~np.isfinite(together)]}")
     apart = np.array([problem.state_costs(action) for action in sample.actions])
     off = float(np.abs(together - apart).max())
-    _promise(
+    promise(
         off <= sample.allowed,
         "many decisions cost what each costs alone",
         f"they differ by {off:.3g}",
@@ -139,7 +111,7 @@ def _check_convexity(sample: _Sample) -> None:
     chord = shares * problem.state_costs(first) + (1 - shares) * problem.state_costs(second)
     excess = middle - chord
     row, state = np.unravel_index(int(excess.argmax()), excess.shape)
-    _promise(
+    promise(
         float(excess.max()) <= sample.allowed,
         "state costs are convex",
         f"the cost of state {state} lies {excess.max():.3g} above the chord between {first[row]} and {second[row]}",
@@ -147,7 +119,7 @@ def _check_convexity(sample: _Sample) -> None:
     if isinstance(problem, ConvexProblem) and problem.strictly_convex:
         apart = np.abs(first - second).max(axis=1) > tolerances.MIN_SLACK
         level = excess[apart].max(initial=-np.inf)
-        _promise(
+        promise(
             float(level) < -tolerances.EXACT_COST * sample.scale,
             "costs declared strictly convex lie below their chords",
             f"one lies {-level:.3g} below",
@@ -165,7 +137,7 @@ def _check_gradients(sample: _Sample) -> None:
         lacking = (costs + size * slopes - ahead) / tolerances.DIFFERENCE
         row, state = np.unravel_index(int(lacking.argmax()), lacking.shape)
         limit = tolerances.SLOPE * max(sample.scale, float(np.abs(slopes).max()))
-        _promise(
+        promise(
             float(lacking.max()) <= limit,
             "cost_gradients are the slopes of state_costs",
             f"at {sample.actions[row]} the slope of state {state} along {steps[row]} is {slopes[row, state]:.6g}, by "
@@ -177,9 +149,9 @@ def _check_linear(sample: _Sample) -> None:
     stated = sample.problem.linear_costs
     if stated is None:
         return
-    _check_shape("linear_costs", np.shape(stated), (sample.problem.n_states, sample.problem.n_actions))
+    check_shape("linear_costs", np.shape(stated), (sample.problem.n_states, sample.problem.n_actions))
     off = float(np.abs(sample.problem.cost_gradients(sample.actions) - stated).max())
-    _promise(
+    promise(
         off <= tolerances.SLOPE * max(float(np.abs(stated).max()), np.finfo(float).tiny),
         "linear_costs are the gradients of all decisions",
         f"they differ by {off:.3g}",
@@ -190,14 +162,14 @@ def _check_optimality(sample: _Sample) -> None:
     problem = sample.problem
     beyond = problem.constraints.violation(sample.solved)
     worst = int(beyond.argmax())
-    _promise(
+    promise(
         float(beyond[worst]) <= tolerances.FEASIBILITY,
         "solve returns feasible decisions",
         f"for belief {sample.beliefs[worst]} a row is violated by {beyond[worst]:.3g}",
     )
     alone = np.array([problem.solve_points(belief) for belief in sample.beliefs])
     off = np.abs(sample.beliefs * (problem.state_costs(alone) - problem.state_costs(sample.solved))).sum(axis=1)
-    _promise(
+    promise(
         float(off.max()) <= sample.allowed,
         "many beliefs are solved as each alone",
         f"for belief {sample.beliefs[int(off.argmax())]} the costs differ by {off.max():.3g}",
@@ -205,7 +177,7 @@ def _check_optimality(sample: _Sample) -> None:
     optimal = (sample.beliefs * problem.state_costs(sample.solved)).sum(axis=1)
     gain = optimal[:, None] - sample.beliefs @ problem.state_costs(np.vstack([sample.actions, sample.solved])).T
     row, other = np.unravel_index(int(gain.argmax()), gain.shape)
-    _promise(
+    promise(
         float(gain.max()) <= sample.allowed,
         "no feasible decision is cheaper than solve's",
         f"for belief {sample.beliefs[row]} decision {np.vstack([sample.actions, sample.solved])[other]} is cheaper by "
@@ -218,7 +190,7 @@ def _check_explanations(sample: _Sample) -> None:
     for belief, action in zip(sample.beliefs, sample.solved, strict=True):
         found = belief_set_of(problem, action)
         residual = float(found.violation(belief))
-        _promise(
+        promise(
             residual <= tolerances.EXPLAINED * 10,
             "a belief explains the decision it leads to",
             f"belief {belief} leaves {action} a KKT residual of {residual:.3g}, relative to the gradient's scale",
@@ -229,8 +201,8 @@ def _check_explanations(sample: _Sample) -> None:
         if found.is_empty:
             least = nearest_explanation(problem, action)[1]
             # The least regret is known to a share of what decisions differ by.
-            apart = float(np.abs(own - problem.state_costs(sample.solved[:_BELIEFS])).max())
-            _promise(
+            apart = float(np.abs(own - problem.state_costs(sample.solved[:INTERIOR])).max())
+            promise(
                 least > tolerances.GAP_STEP * apart,
                 "what no belief explains leaves every belief a regret",
                 f"{action} leaves {least:.3g}",
@@ -240,7 +212,7 @@ def _check_explanations(sample: _Sample) -> None:
             regret = float(corner @ (own - problem.state_costs(problem.solve_points(corner))))
             # A slack below the least counts as none, so the set is a little larger than its decision deserves.
             slack = problem.constraints.min_slack * np.abs(problem.cost_gradients(action)).max() * action.size
-            _promise(
+            promise(
                 regret <= slack + sample.allowed,
                 "what a belief explains is optimal for it",
                 f"{action} leaves belief {corner} a regret of {regret:.3g}",
@@ -255,7 +227,7 @@ def _check_rays(sample: _Sample) -> None:
         solved = problem.solve_points(decoys)
         values = (decoys * problem.state_costs(solved)).sum(axis=1)
         bend = 0.5 * (values[:-2] + values[2:]) - values[1:-1]
-        _promise(
+        promise(
             float(bend.max()) <= sample.allowed,
             "the optimal cost is concave in the belief",
             f"between {belief} and {end} it lies {bend.max():.3g} below its chord",
@@ -263,7 +235,7 @@ def _check_rays(sample: _Sample) -> None:
         costs = problem.state_costs(solved) @ belief
         falls = -np.diff(costs)
         limit = sample.allowed * max(1.0, float(np.abs(costs).max()) / sample.scale)
-        _promise(
+        promise(
             float(falls.max()) <= limit,
             "regret never falls along a ray from the true belief",
             f"from {belief} to {end} it falls by {falls.max():.3g} after decoy {decoys[int(falls.argmax())]}",

@@ -1,0 +1,146 @@
+"""Does a decision maker keep the promises that mechanisms, leakage and comparisons build on?"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances, validation
+from inscrutable.errors import InputError
+from inscrutable.problems import DecisionProblem
+from inscrutable.testing.promises import check_shape, promise, source_of, tried_beliefs
+from inscrutable.validation import Array
+
+
+class _Law(NamedTuple):
+    """What is played under each belief."""
+
+    points: Array  # (T,k,U)
+    shares: Array  # (T,k)
+
+
+def check_decision_maker(
+    decision_maker: Any, *, rng: np.random.Generator | None = None, tolerance: float = tolerances.SAME_LAW
+) -> None:
+    """Check on random beliefs that a decision maker keeps its promises; silent where it does.
+
+    Checked are that it has a `problem` and `decide_many`; that the answer holds one decision a row (`action`), or
+    `actions` with `probabilities` that are a law; that what is played is feasible; that the same beliefs get the same law
+    again, and each alone what it gets among others, unless `is_memoryless` is false; that `decide`, where there is one,
+    agrees; and that a stated `regret` is the problem's.
+
+    Args:
+        decision_maker: Anything with `problem` and `decide_many`, of this library or of a user's own.
+        rng: Source of the beliefs; None is a fixed one, the same at every call.
+        tolerance: What the expected costs of laws may differ by, relative to the scale of costs, above 0.
+
+    Raises:
+        AssertionError: A promise is broken; the message names it, with the belief and the number.
+        InputError: `decision_maker` has no decision problem or no `decide_many`, or `tolerance` is not above 0.
+
+    Cost: some dozens of decisions. Source: Kerckhoffs' principle: what an observer may know is the law K(u|π).
+
+    Example:
+        >>> from inscrutable import FiniteProblem, OriginalDecisionMaker
+        >>> check_decision_maker(OriginalDecisionMaker(FiniteProblem([[0.0, 4.0], [10.0, 4.0]])))
+    """
+    problem = getattr(decision_maker, "problem", None)
+    if not isinstance(problem, DecisionProblem) or not callable(getattr(decision_maker, "decide_many", None)):
+        raise InputError(f"a decision maker with `problem` and `decide_many` is needed, got {decision_maker!r}")
+    allowed = validation.positive(tolerance, "tolerance")
+    beliefs = tried_beliefs(problem.n_states, source_of(rng))
+    given = beliefs.copy()
+    answer = decision_maker.decide_many(given)
+    promise(bool((given == beliefs).all()), "decide_many leaves the beliefs as they were", "they were changed")
+    law = _law_of(problem, answer, len(beliefs))
+    _check_feasible(problem, beliefs, law)
+    _check_regret(problem, beliefs, law, answer)
+    _check_same(problem, beliefs, (law, decision_maker.decide_many(beliefs)), "asked again plays the same", allowed)
+    if getattr(decision_maker, "is_memoryless", True):
+        _check_alone(decision_maker, beliefs, law, allowed)
+
+
+def _law_of(problem: DecisionProblem, answer: Any, count: int) -> _Law:
+    mixed = hasattr(answer, "probabilities")
+    promise(
+        mixed or hasattr(answer, "action"),
+        "an answer has `action`, or `actions` and `probabilities`",
+        f"got {answer!r}",
+    )
+    own = () if problem.is_discrete else (problem.n_actions,)
+    if not mixed:
+        check_shape("action", np.shape(answer.action), (count, *own))
+        return _Law(np.asarray(problem.as_points(answer.action))[:, None, :], np.ones((count, 1)))
+    shares = np.asarray(answer.probabilities, dtype=np.float64)
+    check_shape("probabilities", shares.shape[:1], (count,))
+    check_shape("actions", np.shape(answer.actions), (*shares.shape, *own))
+    sums = shares.sum(axis=1)
+    worst = int(np.abs(sums - 1.0).argmax())
+    proper = bool((shares >= 0.0).all()) and abs(sums[worst] - 1.0) <= tolerances.BELIEF_SUM
+    promise(proper, "probabilities are at least 0 and sum to one", f"row {worst} is {shares[worst]}")
+    return _Law(np.asarray(problem.as_points(answer.actions)), shares)
+
+
+def _check_feasible(problem: DecisionProblem, beliefs: Array, law: _Law) -> None:
+    row, atom = np.nonzero(law.shares > 0.0)
+    beyond = problem.constraints.violation(law.points[row, atom])
+    worst = int(beyond.argmax())
+    belief, played = beliefs[row[worst]], law.points[row[worst], atom[worst]]
+    promise(
+        float(beyond[worst]) <= tolerances.FEASIBILITY,
+        "what is played is feasible",
+        f"for belief {belief} decision {played} violates a row by {beyond[worst]:.3g}",
+    )
+
+
+def _check_regret(problem: DecisionProblem, beliefs: Array, law: _Law, answer: Any) -> None:
+    stated = getattr(answer, "regret", None)
+    if stated is None:
+        return
+    check_shape("regret", np.shape(stated), (len(beliefs),))
+    costs = np.einsum("tkx,tk,tx->t", problem.state_costs(law.points), law.shares, beliefs)
+    off = np.abs(np.asarray(stated) - (costs - problem.optimal_cost(beliefs)))
+    worst = int(off.argmax())
+    promise(
+        float(off[worst]) <= tolerances.CONTRACT * _scale(problem, law),
+        "a stated regret is the problem's",
+        f"for belief {beliefs[worst]} {stated[worst]:.6g} is stated, off by {off[worst]:.3g}",
+    )
+
+
+def _check_alone(decision_maker: Any, beliefs: Array, law: _Law, allowed: float) -> None:
+    problem = decision_maker.problem
+    for number, belief in enumerate(beliefs):
+        row = _Law(law.points[[number]], law.shares[[number]])
+        alone = decision_maker.decide_many(belief[None])
+        _check_same(problem, belief[None], (row, alone), "decides for one belief alone as among many", allowed)
+    if hasattr(decision_maker, "decide"):
+        one, first = decision_maker.decide(beliefs[0]), _Law(law.points[:1], law.shares[:1])
+        _check_same(problem, beliefs[:1], (first, _Stacked(one)), "decides for one as decide_many", allowed)
+
+
+class _Stacked:
+    """One answer as the answer to a row of one belief."""
+
+    def __init__(self, one: Any) -> None:
+        for name in ("action", "actions", "probabilities"):
+            if hasattr(one, name):
+                setattr(self, name, np.asarray(getattr(one, name))[None])
+
+
+def _check_same(problem: DecisionProblem, beliefs: Array, pair: tuple[_Law, Any], what: str, allowed: float) -> None:
+    """Promise that a law and an answer agree in their mean costs in every state."""
+    law, other = pair[0], _law_of(problem, pair[1], len(beliefs))
+    means = [np.einsum("tkx,tk->tx", problem.state_costs(each.points), each.shares) for each in (law, other)]
+    off = np.abs(means[0] - means[1]).max(axis=1)
+    worst = int(off.argmax())
+    promise(
+        float(off[worst]) <= allowed * _scale(problem, law),
+        f"a decision maker {what}",
+        f"for belief {beliefs[worst]} expected costs differ by {off[worst]:.3g}",
+    )
+
+
+def _scale(problem: DecisionProblem, law: _Law) -> float:
+    return max(float(np.abs(problem.state_costs(law.points)).max()), np.finfo(float).tiny)

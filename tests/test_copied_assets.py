@@ -19,16 +19,22 @@ from inscrutable import (
     DesiredObfuscation,
     MarkowitzProblem,
     MaximalObfuscation,
+    Polyhedron,
     PrivacyMeasure,
     ProbabilisticDecisionMaker,
     QuadraticProblem,
     box,
     consistent_beliefs,
     decoy_grid,
+    group_caps,
+    max_weights,
+    privacy_frontier,
+    simplex,
 )
 from inscrutable.decision_makers.search.atlas import atlas_of
 from inscrutable.decision_makers.search.plane import plane_of
 from inscrutable.kernels.search import LARGER
+from inscrutable.problems.copied_coordinates import merged_copies
 
 Array = NDArray[np.float64]
 Moments = tuple[Array, Array]  # means (X,U), covariances (X,U,U)
@@ -215,7 +221,9 @@ def test_assets_that_are_all_copies_hide_everything_and_nothing(budget: float) -
 def test_a_set_is_judged_from_the_decision_and_not_from_a_decoy_that_has_many() -> None:
     """The general search is what these markets are searched by: no plane, and decisions that many beliefs explain."""
     rng = np.random.default_rng(3)
-    problem = market(rng, 3, 2, all_copies)
+    both = market(rng, 3, 2, all_copies)
+    capped = simplex(2) & Polyhedron([[1.0, 0.0]], [0.8])  # what one copy alone is held to is no copy's
+    problem = QuadraticProblem(both.hessians, both.linear, constraints=capped)
     atlas = atlas_of(problem, decoy_grid(problem, 6))
     assert plane_of(atlas) is None
     assert (atlas.table.kind == LARGER).all()
@@ -257,3 +265,69 @@ def test_copies_away_from_all_bounds_leave_a_decision_as_private_as_a_candidate(
         assert maker.decide_many([belief]).privacy[0] == pytest.approx(decided.privacy, abs=STATED)
         mixed = ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates).decide(belief)
         assert mixed.expected_privacy >= decided.privacy - SAVED
+
+
+def doubled(problem: QuadraticProblem, twice: list[int], constraints: Polyhedron) -> QuadraticProblem:
+    """The problem with its coordinates repeated, as often and in the order of `twice`."""
+    return QuadraticProblem(problem.hessians[:, twice][:, :, twice], problem.linear[:, twice], constraints=constraints)
+
+
+@pytest.mark.parametrize("toward", [False, True])
+@pytest.mark.parametrize(("n_states", "n_assets"), [(2, 3), (3, 3), (3, 5), (4, 4)])
+def test_a_market_with_copies_hides_as_much_as_the_one_without(n_states: int, n_assets: int, toward: bool) -> None:
+    rng = np.random.default_rng([7, n_states, n_assets])
+    plain = market(rng, n_states, n_assets, lambda moments: moments)
+    beliefs = drawn_beliefs(rng, n_states)[:6]
+    measure = DesiredObfuscation(np.eye(n_states)[0]) if toward else MaximalObfuscation()
+    more = doubled(plain, [0, *range(n_assets), 0, n_assets - 1], simplex(n_assets + 3))
+    for budget in (0.02, 0.3):
+        found = []
+        for problem in (plain, more):
+            maker = CounterAdversarialDecisionMaker(problem, measure, budget, candidates=decoy_grid(problem, 20))
+            mixer = ProbabilisticDecisionMaker(problem, measure, budget, candidates=maker.candidates)
+            found.append([maker.decide_many(beliefs).privacy, mixer.decide_many(beliefs).expected_privacy])
+            assert maker.decide(beliefs[0]).privacy == pytest.approx(found[-1][0][0], abs=STATED)
+        np.testing.assert_allclose(found[0], found[1], rtol=0.0, atol=STATED)
+
+
+def test_a_frontier_with_copies_is_the_one_without() -> None:
+    rng = np.random.default_rng(8)
+    plain = market(rng, 3, 3, lambda moments: moments)
+    regrets, curves = np.linspace(0.0, 0.01, 5), []
+    for problem in (plain, doubled(plain, [0, 1, 2, 2], simplex(4))):
+        frontier = privacy_frontier(problem, [0.2, 0.3, 0.5], candidates=decoy_grid(problem, 20))
+        curves.append([frontier.deterministic(regrets), frontier.randomized(regrets)])
+    np.testing.assert_allclose(*curves, atol=STATED)
+
+
+def test_what_tells_copies_apart_keeps_them_apart() -> None:
+    rng = np.random.default_rng(9)
+    problem = market(rng, 3, 3, one_pair)
+    hessians, linear = problem.hessians, problem.linear
+
+    def kept(constraints: Polyhedron, more: Array = linear) -> list[int] | None:
+        merged = merged_copies(hessians, more, constraints)
+        return None if merged is None else merged.kept.tolist()
+
+    assert kept(simplex(3)) == [0, 1]
+    assert kept(simplex(3) & Polyhedron([[1.0, 0.5, 1.0]], [0.8])) == [0, 1]
+    assert kept(simplex(3) & group_caps(["a", "b", "c"], {"both": ["a", "c"]}, 0.6)) == [0, 1]
+    for limit in (max_weights(3, [0.5, 0.5, 0.5]), Polyhedron([[1.0, 0.5, 0.0]], [0.8])):
+        assert kept(simplex(3) & limit) is None
+    assert kept(box([-1, -1, -1], [1, 1, 1])) is None
+    assert kept(Polyhedron(-np.eye(3), [0.0, 0.0, 0.1])) is None
+    assert kept(simplex(3), np.add(linear, [0.0, 0.0, 1e-3])) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_solved_without_copies_is_optimal_with_them(seed: int) -> None:
+    rng = np.random.default_rng([10, seed])
+    plain = market(rng, 3, 3, lambda moments: moments)
+    beliefs = drawn_beliefs(rng, 3)
+    group = Polyhedron([[1.0, 1.0, 0.0]], [0.6])
+    few = QuadraticProblem(plain.hessians, plain.linear, constraints=simplex(3) & group)
+    many = doubled(plain, [0, 0, 1, 2, 2], simplex(5) & Polyhedron([[1.0, 1.0, 1.0, 0.0, 0.0]], [0.6]))
+    solved = many.solve(beliefs)
+    assert (solved[:, [1, 4]] == 0.0).all()
+    assert many.constraints.violation(solved).max() <= 1e-9
+    np.testing.assert_allclose(many.optimal_cost(beliefs), few.optimal_cost(beliefs), rtol=0.0, atol=1e-12)

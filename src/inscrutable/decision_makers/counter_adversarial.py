@@ -197,9 +197,8 @@ def _search(case: Case, reference: Reference | None) -> Decision | Singles:
     limit = case.budget.limit(optimal_cost)
     if reference is not None and case.on_empty == "exclude" and isinstance(problem, QuadraticProblem):
         found = _search_faces(case, problem, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
-        if problem.bends:
+        if problem.bends or not _some_candidate_is_better(case, found, limit):
             return found
-        # Where decisions are tied on a face, nothing climbs there: what a candidate reaches may be more.
         other = _search_candidates(case, optimal, optimal_cost, limit)
         return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
     return _search_candidates(case, optimal, optimal_cost, limit)
@@ -251,6 +250,14 @@ def _search_faces(case: Case, problem: QuadraticProblem, aim: Aim, optimal: Arra
         problem,
         price_of(found, aim),
     )
+
+
+def _some_candidate_is_better(case: Case, found: Decision | Singles, limit: float) -> bool:
+    """Whether the search of faces stayed behind a candidate: where decisions are tied on a face, nothing climbs there."""
+    optimal_cost = float(case.problem.optimal_cost(case.belief))
+    scores = score(case.belief, optimal_cost, case.candidates, case.measure, case.on_empty)
+    index = scores.best(limit)
+    return index is not None and bool(scores.privacies[index] > found.privacy + tolerances.NO_PRIVACY)
 
 
 def _search_candidates(case: Case, optimal: Array, optimal_cost: float, limit: float) -> Decision:

@@ -13,6 +13,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.morton import morton_order
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.copied_coordinates import Merged, merged_copies
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
@@ -111,7 +112,34 @@ class QuadraticProblem(DecisionProblem):
         """Return u*(π), shape (T,U), for the rows of a contiguous array (T,X) that are known to be beliefs."""
         if self._vertices is not None:
             return self._vertices.solve(held)
+        if self._merged is not None:
+            solved = np.zeros((len(held), self.n_actions))
+            solved[:, self._merged.kept] = self._without_copies.solve_rows(held)
+            return solved
         return self._along_path(held) if self.solves_in_bulk else self._one_by_one(held)
+
+    @cached_property
+    def _merged(self) -> Merged | None:
+        """The feasible set in which of coordinates that are copies the first is left; None where there are none.
+
+        Of tied decisions the one is taken that holds one copy: its face has no ties, so that searches can climb there.
+        """
+        return merged_copies(self.hessians, self.linear, self.constraints)
+
+    @cached_property
+    def _without_copies(self) -> QuadraticProblem:
+        assert self._merged is not None
+        kept = self._merged.kept
+        hessians, linear = self.hessians[:, kept[:, None], kept], self.linear[:, kept]
+        return QuadraticProblem(hessians, linear, self.constants, constraints=self._merged.constraints)
+
+    @cached_property
+    def idle_rows(self) -> np.ndarray:
+        """Which inequality rows of C (R,) only hold copies of other coordinates at zero: without them nothing is cheaper."""
+        idle = np.zeros(len(self.constraints.A_ub), dtype=np.bool_)
+        if self._merged is not None:
+            idle[self._merged.idle] = True
+        return idle
 
     @cached_property
     def _vertices(self) -> VertexTable | None:

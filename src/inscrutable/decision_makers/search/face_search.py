@@ -179,7 +179,7 @@ class _Search:
         face = found.face
         if not face.tight[row] or len(face.place) >= self.n_states - 1:
             return found.nearest
-        r = int(np.count_nonzero(face.tight[:row]))
+        r = int(np.searchsorted(face.told, row))
         return entry(face, r, np.append(found.place, 1.0), self.aim, self.rules, found.nearest)
 
     def _neighbours(self, found: Found) -> np.ndarray:
@@ -191,10 +191,10 @@ class _Search:
         is_point = len(face.place) >= self.n_states - 1
         many = self.n_states > WELL_COVERED
         if not face.has_row_multipliers or not (is_point or many):
-            return np.concatenate([np.flatnonzero(tight), loose])
+            return np.concatenate([face.told, loose])
         if is_point:
             multipliers = face.multipliers(w, found.nearest)
-            rows = np.flatnonzero(tight)[multipliers <= tolerances.ROW_IN_REACH]
+            rows = face.told[multipliers <= tolerances.ROW_IN_REACH]
         else:
             rows = self._worth_freeing(found)
         return np.concatenate([rows, loose])
@@ -209,4 +209,4 @@ class _Search:
             distance = set_distance(face, rows, w, self.aim, self.rules)
             values[r] = self.aim.sign * distance if distance < np.inf else -np.inf
         order = np.argsort(-values, kind="stable")[:_MOST_FREED]
-        return np.asarray(np.flatnonzero(face.tight)[order[values[order] > -np.inf]])
+        return np.asarray(face.told[order[values[order] > -np.inf]])

@@ -107,7 +107,8 @@ class Starts:
         if not settle(face.curves, belief, self.rules.pivot, w, factor, gradients, slopes):
             return []
         bend, axes = np.linalg.eigh(basis.T @ slopes @ gradients.T @ basis)
-        length = np.sqrt(2.0 * self.aim.limit / np.maximum(bend, tolerances.DEFINITE * max(bend[-1], _TINY)))
+        with np.errstate(over="ignore"):  # an axis along which no regret grows has no end
+            length = np.sqrt(2.0 * self.aim.limit / np.maximum(bend, tolerances.DEFINITE * max(bend[-1], _TINY)))
         ends = []
         for c in range(n):
             for side in (1.0, -1.0):
@@ -133,12 +134,11 @@ class Starts:
         if start.action is None or self.aim.sign < 0 or free <= 0 or not face.has_row_multipliers:
             return []
         multipliers = face.multipliers(face.w(start.action), start.decoy)
-        freed = np.flatnonzero(start.tight)
         tight, found = start.tight, []
         for r in np.argsort(multipliers, kind="stable")[:free]:
             if multipliers[r] > _ENTERING:
                 break
-            tight = flipped(tight, freed[r])
+            tight = flipped(tight, face.told[r])
             found.append(start._replace(tight=tight))
         return found
 
@@ -177,7 +177,7 @@ class Starts:
             FaceStart(
                 flipped(tight, row), entry(face, r, w, self.aim, self.rules, self.aim.belief), self.optimal, np.inf
             )
-            for r, row in enumerate(np.flatnonzero(tight))
+            for r, row in enumerate(face.told)
         ]
 
 

@@ -27,6 +27,7 @@ class FaceProgramme(NamedTuple):
     n_set_rows: int  # how many of them describe the consistent set
     scale: float  # size of the gradients
     bounds: tuple[Array, Array]  # (U,) values that single rows leave to coordinates
+    told: np.ndarray  # numbers of the tight rows that say something of the set: not those of mere copies
 
     @property
     def place(self) -> Array:
@@ -35,8 +36,8 @@ class FaceProgramme(NamedTuple):
 
     @property
     def has_row_multipliers(self) -> bool:
-        """Whether every tight row has a multiplier of its own among the rows, in order."""
-        return bool(self.n_set_rows - len(self.curves) == np.count_nonzero(self.tight))
+        """Whether every row `told` has a multiplier of its own among the rows, in order."""
+        return self.n_set_rows - len(self.curves) == len(self.told)
 
     def w(self, action: Array) -> Array:
         """Return (v, 1) for the coordinates v of the face's decision nearest to `action`."""
@@ -80,6 +81,9 @@ def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramm
     curves[:, k, k] = (gradients + problem.linear) @ origin + 2.0 * problem.constants
     scale = max(float(np.abs(gradients).max()), np.finfo(float).tiny)
     multipliers = chart.multipliers(field).transpose(2, 0, 1)
+    idle = problem.idle_rows[tight]
+    if idle.any() and len(multipliers) == len(idle):
+        multipliers = multipliers[~idle]
     loose = ~tight
     falling, lengths = region.A_ub[loose], region.row_scale[loose]
     least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
@@ -90,7 +94,8 @@ def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramm
     slacks = rows[n_set_rows:]
     slacks[:, :, :k] = -(chart.project(falling) / lengths[:, None])[:, None]
     slacks[:, :, k] = ((region.b_ub[loose] - falling @ origin) / lengths - least)[:, None]
-    return FaceProgramme(tight, origin, chart.span, curves, rows, n_set_rows, scale, region.coordinate_bounds)
+    told = np.flatnonzero(tight & ~problem.idle_rows)
+    return FaceProgramme(tight, origin, chart.span, curves, rows, n_set_rows, scale, region.coordinate_bounds, told)
 
 
 class _Chart(NamedTuple):

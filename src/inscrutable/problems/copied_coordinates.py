@@ -1,0 +1,60 @@
+"""Coordinates that are copies of one another: what is optimal with one of them is optimal with all."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable.problems.constraints import Polyhedron
+from inscrutable.validation import Array
+
+
+class Merged(NamedTuple):
+    """A feasible set in which only the first of each group of copies is left."""
+
+    kept: np.ndarray  # (F,) coordinates
+    constraints: Polyhedron
+    idle: np.ndarray  # rows of C that hold the others at zero
+
+
+def merged_copies(hessians: Array, linear: Array, constraints: Polyhedron) -> Merged | None:
+    """Return the feasible set without copies, None where there are none.
+
+    Formula: j and k are copies where H_i e_j = H_i e_k, g_ij = g_ik, and the rows of C do not tell them apart but for
+    u_j ≥ 0 and u_k ≥ 0. Then (…, u_j + u_k, …, 0, …) is feasible when u is, and costs the same in every state.
+
+    Args:
+        hessians: H_i, shape (X,U,U).
+        linear: g_i, shape (X,U).
+        constraints: C.
+
+    Cost: one comparison of the columns.
+    """
+    own = _bound_of(constraints)
+    shared = np.delete(constraints.A_ub, own[own >= 0], axis=0)
+    alike = np.vstack([hessians.reshape(-1, hessians.shape[-1]), linear, shared, constraints.A_eq])
+    alike[:, own < 0] = np.nan  # what may be negative is nobody's copy
+    _, first = np.unique(alike.T, axis=0, return_index=True, equal_nan=False)
+    kept = np.sort(first)
+    if len(kept) == len(own):
+        return None
+    gone = np.setdiff1d(np.arange(len(own)), kept)
+    left = np.delete(np.arange(len(constraints.A_ub)), own[gone])
+    region = Polyhedron(
+        constraints.A_ub[left][:, kept],
+        constraints.b_ub[left],
+        constraints.A_eq[:, kept],
+        constraints.b_eq,
+        min_slack=constraints.min_slack,
+    )
+    return Merged(kept, region, own[gone])
+
+
+def _bound_of(constraints: Polyhedron) -> np.ndarray:
+    """The row (U,) that says no more than u_j ≥ 0, −1 where there is none."""
+    single = (np.count_nonzero(constraints.A_ub, axis=1) == 1) & (constraints.b_ub == 0.0)
+    row, column = np.nonzero((constraints.A_ub < 0.0) & single[:, None])
+    own = np.full(constraints.n_actions, -1)
+    own[column] = row
+    return own

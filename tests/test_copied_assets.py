@@ -16,7 +16,9 @@ from inscrutable import (
     Budget,
     Candidates,
     CounterAdversarialDecisionMaker,
+    DecisionStatus,
     DesiredObfuscation,
+    GlobalSearch,
     MarkowitzProblem,
     MaximalObfuscation,
     Polyhedron,
@@ -331,3 +333,20 @@ def test_what_is_solved_without_copies_is_optimal_with_them(seed: int) -> None:
     assert (solved[:, [1, 4]] == 0.0).all()
     assert many.constraints.violation(solved).max() <= 1e-9
     np.testing.assert_allclose(many.optimal_cost(beliefs), few.optimal_cost(beliefs), rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("n_states", "n_assets"), [(3, 3), (4, 4)])
+def test_a_proof_with_copies_is_the_one_without(n_states: int, n_assets: int) -> None:
+    rng = np.random.default_rng([7, n_states, n_assets])
+    plain = market(rng, n_states, n_assets, lambda moments: moments)
+    belief, proved, mixed = drawn_beliefs(rng, n_states)[1], [], []
+    for problem in (plain, doubled(plain, [0, *range(n_assets)], simplex(n_assets + 1))):
+        few = {"candidates": decoy_grid(problem, 20)}
+        method = GlobalSearch(certify=0.01)
+        proved.append(CounterAdversarialDecisionMaker(problem, budget=0.05, method=method, **few).decide(belief))
+        mixed.append(ProbabilisticDecisionMaker(problem, budget=0.05, certify=0.01, **few).decide(belief))
+    assert proved[0].oracle_calls == proved[1].oracle_calls
+    assert proved[0].privacy_bound == pytest.approx(proved[1].privacy_bound, abs=STATED)
+    assert mixed[0].privacy_bound == pytest.approx(mixed[1].privacy_bound, abs=STATED)
+    for found in (*proved, *mixed):
+        assert found.status in (DecisionStatus.GAP_REACHED, DecisionStatus.PROVED)

@@ -113,9 +113,7 @@ class QuadraticProblem(DecisionProblem):
         if self._vertices is not None:
             return self._vertices.solve(held)
         if self._merged is not None:
-            solved = np.zeros((len(held), self.n_actions))
-            solved[:, self._merged.kept] = self._without_copies.solve_rows(held)
-            return solved
+            return self.with_copies(self.without_copies.solve_rows(held))
         return self._along_path(held) if self.solves_in_bulk else self._one_by_one(held)
 
     @cached_property
@@ -127,11 +125,21 @@ class QuadraticProblem(DecisionProblem):
         return merged_copies(self.hessians, self.linear, self.constraints)
 
     @cached_property
-    def _without_copies(self) -> QuadraticProblem:
-        assert self._merged is not None
+    def without_copies(self) -> QuadraticProblem:
+        """The problem in which of coordinates that are copies the first is left; itself where there are none."""
+        if self._merged is None:
+            return self
         kept = self._merged.kept
         hessians, linear = self.hessians[:, kept[:, None], kept], self.linear[:, kept]
         return QuadraticProblem(hessians, linear, self.constants, constraints=self._merged.constraints)
+
+    def with_copies(self, actions: Array) -> Array:
+        """Return decisions (…,F) of the problem without copies as decisions (…,U) of this one."""
+        if self._merged is None:
+            return actions
+        found = np.zeros((*actions.shape[:-1], self.n_actions))
+        found[..., self._merged.kept] = actions
+        return found
 
     @cached_property
     def idle_rows(self) -> np.ndarray:

@@ -54,7 +54,7 @@ class Atoms:
         self.met.update(fresh.tolist())
         before = len(self.actions)
         for index in fresh:
-            self.take(prover.points.actions[index], price, line)
+            self.take(prover.action(index), price, line)
         return len(self.actions) > before
 
     def take(self, action: Array, price: float = 0.0, line: float = -np.inf) -> None:

@@ -67,7 +67,9 @@ class Prover:
     question."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, most_calls: int) -> None:
-        self.problem = problem
+        self._asked = problem
+        # Copies of a coordinate change no privacy and no cost, but leave decisions tied.
+        problem = self.problem = problem.without_copies if isinstance(problem, QuadraticProblem) else problem
         self.belief = belief
         self.most_calls = most_calls
         cones = cones_from(belief)
@@ -81,6 +83,11 @@ class Prover:
         self._smooth = _smooth_cells(problem, self.points)
         self._most_judged = _JUDGED_SLOWLY if getattr(problem, "differentiable", True) is False else _JUDGED
         self._fibres = None if self._smooth is None else Fibres(self._smooth)
+
+    def action(self, index: int) -> Array:
+        """Return the decision (U,) at a point."""
+        found = self.points.actions[index]
+        return self._asked.with_copies(found) if isinstance(self._asked, QuadraticProblem) else found
 
     def answer(self, question: Question) -> Answer:
         """Return a bound for one question; again where the solver turned out less exact than allowed for."""

@@ -89,7 +89,7 @@ class Proofs:
         answer = prover.answer(Question(reference, _spent(limit), None, found.privacy + self._allowed(found.privacy)))
         bound = max(min(answer.bound, found.privacy_bound), found.privacy)
         for index in prover.better(Question(reference, limit, None, found.privacy))[:_JUDGED]:
-            action = prover.points.actions[index]
+            action = prover.action(index)
             met = decision_for(self.problem, belief, action, measure, DecisionStatus.BEST_CANDIDATE)
             if met.regret <= limit and met.privacy > found.privacy + tolerances.NO_PRIVACY:
                 found = met

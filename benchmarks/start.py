@@ -108,7 +108,9 @@ def _first_calls(sizes: Sizes) -> Iterator[Row]:
         settings = {"NUMBA_CACHE_DIR": cache} if sizes.fresh else {}
         printed, said = _python(_FIRST_CALLS, settings)
         compiling, first, in_all, every = json.loads(printed)
-        cached = min(json.loads(_python(_FIRST_CALLS, settings)[0])[-1] for _ in range(sizes.starts))
+        # Without an empty cache the first calls were cached ones already.
+        again = range(sizes.starts if sizes.fresh else 0)
+        cached = min((json.loads(_python(_FIRST_CALLS, settings)[0])[-1] for _ in again), default=every)
     what = "decoys, CDM and PDM, one and many"
     notice = "said on stderr" if said.strip() else "nothing on stderr"
     yield Row(

@@ -9,6 +9,8 @@ In README.md, CONTRIBUTING.md, CHANGELOG.md and docs/, in the order of the page 
   `$ make NAME` must be a target; other commands that set up a machine are only recognised.
 * A word after the language changes that: `exit=3` is the expected exit code (errors are then compared too),
   `audit` leaves the block to `make audit`.
+
+The examples run where their pages are made, with warnings as errors: in test_site.py.
 """
 
 from __future__ import annotations
@@ -34,7 +36,6 @@ MADE = ROOT / "docs" / "made"
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(
     page for page in ROOT.glob("docs/**/*.md") if MADE not in page.parents
 )
-EXAMPLES = sorted(ROOT.glob("examples/**/*.py"))
 FENCE = re.compile(r"^```(\w*)([^\n]*)\n(.*?)^```[ \t]*$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?://|mailto:|#)([^)#\s]+)")
 SET_UP = ("git", "cd", "pip", "python3", "source", "open")  # what a reader types before and after, not ours to run
@@ -170,14 +171,6 @@ def test_links_lead_somewhere(page: Path) -> None:
     # What the build of the documents makes is followed there.
     written = [target for target in LINK.findall(text) if MADE not in (page.parent / target).parents]
     assert not [target for target in written if not (page.parent / target).exists()]
-
-
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_example_runs(example: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-W", "error", str(example)]
-    settings = {"MPLBACKEND": "Agg"}
-    run = subprocess.run(command, cwd=tmp_path, env=os.environ | settings, capture_output=True, text=True, timeout=300)
-    assert run.returncode == 0, run.stderr
 
 
 GOOD = """

@@ -57,7 +57,8 @@ def rules_for(n_states: int) -> Rules:
         tolerances.EXPLAINED,
         tolerances.ON_FACE,
         1.0 - tolerances.BUDGET_SAFETY,
-        np.ascontiguousarray(sum_zero_basis(n_states)),
+        # A copy for every number of states: kernels would be compiled anew for one that is read-only.
+        np.array(sum_zero_basis(n_states), order="C"),
     )
 
 

@@ -197,7 +197,7 @@ def _search(case: Case, reference: Reference | None) -> Decision | Singles:
     limit = case.budget.limit(optimal_cost)
     if reference is not None and case.on_empty == "exclude" and isinstance(problem, QuadraticProblem):
         found = _search_faces(case, problem, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
-        if problem.bends or not _some_candidate_is_better(case, found, limit):
+        if problem.bends or not _some_candidate_is_better(case, found, optimal_cost, limit):
             return found
         other = _search_candidates(case, optimal, optimal_cost, limit)
         return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
@@ -252,9 +252,8 @@ def _search_faces(case: Case, problem: QuadraticProblem, aim: Aim, optimal: Arra
     )
 
 
-def _some_candidate_is_better(case: Case, found: Decision | Singles, limit: float) -> bool:
+def _some_candidate_is_better(case: Case, found: Decision, optimal_cost: float, limit: float) -> bool:
     """Whether the search of faces stayed behind a candidate: where decisions are tied on a face, nothing climbs there."""
-    optimal_cost = float(case.problem.optimal_cost(case.belief))
     scores = score(case.belief, optimal_cost, case.candidates, case.measure, case.on_empty)
     index = scores.best(limit)
     return index is not None and bool(scores.privacies[index] > found.privacy + tolerances.NO_PRIVACY)

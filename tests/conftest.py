@@ -1,11 +1,16 @@
-"""Settings for all tests: the same drawn examples at every run; `HYPOTHESIS_PROFILE=random` draws new ones."""
+"""Settings for all tests: the same drawn examples at every run; `HYPOTHESIS_PROFILE=random` draws new ones.
+
+Tests that take `fresh_rng` draw new instances at every run; a failure prints their seed, and `FRESH_SEED=…` repeats it.
+"""
 
 from __future__ import annotations
 
 import os
+import secrets
 import signal
 import threading
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -21,3 +26,17 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_threa
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the longest test, so that no process waits for it in the end."""
     items.sort(key=lambda item: item.path.name != "test_site.py")
+
+
+@pytest.fixture
+def fresh_seed() -> int:
+    """A seed drawn anew at every run, printed where the test fails."""
+    seed = int(os.environ.get("FRESH_SEED") or secrets.randbits(32))
+    print(f"FRESH_SEED={seed}")
+    return seed
+
+
+@pytest.fixture
+def fresh_rng(fresh_seed: int) -> np.random.Generator:
+    """A generator of a fresh seed."""
+    return np.random.default_rng(fresh_seed)

@@ -1,7 +1,7 @@
 """What does my decision give away, how do I change that, and what does it cost?
 
 Every public name is importable from here and loaded when it is first used, so `import inscrutable` stays fast.
-A new name is entered twice: in the table below, and, for editors and type checkers, among the imports.
+The imports below are the one list of public names: type checkers and editors read them, and so does this module itself.
 """
 
 from __future__ import annotations
@@ -10,136 +10,7 @@ from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
 
-_EXPORTS: dict[str, str] = {
-    "ActionExplanation": "adversaries",
-    "Adversary": "adversaries",
-    "AffordableBeliefs": "adversaries",
-    "BayesianAdversary": "adversaries",
-    "BeliefFilter": "filtering",
-    "BeliefSet": "geometry",
-    "Budget": "budgets",
-    "BudgetAwareAdversary": "adversaries",
-    "Calibration": "decision_makers.baselines",
-    "CalibrationStatus": "decision_makers.baselines",
-    "Candidates": "decision_makers",
-    "CategoricalEmission": "worlds",
-    "CheapestPrivacy": "decision_makers",
-    "CoinDecisionMaker": "decision_makers.baselines",
-    "ConvexProblem": "problems",
-    "CostLearningAdversary": "adversaries",
-    "CostStatus": "adversaries",
-    "CounterAdversarialDecisionMaker": "decision_makers",
-    "Decision": "decision_makers",
-    "DecisionProblem": "problems",
-    "DecisionStatus": "decision_makers",
-    "Decisions": "decision_makers",
-    "DelayedDecisionMaker": "decision_makers.baselines",
-    "DesiredObfuscation": "privacy",
-    "Detectability": "privacy",
-    "DirichletDecisionMaker": "decision_makers.baselines",
-    "DiskError": "errors",
-    "Emission": "worlds",
-    "Envelope": "decision_makers",
-    "ExponentialDecisionMaker": "decision_makers.baselines",
-    "FilterResult": "filtering",
-    "FiniteProblem": "problems",
-    "FittedWorld": "worlds",
-    "Frontier": "decision_makers",
-    "GaussianEmission": "worlds",
-    "GlobalSearch": "decision_makers",
-    "HiddenMarkovModel": "worlds",
-    "Infeasibility": "privacy",
-    "InferredBeliefs": "adversaries",
-    "InputError": "errors",
-    "InscrutableError": "errors",
-    "KellyProblem": "problems",
-    "Leakage": "privacy",
-    "LearnedCost": "adversaries",
-    "LinearProblem": "problems",
-    "LinearProgramme": "decision_makers",
-    "LocalSearch": "decision_makers",
-    "MarkowitzProblem": "problems",
-    "MaximalObfuscation": "privacy",
-    "Mechanism": "mechanisms",
-    "MixedDecision": "decision_makers",
-    "MixedDecisions": "decision_makers",
-    "ModelError": "errors",
-    "NaiveAdversary": "adversaries",
-    "NearOptimalAdversary": "adversaries",
-    "NearOptimalBeliefs": "adversaries",
-    "NonExistence": "privacy",
-    "NonUniqueness": "privacy",
-    "OriginalDecisionMaker": "decision_makers",
-    "PartialDecisionMaker": "decision_makers.baselines",
-    "PathLeakage": "privacy",
-    "PiecewiseLinearProblem": "problems",
-    "Polyhedron": "problems",
-    "Posterior": "adversaries",
-    "PosteriorStatus": "adversaries",
-    "PowerNetwork": "problems",
-    "Prior": "mechanisms",
-    "PrivacyMeasure": "privacy",
-    "ProbabilisticDecisionMaker": "decision_makers",
-    "QuadraticProblem": "problems",
-    "RateDistortionCurve": "decision_makers",
-    "RateDistortionDecisionMaker": "decision_makers",
-    "RepeatedLeakage": "privacy",
-    "RevealedPreferences": "problems",
-    "RoundingDecisionMaker": "decision_makers.baselines",
-    "RowConflict": "problems",
-    "SequenceStatus": "adversaries",
-    "SequentialAdversary": "adversaries",
-    "SolverError": "errors",
-    "StackelbergDecisionMaker": "decision_makers",
-    "Study": "experiments.studies",
-    "TradingProblem": "problems",
-    "Trajectory": "worlds",
-    "UniformDecisionMaker": "decision_makers.baselines",
-    "UnionBeliefs": "adversaries",
-    "action_grid": "decision_makers",
-    "box": "problems",
-    "calibrate": "decision_makers.baselines",
-    "cheapest_privacy": "decision_makers",
-    "check_adversary": "testing",
-    "check_decision_maker": "testing",
-    "check_decision_problem": "testing",
-    "check_emission": "testing",
-    "check_privacy_measure": "testing",
-    "consistent_beliefs": "adversaries",
-    "decoy_grid": "decision_makers",
-    "detectability": "privacy",
-    "dispatch_problem": "problems",
-    "explain_action": "adversaries",
-    "filter_beliefs": "filtering",
-    "fit_gaussian_hmm": "worlds",
-    "group_caps": "problems",
-    "leakage": "privacy",
-    "load_ieee_30_bus": "datasets.power",
-    "long_short": "problems",
-    "max_weights": "problems",
-    "mechanism": "mechanisms",
-    "min_weights": "problems",
-    "near_optimal_beliefs": "adversaries",
-    "path_leakage": "privacy",
-    "plausibility_gap": "adversaries",
-    "preference_problem": "problems",
-    "privacy_frontier": "decision_makers",
-    "random_candidates": "decision_makers",
-    "rate_distortion_curve": "decision_makers",
-    "reachable_beliefs": "mechanisms",
-    "repeated_leakage": "privacy",
-    "resume_study": "experiments.studies",
-    "revealed_preferences": "problems",
-    "run_study": "experiments.studies",
-    "simplex": "problems",
-    "simplex_grid": "geometry",
-    "stationary_prior": "mechanisms",
-    "turnover": "problems",
-    "uniform_prior": "mechanisms",
-    "with_transaction_costs": "problems",
-}
-
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Name as Name`
     from inscrutable.adversaries import ActionExplanation as ActionExplanation
     from inscrutable.adversaries import Adversary as Adversary
     from inscrutable.adversaries import AffordableBeliefs as AffordableBeliefs
@@ -202,6 +73,12 @@ if TYPE_CHECKING:
     from inscrutable.errors import InscrutableError as InscrutableError
     from inscrutable.errors import ModelError as ModelError
     from inscrutable.errors import SolverError as SolverError
+    from inscrutable.experiments.attack import attack_weights as attack_weights
+    from inscrutable.experiments.backtest import run_backtest as run_backtest
+    from inscrutable.experiments.comparison import compare as compare
+    from inscrutable.experiments.investor_model import InvestorModel as InvestorModel
+    from inscrutable.experiments.protect import protect as protect
+    from inscrutable.experiments.reproduction import reproduce as reproduce
     from inscrutable.experiments.studies import Study as Study
     from inscrutable.experiments.studies import resume_study as resume_study
     from inscrutable.experiments.studies import run_study as run_study
@@ -267,6 +144,13 @@ if TYPE_CHECKING:
     from inscrutable.worlds import Trajectory as Trajectory
     from inscrutable.worlds import fit_gaussian_hmm as fit_gaussian_hmm
 else:  # hidden from type checkers, which would otherwise accept any misspelt name
+    _START = f"    from {__name__}."
+    _EXPORTS = {
+        words[3]: words[1].removeprefix(f"{__name__}.")
+        for words in (line.split() for line in __loader__.get_source(__name__).splitlines() if line.startswith(_START))
+    }
+    """The module of every public name."""
+
     __all__ = sorted(_EXPORTS)
 
     def __getattr__(name: str) -> object:

@@ -32,6 +32,16 @@ def finite_array(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...]) ->
     return array
 
 
+def read_only(holder: object, *names: str) -> None:
+    """Make arrays of a frozen object read-only for all who share it; None and what is no array stays as it is."""
+    for name in names:
+        value = getattr(holder, name)
+        if isinstance(value, np.ndarray):
+            seen = value.view()
+            seen.flags.writeable = False
+            object.__setattr__(holder, name, seen)
+
+
 def _place(index: NDArray[np.intp]) -> str:
     return ", ".join(str(int(i)) for i in index)
 

@@ -60,6 +60,9 @@ class Candidates:
     n_outside: int = 0
     decided: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
+    def __post_init__(self) -> None:
+        validation.read_only(self, "actions", "state_costs", "decoys", "usable")
+
     def __len__(self) -> int:
         return int(self.actions.shape[0])
 

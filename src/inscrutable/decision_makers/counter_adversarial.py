@@ -176,7 +176,8 @@ def best_decision(case: Case) -> Decision:
     if is_streamed(case.measure):
         return Hiding(case.problem, case.candidates, case.measure, case.budget).decide(case.belief)
     found = best_found(case)
-    return found if isinstance(found, Decision) else decisions_of(found)[0]
+    # A new one each time: the one that is kept for other decision makers is nobody's to change.
+    return replace(found) if isinstance(found, Decision) else decisions_of(found)[0]
 
 
 def best_found(case: Case) -> Decision | Singles:

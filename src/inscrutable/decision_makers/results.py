@@ -142,7 +142,7 @@ class Decision(Saved):
     _derived: ClassVar[tuple[str, ...]] = ("belief_set",)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "action", _as_met(self.problem, self.action))
+        _own(self, action=_as_met(self.problem, self.action), decoy=self.decoy)
 
     @cached_property
     def belief_set(self) -> BeliefSet:
@@ -213,7 +213,14 @@ class MixedDecision(Saved):
     _derived: ClassVar[tuple[str, ...]] = ("belief_sets",)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "actions", _as_met(self.problem, self.actions))
+        _own(
+            self,
+            actions=_as_met(self.problem, self.actions),
+            probabilities=self.probabilities,
+            regrets=self.regrets,
+            privacies=self.privacies,
+            decoys=self.decoys,
+        )
 
     @cached_property
     def belief_sets(self) -> tuple[BeliefSet, ...]:
@@ -441,7 +448,7 @@ class MixedDecisions(Saved):
         played = None if self.played is None else Picked(self.played, chosen)
         drawn = Decisions(
             self.optimal_cost + regret,
-            self.optimal_cost,
+            self.optimal_cost.copy(),
             regret,
             privacy,
             np.maximum(self.privacy_bound, privacy),
@@ -477,6 +484,12 @@ def _set_of(problem: DecisionProblem | None, action: Array) -> BeliefSet:
     if problem is None:
         raise InputError("this result was made without its problem: its belief sets are not known")
     return belief_set_of(problem, problem.as_points(action))
+
+
+def _own(result: object, **values: Array) -> None:
+    """Keep copies: what is done to a result changes neither another one nor what a decision maker keeps."""
+    for name, value in values.items():
+        object.__setattr__(result, name, value.copy() if isinstance(value, np.ndarray) else value)
 
 
 def _as_met(problem: DecisionProblem | None, actions: Array) -> Array:

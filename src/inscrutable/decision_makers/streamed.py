@@ -113,7 +113,7 @@ def _results(found: Lotteries, aims: Aims) -> MixedDecisions:
         found.optimal_costs,
         np.maximum(bounds, privacy),
         found.prices,
-        found.decoys,
+        found.decoys.copy(),  # decisions are made from those that are kept
         tuple(_KINDS[codes]),
         found,
     )

@@ -100,6 +100,7 @@ class Mechanism(Saved):
             held = validation.stochastic_rows(held, "mechanism probabilities")
         for name, value in (("beliefs", beliefs), ("actions", actions), ("probabilities", held), ("regrets", regrets)):
             object.__setattr__(self, name, value)
+        validation.read_only(self, "beliefs", "actions", "probabilities", "regrets")
 
     @property
     def sparse(self) -> Any:

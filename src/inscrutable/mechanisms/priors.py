@@ -48,6 +48,7 @@ class Prior(Saved):
             )
         object.__setattr__(self, "beliefs", beliefs)
         object.__setattr__(self, "weights", weights)
+        validation.read_only(self, "beliefs", "weights")
 
     def __len__(self) -> int:
         return len(self.weights)

@@ -154,6 +154,9 @@ class _Solution:
     prior_error: float
     goal: float
 
+    def __post_init__(self) -> None:
+        validation.read_only(self, "estimates")
+
 
 def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solution:
     from threadpoolctl import threadpool_limits

@@ -198,12 +198,12 @@ def decisions_of(found: Singles, budget: int = 0) -> Decisions:
     codes = np.where(found.index[:, budget] == OWN, 1 if sign > 0 else 2, 0)
     return Decisions(
         found.optimal_costs + regret,
-        found.optimal_costs,
-        regret,
-        privacy,
+        found.optimal_costs.copy(),
+        regret.copy(),
+        privacy.copy(),
         np.maximum(bounds, privacy),
-        found.decoy[:, budget],
+        found.decoy[:, budget].copy(),  # decisions are made from those that are kept
         tuple(_KINDS[codes]),
         UnderBudget(found, budget),
-        found.price[:, budget],
+        found.price[:, budget].copy(),
     )

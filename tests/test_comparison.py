@@ -28,7 +28,7 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers import LinearProgramme
-from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare, holding
+from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.experiments.comparison_makers import (
     MAKERS,
     SAME_SPENDING,
@@ -352,16 +352,6 @@ def test_the_same_seed_gives_the_same_figures(market: tuple[MarkowitzProblem, Pr
 
 
 def test_the_sentence_names_who_holds(found: Comparison) -> None:
-    assert holding([("A", 0.3), ("B", 0.5)], 0.4) == "B (0.50) does"
-    assert holding([("A", 0.5), ("B", 0.6), ("C", 0.4)], 0.4) == "B (0.60), A (0.50) and C (0.40) do"
-    assert holding([("A", 0.3), ("B", 0.1)], 0.4) == "none does (best: A, 0.30)"
-    unread = float("nan")
-    assert holding([("A", 0.1), ("B", unread), ("C", 0.5)], 0.4) == (
-        "C (0.50) does (no belief explains any decision of B)"
-    )
-    assert holding([("A", unread), ("B", unread)], 0.4) == (
-        "there is no estimate to judge, as no belief explains any decision of A or B"
-    )
     for part in ("takes decisions at face value", "knows the mechanism and the prior", "sees 20 decisions"):
         assert part in found.summary()
     for part in (f"{found.n_beliefs} beliefs", "bits", "candidate", "silence regret"):

@@ -61,8 +61,8 @@ def setting_of(chain: BeliefChain, problem: MarkowitzProblem | None = None) -> S
     return Setting(problem, chain.prior, decoy_grid(problem, 3), chain)
 
 
-def hidden(chain: BeliefChain, played: Mechanism, seen: tuple[int, ...], n_late: int) -> tuple[float, float]:
-    """Expected square error of the belief `n_late` steps after the last decision, and the decisions' probability."""
+def hidden(chain: BeliefChain, played: Mechanism, seen: tuple[int, ...], n_late: int) -> tuple[float, float, float]:
+    """Of the belief `n_late` steps after the last decision: expected square error, the decisions' probability, naming."""
     beliefs, table = chain.prior.beliefs, np.asarray(played.probabilities)
     law = np.zeros(len(beliefs))
     for path, chance in every_path(chain, len(seen) + n_late):
@@ -71,7 +71,11 @@ def hidden(chain: BeliefChain, played: Mechanism, seen: tuple[int, ...], n_late:
         law[path[-1]] += chance
     total = float(law.sum())
     mean = sum(law[b] * beliefs[b] for b in range(len(beliefs))) / total
-    return sum(law[b] * float(((beliefs[b] - mean) ** 2).sum()) for b in range(len(beliefs))) / total, total
+    error = sum(law[b] * float(((beliefs[b] - mean) ** 2).sum()) for b in range(len(beliefs))) / total
+    named = max(
+        sum(law[b] for b in range(len(beliefs)) if beliefs[b, i] == beliefs[b].max()) for i in range(beliefs.shape[1])
+    )
+    return error, total, named / total
 
 
 # ---- over time ---------------------------------------------------------------------------------------
@@ -82,10 +86,12 @@ def test_what_is_followed_equals_every_path(n_late: int) -> None:
     chain = uneven_chain()
     played = some_mechanism(chain)
     sequences = list(product(range(3), repeat=3))
-    over_time, alone = followed(chain, played, np.array(sequences).T, n_late)
+    over_time, alone, named = followed(chain, played, np.array(sequences).T, n_late)
     for d, seen in enumerate(sequences):
         for t in range(3):
-            assert over_time[t, d] == pytest.approx(hidden(chain, played, seen[: t + 1], n_late)[0], abs=1e-12)
+            error, _, naming = hidden(chain, played, seen[: t + 1], n_late)
+            assert over_time[t, d] == pytest.approx(error, abs=1e-12)
+            assert named[t, d] == pytest.approx(naming, abs=1e-12)
             assert alone[t, d] == pytest.approx(hidden(chain, played, seen[t : t + 1], n_late)[0], abs=1e-12)
 
 
@@ -99,7 +105,7 @@ def test_the_error_over_time_is_that_of_all_paths(monkeypatch: pytest.MonkeyPatc
     squared = [0.0, 0.0, 0.0]
     for t in range(3):
         for seen in product(range(3), repeat=t + 1):
-            error, chance = hidden(chain, played, seen, 0)
+            error, chance, _ = hidden(chain, played, seen, 0)
             squared[t] += chance * error
     assert squared[0] == pytest.approx(bayes**2)
     wanted = np.sqrt((squared[1] + squared[2]) / 2)  # the later half

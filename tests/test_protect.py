@@ -172,15 +172,15 @@ def test_the_model_must_be_one() -> None:
             protect(MODEL.problem, BELIEFS, budget)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("budget", "word"), [(Budget.regret(0.01), "holds"), (Budget.regret(0.0), "does not hold")])
+@pytest.mark.parametrize(("budget", "word"), [(Budget.regret(0.01), "met"), (Budget.regret(0.0), "missed")])
 def test_a_goal_is_reported_in_words(budget: Budget, word: str) -> None:
     one = protect(MODEL, BELIEFS[0], budget, NonExistence(), rng=np.random.default_rng(0))
     lines = option_lines(one, 0).loc["privacy"].tolist()
-    assert lines == ["does not hold", word, word, word]
-    assert f"NonExistence(margin=0.01) {word}, the lottery" in one.summary()
+    assert lines == ["missed", word, word, word]
+    assert f"NonExistence(margin=0.01) is {word}, the lottery" in one.summary()
     many = protect(MODEL, BELIEFS, budget, NonExistence(), rng=np.random.default_rng(0))
     assert row_lines(many)["privacy"].tolist() == [word, word]
-    assert f"holds in {2 if word == 'holds' else 0} of 2" in many.summary()
+    assert f"is met in {2 if word == 'met' else 0} of 2" in many.summary()
     assert "inf" not in one.summary() + many.summary()
 
 

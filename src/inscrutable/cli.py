@@ -353,6 +353,8 @@ def _show_protection(found: Protection) -> None:
     else:
         show_table(row_lines(found), "What to publish (CDM), what it costs, and what an observer concludes from it")
     results().print(found.summary()[0].upper() + found.summary()[1:] + ".")
+    if found.verdict:
+        results().print(found.verdict)
     if len(found) == 1:
         low_high = ", ".join(
             f"{regime} {low:.2f} to {high:.2f}"

@@ -16,7 +16,9 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_aware import AwareReading
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample
 from inscrutable.experiments.episodes import Episode, Record, relative_increase
+from inscrutable.experiments.holding import estimate_quality
 from inscrutable.experiments.performance import Performance, SharpeDifference
+from inscrutable.mechanisms.joint import top_states
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, HiddenMarkovModel
@@ -204,19 +206,16 @@ def _privacy_figures(result: Backtest, name: str) -> dict[str, float]:
     record = result.episode.records[name]
     privacy = result.privacy(name)
     reached = np.isfinite(privacy)
-    estimates = record.estimates
-    read = ~np.isnan(estimates).any(axis=1)
-    likely = result.beliefs.to_numpy().argmax(axis=1)
-    named = estimates[read].argmax(axis=1) == likely[read]
-    counts = np.bincount(likely, minlength=len(result.regimes))
+    beliefs = result.beliefs.to_numpy()
+    read = estimate_quality(record.estimates, beliefs)
     nothing = [status is DecisionStatus.NO_AFFORDABLE_PRIVACY for status in record.decisions.status]
     return {
         "mean_privacy": float(privacy[reached].mean()) if reached.any() else float("nan"),
         "n_privacy_not_finite": float((~reached).sum()),
-        "share_regime_named": float(named.mean()) if read.any() else float("nan"),
-        "base_rate": float(counts.max() / counts.sum()),
-        "n_empty_sets": float((~read).sum()),
-        "error_face_value": _error(estimates[read], result.beliefs.to_numpy()[read]) if read.any() else float("nan"),
+        "share_regime_named": read.named,
+        "base_rate": float(top_states(beliefs).mean(axis=0).max()),
+        "n_empty_sets": float(np.isnan(record.estimates).any(axis=1).sum()),
+        "error_face_value": read.error,
         "n_nothing_affordable": float(sum(nothing)),
     }
 
@@ -227,12 +226,8 @@ def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
     if result.aware is None:
         return dict.fromkeys(keys, float("nan"))
     beliefs, estimates = result.beliefs.to_numpy(), result.aware.estimates[name]
-    named = float((estimates.argmax(axis=1) == beliefs.argmax(axis=1)).mean())
+    read = estimate_quality(estimates, beliefs)
+    without = estimate_quality(np.tile(result.aware.prior.mean, (len(beliefs), 1)), beliefs)
     told = result.aware.leakages[name]
-    errors = _error(estimates, beliefs), _error(result.aware.prior.mean, beliefs)
-    return dict(zip(keys, (named, *errors, told.mutual_information, told.prior_entropy), strict=True))
-
-
-def _error(estimates: Array, beliefs: Array) -> float:
-    """Root mean square of the Euclidean distance."""
-    return float(np.sqrt(((estimates - beliefs) ** 2).sum(axis=1).mean()))
+    values = (read.named, read.error, without.error, told.mutual_information, told.prior_entropy)
+    return dict(zip(keys, values, strict=True))

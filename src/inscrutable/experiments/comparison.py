@@ -18,6 +18,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.comparison_makers import MAKERS, SPENDS_NOTHING, Maker, Setting, checked_makers
 from inscrutable.experiments.comparison_measures import ComparisonRow, measured
 from inscrutable.experiments.comparison_paths import EVERY_MAKER
+from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.privacy.leaks import silence_regret
@@ -25,12 +26,6 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Saved
 
 UNITS = ("silence", "cost", "regret")
-HOLDS = 0.5
-"""A protection is said to hold against an observer whose error is at least this share of the one without any decision."""
-
-_MOST_NAMED = 3
-"""Names in one list of the sentence; the table has all."""
-
 _SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 
@@ -168,52 +163,32 @@ class Comparison(Saved):
         """Return which protection holds against whom, at the middle budget."""
         budget = self.middle_budget
         rows = self.at(budget)
-        floor = HOLDS * self.prior_error
         if not rows or not self.prior_error > 0:
             return "Nothing can be hidden: the prior leaves no doubt about the belief, or nobody spends anything."
         worth = (
             f"{budget / self.silence_regret:.0%} of the silence regret" if self.silence_regret > 0 else f"{budget:.3g}"
         )
         last = len(self.repeats) - 1
-        named = {
-            "takes decisions at face value": [(row.maker, row.naive_error) for row in rows],
-            "knows the mechanism and the prior": [(row.maker, row.bayes_error) for row in rows],
+        seen = {
+            "takes decisions at face value": [(row.naive_error, row.naive_top_state) for row in rows],
+            "knows the mechanism and the prior": [(row.bayes_error, row.top_state_accuracy) for row in rows],
         }
         if self.is_moving:
-            named["knows the mechanism and follows the belief over time"] = [
-                (row.maker, row.path_error) for row in rows
-            ]
+            following = "knows the mechanism and follows the belief over time"
+            seen[following] = [(row.path_error, row.path_top_state) for row in rows]
         if self.repeats[last] > 1:
             later = f"knows the mechanism and sees {self.repeats[last]} decisions on one belief"
-            named[later] = [(row.maker, float(row.repeated_errors[last])) for row in rows]
-        parts = [f"against one who {who}, {holding(errors, floor)}" for who, errors in named.items()]
-        return (
-            f"At an expected regret of {worth}, a protection holds if it leaves an observer at least {HOLDS:.0%} of the "
-            f"error of {self.prior_error:.3f} that the prior alone leaves: " + "; ".join(parts) + "."
-        )
+            seen[later] = [(float(row.repeated_errors[last]), float(row.repeated_top_state[last])) for row in rows]
+        asked = Requirement(self.prior_error, self.prior_top_state)
+        parts = [
+            f"against one who {who}, {asked.judge([Reached(row.maker, *each) for row, each in zip(rows, found, strict=True)])}"
+            for who, found in seen.items()
+        ]
+        said = asked.text(without="any decision", state="state", cases="the cases")
+        return f"At an expected regret of {worth}, a protection holds against an observer {said}: {'; '.join(parts)}."
 
     def __repr__(self) -> str:
         return f"{self.header()}\n{self.summary()}"
-
-
-def holding(errors: list[tuple[str, float]], floor: float) -> str:
-    """Return who leaves an observer at least an error of `floor`, the best three first; or who comes nearest to it.
-
-    An error that is NaN is that of an observer who can make nothing of any decision, which is said and not ranked.
-    """
-    blind = [name for name, error in errors if np.isnan(error)]
-    if blind:
-        said = f"no belief explains any decision of {' or '.join(blind)}"
-        known = [each for each in errors if each[0] not in blind]
-        return f"{holding(known, floor)} ({said})" if known else f"there is no estimate to judge, as {said}"
-    ranked = sorted(errors, key=lambda each: -each[1])
-    held = [f"{name} ({error:.2f})" for name, error in ranked if error >= floor]
-    if not held:
-        return f"none does (best: {ranked[0][0]}, {ranked[0][1]:.2f})"
-    verb = "does" if len(held) == 1 else "do"
-    if len(held) > _MOST_NAMED + 1:
-        held = [*held[:_MOST_NAMED], f"{len(held) - _MOST_NAMED} more"]
-    return " and ".join(filter(None, [", ".join(held[:-1]), held[-1]])) + f" {verb}"
 
 
 def compare(

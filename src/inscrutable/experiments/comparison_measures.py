@@ -57,6 +57,7 @@ class ComparisonRow(Saved):
         path_error: Of one who knows the mechanism and how the belief moves, and follows it from decision to decision; NaN
             where that is not known. Its ceiling is the prior's error too.
         path_error_se: Its standard error, over independent paths.
+        path_top_state: How often that one names a most likely state.
         learned_low: Least risk aversion that explains every decision of a path to one who knows all of the cost but that, and
             takes decisions for optimal; NaN where none explains them all, and for costs without one.
         learned_high: The greatest.
@@ -94,6 +95,7 @@ class ComparisonRow(Saved):
     strength: float = float("nan")
     path_error: float = float("nan")
     path_error_se: float = float("nan")
+    path_top_state: float = float("nan")
     learned_low: float = float("nan")
     learned_high: float = float("nan")
     learned_holds: float = float("nan")

@@ -23,7 +23,7 @@ from inscrutable.experiments.guesses import guess_error
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.drawing import RowDraws
-from inscrutable.mechanisms.joint import Joint
+from inscrutable.mechanisms.joint import Joint, top_states
 from inscrutable.privacy.sampling import adjusted_means
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
@@ -43,10 +43,14 @@ _DENSE = 0.1
 
 
 class Watched(NamedTuple):
-    """Error of one who follows the belief over time, with its standard error; NaN where it is not known how it moves."""
+    """Error of one who follows the belief over time, with its standard error, and how often a most likely state is named.
+
+    NaN where it is not known how the belief moves.
+    """
 
     error: float = float("nan")
     error_se: float = float("nan")
+    top_state: float = float("nan")
 
 
 class Learned(NamedTuple):
@@ -69,18 +73,23 @@ def watched(setting: Setting, play: Play, bayes_error: float, rng: np.random.Gen
         return Watched()
     decided, n_late = (play.mechanism, 0) if play.seen is None else play.seen.decided
     drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting, PATH_STEPS, N_PATHS), rng)
-    over_time, alone = (
+    over_time, alone, named = (
         each[PATH_STEPS // 2 :].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late)
     )
     squared, spread = (float(each[0]) for each in adjusted_means(over_time, alone - bayes_error**2))
     error = float(np.sqrt(max(squared, 0.0)))
-    return Watched(error, spread / (2.0 * error) if error > 0 else 0.0)
+    return Watched(error, spread / (2.0 * error) if error > 0 else 0.0, min(float(named.mean()), 1.0))
 
 
-def followed(chain: BeliefChain, mechanism: Mechanism, columns: np.ndarray, n_late: int = 0) -> tuple[Array, Array]:
+def followed(
+    chain: BeliefChain, mechanism: Mechanism, columns: np.ndarray, n_late: int = 0
+) -> tuple[Array, Array, Array]:
     """Return the square error that one expects who saw all decisions so far, and one who saw the last alone.
 
-    Formula: E[‖π_t − E[π_t|u_0..u_t]‖² | u_0..u_t] and E[‖π_t − E[π_t|u_t]‖² | u_t].
+    The third are the first one's chances of naming a most likely state.
+
+    Formula: E[‖π_t − E[π_t|u_0..u_t]‖² | u_0..u_t], E[‖π_t − E[π_t|u_t]‖² | u_t], and
+    max_i P(i is a most likely state of π_t | u_0..u_t).
 
     Args:
         chain: How the belief moves.
@@ -89,14 +98,14 @@ def followed(chain: BeliefChain, mechanism: Mechanism, columns: np.ndarray, n_la
         n_late: Steps by which decisions are late.
 
     Returns:
-        Both of shape (T,D), at least 0.
+        Each of shape (T,D), at least 0.
     """
     # Beliefs seen from the middle of the prior, so that little is lost in the difference of squares.
     points = chain.prior.beliefs - chain.prior.mean
-    squares = (points**2).sum(axis=1)
+    squares, top = (points**2).sum(axis=1), top_states(chain.prior.beliefs)
     step = _plain(chain.transition)
     for _ in range(n_late):
-        points, squares = step @ points, step @ squares
+        points, squares, top = step @ points, step @ squares, step @ top
 
     def expected(laws: Array) -> Array:
         return np.asarray(np.maximum(laws @ squares - ((laws @ points) ** 2).sum(axis=1), 0.0))
@@ -105,13 +114,13 @@ def followed(chain: BeliefChain, mechanism: Mechanism, columns: np.ndarray, n_la
     shares = np.ascontiguousarray(sparse.csc_array(mechanism.observed)[:, used].toarray().T)
     place = place.reshape(columns.shape)
     law = np.tile(chain.prior.weights, (columns.shape[1], 1))
-    found = np.empty(columns.shape)
+    found, named = np.empty(columns.shape), np.empty(columns.shape)
     for t, seen in enumerate(place):
         law = (law if t == 0 else np.asarray(law @ step)) * shares[seen]
         law /= law.sum(axis=1, keepdims=True)
-        found[t] = expected(law)
+        found[t], named[t] = expected(law), (law @ top).max(axis=1)
     alone = shares * chain.prior.weights
-    return found, expected(alone / alone.sum(axis=1, keepdims=True))[place]
+    return found, expected(alone / alone.sum(axis=1, keepdims=True))[place], named
 
 
 def learned(setting: Setting, play: Play, joint: Joint, naive_error: float, rng: np.random.Generator) -> Learned:

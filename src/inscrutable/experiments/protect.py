@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -21,13 +22,15 @@ from inscrutable.decision_makers import (
 )
 from inscrutable.decision_makers.proofs.certified import check_provable, checked_gap
 from inscrutable.decision_makers.results import Progress
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.attack import Attack, Reading, attack_weights
 from inscrutable.experiments.episodes import part_of
+from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel, checked_model
 from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
+from inscrutable.worlds import HiddenMarkovModel
 
 PARTS = 3  # of the work: CDM, PDM, and what an observer concludes who knows the budget
 
@@ -89,6 +92,30 @@ class Protection:
             f"{max(lottery, 0.0):.3g}{by_lot}, against an observer who takes weights at face value{self._proven()}"
         )
 
+    @cached_property
+    def verdict(self) -> str:
+        """Whether the protection holds against an observer who takes the weights at face value.
+
+        One who sees no weights guesses the long-run law of the model's regimes, and names its likeliest. Empty where the
+        regimes have no unique long-run law.
+        """
+        world = self.model.world
+        try:
+            long_run = HiddenMarkovModel(world.transition, world.emission).initial
+        except ModelError:
+            return ""
+        without = estimate_quality(np.tile(long_run, (len(self), 1)), self.beliefs)
+        asked = Requirement(*without)
+        reached = [
+            Reached(name, *estimate_quality(np.array([each.center() for each in played.belief_set]), self.beliefs))
+            for name, played in (("CDM", self.deterministic), ("PDM", self.drawn))
+        ]
+        meant = asked.text(without="any weights", state="regime", cases="the rows")
+        return (
+            f"A protection holds against an observer {meant}: against one who takes the weights at face value, "
+            f"{asked.judge(reached)}. A backtest and a comparison judge one who knows how they are made."
+        )
+
     def _proven(self) -> str:
         if self.certified is None:
             return ""
@@ -100,13 +127,13 @@ class Protection:
 
 
 def privacy_text(measure: PrivacyMeasure, privacy: float, digits: int) -> str:
-    """Return a privacy as text: a number, or for a goal that is met or missed whether it holds."""
-    return f"{privacy:.{digits}f}" if not measure.is_indicator else "holds" if privacy == 0.0 else "does not hold"
+    """Return a privacy as text: a number, or for a goal whether it is met."""
+    return f"{privacy:.{digits}f}" if not measure.is_indicator else "met" if privacy == 0.0 else "missed"
 
 
 def _how_often(privacies: Array) -> str:
     met = int(np.count_nonzero(privacies == 0.0))
-    return ("holds" if met else "does not hold") if len(privacies) == 1 else f"holds in {met} of {len(privacies)}"
+    return ("is met" if met else "is missed") if len(privacies) == 1 else f"is met in {met} of {len(privacies)}"
 
 
 def protect(

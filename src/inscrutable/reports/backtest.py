@@ -14,13 +14,10 @@ import pandas as pd
 from inscrutable import __version__
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.backtest_results import Backtest
-from inscrutable.experiments.comparison import HOLDS, holding
+from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.performance import LEVEL, REPLICATES
 from inscrutable.reports.backtest_plots import draw_backtest
 from inscrutable.worlds import GaussianEmission
-
-_HARDLY_LESS = 0.9
-"""A rival still right this often, against the undisguised share, has hardly been hidden from."""
 
 
 class _Row(NamedTuple):
@@ -159,18 +156,18 @@ def verdict(result: Backtest) -> str:
     figures, (_, *hiding) = result.figures, result.names
     if result.aware is None or not hiding:
         return ""
-    without = figures[hiding[0]]["error_without"]
+    own = figures[hiding[0]]
+    asked = Requirement(own["error_without"], own["base_rate"])
     said = [
-        f"against one who {who}, {holding([(name, figures[name][key]) for name in hiding], HOLDS * without)}"
-        for who, key in (
-            ("takes the weights at face value", "error_face_value"),
-            ("knows how they are made", "error_aware"),
+        f"against one who {who}, "
+        + asked.judge([Reached(name, figures[name][error], figures[name][named]) for name in hiding])
+        for who, error, named in (
+            ("takes the weights at face value", "error_face_value", "share_regime_named"),
+            ("knows how they are made", "error_aware", "share_regime_named_aware"),
         )
     ]
-    return (
-        f"A protection holds against a rival whose estimate errs by at least {HOLDS:.0%} of what it would without seeing "
-        f"any weights ({without:.2f}): {'; '.join(said)}."
-    )
+    meant = asked.text(without="any weights", state="regime", cases=f"{result.market.frequency.word}s")
+    return f"A protection holds against a rival {meant}: {'; '.join(said)}."
 
 
 def headline(result: Backtest) -> str:
@@ -203,7 +200,7 @@ def cautions(result: Backtest) -> list[str]:
         named = figures[name]["share_regime_named"]
         if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
             said.append(f"{name}: with two regimes, a rival who reads the opposite is right in {1 - named:.0%}.")
-        elif named >= _HARDLY_LESS * told:
+        elif result.aware is None and named > Requirement(0.0, figures[odm]["base_rate"]).most_named:
             said.append(
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(told)}."
             )

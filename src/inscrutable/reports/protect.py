@@ -256,6 +256,7 @@ def protect_summary(protection: Protection) -> dict[str, Any]:
         )
     return {
         "sentence": protection.summary(),
+        "verdict": protection.verdict,
         "budget": str(protection.budget),
         "measure": type(protection.measure).__name__,
         "certified": protection.certified,

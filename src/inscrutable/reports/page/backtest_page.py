@@ -9,6 +9,7 @@ import numpy as np
 
 from inscrutable.decision_makers import Frontier
 from inscrutable.experiments.backtest_results import Backtest
+from inscrutable.experiments.holding import estimate_quality
 from inscrutable.geometry import BeliefSet
 from inscrutable.reports.backtest import cautions, headline, notes_of, timing_of, verdict, written_table
 from inscrutable.reports.backtest_plots import step_of
@@ -184,25 +185,14 @@ def _means(sweep: BudgetSweep, at: tuple[PlayedAt, ...]) -> dict[str, float]:
     return {
         "privacy": _rounded(float(privacy[reached].mean())) if reached.any() else float("nan"),
         "regret": _significant(float(regret.sum()) / total) if total > 0 else float("nan"),
-        "naive": _error(centres, sweep.beliefs),
-        "aware": _error(aware, sweep.beliefs),
-        "named": _named(centres, sweep.beliefs),
-        "named_aware": _named(aware, sweep.beliefs),
+        **_read(centres, sweep.beliefs, "naive", "named"),
+        **_read(aware, sweep.beliefs, "aware", "named_aware"),
     }
 
 
-def _error(estimates: Array, beliefs: Array) -> float:
-    read = ~np.isnan(estimates).any(axis=1)
-    if not read.any():
-        return float("nan")
-    return _rounded(float(np.sqrt(((estimates - beliefs)[read] ** 2).sum(axis=1).mean())))
-
-
-def _named(estimates: Array, beliefs: Array) -> float:
-    read = ~np.isnan(estimates).any(axis=1)
-    if not read.any():
-        return float("nan")
-    return _rounded(float((estimates[read].argmax(axis=1) == beliefs[read].argmax(axis=1)).mean()))
+def _read(estimates: Array, beliefs: Array, error: str, named: str) -> dict[str, float]:
+    found = estimate_quality(estimates, beliefs)
+    return {error: _rounded(found.error), named: _rounded(found.named)}
 
 
 def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:

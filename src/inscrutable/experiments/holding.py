@@ -1,0 +1,154 @@
+"""When a protection holds against an observer: one definition for every verb, report and page.
+
+With e₀ the error of one who sees no decision, and n₀ how often one is right who always names the commonest state, a
+protection holds against an observer of error e who names the likeliest state in a share n of the cases if
+
+    e ≥ ⅔ e₀  and  n ≤ n₀ + ⅓ (1 − n₀).
+
+Either part alone misleads: an estimate can be far off and still name the right state nearly always, and one that often
+names a wrong state can lie close to the belief.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import validation
+from inscrutable.errors import InputError
+from inscrutable.mechanisms.joint import top_states
+from inscrutable.validation import Array
+
+ERROR_KEPT = 2.0 / 3.0
+"""Share of the error without decisions that must be left."""
+
+NAMING_GAINED = 1.0 / 3.0
+"""Share of the way from chance to always that the naming of the likeliest state may go."""
+
+_MOST_LISTED = 3
+
+
+class Reached(NamedTuple):
+    """What one decision maker leaves an observer: the error of the estimate, and the share of right namings.
+
+    Both are NaN where no belief explains any of its decisions to that observer.
+    """
+
+    name: str
+    error: float
+    named: float
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """What a protection must leave every observer to hold.
+
+    Args:
+        error_without: e₀, root mean square error of one who sees no decision, at least 0.
+        chance: n₀, share of the cases in which always naming the commonest state is right.
+
+    Raises:
+        InputError: A number is out of its range.
+
+    Example:
+        >>> asked = Requirement(error_without=0.6, chance=0.61)
+        >>> asked.is_met(Reached("CDM", error=0.5, named=0.7)), asked.is_met(Reached("PDM", error=0.7, named=0.95))
+        (True, False)
+        >>> asked.judge([Reached("CDM", 0.5, 0.7), Reached("PDM", 0.7, 0.95)])
+        'CDM (0.50, 70%) does, PDM (0.70, 95%) does not'
+    """
+
+    error_without: float
+    chance: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "error_without", validation.non_negative(self.error_without, "error_without"))
+        object.__setattr__(self, "chance", validation.non_negative(self.chance, "chance"))
+        if self.chance > 1.0:
+            raise InputError(f"chance must be a share between 0 and 1, got {self.chance:g}")
+
+    @property
+    def least_error(self) -> float:
+        """The least error that must be left."""
+        return ERROR_KEPT * self.error_without
+
+    @property
+    def most_named(self) -> float:
+        """The largest share of right namings that may be left."""
+        return self.chance + NAMING_GAINED * (1.0 - self.chance)
+
+    def is_met(self, reached: Reached) -> bool:
+        """Whether a protection holds; not where there is no estimate to judge."""
+        return reached.error >= self.least_error and reached.named <= self.most_named
+
+    def text(self, *, without: str, state: str, cases: str) -> str:
+        """Return the two parts with their numbers, as the end of "A protection holds against one …".
+
+        Args:
+            without: What is not seen, such as "any weights".
+            state: What is named, such as "regime".
+            cases: What shares are of, such as "months".
+        """
+        return (
+            f"whose estimate errs by at least {self.least_error:.2f}, two thirds of the {self.error_without:.2f} without "
+            f"seeing {without}, and who names the likeliest {state} in at most {self.most_named:.0%} of {cases}, a third "
+            f"of the way from chance ({self.chance:.0%}) to always"
+        )
+
+    def judge(self, reached: Sequence[Reached]) -> str:
+        """Return who holds and who does not, each with the error and the share of right namings reached.
+
+        The best come first, three of each at most. One whose decisions no belief explains is named and not judged.
+        """
+        blind = [each.name for each in reached if math.isnan(each.error)]
+        known = sorted((each for each in reached if not math.isnan(each.error)), key=self._margin, reverse=True)
+        unread = f"no belief explains any decision of {' or '.join(blind)}"
+        if not known:
+            return f"there is no estimate to judge, as {unread}"
+        held = [each for each in known if self.is_met(each)]
+        missed = [each for each in known if not self.is_met(each)]
+        told = f"{_listed(held)} {'does' if len(held) == 1 else 'do'}" if held else f"none does: {_listed(missed)}"
+        if held and missed:
+            told += f", {_listed(missed)} {'does' if len(missed) == 1 else 'do'} not"
+        return f"{told} ({unread})" if blind else told
+
+    def _margin(self, reached: Reached) -> float:
+        """By how much the nearer of the two bounds is kept, as a share of the way that it measures."""
+        error = reached.error / self.error_without - ERROR_KEPT if self.error_without > 0 else 0.0
+        named = NAMING_GAINED - (reached.named - self.chance) / (1.0 - self.chance) if self.chance < 1 else 1.0
+        return min(error, named)
+
+
+class EstimateQuality(NamedTuple):
+    """What estimates of beliefs are worth; NaN where there are none."""
+
+    error: float
+    named: float
+
+
+def estimate_quality(estimates: Array, beliefs: Array) -> EstimateQuality:
+    """Return the root mean square error of estimates (T,X) of beliefs (T,X), and how often they name a likeliest state.
+
+    Rows of estimates that are NaN, because no belief explains the decision, are left out.
+    """
+    read = ~np.isnan(estimates).any(axis=1)
+    if not read.any():
+        return EstimateQuality(float("nan"), float("nan"))
+    found, held = estimates[read], beliefs[read]
+    named = top_states(held)[np.arange(len(held)), found.argmax(axis=1)]
+    return EstimateQuality(float(np.sqrt(((found - held) ** 2).sum(axis=1).mean())), float(named.mean()))
+
+
+def _listed(reached: Sequence[Reached]) -> str:
+    told = [f"{each.name} ({each.error:.2f}, {_share(each.named)})" for each in reached]
+    if len(told) > _MOST_LISTED + 1:
+        told = [*told[:_MOST_LISTED], f"{len(told) - _MOST_LISTED} more"]
+    return " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
+
+
+def _share(named: float) -> str:
+    return "naming unknown" if math.isnan(named) else f"{named:.0%}"

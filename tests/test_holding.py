@@ -1,0 +1,105 @@
+"""When a protection holds: two parts, one definition, in every verb and on every page."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import InputError
+from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
+from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.protect import protect
+from inscrutable.reports.backtest import verdict
+
+
+@pytest.fixture(scope="module")
+def found() -> Backtest:
+    draw = np.random.default_rng(0)
+    spread = np.repeat([0.01, 0.05, 0.02, 0.06], 20)[:, None]
+    months = pd.date_range("2001-01", periods=80, freq="ME")
+    returns = pd.DataFrame(0.01 + spread * draw.normal(size=(80, 2)), index=months, columns=["A", "B"])
+    return run_backtest(returns, BacktestSettings(regimes=2, train_until="2006-06"), restarts=2)
+
+
+def with_figures(found: Backtest, **given: float) -> Backtest:
+    """The backtest with other figures of its CDM and PDM."""
+    changed = replace(found)
+    changed.__dict__["figures"] = {name: {**found.figures[name], **given} for name in found.names}
+    return changed
+
+
+def test_both_parts_are_needed(fresh_rng: np.random.Generator) -> None:
+    for _ in range(200):
+        without, chance = fresh_rng.uniform(0.1, 1.4), fresh_rng.uniform(0.2, 1.0)
+        asked = Requirement(without, chance)
+        error, named = fresh_rng.uniform(0.0, 1.4), fresh_rng.uniform()
+        both = error >= without * 2 / 3 and named <= chance + (1 - chance) / 3
+        assert asked.is_met(Reached("CDM", error, named)) == both
+        assert (asked.judge([Reached("CDM", error, named)])[:4] == "CDM ") == both
+
+
+def test_a_rival_who_names_the_regime_nearly_always_is_not_held_off(found: Backtest) -> None:
+    """Far from the belief, but right in 95 % of the months where chance is right in 61 %."""
+    said = verdict(
+        with_figures(found, error_without=0.5, base_rate=0.61, error_face_value=0.6, share_regime_named=0.95)
+    )
+    at_face_value = said.split("at face value, ")[1].split(";")[0]
+    assert at_face_value.startswith("none does")
+    assert "(0.60, 95%)" in at_face_value  # what was reached
+    assert re.search(
+        r"at least 0\.33, .* 0\.50 .* at most 74% of months, .* chance \(61%\)", said
+    )  # what was asked for
+
+
+def test_an_estimate_half_as_wrong_is_not_held_off(found: Backtest) -> None:
+    said = verdict(with_figures(found, error_without=0.5, base_rate=0.5, error_face_value=0.3, share_regime_named=0.5))
+    assert said.split("at face value, ")[1].startswith("none does")
+
+
+def test_the_best_come_first_and_those_without_an_estimate_are_not_judged() -> None:
+    asked = Requirement(0.6, 0.4)
+    assert asked.judge([Reached("A", 0.3, 0.4), Reached("B", 0.5, 0.5)]) == "B (0.50, 50%) does, A (0.30, 40%) does not"
+    several = [Reached("A", 0.5, 0.4), Reached("B", 0.6, 0.4), Reached("C", 0.45, 0.4)]
+    assert asked.judge(several) == "B (0.60, 40%), A (0.50, 40%) and C (0.45, 40%) do"
+    unread = Reached("D", float("nan"), float("nan"))
+    assert asked.judge([several[0], unread]) == "A (0.50, 40%) does (no belief explains any decision of D)"
+    assert asked.judge([unread]) == "there is no estimate to judge, as no belief explains any decision of D"
+    many = [Reached(f"M{k}", 0.1, 0.9) for k in range(6)]
+    assert asked.judge(many) == "none does: M0 (0.10, 90%), M1 (0.10, 90%), M2 (0.10, 90%) and 3 more"
+
+
+def test_nothing_to_hide_and_certainty_by_chance() -> None:
+    assert Requirement(0.0, 1.0).is_met(Reached("CDM", 0.0, 1.0))
+    with pytest.raises(InputError, match=r"chance must be a share between 0 and 1, got 1\.2"):
+        Requirement(0.5, 1.2)
+
+
+def test_quality_of_estimates_by_hand() -> None:
+    beliefs = np.array([[0.6, 0.4], [0.5, 0.5], [0.1, 0.9]])
+    estimates = np.array([[0.2, 0.8], [1.0, 0.0], [np.nan, np.nan]])
+    error, named = estimate_quality(estimates, beliefs)
+    assert error == pytest.approx(np.sqrt((0.32 + 0.5) / 2))
+    assert named == 0.5  # of two likeliest states either is right
+    assert np.isnan(estimate_quality(estimates[2:], beliefs[2:])).all()
+
+
+def test_protect_judges_by_the_same_rule(found: Backtest) -> None:
+    model = InvestorModel(found.world, found.problem, found.assets, found.regimes)
+    given = np.array([[0.9, 0.1], [0.2, 0.8], [0.3, 0.7]])
+    protection = protect(model, given, 0.5, rng=np.random.default_rng(0))
+    values, vectors = np.linalg.eig(found.world.transition.T)
+    long_run = np.real(vectors[:, np.argmax(np.real(values))])
+    long_run /= long_run.sum()
+    without = np.sqrt(((long_run - given) ** 2).sum(axis=1).mean())
+    chance = np.mean(given.argmax(axis=1) == long_run.argmax())
+    centres = np.array([each.center() for each in protection.deterministic.belief_set])
+    error = np.sqrt(((centres - given) ** 2).sum(axis=1).mean())
+    named = np.mean(given.argmax(axis=1) == centres.argmax(axis=1))
+    assert f"CDM ({error:.2f}, {named:.0%})" in protection.verdict
+    assert f"at least {2 / 3 * without:.2f}" in protection.verdict
+    assert f"chance ({chance:.0%})" in protection.verdict

@@ -7,7 +7,17 @@ import pytest
 from hypothesis import given, settings
 from scipy.optimize import linprog
 
-from inscrutable import InputError, ModelError, Polyhedron, QuadraticProblem, box, simplex
+from inscrutable import (
+    InputError,
+    ModelError,
+    Polyhedron,
+    QuadraticProblem,
+    box,
+    consistent_beliefs,
+    group_caps,
+    max_weights,
+    simplex,
+)
 from strategies import SEEDS
 
 
@@ -133,6 +143,71 @@ def test_a_single_feasible_point_is_feasible():
     np.testing.assert_allclose(problem.solve([0.5, 0.5]), [0.3, 0.7], atol=1e-14)
 
 
+# --- rows that say nothing, or cannot be ---------------------------------------------------------------------------------
+
+
+def test_rows_without_coefficients_are_dropped_where_they_hold(fresh_rng):
+    """What is left decides and explains as if the empty rows had never been there; names stay with their rows."""
+    size = int(fresh_rng.integers(2, 5))
+    rows, sides = fresh_rng.normal(size=(5, size)), fresh_rng.uniform(0.5, 2.0, 5)
+    empty = fresh_rng.choice(5, 2, replace=False)
+    rows[empty], sides[empty[1]] = 0.0, 0.0
+    held = np.setdiff1d(np.arange(5), empty)
+    words = [f"row {i}" for i in range(5)]
+    net = np.vstack([np.ones(size), np.zeros(size)])
+    given = Polyhedron(rows, sides, net, [0.0, 0.0], names=[*words, "net", "nothing"])
+    plain = Polyhedron(rows[held], sides[held], net[:1], [0.0], names=[*(words[i] for i in held), "net"])
+    assert given.names == plain.names == (*(f"row {i}" for i in held), "net")
+    assert Polyhedron(rows, sides).names == tuple(f"A_ub[{i}]" for i in held)
+    fence = box(np.full(size, -5.0), np.append(np.full(size - 1, np.inf), 5.0))
+    assert (given & fence).names == (*(f"row {i}" for i in held), *fence.names, "net")
+    hessians, linear = np.tile(np.eye(size), (3, 1, 1)), fresh_rng.normal(size=(3, size))
+    beliefs = fresh_rng.dirichlet(np.ones(3), 5)
+    problems = [QuadraticProblem(hessians, linear, constraints=each & fence) for each in (given, plain)]
+    actions = [each.solve(beliefs) for each in problems]
+    np.testing.assert_array_equal(*actions)
+    for action in actions[0]:
+        np.testing.assert_array_equal(*(consistent_beliefs(each, action).bounds() for each in problems))
+    outside = actions[0][0] + 10.0 * rows[held[0]]
+    said = []
+    for each in problems:
+        with pytest.raises(InputError, match=r"is violated by|is off by") as caught:
+            each.check_action(outside)
+        said.append(str(caught.value))
+    assert said[0] == said[1]
+
+
+def test_a_set_without_any_limit_is_the_whole_space():
+    region = Polyhedron([[0.0, 0.0], [1.0, 2.0]], [0.0, np.inf])
+    assert (region.n_actions, region.names) == (2, ())
+    problem = QuadraticProblem([np.eye(2)] * 2, [[1.0, 0.0], [0.0, 1.0]], constraints=region)
+    np.testing.assert_allclose(problem.solve([0.25, 0.75]), [-0.25, -0.75], atol=1e-12)
+    np.testing.assert_allclose(consistent_beliefs(problem, [-0.25, -0.75]).center(), [0.25, 0.75], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Polyhedron([[1.0], [0.0]], [0.0, -1.0]), r"satisfies A_ub\[1\]: it asks that 0 <= -1"),
+        (lambda: Polyhedron([[0.0]], [-1.0], names=["cap"]), "satisfies cap: it asks that 0 <= -1"),
+        (lambda: Polyhedron(A_eq=[[0.0]], b_eq=[0.5], names=["net"]), "satisfies net: it asks that 0 = 0.5"),
+        (lambda: Polyhedron([[1.0]], [-np.inf], names=["cap"]), "satisfies cap: it asks that a finite number <= -inf"),
+        (lambda: box([0.0, 0.0], [1.0, -np.inf]), r"satisfies u\[1\] <= -inf"),
+        (lambda: group_caps(["A", "B"], {"empty": [], "both": ["A", "B"]}, -0.1), "satisfies empty <= -0.1"),
+    ],
+)
+def test_a_row_that_nothing_satisfies_is_named(make, message):
+    with pytest.raises(ModelError, match=message):
+        make()
+
+
+def test_groups_without_assets_or_caps_limit_nothing():
+    groups = {"none": [], "energy": ["Oil", "Gas"], "food": ["Food"]}
+    region = group_caps(["Food", "Oil", "Gas"], groups, {"none": 0.1, "energy": 0.4, "food": np.inf})
+    assert region.names == ("energy <= 0.4",)
+    assert max_weights(["Food", "Oil"], {"Oil": 0.2, "Food": np.inf}).names == ("Oil <= 0.2",)
+
+
 # --- malformed ----------------------------------------------------------------------------------------------------------
 
 
@@ -145,8 +220,8 @@ def test_a_single_feasible_point_is_feasible():
         ({"A_ub": [[1.0, 2.0]], "b_ub": [1.0, 2.0]}, "1 rows but b_ub has 2"),
         ({"A_ub": [1.0, 2.0], "b_ub": [1.0]}, "A_ub must be 2-dimensional"),
         ({"A_ub": [[np.nan, 2.0]], "b_ub": [1.0]}, r"A_ub has nan at index \[0, 0\]"),
-        ({"A_ub": [[1.0]], "b_ub": [np.inf]}, r"b_ub has inf at index \[0\]"),
-        ({"A_ub": [[0.0, 0.0]], "b_ub": [1.0]}, "row 0 of A_ub has no coefficient"),
+        ({"A_ub": [[1.0]], "b_ub": [np.nan]}, r"b_ub has nan at index \[0\]; -inf or inf stands for no limit"),
+        ({"A_eq": [[1.0]], "b_eq": [np.inf]}, r"b_eq has inf at index \[0\]"),
         ({"A_ub": [[1.0]], "b_ub": [1.0], "A_eq": [[1.0, 1.0]], "b_eq": [1.0]}, "A_ub has 1 columns but A_eq has 2"),
         ({"A_ub": [[1.0]], "b_ub": [1.0], "names": ["a", "b"]}, "names has 2 entries, expected one per row: 1"),
         ({"A_ub": [[1.0]], "b_ub": [1.0], "min_slack": -1e-4}, "min_slack must be at least 0"),
@@ -160,7 +235,7 @@ def test_malformed_rows_are_refused(arguments, message):
 def test_malformed_boxes_and_simplices_are_refused():
     with pytest.raises(InputError, match="one length"):
         box([0.0], [1.0, 2.0])
-    with pytest.raises(InputError, match="NaN"):
+    with pytest.raises(InputError, match="lower has nan"):
         box([np.nan], [1.0])
     with pytest.raises(InputError, match="at least one finite bound"):
         box([-np.inf], [np.inf])
@@ -171,5 +246,5 @@ def test_malformed_boxes_and_simplices_are_refused():
             simplex(wrong)
     with pytest.raises(InputError):
         box(["a"], [1.0])
-    with pytest.raises((InputError, ModelError)):
+    with pytest.raises(ModelError, match=r"no decision satisfies u\[0\] >= inf"):
         box([np.inf], [np.inf])

@@ -133,7 +133,6 @@ def test_rows_in_conflict_are_told_by_the_assets_names():
         (lambda: max_weights(2, [0.1, -np.inf]), r"-inf for u\[1\]; inf stands for no limit"),
         (lambda: min_weights(2, -np.inf), "no finite entry"),
         (lambda: group_caps(ASSETS, {}, 0.1), "must map"),
-        (lambda: group_caps(ASSETS, {"energy": []}, 0.1), "'energy' has no assets"),
         (lambda: group_caps(ASSETS, {"energy": "Oil"}, 0.1), "list of assets"),
         (lambda: group_caps(ASSETS, {"energy": ["Oil", 1]}, 0.1), "Oil twice"),
         (lambda: group_caps(ASSETS, {"energy": [7]}, 0.1), "7, expected one of"),

@@ -13,8 +13,8 @@ from inscrutable.errors import InputError
 Array = NDArray[np.float64]
 
 
-def finite_array(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...]) -> Array:
-    """Return `value` as a float array of the asked rank without NaN or infinity."""
+def finite_array(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...], limits: bool = False) -> Array:
+    """Return `value` as a float array of the asked rank without NaN, and without infinity but in `limits`."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -23,12 +23,13 @@ def finite_array(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...]) ->
     if array.ndim not in ranks:
         expected = " or ".join(f"{rank}-dimensional" for rank in ranks)
         raise InputError(f"{name} must be {expected}, got shape {array.shape}")
-    if array.ndim == 0 and not np.isfinite(array):
+    finite = ~np.isnan(array) if limits else np.isfinite(array)
+    if array.ndim == 0 and not finite:
         raise InputError(f"{name} must be finite, got {float(array)}")
-    finite = np.isfinite(array)
     if not np.logical_and.reduce(finite, axis=None):
         bad = np.argwhere(~finite)[0]
-        raise InputError(f"{name} has {array[tuple(bad)]} at index [{_place(bad)}]; every entry must be finite")
+        expected = "-inf or inf stands for no limit" if limits else "every entry must be finite"
+        raise InputError(f"{name} has {array[tuple(bad)]} at index [{_place(bad)}]; {expected}")
     return array
 
 

@@ -29,9 +29,11 @@ class Polyhedron:
 
     Formula: C = {u ∈ R^U : A_ub u ≤ b_ub, A_eq u = b_eq}.
 
+    Rows that every u satisfies are dropped, with their names: 0'u ≤ 1, a'u ≤ ∞, 0'u = 0.
+
     Args:
         A_ub: Inequality rows, shape (n, U), or None.
-        b_ub: Their right-hand sides, shape (n,), in the decision's unit times the row's.
+        b_ub: Their right-hand sides, shape (n,), in the decision's unit times the row's; inf for no limit.
         A_eq: Equality rows, shape (e, U), or None.
         b_eq: Their right-hand sides, shape (e,).
         names: One name per row, inequalities first; they come back in messages.
@@ -39,7 +41,8 @@ class Polyhedron:
             row's largest coefficient; 0 is the paper's letter.
 
     Raises:
-        InputError: Shapes disagree, an entry is not finite, a row has no coefficient, `min_slack` is negative.
+        InputError: Shapes disagree, an entry is not finite, `min_slack` is negative.
+        ModelError: No u satisfies a row by itself, such as 0'u ≤ −1; the row is named.
 
     Cost: none; feasibility is checked when a decision problem is built. Source: the paper, eq. (3).
 
@@ -70,10 +73,26 @@ class Polyhedron:
             given = [str(name) for name in names]
         if len(given) != n_rows:
             raise InputError(f"names has {len(given)} entries, expected one per row: {n_rows}")
-        self.names = tuple(given)
+        self._keep_rows(given)
         self.min_slack = validation.non_negative(min_slack, "min_slack")
         self._stationarity: dict[bytes, StationarityRows] = {}
         self._is_feasible = False  # until found to be
+
+    def _keep_rows(self, names: list[str]) -> None:
+        """Keep the rows that limit something; raise `ModelError` for one that nothing satisfies."""
+        n = len(self.b_ub)
+        empty = ~np.vstack([self.A_ub, self.A_eq]).any(axis=1)
+        missed = np.concatenate([-self.b_ub, np.abs(self.b_eq)])  # by how much 0 misses the side
+        broken = (empty & (missed > tolerances.FEASIBILITY)) | np.isposinf(missed)
+        if broken.any():
+            row = int(broken.argmax())
+            sign, side = ("<=", self.b_ub[row]) if row < n else ("=", self.b_eq[row - n])
+            what = "0" if empty[row] else "a finite number"
+            raise ModelError(f"no decision satisfies {names[row]}: it asks that {what} {sign} {side:g}")
+        kept = ~empty & ~np.isneginf(missed)
+        self.A_ub, self.b_ub = self.A_ub[kept[:n]], self.b_ub[kept[:n]]
+        self.A_eq, self.b_eq = self.A_eq[kept[n:]], self.b_eq[kept[n:]]
+        self.names = tuple(name for name, stays in zip(names, kept, strict=True) if stays)
 
     @property
     def n_actions(self) -> int:
@@ -237,12 +256,9 @@ def _rows(A: ArrayLike | None, b: ArrayLike | None, kind: str, other: ArrayLike 
     if A is None or b is None:
         raise InputError(f"A_{kind} and b_{kind} must be given together")
     rows = validation.finite_array(A, f"A_{kind}", ndim=2)
-    sides = validation.finite_array(b, f"b_{kind}", ndim=1)
+    sides = validation.finite_array(b, f"b_{kind}", ndim=1, limits=kind == "ub")
     if rows.shape[0] != sides.shape[0]:
         raise InputError(f"A_{kind} has {rows.shape[0]} rows but b_{kind} has {sides.shape[0]} entries")
-    empty = np.flatnonzero(~rows.any(axis=1))
-    if empty.size:
-        raise InputError(f"row {empty[0]} of A_{kind} has no coefficient")
     return rows, sides
 
 
@@ -279,34 +295,23 @@ def box(lower: ArrayLike, upper: ArrayLike, *, min_slack: float = tolerances.MIN
 
     Raises:
         InputError: Shapes differ, a bound is NaN, or no bound is finite.
-        ModelError: A lower bound is above its upper bound.
+        ModelError: A lower bound is above its upper bound, or inf; an upper bound is −inf.
 
     Example:
         >>> (simplex(3) & box([0, 0, 0], [0.5, 0.5, 0.5])).n_actions
         3
     """
-    try:
-        low, high = np.atleast_1d(np.array(lower, dtype=float)), np.atleast_1d(np.array(upper, dtype=float))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"lower and upper must be numbers: {error}") from None
-    if low.ndim != 1 or low.shape != high.shape:
+    low = np.atleast_1d(validation.finite_array(lower, "lower", ndim=(0, 1), limits=True))
+    high = np.atleast_1d(validation.finite_array(upper, "upper", ndim=(0, 1), limits=True))
+    if low.shape != high.shape:
         raise InputError(f"lower has shape {low.shape} and upper {high.shape}; expected two vectors of one length")
-    if np.isnan(low).any() or np.isnan(high).any():
-        raise InputError("a bound is NaN; use -inf or inf for no bound")
-    if np.any(np.isposinf(low)) or np.any(np.isneginf(high)):
-        raise InputError("a lower bound of inf or an upper bound of -inf leaves nothing; use the opposite sign")
-    crossed = np.flatnonzero(low > high)
+    crossed = np.flatnonzero((low > high) & np.isfinite(low) & np.isfinite(high))
     if crossed.size:
         j = crossed[0]
         raise ModelError(f"lower bound {low[j]:g} is above upper bound {high[j]:g} at coordinate {j}")
-    below, above = np.flatnonzero(np.isfinite(low)), np.flatnonzero(np.isfinite(high))
-    if below.size + above.size == 0:
+    if np.isneginf(low).all() and np.isposinf(high).all():
         raise InputError("a box needs at least one finite bound")
     unit = np.eye(low.size)
-    names = [f"u[{j}] >= {low[j]:g}" for j in below] + [f"u[{j}] <= {high[j]:g}" for j in above]
-    return Polyhedron(
-        np.vstack([-unit[below], unit[above]]),
-        np.concatenate([-low[below], high[above]]),
-        names=names,
-        min_slack=min_slack,
-    )
+    names = [f"u[{j}] >= {least:g}" for j, least in enumerate(low)]
+    names += [f"u[{j}] <= {most:g}" for j, most in enumerate(high)]
+    return Polyhedron(np.vstack([-unit, unit]), np.concatenate([-low, high]), names=names, min_slack=min_slack)

@@ -90,11 +90,12 @@ def group_caps(
     Args:
         assets: The number of assets, or their names.
         groups: Group name → its assets, by name or number; groups may overlap.
-        caps: One number for all groups, or group name → cap; groups left out have none.
+        caps: One number for all groups, or group name → cap; groups left out have none, and inf is none.
         min_slack: Least distance from a cap that is not tight in an admissible decision.
 
     Raises:
-        InputError: A group is empty, holds an unknown or repeated asset, a cap belongs to no group, or is not finite.
+        InputError: A group holds an unknown or repeated asset, a cap belongs to no group, or is NaN.
+        ModelError: A group without assets has a cap below zero.
 
     Source: the paper, eq. (3).
 
@@ -114,7 +115,7 @@ def group_caps(
     rows, sides, labels = [], [], []
     for name, cap in limits.items():
         rows.append(_members(groups[name], names, str(name)))
-        sides.append(validation.number_of(cap, f"cap of group {name!r}"))
+        sides.append(float(validation.finite_array(cap, f"cap of group {name!r}", ndim=0, limits=True)))
         labels.append(f"{name} <= {sides[-1]:g}")
     return Polyhedron(rows, sides, names=labels, min_slack=min_slack)
 
@@ -262,18 +263,16 @@ def _numbers(members: Sequence[Any], names: tuple[str, ...], what: str) -> np.nd
 
 
 def _members(members: Sequence[Any], names: tuple[str, ...], group: str) -> Array:
-    chosen = _numbers(members, names, f"group {group!r}")
-    if not chosen.size:
-        raise InputError(f"group {group!r} has no assets")
     row = np.zeros(len(names))
-    row[chosen] = 1.0
+    row[_numbers(members, names, f"group {group!r}")] = 1.0
     return row
 
 
 def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], what: str, absent: float) -> Array:
     if isinstance(limits, Mapping):
         values = np.full(len(names), absent)
-        values[_numbers(list(limits), names, what)] = [validation.number_of(each, what) for each in limits.values()]
+        members = _numbers(list(limits), names, what)
+        values[members] = validation.finite_array(list(limits.values()), what, ndim=1, limits=True)
     else:
         try:
             values = np.array(np.broadcast_to(np.asarray(limits, dtype=np.float64), (len(names),)))
@@ -288,10 +287,9 @@ def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], 
 
 
 def _single_rows(names: tuple[str, ...], values: Array, sign: float, min_slack: float) -> Polyhedron:
-    limited = np.flatnonzero(np.isfinite(values))
     relation = "<=" if sign > 0 else ">="
-    labels = [f"{names[j]} {relation} {values[j]:g}" for j in limited]
-    return Polyhedron(sign * np.eye(len(names))[limited], sign * values[limited], names=labels, min_slack=min_slack)
+    labels = [f"{name} {relation} {value:g}" for name, value in zip(names, values, strict=True)]
+    return Polyhedron(sign * np.eye(len(names)), sign * values, names=labels, min_slack=min_slack)
 
 
 def _range(net: float | tuple[float, float]) -> tuple[float, float]:

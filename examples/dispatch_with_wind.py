@@ -28,6 +28,7 @@ problem = dispatch_problem(
     farms,
     wind_means=[[5.0, 2.0], [25.0, 8.0], [10.0, 18.0]],  # MW in each regime
     wind_deviations=[[2.0, 1.0], [6.0, 3.0], [8.0, 6.0]],
+    wind_capacities=[40.0, 35.0],
 )
 
 belief = np.array([0.6, 0.2, 0.2])

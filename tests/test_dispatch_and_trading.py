@@ -31,7 +31,10 @@ WIND_BUSES = [7, 29]
 MEANS, DEVIATIONS = np.array([[5.0, 2.0], [25.0, 8.0], [10.0, 18.0]]), np.full((3, 2), 2.0)
 
 
-def by_angles(network, belief, limits=1.0, penalty=1.0):
+CAPACITIES = [22.0, 30.0]
+
+
+def by_angles(network, belief, limits=1.0, penalty=1.0, most=(np.inf, np.inf)):
     """Least expected cost of a dispatch whose flows are differences of bus angles, and the schedule."""
     n_buses, size = len(network.loads), len(network.capacities)
     p, q, angle = cp.Variable(size, nonneg=True), cp.Variable(2, nonneg=True), cp.Variable(n_buses)
@@ -48,6 +51,7 @@ def by_angles(network, belief, limits=1.0, penalty=1.0):
     rows = [
         injected @ cp.hstack([p, q]) - network.loads == leaving @ flow,
         p <= network.capacities,
+        *(q[f] <= each for f, each in enumerate(most) if np.isfinite(each)),
         cp.abs(flow) <= limits * network.line_data[:, 1],
     ]
     programme = cp.Problem(cp.Minimize(cost), rows)
@@ -67,10 +71,10 @@ def narrowed(network, share):
 @pytest.mark.parametrize("share", [1.0, 0.75])
 def test_the_dispatch_equals_the_one_by_bus_angles(share):
     network = load_ieee_30_bus()
-    problem = dispatch_problem(narrowed(network, share), WIND_BUSES, MEANS, DEVIATIONS)
+    problem = dispatch_problem(narrowed(network, share), WIND_BUSES, MEANS, DEVIATIONS, wind_capacities=CAPACITIES)
     reached = set()
     for belief in np.vstack([np.eye(3), np.random.default_rng(0).dirichlet(np.ones(3), 4)]):
-        value, schedule = by_angles(network, belief, share)
+        value, schedule = by_angles(network, belief, share, most=CAPACITIES)
         action = problem.solve(belief)
         assert float(problem.optimal_cost(belief)) == pytest.approx(value, rel=1e-7)
         np.testing.assert_allclose(action, schedule, atol=2e-3)
@@ -78,6 +82,7 @@ def test_the_dispatch_equals_the_one_by_bus_angles(share):
         tight = np.flatnonzero(problem.constraints.slacks(action) < 1e-9)
         reached |= {problem.constraints.names[row] for row in tight}
     assert any(name.startswith("line") for name in reached) == (share < 1), reached
+    assert "wind at bus 7 <= 22 MW" in reached
 
 
 def test_line_rows_are_flows_from_the_networks_equations():
@@ -113,12 +118,65 @@ def test_a_dispatch_hides_its_wind_forecast():
 
 def test_a_dispatch_that_cannot_be_names_the_rows():
     with pytest.raises(ModelError, match=r"no decision satisfies all constraints.*cannot hold together: line"):
-        dispatch_problem(narrowed(load_ieee_30_bus(), 0.1), WIND_BUSES, MEANS)
+        dispatch_problem(narrowed(load_ieee_30_bus(), 0.3), WIND_BUSES, MEANS)
     network = load_ieee_30_bus()
     with pytest.raises(InputError, match="wind_buses has bus 30, expected 0 to 29"):
         dispatch_problem(network, [30], [[1.0], [2.0]])
     with pytest.raises(InputError, match="do not connect all buses"):
         PowerNetwork([0, 1, 2], [0], [5], [1], [1], [[0, 1]], [[0.1, 5]])
+
+
+def with_load(load):
+    """Two buses; the load is at the second, the generators of 80 and 40 MW are at either."""
+    return PowerNetwork([0.0, load], [0, 1], [80.0, 40.0], [0.02, 0.01], [1.0, 2.0], [[0, 1]], [[0.1, 1000.0]])
+
+
+def test_a_load_above_all_units_is_refused_with_both_numbers():
+    with pytest.raises(ModelError, match=r"load is 550 MW.* 0 to 150 MW: 2 generators 120, 1 wind farms 30"):
+        dispatch_problem(with_load(550.0), [1], [[5.0], [25.0]], wind_capacities=[30.0])
+    with pytest.raises(ModelError, match=r"load is 550 MW.* 0 to 145 MW: 2 generators 120, 1 wind farms 25"):
+        dispatch_problem(with_load(550.0), [1], [[5.0], [25.0]])
+    with pytest.raises(ModelError, match=r"load is -1 MW"):
+        dispatch_problem(with_load(-1.0), [1], [[5.0], [25.0]])
+    just = dispatch_problem(with_load(150.0), [1], [[5.0], [25.0]], wind_capacities=[30.0])
+    np.testing.assert_allclose(just.solve([0.5, 0.5]), [80.0, 40.0, 30.0], atol=1e-9)
+
+
+def test_no_more_wind_is_scheduled_than_can_blow(fresh_rng):
+    """Up to 145 MW the farm gives its capacity at most, by default what blows in the windiest regime."""
+    for load in fresh_rng.uniform(0.0, 145.0, 5):
+        problem = dispatch_problem(with_load(load), [1], [[5.0], [25.0]])
+        actions = problem.solve(fresh_rng.dirichlet(np.ones(2), 10))
+        assert (actions[:, 2] <= 25.0 + 1e-9).all()
+        assert (actions >= 0.0).all()
+        np.testing.assert_allclose(actions.sum(axis=1), load, atol=1e-9)
+    windy = dispatch_problem(with_load(140.0), [1], [[5.0], [25.0]], [[1.0], [4.0]])
+    assert windy.constraints.bounding_box[2] == pytest.approx([20.0, 37.0])
+
+
+def test_farms_and_generators_that_stand_still():
+    network = with_load(50.0)
+    still = PowerNetwork([0.0, 50.0], [0, 1], [80.0, 0.0], [0.02, 0.01], [1.0, 2.0], [[0, 1]], [[0.1, 1000.0]])
+    belief = np.array([0.5, 0.5])
+    becalmed = dispatch_problem(network, [0, 1], [[9.0, 5.0], [9.0, 25.0]], wind_capacities=[0.0, 30.0])
+    action = CounterAdversarialDecisionMaker(becalmed, candidates=decoy_grid(becalmed, 20)).decide(belief).action
+    assert action[2] == 0.0 < action[3]
+    assert dispatch_problem(still, [1], [[5.0], [25.0]]).solve(belief)[1] == 0.0
+    calm = dispatch_problem(network, [], [[], []])
+    # Equal marginal costs: 1 + 0.04 p = 2 + 0.02 (50 − p), p = 100/3.
+    np.testing.assert_allclose(calm.solve(belief), [100 / 3, 50 / 3], atol=1e-9)
+    assert OriginalDecisionMaker(calm).decide(belief).belief_set.bounds() == pytest.approx(np.array([[0, 1], [0, 1]]))
+    with pytest.raises(InputError, match="wind_capacities is"):
+        dispatch_problem(network, [1], [[5.0], [25.0]], wind_capacities=[-1.0])
+    with pytest.raises(InputError, match="nothing can be scheduled"):
+        dispatch_problem(PowerNetwork([0.0], [], [], [], [], np.zeros((0, 2), int), np.zeros((0, 2))), [], [[], []])
+
+
+def test_a_line_that_carries_one_buss_load_alone_keeps_its_limit():
+    """Nobody's schedule changes the flow to the last bus: a row without coefficients, which 40 MW over 30 MW break."""
+    network = PowerNetwork([0.0, 40.0], [0], [80.0], [0.02], [1.0], [[0, 1]], [[0.1, 30.0]])
+    with pytest.raises(ModelError, match=r"no decision satisfies line 0-1"):
+        dispatch_problem(network, [0], [[5.0], [25.0]])
 
 
 # --- transaction costs ------------------------------------------------------------------------------------------------

@@ -211,7 +211,7 @@ def variants(section: Section) -> list[Variant]:
     return list({canonical(each): Variant.of(each) for each in found}.values())
 
 
-_FIXED = ("wind_buses",)  # a list that is one value
+_FIXED = ("wind_buses", "wind_capacities")  # lists that are one value
 
 
 def _plain(value: Any) -> Any:

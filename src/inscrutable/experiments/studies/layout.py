@@ -111,6 +111,7 @@ class DispatchSection(Section):
 
     kind: Literal["dispatch"]
     wind_buses: Several[Annotated[int, Field(ge=0)]]
+    wind_capacities: Several[NonNegative] | None = None
     penalty: Grid[Positive] = (1.0,)
 
 

@@ -130,8 +130,14 @@ def problem_of(section: dict[str, Any], regimes: Regimes) -> DecisionProblem:
     """Return the decision problem in given regimes."""
     if section["kind"] == "dispatch":
         deviations = np.sqrt(np.diagonal(regimes.covariances, axis1=1, axis2=2))
-        network = load_ieee_30_bus()
-        return dispatch_problem(network, section["wind_buses"], regimes.means, deviations, penalty=section["penalty"])
+        return dispatch_problem(
+            load_ieee_30_bus(),
+            section["wind_buses"],
+            regimes.means,
+            deviations,
+            wind_capacities=section.get("wind_capacities"),
+            penalty=section["penalty"],
+        )
     limits = _limits(section, regimes.means.shape[1])
     return MarkowitzProblem(regimes.means, regimes.covariances, section["risk_aversion"], limits)
 

@@ -83,13 +83,13 @@ class Polyhedron:
         n = len(self.b_ub)
         empty = ~np.vstack([self.A_ub, self.A_eq]).any(axis=1)
         missed = np.concatenate([-self.b_ub, np.abs(self.b_eq)])  # by how much 0 misses the side
-        broken = (empty & (missed > tolerances.FEASIBILITY)) | np.isposinf(missed)
+        broken = np.asarray((empty & (missed > tolerances.FEASIBILITY)) | np.isposinf(missed))
         if broken.any():
             row = int(broken.argmax())
             sign, side = ("<=", self.b_ub[row]) if row < n else ("=", self.b_eq[row - n])
             what = "0" if empty[row] else "a finite number"
             raise ModelError(f"no decision satisfies {names[row]}: it asks that {what} {sign} {side:g}")
-        kept = ~empty & ~np.isneginf(missed)
+        kept = np.asarray(~empty & ~np.isneginf(missed))
         self.A_ub, self.b_ub = self.A_ub[kept[:n]], self.b_ub[kept[:n]]
         self.A_eq, self.b_eq = self.A_eq[kept[n:]], self.b_eq[kept[n:]]
         self.names = tuple(name for name, stays in zip(names, kept, strict=True) if stays)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from itertools import permutations
 
 import numpy as np
@@ -14,6 +15,7 @@ from inscrutable import (
     PiecewiseLinearProblem,
     Polyhedron,
     RevealedPreferences,
+    SolverError,
     check_decision_problem,
     consistent_beliefs,
     preference_problem,
@@ -53,6 +55,137 @@ def test_consistency_and_index_equal_enumeration(seed: int) -> None:
             assert len(set(found.cycle)) == len(found.cycle)
             assert max(steps) <= efficiency
             assert min(steps) < efficiency
+
+
+def exact(prices: np.ndarray, choices: np.ndarray) -> list[list[Fraction]]:
+    """Spending ratios without rounding."""
+    paid, bought = ([[Fraction(float(each)) for each in row] for row in table] for table in (prices, choices))
+    spent = [[sum(p * x for p, x in zip(price, choice, strict=True)) for choice in bought] for price in paid]
+    return [[each / spent[t][t] for each in row] for t, row in enumerate(spent)]
+
+
+def exact_verdict(ratios: list[list[Fraction]], efficiency: Fraction) -> tuple[bool, Fraction]:
+    """Consistency and the index by every cycle, without rounding."""
+    consistent, index = True, Fraction(1)
+    for length in range(2, len(ratios) + 1):
+        for cycle in permutations(range(len(ratios)), length):
+            steps = [ratios[t][s] for t, s in zip(cycle, cycle[1:] + cycle[:1], strict=True)]
+            index = min(index, max(steps))
+            consistent &= not (max(steps) <= efficiency and min(steps) < efficiency)
+    return consistent, index
+
+
+def nearly_tied(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Small whole numbers, where ties are frequent, some bundles moved off a budget line by a share of 1e-9 to 1e-13."""
+    count = int(rng.integers(2, 5))
+    prices, choices = rng.integers(1, 5, (count, 2)).astype(float), rng.integers(0, 5, (count, 2)) + 1.0
+    for s, t in rng.integers(0, count, (3, 2)):
+        gap = rng.choice([0.0, 1.0, -1.0]) * 10.0 ** -rng.integers(9, 14)
+        spent, other = prices[t] @ choices[t], prices[t] @ choices[s]
+        choices[s] *= (1.0 + gap) * spent / other
+    return prices, choices
+
+
+def check_numbers(found: RevealedPreferences, ratios: list[list[Fraction]]) -> None:
+    """Afriat's inequalities, and the order of what one budget ranks, in exact arithmetic but for the numbers' own digits."""
+    efficiency, everybody = Fraction(found.efficiency), range(len(ratios))
+    u, rate = ([Fraction(float(each)) for each in numbers] for numbers in (found.utilities, found.multipliers))
+    assert min(rate) >= 1
+    for t in everybody:
+        for s in everybody:
+            excess = ratios[t][s] - efficiency
+            size = abs(u[t]) + abs(u[s]) + rate[t] * (abs(excess) + Fraction(1, 10**3))
+            assert u[s] - u[t] - rate[t] * excess <= Fraction(2, 10**12) * size, (t, s)
+
+
+def test_near_ties_are_judged_as_in_exact_arithmetic(fresh_rng: np.random.Generator) -> None:
+    verdicts, tied = [], 0
+    for _ in range(60):
+        prices, choices = nearly_tied(fresh_rng)
+        ratios = exact(prices, choices)
+        off = [abs(float(each - 1)) for row in ratios for each in row]
+        if any(1e-15 < each < 5e-14 for each in off):  # neither a tie nor a gap of the data
+            continue
+        tied += any(1e-14 < each < 2e-9 for each in off)
+        rounded = [[Fraction(1) if abs(each - 1) < Fraction(1, 10**14) else each for each in row] for row in ratios]
+        found = revealed_preferences(prices, choices)
+        consistent, index = exact_verdict(rounded, Fraction(1))
+        assert found.is_consistent == consistent
+        assert found.efficiency_index == pytest.approx(float(index), rel=2e-15)
+        verdicts.append(consistent)
+        if consistent:
+            check_numbers(found, rounded)
+        else:
+            with pytest.raises(ModelError) as caught:
+                found.utility(choices)
+            advice = float(str(caught.value).rpartition(" ")[2])
+            assert advice < index
+            assert revealed_preferences(prices, choices, efficiency=advice).is_consistent
+    assert {True, False} <= set(verdicts)
+    assert tied > 10
+
+
+@pytest.mark.parametrize("gap", [1e-9, 1e-10, 1e-11, 1e-12, 1e-13])
+def test_efficiencies_next_to_the_index_have_their_verdict(gap: float, fresh_rng: np.random.Generator) -> None:
+    told = 0
+    for _ in range(12):
+        prices, choices = fresh_rng.uniform(0.5, 2.0, (4, 3)), fresh_rng.uniform(0.1, 3.0, (4, 3))
+        index = revealed_preferences(prices, choices).efficiency_index
+        if index == 1.0:
+            continue
+        told += 1
+        ratios = exact(prices, choices)
+        for efficiency in (index * (1.0 - gap), min(1.0, index * (1.0 + gap))):
+            found = revealed_preferences(prices, choices, efficiency=efficiency)
+            assert found.is_consistent == exact_verdict(ratios, Fraction(efficiency))[0] == (efficiency < index)
+            if found.is_consistent:
+                check_numbers(found, ratios)
+                assert np.isfinite(found.utility(choices)).all()
+    assert told
+
+
+def test_the_advised_efficiency_explains_the_choices() -> None:
+    """The index is 2/3, printed as 0.666667 where it is rounded to the nearest: nothing explains the choices there."""
+    prices, choices = [[2.0, 1.0], [1.0, 2.0]], [[4.0, 1.0], [1.0, 4.0]]
+    found = revealed_preferences(prices, choices)
+    assert found.efficiency_index == pytest.approx(2 / 3)
+    with pytest.raises(ModelError, match=r"below 0\.666666, such as 0\.666666$"):
+        found.utility(choices)
+    assert "efficiency index 0.666666" in found.summary()
+    assert revealed_preferences(prices, choices, efficiency=0.666666).is_consistent
+    assert not revealed_preferences(prices, choices, efficiency=0.666667).is_consistent
+    even = revealed_preferences([[2.0, 1.0], [1.0, 2.0]], [[2.0, 1.0], [1.0, 2.0]])
+    with pytest.raises(ModelError, match=r"below 0\.8, such as 0\.799999$"):
+        even.utility([1.0, 1.0])
+    hopeless = revealed_preferences([[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, 1.0]], efficiency=0.5)
+    with pytest.raises(ModelError, match="none will do"):
+        hopeless.utility([1.0, 1.0])
+
+
+def test_ties_of_decimal_prices_are_ties() -> None:
+    """0.1·3 + 0.2·3 = 0.9 = 0.1·1 + 0.2·4 in decimals, not in binary: every step of the cycle is an indifference."""
+    found = revealed_preferences([[0.1, 0.2], [0.1, 0.2]], [[3.0, 3.0], [1.0, 4.0]])
+    assert found.is_consistent
+    assert found.utilities == pytest.approx([0.0, 0.0])
+    assert revealed_preferences([[0.2, 0.1], [0.1, 0.2]], [[2.0, 1.0], [1.0, 2.0]], efficiency=0.8).is_consistent
+
+
+def test_near_ties_that_no_floats_resolve_keep_their_verdict() -> None:
+    """Ratios are the prices where each choice is one unit of a good of its own. Each choice is half as dear as the one above
+    it, which is dearer than its own budget by 1e-9 alone: λ grows by 5e8 with each of 40, beyond floating point."""
+    prices = np.full((40, 40), 2.0) - np.eye(40)
+    above = np.arange(39)
+    prices[above, above + 1], prices[above + 1, above] = 0.5, 1.0 + 1e-9
+    few = revealed_preferences(prices[:9, :9], np.eye(9))
+    check_numbers(few, exact(prices[:9, :9], np.eye(9)))
+    assert few.multipliers.max() >= 5e8**8 * 0.999
+    many = revealed_preferences(prices, np.eye(40))
+    assert many.is_consistent
+    assert many.efficiency_index == 1.0
+    assert "consistent       yes" in many.summary()
+    with pytest.raises(SolverError, match=r"consistent at efficiency 1, .* such as 0\.999999$"):
+        many.utility(np.eye(40))
+    assert np.isfinite(revealed_preferences(prices, np.eye(40), efficiency=0.999999).utility(np.eye(40))).all()
 
 
 def test_the_samples_hold_both_kinds() -> None:

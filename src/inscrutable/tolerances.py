@@ -128,9 +128,9 @@ lost in the rounding of a cost (1e-16) allows about 1e-8."""
 POLISH = 1e-9
 """Accuracy asked of the local polish of a decision; its result is re-judged by the set's own distance."""
 
-SAME_SPENDING = 1e-12
-"""A bundle whose cost differs from the budget by less than this share of it lies on the budget line: rounding of a sum of
-products, far below any price that is written down."""
+SAME_SPENDING = 1e-14
+"""Spending ratios that differ by less than this share are tied: a sum of products without cancellation rounds to some 1e-15,
+and real price gaps of 1e-13 still count."""
 
 PARAMETER = 1e-9
 """Relative width below which a piece of an unknown cost parameter's range is not halved again: what residuals of 1e-10

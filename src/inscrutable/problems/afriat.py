@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from decimal import ROUND_FLOOR, Context
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from inscrutable import tolerances, validation
-from inscrutable.errors import InputError, ModelError
-from inscrutable.linear_programmes import Rows, minimum
+from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.linear_programmes import Rows, minimise
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.saved import Saved
@@ -40,8 +41,8 @@ class RevealedPreferences(Saved):
         cycle: Observations each revealed preferred to the next, and the last to the first, with a strict one among them;
             empty where there is none.
         efficiency_index: Afriat's index, the supremum of the efficiencies at which the choices are consistent, at most 1.
-        utilities: u_t, shape (T,); NaN where the choices are inconsistent.
-        multipliers: λ_t, shape (T,), utility per share of the budget; at least 1.
+        utilities: u_t, shape (T,); NaN where the choices are inconsistent, or so nearly that floats hold no such numbers.
+        multipliers: λ_t, shape (T,), utility per share of the budget; at least 1; NaN as the utilities.
 
     Source: Afriat, The Construction of Utility Functions from Expenditure Data (1967); Varian, The Nonparametric Approach to
     Demand Analysis (1982).
@@ -80,6 +81,7 @@ class RevealedPreferences(Saved):
         Raises:
             InputError: Another number of goods.
             ModelError: The choices are inconsistent at this efficiency.
+            SolverError: They are consistent, but so nearly not that no floats hold a utility.
         """
         points = np.asarray(choices, dtype=np.float64)
         if points.ndim == 0 or points.shape[-1] != self.prices.shape[1]:
@@ -90,11 +92,23 @@ class RevealedPreferences(Saved):
 
     def _explained(self, values: Array) -> Array:
         if not self.is_consistent:
+            advice = self._below_index
             raise ModelError(
                 f"no utility explains the choices at efficiency {self.efficiency:g}: observations {list(self.cycle)} form a "
-                f"cycle; ask with an efficiency below {self.efficiency_index:.6g}"
+                f"cycle; ask with an efficiency below {_rounded_down(self.efficiency_index):g}"
+                + (f", such as {advice:g}" if advice > 0 else ": none will do")
+            )
+        if np.isnan(values).any():
+            raise SolverError(
+                f"the choices are consistent at efficiency {self.efficiency:g}, but spending so nearly tied that the numbers of "
+                f"their utility exceed floating point; ask with an efficiency such as {self._below_index:g}"
             )
         return values
+
+    @property
+    def _below_index(self) -> float:
+        """An efficiency of six digits at which the choices are consistent."""
+        return _rounded_down(self.efficiency_index, strictly=True)
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
@@ -102,7 +116,7 @@ class RevealedPreferences(Saved):
         return (
             f"observations     {len(self.prices)} of {self.prices.shape[1]} goods\n"
             f"consistent       {'yes' if self.is_consistent else f'no: {cycle}'}, at efficiency {self.efficiency:g}\n"
-            f"efficiency index {self.efficiency_index:.6g}"
+            f"efficiency index {_rounded_down(self.efficiency_index):g}"
         )
 
 
@@ -110,7 +124,8 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
     """Return whether choices at known prices maximise some utility, how nearly, and one that they do.
 
     Formula: GARP at efficiency e: x_t R x_s implies e p_s'x_s ≤ p_s'x_t; the index is the smallest, over cycles, of a cycle's
-    largest spending ratio p_t'x_s / p_t'x_t, or 1; the utility is Afriat's, with the least Σλ.
+    largest spending ratio p_t'x_s / p_t'x_t, or 1; the utility is Afriat's, with the least Σλ unless ratios are so
+    nearly tied that a linear programme does not resolve them.
 
     Args:
         prices: p_t, shape (T,U), at least 0.
@@ -120,7 +135,6 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
     Raises:
         InputError: Shapes or the order of labels differ, an entry is negative or not finite, a choice costs nothing, or
             `efficiency` is out of range.
-        SolverError: The linear programme found no numbers though they exist.
 
     Cost: T² for each of log T graphs; a sparse linear programme of T² rows.
 
@@ -149,7 +163,7 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
     if spent.min() <= 0:
         raise InputError(f"choice {int(spent.argmin())} costs nothing at its prices")
     paid = paid / spent[:, None]
-    ratios = _cleaned(paid @ bought.T)
+    ratios = _with_ties(paid @ bought.T, (1.0, share))
     cycle = _cycle(ratios, share)
     nothing = np.full(len(paid), np.nan)
     utilities, multipliers = (nothing, nothing) if cycle else _afriat_numbers(ratios, share)
@@ -204,9 +218,22 @@ def preference_problem(preferences: Sequence[RevealedPreferences], constraints: 
     return PiecewiseLinearProblem([-each.slopes for each in given], [-each.levels for each in given], constraints)
 
 
-def _cleaned(ratios: Array) -> Array:
-    """Spending ratios with those that are one but for rounding set to it: on the budget, neither below nor above."""
-    return np.where(np.abs(ratios - 1.0) <= tolerances.SAME_SPENDING, 1.0, ratios)
+def _with_ties(ratios: Array, values: Iterable[float]) -> Array:
+    """Spending ratios with those that equal one of the values but for rounding set to it: on the budget, not below it."""
+    for value in values:
+        ratios = np.where(np.abs(ratios - value) <= tolerances.SAME_SPENDING * value, value, ratios)
+    return ratios
+
+
+def _rounded_down(value: float, *, strictly: bool = False) -> float:
+    """The largest number of six digits that is not above a positive value but for rounding, or `strictly` below it."""
+    if not value > 0:
+        return 0.0
+    digits = Context(prec=6, rounding=ROUND_FLOOR)
+    below = digits.create_decimal(repr(value * (1.0 + tolerances.SAME_SPENDING)))
+    if strictly and float(below) >= value * (1.0 - 2.0 * tolerances.SAME_SPENDING):
+        below = digits.next_minus(below)
+    return float(below)
 
 
 def _cycle(ratios: Array, efficiency: float) -> tuple[int, ...]:
@@ -247,15 +274,53 @@ def _graph(preferred: np.ndarray) -> Any:
 
 
 def _afriat_numbers(ratios: Array, efficiency: float) -> tuple[Array, Array]:
-    """u_s ≤ u_t + λ_t (e_ts − e), λ ≥ 1, u_0 = 0, with the least Σλ."""
-    count = len(ratios)
+    """u_s ≤ u_t + λ_t (e_ts − e) and λ ≥ 1, NaN where no floats have it.
+
+    The linear programme's numbers are the smaller (some hundred times for 30 random choices near their index), but it takes
+    ratios within 1e-9 of e for e; the others are exact to rounding, and grow with the number of near ties.
+    """
+    excess = ratios - efficiency
+    for numbers in (_least_numbers, _numbers_in_order):
+        utilities, multipliers = numbers(excess)
+        with np.errstate(invalid="ignore", over="ignore"):
+            steps = multipliers[:, None] * excess
+            size = np.abs(utilities[:, None]) + np.abs(utilities) + np.abs(steps)
+            holds = (utilities - utilities[:, None] - steps <= tolerances.STATIONARITY * size).all()
+        if holds and np.isfinite(utilities).all() and np.isfinite(multipliers).all():
+            return utilities, multipliers
+    nothing = np.full(len(ratios), np.nan)
+    return nothing, nothing
+
+
+def _least_numbers(excess: Array) -> tuple[Array, Array]:
+    """The numbers with u_0 = 0 and the least Σλ, by a linear programme; NaN where it fails."""
+    count = len(excess)
     t, s = np.nonzero(~np.eye(count, dtype=bool))
     rows = np.arange(t.size)
-    entries = np.concatenate([np.ones(t.size), -np.ones(t.size), efficiency - ratios[t, s]])
+    entries = np.concatenate([np.ones(t.size), -np.ones(t.size), -excess[t, s]])
     columns = np.concatenate([s, t, count + t])
     matrix: Any = sparse.csr_array((entries, (np.tile(rows, 3), columns)), shape=(t.size, 2 * count))
-    below = Rows(matrix, np.zeros(t.size))
     free: list[tuple[float | None, float | None]] = [(0.0, 0.0), *[(None, None)] * (count - 1)]
     objective = np.concatenate([np.zeros(count), np.ones(count)])
-    answer = minimum(objective, below, None, [*free, *[(1.0, None)] * count])
+    answer = minimise(objective, Rows(matrix, np.zeros(t.size)), None, [*free, *[(1.0, None)] * count])
     return answer.x[:count], answer.x[count:]
+
+
+def _numbers_in_order(excess: Array) -> tuple[Array, Array]:
+    """Varian's construction: the most preferred choices first, each with the largest u and the least λ that those leave."""
+    number, part = connected_components(_graph(excess <= 0.0), connection="strong")
+    above = np.zeros((number, number), dtype=bool)
+    above[tuple(part[side] for side in np.nonzero(excess <= 0.0))] = True
+    np.fill_diagonal(above, False)
+    utilities, multipliers = np.zeros(len(excess)), np.ones(len(excess))
+    done, left = np.zeros(0, dtype=np.int64), np.ones(number, dtype=bool)
+    while left.any():
+        own = int(np.flatnonzero(left & ~above[left].any(axis=0))[0])  # nobody left is preferred to it
+        mine = np.flatnonzero(part == own)
+        if done.size:
+            limits = utilities[done, None] + multipliers[done, None] * np.minimum(excess[np.ix_(done, mine)], 0.0)
+            utilities[mine] = limits.min()
+            rises = (utilities[done] - limits.min()) / excess[np.ix_(mine, done)]
+            multipliers[mine] = np.maximum(1.0, rises.max(axis=1))
+        done, left[own] = np.append(done, mine), False
+    return utilities, multipliers

@@ -100,8 +100,8 @@ class RevealedPreferences(Saved):
             )
         if np.isnan(values).any():
             raise SolverError(
-                f"the choices are consistent at efficiency {self.efficiency:g}, but spending so nearly tied that the numbers of "
-                f"their utility exceed floating point; ask with an efficiency such as {self._below_index:g}"
+                f"the choices are consistent at efficiency {self.efficiency:g}, but spending so nearly tied that the numbers "
+                f"of their utility exceed floating point; ask with an efficiency such as {self._below_index:g}"
             )
         return values
 
@@ -281,8 +281,8 @@ def _afriat_numbers(ratios: Array, efficiency: float) -> tuple[Array, Array]:
     """
     excess = ratios - efficiency
     for numbers in (_least_numbers, _numbers_in_order):
-        utilities, multipliers = numbers(excess)
         with np.errstate(invalid="ignore", over="ignore"):
+            utilities, multipliers = numbers(excess)
             steps = multipliers[:, None] * excess
             size = np.abs(utilities[:, None]) + np.abs(utilities) + np.abs(steps)
             holds = (utilities - utilities[:, None] - steps <= tolerances.STATIONARITY * size).all()

@@ -81,8 +81,8 @@ class Polyhedron:
     def _keep_rows(self, names: list[str]) -> None:
         """Keep the rows that limit something; raise `ModelError` for one that nothing satisfies."""
         n = len(self.b_ub)
-        empty = ~np.vstack([self.A_ub, self.A_eq]).any(axis=1)
-        missed = np.concatenate([-self.b_ub, np.abs(self.b_eq)])  # by how much 0 misses the side
+        empty = np.asarray(~np.vstack([self.A_ub, self.A_eq]).any(axis=1))
+        missed: Array = np.concatenate([-self.b_ub, np.abs(self.b_eq)])  # by how much 0 misses the side
         broken = np.asarray((empty & (missed > tolerances.FEASIBILITY)) | np.isposinf(missed))
         if broken.any():
             row = int(broken.argmax())

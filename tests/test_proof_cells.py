@@ -65,7 +65,7 @@ def test_bounds_on_cells_hold_for_sampled_beliefs(seed):
         shares = np.vstack([np.eye(n_states), rng.dirichlet(np.full(n_states, 0.6), 30)])
         beliefs = shares @ points.beliefs[index[0]]
         actions = problem.solve(beliefs)
-        regrets = problem.state_costs(actions) @ belief - points.optimal_cost
+        regrets = problem.regret(belief, actions)
         assert (regrets - (shares @ bounds).max(axis=1)).min() >= -1e-10 * points.scale
         if fibres.passes(index, near)[0]:
             distances = consistent_sets(problem, actions, beliefs).distances(belief)

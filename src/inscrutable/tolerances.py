@@ -242,6 +242,18 @@ COST_ACCURACY = 1e-9
 allowance that a proof makes where the problem does not say how exactly it is solved. What two solutions show of each other
 widens it."""
 
+COST_ROUNDING = 1e-14
+"""Rounding of an expected cost as it is computed, relative to its size: a few dozen roundings. It is all that a constant
+added to all costs changes in a proof."""
+
+COMMON_COST = 1e3
+"""What all decisions cost alike is left out of account where it is larger than their differences by more than this: it takes
+three digits then. Below it costs are used as they are given."""
+
+LEAST_DIFFERENCE = 1e-5
+"""Differences of gradients across decisions count as no smaller than this share of the gradients, over `COMMON_COST`: their
+rounding, 1e-16, then stays a tenth of `EXPLAINED`."""
+
 EXACT_COST = 1e-13
 """The same for quadratic programmes solved by active sets: stationary to 1e-12, so optimal to its square and rounding."""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.adversaries.inverse import belief_set_of, scaled_gradients
 from inscrutable.geometry import BeliefSet
 from inscrutable.geometry.equal_rows import distinct_patterns, first_equal
 from inscrutable.geometry.hulls import described_sets, members_of_sets
@@ -119,7 +119,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
         by_rows = _by_rows(problem, actions, members)
         if by_rows is not None:
             return by_rows
-    form = problem.smooth_form(actions)
+    form = problem.without_common_costs.smooth_form(actions)
     region = form.region
     count, n_states = actions.shape[0], problem.n_states
     dimension = np.full(count, -1)
@@ -131,9 +131,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
-        gradients = form.gradients(form.points[index])
-        scale = np.abs(gradients).max(axis=(1, 2), keepdims=True)
-        scaled = (gradients / np.where(scale > 0, scale, 1.0)).transpose(0, 2, 1)
+        scaled = scaled_gradients(form.gradients(form.points[index]), region.A_eq).transpose(0, 2, 1)
         inequalities = rows.inequalities @ scaled
         equalities = rows.equalities @ scaled
         dimension[index], ends[index] = described_sets(equalities, inequalities, tolerances.EXPLAINED)

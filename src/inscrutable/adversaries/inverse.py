@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import orth
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.plausibility import gap_compared
@@ -50,12 +51,20 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
     explaining = problem.explaining_rows(u)
     if explaining is not None:
         return BeliefSet(np.zeros((0, problem.n_states)), explaining, tolerance, partial(gap_compared, problem, u))
-    form = problem.smooth_form(u[None])
+    form = problem.without_common_costs.smooth_form(u[None])
     rows = form.region.stationarity(form.region.tight_rows(form.points[0]))
-    gradients = form.gradients(form.points)[0]
-    scale = np.abs(gradients).max()
-    scaled = gradients.T / (scale if scale > 0 else 1.0)
+    scaled = scaled_gradients(form.gradients(form.points), form.region.A_eq)[0].T
     return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled, tolerance, partial(gap_compared, problem, u))
+
+
+def scaled_gradients(gradients: Array, equalities: Array) -> Array:
+    """Return gradients (M,X,U) over their largest entry; where most of that lies along the equalities (e,U), which say
+    nothing of a belief, over a thousand times what does not."""
+    scale = np.abs(gradients).max(axis=(1, 2), initial=0.0)
+    common = orth(equalities.T)
+    across = np.abs(gradients - gradients @ common @ common.T).max(axis=(1, 2), initial=0.0)
+    scale = np.clip(tolerances.COMMON_COST * across, tolerances.LEAST_DIFFERENCE * scale, scale)
+    return np.asarray(gradients / np.where(scale > 0, scale, 1.0)[:, None, None])
 
 
 def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:

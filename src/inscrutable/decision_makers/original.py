@@ -59,14 +59,15 @@ def decision_for(
     """Return an action with its cost, regret and privacy judged afresh from the action alone."""
     action = problem.as_points(action)
     found = belief_set_of(problem, action)
-    optimal = float(problem.optimal_cost(belief))
-    cost = float(problem.expected_cost(belief, action))
+    best, relative = problem.solve_points(belief), problem.without_common_costs
+    optimal, cost = (float(problem.expected_cost(belief, each)) for each in (best, action))
+    regret = float(relative.expected_cost(belief, action) - relative.expected_cost(belief, best))
     privacy = float(measure(belief, found))
     decision = Decision(
         action,
         cost,
         optimal,
-        max(cost - optimal, 0.0),
+        max(regret, 0.0),
         privacy,
         0.0 if status is DecisionStatus.OPTIMAL else max(measure.upper_bound(belief), privacy),
         found.center(),

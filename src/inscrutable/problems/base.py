@@ -45,8 +45,8 @@ class DecisionProblem(ABC):
     """Whether only single choices are decisions, and nothing between them."""
 
     cost_accuracy: float = tolerances.COST_ACCURACY
-    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest expected size Σ π_i|c(i,u)| of a cost: what
-    proofs allow for."""
+    """How far above V(π) the cost of `solve(π)` may lie, relative to the largest expected size Σ π_i|c(i,u) − c(i,v)| of a
+    difference of costs: what proofs allow for, beside the rounding of costs."""
 
     @property
     def costs_are_unique(self) -> bool:
@@ -58,6 +58,12 @@ class DecisionProblem(ABC):
         """c_i, shape (X,U), where c(i,u) is c_i'u up to a constant in every state; None is always safe, but proofs are
         exact where it is known."""
         return None
+
+    @property
+    def without_common_costs(self) -> DecisionProblem:
+        """The problem less what all decisions cost alike in a state: the same decisions, regrets and consistent beliefs, none
+        of whose digits a large common cost takes; the problem itself is always right."""
+        return self
 
     @property
     @abstractmethod
@@ -124,8 +130,9 @@ class DecisionProblem(ABC):
 
     def regret(self, beliefs: ArrayLike, actions: ArrayLike) -> Array:
         """Return ρ(π,u) = π·s(u) − V(π) ≥ 0, paired as `expected_cost`."""
+        problem = self.without_common_costs
         # A difference of two nearly equal costs may round below zero.
-        return _plain(np.maximum(self.expected_cost(beliefs, actions) - self.optimal_cost(beliefs), 0.0))
+        return _plain(np.maximum(problem.expected_cost(beliefs, actions) - problem.optimal_cost(beliefs), 0.0))
 
     def check_actions(self, actions: ArrayLike) -> Array:
         """Return decisions (U,) or (T,U) as floats; raise `InputError` for a wrong length or one outside C."""

@@ -52,6 +52,9 @@ class FiniteProblem(LinearProblem):
     def _check_bounded(self) -> None:
         """A simplex is bounded."""
 
+    def _with_costs(self, costs: Array) -> FiniteProblem:
+        return FiniteProblem(costs)
+
     @property
     def n_choices(self) -> int:
         """Number of choices K."""
@@ -60,7 +63,7 @@ class FiniteProblem(LinearProblem):
     def solve(self, beliefs: ArrayLike) -> Any:
         """Return the cheapest choice, an int for one belief (X,), ints (T,) for many; the first of tied ones."""
         held = validation.beliefs(beliefs, self.n_states)
-        expected = held @ self.costs
+        expected = held @ self.without_common_costs.costs
         scale = np.abs(expected).max(axis=-1, keepdims=True)
         tied = expected <= expected.min(axis=-1, keepdims=True) + tolerances.STATIONARITY * scale
         first = tied.argmax(axis=-1)

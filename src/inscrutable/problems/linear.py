@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems.base import DecisionProblem
@@ -80,8 +80,17 @@ class LinearProblem(DecisionProblem):
         return self.costs
 
     @cached_property
+    def without_common_costs(self) -> LinearProblem:
+        """The problem without what the equalities of C make the same for all decisions; itself where that is not large."""
+        less = without_common(self.costs, self.constraints.A_eq)
+        return self if less is self.costs else self._with_costs(less)
+
+    def _with_costs(self, costs: Array) -> LinearProblem:
+        return LinearProblem(costs, self.constraints)
+
+    @cached_property
     def _table(self) -> VertexTable:
-        return VertexTable(self.costs, self.constraints)
+        return VertexTable(self.without_common_costs.costs, self.constraints)
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return an optimal vertex for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
@@ -100,3 +109,16 @@ class LinearProblem(DecisionProblem):
 
     def __repr__(self) -> str:
         return f"LinearProblem({self.n_states} states, {self.n_actions} coordinates)"
+
+
+def without_common(costs: Array, equalities: Array) -> Array:
+    """Return costs (X,U) without their parts along equalities (e,U), which no decision changes; themselves where these are
+    not far larger than the rest."""
+    if not len(equalities):
+        return costs
+    _, sizes, rows = np.linalg.svd(equalities, full_matrices=False)
+    common = rows[sizes > tolerances.CURVATURE * sizes.max(initial=0.0)]
+    less = costs - costs @ common.T @ common
+    less -= less @ common.T @ common  # what the first time left by rounding
+    large = np.abs(costs).max() > tolerances.COMMON_COST * np.abs(less).max()
+    return less if large else costs

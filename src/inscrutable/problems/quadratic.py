@@ -133,6 +133,13 @@ class QuadraticProblem(DecisionProblem):
         hessians, linear = self.hessians[:, kept[:, None], kept], self.linear[:, kept]
         return QuadraticProblem(hessians, linear, self.constants, constraints=self._merged.constraints)
 
+    @cached_property
+    def without_common_costs(self) -> QuadraticProblem:
+        """The problem without constants; itself where there are none."""
+        if not self.constants.any():
+            return self
+        return QuadraticProblem(self.hessians, self.linear, constraints=self.constraints)
+
     def with_copies(self, actions: Array) -> Array:
         """Return decisions (…,F) of the problem without copies as decisions (…,U) of this one."""
         if self._merged is None:

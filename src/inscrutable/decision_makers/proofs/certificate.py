@@ -69,7 +69,8 @@ class Prover:
     def __init__(self, problem: DecisionProblem, belief: Array, most_calls: int) -> None:
         self._asked = problem
         # Copies of a coordinate change no privacy and no cost, but leave decisions tied.
-        problem = self.problem = problem.without_copies if isinstance(problem, QuadraticProblem) else problem
+        problem = problem.without_copies if isinstance(problem, QuadraticProblem) else problem
+        problem = self.problem = problem.without_common_costs
         self.belief = belief
         self.most_calls = most_calls
         cones = cones_from(belief)
@@ -228,6 +229,8 @@ class Prover:
         corners = bounded.cells.corners
         upper = self.points.upper_costs(corners)
         slack = tolerances.SHARED_DECISION * self.points.scale
+        if self.points.rounding > slack:  # costs do not tell decisions apart
+            return
         optimal = (upper <= self.points.values[corners][:, :, None] + slack).all(axis=1)
         width = np.abs(self.points.beliefs[corners] - self.points.beliefs[corners[:, :1]]).max(axis=(1, 2))
         for cell in np.flatnonzero(single & optimal.any(axis=1) & (width >= tolerances.SHARED_WIDTH)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from inscrutable import tolerances
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -14,7 +15,11 @@ LEVELS_TRIED = len(_TRIED)
 
 class OraclePoints:
     """Beliefs with optimal cost and the state costs of an optimal decision; on the way to each from the true belief, at
-    shares τ = 1 − 2^−l of it, the optimal cost alone."""
+    shares τ = 1 − 2^−l of it, the optimal cost alone.
+
+    Costs are those above the costs of one decision v, the optimal one for the belief in the middle: a constant added to all
+    costs in a state changes none of them.
+    """
 
     def __init__(self, problem: DecisionProblem, belief: Array, others: Array) -> None:
         self.problem = problem
@@ -30,6 +35,9 @@ class OraclePoints:
         self._shortfall = 0.0
         self.scale = 0.0
         """Largest expected size of a cost seen: what it is in states that a belief rules out is of no account."""
+        self.rounding = 0.0
+        """Largest rounding of an expected cost seen, which is relative to the cost before that of v is taken off."""
+        self._common = problem.state_costs(problem.solve_points(np.full(n_states, 1.0 / n_states)))
         self.add(np.vstack([belief, others]))
         self.optimal_cost = float(self.values[0])
         self.on_the_way[0] = self.optimal_cost
@@ -37,7 +45,7 @@ class OraclePoints:
     @property
     def allowance(self) -> float:
         """How far an optimal cost as computed may lie above the true one."""
-        return max(self.problem.cost_accuracy * self.scale, 10.0 * self._shortfall)
+        return max(self.problem.cost_accuracy * self.scale, 10.0 * self._shortfall) + self.rounding
 
     def ask(self, beliefs: Array) -> tuple[Array, Array]:
         """Return optimal costs (T,) and state costs (T,X) of beliefs (T,X): T calls of the oracle."""
@@ -48,6 +56,9 @@ class OraclePoints:
         self.calls += len(beliefs)
         actions = self.problem.solve_points(beliefs)
         costs = np.atleast_2d(self.problem.state_costs(actions))
+        size = (np.abs(costs) * beliefs).sum(axis=1).max(initial=0.0)
+        self.rounding = max(self.rounding, tolerances.COST_ROUNDING * float(size))
+        costs = costs - self._common
         return (beliefs * costs).sum(axis=1), costs, actions
 
     def add(self, beliefs: Array) -> np.ndarray:

@@ -159,7 +159,7 @@ class SmoothCells(ABC):
             multipliers,
             slacks,
             np.linalg.norm(sums + multipliers @ form.rows, axis=1),
-            problem.state_costs(actions) @ self.points.belief - self.points.optimal_cost,
+            self.points.costs[index] @ self.points.belief - self.points.optimal_cost,
             self._traits(actions, beliefs),
         )
 

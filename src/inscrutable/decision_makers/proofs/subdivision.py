@@ -29,12 +29,13 @@ _MOST_CORNERS = 1e9  # that a polytope of so many sides may have; those that are
 class Subdivision:
     """Cells of beliefs with their corners."""
 
-    costs: Array  # (K,X) state costs of decisions that are optimal on a cell
+    costs: Array  # (K,X) state costs of decisions that are optimal on a cell, above those of one decision
     actions: Array  # (K,U)
     corners: Array  # (W,X) of all cells
     tied: np.ndarray  # (W,K) what may be optimal at a corner
     members: np.ndarray  # (W,K) what is surely optimal there
     scale: float  # of costs
+    rounding: float  # of costs, which is relative to what they are before those of one decision are taken off
 
     @property
     def on_border(self) -> np.ndarray:
@@ -46,12 +47,14 @@ class Subdivider:
     """Finds the cells of a problem, at most so many calls of its oracle."""
 
     def __init__(self, problem: DecisionProblem, most_calls: int, surely_linear: bool) -> None:
-        self.problem = problem
+        self.problem = problem.without_common_costs
         self.most_calls = most_calls
         self.surely_linear = surely_linear
         self.calls = 0
         n_states = problem.n_states
         self._asked: set[bytes] = set()
+        self._common = self.problem.state_costs(self.problem.solve_points(np.full(n_states, 1.0 / n_states)))
+        self._rounding = 0.0
         self._costs = np.zeros((0, n_states))
         self._actions = np.zeros((0, problem.n_actions))
 
@@ -86,13 +89,16 @@ class Subdivider:
         self._asked.update(_key(belief) for belief in beliefs)
         actions = self.problem.solve_points(beliefs)
         costs = np.atleast_2d(self.problem.state_costs(actions))
+        self._rounding = max(self._rounding, tolerances.COST_ROUNDING * float(np.abs(costs).max()))
+        costs = costs - self._common
         values = (beliefs * costs).sum(axis=1)
         scale = max(self._scale if len(self._costs) else 0.0, float(np.abs(costs).max()), tolerances.TINY)
-        below = np.flatnonzero(values < self._least(beliefs) - tolerances.SHARED_DECISION * scale)
+        same = tolerances.SHARED_DECISION * scale + self._rounding
+        below = np.flatnonzero(values < self._least(beliefs) - same)
         before = len(self._costs)
         for index in below:
             apart = np.abs(self._costs - costs[index]).max(axis=1, initial=np.inf if not len(self._costs) else 0.0)
-            if not len(self._costs) or apart.min() > tolerances.SHARED_DECISION * scale:
+            if not len(self._costs) or apart.min() > same:
                 self._costs = np.vstack([self._costs, costs[index]])
                 self._actions = np.vstack([self._actions, actions[index]])
         return len(self._costs) > before
@@ -106,8 +112,8 @@ class Subdivider:
         values = corners @ self._costs.T
         above = values - values.min(axis=1, keepdims=True)
         size = max(self._scale, tolerances.TINY)
-        tied, members = (above <= share * size for share in (tolerances.TIED, tolerances.EXPLAINED))
-        return Subdivision(self._costs, self._actions, corners, tied, members, size)
+        tied, members = above <= tolerances.TIED * size + self._rounding, above <= tolerances.EXPLAINED * size
+        return Subdivision(self._costs, self._actions, corners, tied, members, size, self._rounding)
 
 
 def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | None, int]:
@@ -126,9 +132,9 @@ def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | N
 def linear_form(problem: DecisionProblem) -> LinearProblem | None:
     """Return the linear problem with the same decisions, optimal for the same beliefs, where there is one."""
     if isinstance(problem, LinearProblem):
-        return problem
+        return problem.without_common_costs
     costs = problem.linear_costs
-    return None if costs is None else LinearProblem(costs, problem.constraints)
+    return None if costs is None else LinearProblem(costs, problem.constraints).without_common_costs
 
 
 def _key(belief: Array) -> bytes:

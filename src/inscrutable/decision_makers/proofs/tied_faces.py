@@ -33,7 +33,7 @@ def tied_mixtures(problem: LinearProblem, candidates: Candidates) -> Candidates:
             actions.append(vertex[None])
             decoys.append(found.center()[None])
     vertices = np.vstack([vertices, *actions])
-    costs = problem.state_costs(vertices)
+    costs = problem.without_common_costs.state_costs(vertices)
     for tied in _tied_sets(costs, _corners(problem, vertices)):
         mixed = near_vertices(problem, vertices[list(tied)])
         found = belief_set_of(problem, mixed[0])

@@ -41,6 +41,7 @@ class TiedValues:
         self.reference = reference
         costs = cells.costs @ belief
         self._rounding = tolerances.SHARED_DECISION * cells.scale
+        self._noise = cells.rounding
         self._alone = np.maximum(costs - costs.min(), 0.0)
         self._border = cells.on_border
         self._tight: dict[int, np.ndarray | None] = {}
@@ -61,6 +62,8 @@ class TiedValues:
     def affordable(self, limit: float) -> Iterator[int]:
         """Yield the places of a regret below `limit`, their privacies exact and falling."""
         rounding = -self._rounding if self.reference.sign > 0 else self._rounding
+        if limit > 0:  # without a budget only what costs nothing is affordable, whatever is lost in rounding
+            rounding += self._noise
         inside = np.flatnonzero(self.regrets < limit + rounding)
         heap = [(-float(self.privacies[place]), int(place)) for place in inside]
         heapify(heap)

@@ -310,16 +310,21 @@ def test_piecewise_linear_costs_keep_the_promises_of_a_problem() -> None:
     check_decision_problem(problem, rng=rng)
 
 
-def test_tables_with_the_same_labels_in_another_order_are_refused() -> None:
-    prices = pd.DataFrame([[1.0, 2.0], [2.0, 1.0]], columns=["tea", "milk"])
-    choices = pd.DataFrame([[2.0, 1.0], [1.0, 2.0]], columns=["tea", "milk"])
-    assert revealed_preferences(prices, choices).is_consistent
-    assert revealed_preferences(prices, choices.set_axis(["cups", "jugs"], axis=1)).is_consistent
-    assert revealed_preferences(prices.to_numpy(), choices).is_consistent
-    with pytest.raises(InputError, match="column 0 is 'tea' in prices and 'milk' in choices"):
-        revealed_preferences(prices, choices[["milk", "tea"]])
-    with pytest.raises(InputError, match="row 0 is 0 in prices and 1 in choices"):
-        revealed_preferences(prices, choices.iloc[::-1])
+def test_tables_are_aligned_by_their_labels_or_refused() -> None:
+    prices = pd.DataFrame([[1.0, 2.0], [2.0, 1.0]], columns=["tea", "milk"], index=["May", "June"])
+    choices = pd.DataFrame([[2.0, 1.0], [1.5, 2.0]], columns=["tea", "milk"], index=["May", "June"])
+    found = revealed_preferences(prices, choices)
+    shuffled = revealed_preferences(prices, choices.loc[["June", "May"], ["milk", "tea"]])
+    assert np.array_equal(shuffled.choices, found.choices)
+    assert shuffled.goods == ("tea", "milk")
+    assert shuffled.utility(pd.Series([1.0, 3.0], ["milk", "tea"])) == found.utility([3.0, 1.0])
+    assert np.array_equal(revealed_preferences(prices.to_numpy(), choices).choices, found.choices)
+    with pytest.raises(InputError, match="missing: tea, milk; not expected: cups, jugs"):
+        revealed_preferences(prices, choices.set_axis(["cups", "jugs"], axis=1))
+    other = revealed_preferences(prices[["milk", "tea"]], choices)
+    budget = Polyhedron(np.vstack([-np.eye(2), [1.0, 1.0]]), [0.0, 0.0, 3.0])
+    both = preference_problem([found, other], budget)
+    assert np.abs(both.state_costs([1.0, 2.0])[0] - both.state_costs([1.0, 2.0])[1]) < 1e-9
 
 
 def test_what_cannot_be_is_refused(tmp_path: object) -> None:

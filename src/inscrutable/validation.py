@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,16 +10,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import tolerances
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis, Names, ordered
 
 Array = NDArray[np.float64]
 
 
-def finite_array(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...], limits: bool = False) -> Array:
-    """Return `value` as a float array of the asked rank without NaN, and without infinity but in `limits`."""
+Axes = Sequence[Axis | None]
+
+
+def real_array(value: Any, name: str, axes: Axes | None = None) -> Array:
+    """Return `value` as a float array of its own, labelled axes in the order that `axes` say (see `labels.ordered`)."""
+    plain = ordered(value, name, axes)
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        return np.array(plain, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be numbers: {error}") from None
+
+
+def finite_array(
+    value: Any, name: str, *, ndim: int | tuple[int, ...], limits: bool = False, axes: Axes | None = None
+) -> Array:
+    """Return `value` as `real_array` does, of the asked rank, without NaN, and without infinity but in `limits`."""
+    array = real_array(value, name, axes)
     ranks = (ndim,) if isinstance(ndim, int) else ndim
     if array.ndim not in ranks:
         expected = " or ".join(f"{rank}-dimensional" for rank in ranks)
@@ -47,34 +60,36 @@ def _place(index: NDArray[np.intp]) -> str:
     return ", ".join(str(int(i)) for i in index)
 
 
-def stochastic_rows(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...] = 2) -> Array:
+def stochastic_rows(value: ArrayLike, name: str, *, ndim: int | tuple[int, ...] = 2, axes: Axes | None = None) -> Array:
     """Return `value` with non-negative rows that sum to one, renormalised within the tolerance."""
-    return _on_simplex(finite_array(value, name, ndim=ndim), name, tolerances.TRANSITION_SUM)
+    return _on_simplex(finite_array(value, name, ndim=ndim, axes=axes), name, tolerances.TRANSITION_SUM)
 
 
-def beliefs(value: ArrayLike, n_states: int, name: str = "belief") -> Array:
-    """Return one belief (X,) or many (T,X) as points of the simplex.
+def beliefs(
+    value: ArrayLike, n_states: int, name: str = "belief", *, names: Names | None = None, rows: Axis | None = None
+) -> Array:
+    """Return one belief (X,) or many (T,X) as points of the simplex, aligned with the states' names.
 
     Raises `InputError` with the row, the entry and the amount for a wrong length, a negative entry
     or a sum that is not one.
     """
-    array = finite_array(value, name, ndim=(1, 2))
+    array = finite_array(value, name, ndim=(1, 2), axes=(rows, Axis("state", names)))
     if array.shape[-1] != n_states:
         raise InputError(f"{name} has {array.shape[-1]} entries, expected one per state: {n_states}")
     return _on_simplex(array, name, tolerances.BELIEF_SUM)
 
 
-def one_belief(value: ArrayLike, n_states: int, name: str = "belief") -> Array:
+def one_belief(value: ArrayLike, n_states: int, name: str = "belief", *, names: Names | None = None) -> Array:
     """Return one belief as (X,); many are refused."""
-    held = beliefs(np.asarray(value), n_states, name)
+    held = beliefs(value, n_states, name, names=names)
     if held.ndim != 1:
         raise InputError(f"{name} must be one belief of shape ({n_states},), got shape {held.shape}")
     return held
 
 
-def many_beliefs(value: ArrayLike, n_states: int) -> Array:
+def many_beliefs(value: ArrayLike, n_states: int, *, names: Names | None = None) -> Array:
     """Return beliefs as (T,X) with T at least 1; a single belief becomes one row."""
-    held = np.atleast_2d(beliefs(np.asarray(value), n_states))
+    held = np.atleast_2d(beliefs(value, n_states, names=names))
     if not len(held):
         raise InputError("beliefs has no rows; expected at least one belief")
     return held
@@ -97,6 +112,14 @@ def _on_simplex(array: Array, name: str, tolerance: float) -> Array:
         return clipped
     total = clipped.sum(axis=-1, keepdims=True)
     return np.asarray(np.where(np.abs(total - 1.0) <= tolerances.SUM_ROUNDING, clipped, clipped / total))
+
+
+def points(value: ArrayLike, n_actions: int, names: Names | None = None) -> Array:
+    """Return decisions (…,U) as floats, aligned with the coordinates' names; an array of floats is not copied."""
+    found = np.asarray(value) if type(value) is np.ndarray else real_array(value, "action", (Axis("asset", names),))
+    if found.ndim == 0 or found.shape[-1] != n_actions:
+        raise InputError(f"action has shape {found.shape}, expected {n_actions} coordinates in the last axis")
+    return np.asarray(found, dtype=np.float64)
 
 
 def positive(value: Any, name: str) -> float:

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis, ordered
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law, top_states
 from inscrutable.saved import Saved, saved_choice
@@ -179,7 +180,7 @@ class BayesianAdversary:
         Raises:
             InputError: The decision has the wrong length or is not finite.
         """
-        given = np.asarray(action)
+        given = np.asarray(ordered(action, "action", None))
         wanted = np.asarray(self.mechanism.actions).ndim - 1
         if given.ndim != wanted:
             raise InputError(f"action must be one decision of rank {wanted}, got shape {given.shape}")
@@ -203,7 +204,8 @@ class BayesianAdversary:
 
     def _read(self, actions: ArrayLike, nearest: bool) -> tuple[np.ndarray, list[PosteriorStatus], Array]:
         """The nearest played decision of each, what it is to it, and how far it is."""
-        given = validation.finite_array(actions, "actions", ndim=np.asarray(self.mechanism.actions).ndim)
+        rank = np.asarray(self.mechanism.actions).ndim
+        given = validation.finite_array(actions, "actions", ndim=rank, axes=(None, Axis("asset"))[:rank])
         points = given if given.ndim == 2 else given[:, None]
         if points.shape[1] != self._points.shape[1]:
             raise InputError(f"action has {points.shape[1]} coordinates, expected {self._points.shape[1]}")

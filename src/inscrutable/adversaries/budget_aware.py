@@ -13,6 +13,7 @@ from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optima
 from inscrutable.adversaries.plausibility import planes_below
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
+from inscrutable.labels import Names
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
@@ -69,6 +70,11 @@ class AffordableBeliefs:
         """Number of states X."""
         return self.pieces[0].n_states
 
+    @property
+    def state_names(self) -> Names | None:
+        """Labels of the states, where the problem has them."""
+        return self.pieces[0].state_names
+
     @cached_property
     def _held(self) -> tuple[NearOptimalBeliefs, ...]:
         return tuple(piece for piece in self.pieces if not piece.is_empty)
@@ -89,7 +95,7 @@ class AffordableBeliefs:
 
     def nearest(self, belief: ArrayLike) -> Array:
         """Return the member nearest to `belief` (X,); NaN where the set is empty."""
-        point = validation.one_belief(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states, names=self.state_names)
         members = [piece.nearest(point) for piece in self._held]
         return min(members, key=lambda member: np.linalg.norm(member - point), default=np.full(self.n_states, np.nan))
 

@@ -113,7 +113,7 @@ def explain_action(
     Args:
         problem: The decision problem that the observer knows.
         action: u, shape (U,), feasible.
-        names: Names of the decision's coordinates, such as tickers; None is u[0], u[1], …
+        names: Names of the decision's coordinates, such as tickers; None is the problem's, or u[0], u[1], …
 
     Returns:
         An `ActionExplanation`, which prints as a few sentences.
@@ -136,7 +136,8 @@ def explain_action(
         what to do     near_optimal_beliefs at a regret above 0.5 has members
     """
     u = checked_problem(problem).check_action(action)
-    labels = tuple(f"u[{j}]" for j in range(u.size)) if names is None else tuple(str(name) for name in names)
+    known = problem.asset_names if names is None else names
+    labels = tuple(f"u[{j}]" for j in range(u.size)) if known is None else tuple(str(name) for name in known)
     if len(labels) != u.size:
         raise InputError(f"names has {len(labels)} entries, expected one per coordinate of the action: {u.size}")
     region = problem.constraints

@@ -50,11 +50,15 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
     """Return the consistent beliefs of a decision (U,) that is known to be feasible."""
     explaining = problem.explaining_rows(u)
     if explaining is not None:
-        return BeliefSet(np.zeros((0, problem.n_states)), explaining, tolerance, partial(gap_compared, problem, u))
-    form = problem.without_common_costs.smooth_form(u[None])
-    rows = form.region.stationarity(form.region.tight_rows(form.points[0]))
-    scaled = scaled_gradients(form.gradients(form.points), form.region.A_eq)[0].T
-    return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled, tolerance, partial(gap_compared, problem, u))
+        equalities: Array = np.zeros((0, problem.n_states))
+        inequalities = explaining
+    else:
+        form = problem.without_common_costs.smooth_form(u[None])
+        rows = form.region.stationarity(form.region.tight_rows(form.points[0]))
+        scaled = scaled_gradients(form.gradients(form.points), form.region.A_eq)[0].T
+        equalities, inequalities = rows.equalities @ scaled, rows.inequalities @ scaled
+    gap = partial(gap_compared, problem, u)
+    return BeliefSet(equalities, inequalities, tolerance, gap, problem.state_names)
 
 
 def scaled_gradients(gradients: Array, equalities: Array) -> Array:

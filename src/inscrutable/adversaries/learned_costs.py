@@ -96,7 +96,9 @@ class LearnedCost(Saved):
         """
         if self.adversary is None:
             raise InputError("a loaded result has no costs: learn again")
-        point = self.adversary.checked_actions(np.asarray(action)[None], self.rounding)
+        point = self.adversary.checked_actions(action, self.rounding)
+        if len(point) != 1:
+            raise InputError(f"action must be one decision, got {len(point)}")
         explained = ExplainedDecisions(self.adversary.family, point, self.rounding, self.adversary.tolerance)
         return UnionBeliefs(explained, self.intervals, self.adversary.n_states)
 

@@ -25,6 +25,7 @@ from inscrutable.geometry.polytopes import (
     reduce_polytope,
     sample_polytope,
 )
+from inscrutable.labels import Names
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
@@ -67,6 +68,11 @@ class NearOptimalBeliefs:
         """Number of states X."""
         return self.problem.n_states
 
+    @property
+    def state_names(self) -> Names | None:
+        """Labels of the states, where the problem has them."""
+        return self.problem.state_names
+
     @cached_property
     def _own_costs(self) -> Array:
         return self.problem.state_costs(self.action)
@@ -103,7 +109,7 @@ class NearOptimalBeliefs:
 
     def contains(self, belief: ArrayLike) -> bool:
         """Return whether the decision has a regret of at most ε under the belief."""
-        point = validation.one_belief(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states, names=self.state_names)
         return float(self._excess(point)) <= self.accuracy
 
     @property
@@ -177,7 +183,7 @@ class NearOptimalBeliefs:
 
     def nearest(self, belief: ArrayLike) -> Array:
         """Return the member nearest to `belief` (X,); NaN where the set is empty."""
-        point = validation.one_belief(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states, names=self.state_names)
         if self.is_empty:
             return np.full(self.n_states, np.nan)
         if self.contains(point):
@@ -189,7 +195,7 @@ class NearOptimalBeliefs:
 
     def distance(self, belief: ArrayLike) -> float:
         """Return the Euclidean distance from `belief` (X,) to the set; infinite where it is empty."""
-        point = validation.one_belief(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states, names=self.state_names)
         return float("inf") if self.is_empty else float(np.linalg.norm(point - self.nearest(point)))
 
     def vertices(self) -> Array:

@@ -16,6 +16,7 @@ from inscrutable.adversaries.plausibility import nearest_explanations
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
+from inscrutable.labels import ordered
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
@@ -247,10 +248,10 @@ def _blocks(n_points: int, n_beliefs: int) -> list[slice]:
 
 def _points(problem: DecisionProblem, actions: ArrayLike) -> Array:
     """Decisions as points (M,U)."""
-    given = np.asarray(actions)
+    given = np.asarray(ordered(actions, "actions", (None, None)))
     if given.ndim != (1 if given.dtype.kind in "iu" and problem.is_discrete else 2):
         raise InputError(f"actions must be many decisions of shape (M,{problem.n_actions}), got shape {given.shape}")
-    return problem.check_actions(given)
+    return problem.check_actions(actions)
 
 
 def _checked_prior(problem: DecisionProblem, prior: Prior | None) -> Prior | None:

@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from inscrutable import tolerances
+from inscrutable import tolerances, validation
 from inscrutable.adversaries.sequence_results import SequenceStatus
 from inscrutable.errors import InputError, ModelError
+from inscrutable.labels import Axis
 from inscrutable.mechanisms import Mechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import Emission
-from inscrutable.worlds.observations import symbols
 
 UNSEEN, NEVER_PLAYED = -1, -2
 
@@ -48,10 +48,12 @@ class Evidence:
         return SequenceStatus.NEAREST if self.moved[step] else SequenceStatus.USED
 
 
-def decision_columns(mechanism: Mechanism, actions: ArrayLike, nearest: bool) -> tuple[np.ndarray, np.ndarray]:
+def decision_columns(
+    mechanism: Mechanism, actions: ArrayLike, nearest: bool, steps: Axis
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the column (T,) of each decision in the mechanism, and whether the nearest played one stands in for it."""
     listed = np.asarray(mechanism.actions, dtype=np.float64)
-    given = _rows(actions, listed)
+    given = _rows(actions, listed, steps)
     unseen = np.asarray(np.isnan(given).all(axis=1))
     played = np.flatnonzero(np.asarray(mechanism.observed.sum(axis=0)) > 0)
     tree = cKDTree(listed.reshape(len(listed), -1)[played])
@@ -63,11 +65,8 @@ def decision_columns(mechanism: Mechanism, actions: ArrayLike, nearest: bool) ->
     return columns, far & nearest & ~unseen
 
 
-def _rows(actions: ArrayLike, listed: Array) -> Array:
-    try:
-        given = np.array(actions, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"actions must be numbers: {error}") from None
+def _rows(actions: ArrayLike, listed: Array, steps: Axis) -> Array:
+    given = validation.real_array(actions, "actions", (steps, Axis("asset"))[: listed.ndim])
     expected = "(T,)" if listed.ndim == 1 else f"(T,{listed.shape[1]})"
     if given.ndim != listed.ndim or given.shape[1:] != listed.shape[1:] or not len(given):
         raise InputError(f"actions have shape {given.shape}, expected {expected} with T >= 1, as the mechanism's")
@@ -81,12 +80,11 @@ def _rows(actions: ArrayLike, listed: Array) -> Array:
 
 
 def state_evidence(
-    n_steps: int, n_states: int, sensor: Emission | None, states: ArrayLike | None, observations: Any
+    n_steps: int, n_states: int, sensor: Emission | None, known: np.ndarray | None, observations: Any
 ) -> tuple[Array, Array]:
     """Return the likelihood (T,X) of each state, largest entry one, and the logarithm (T,) taken out of it."""
     logs = np.zeros((n_steps, n_states))
-    if states is not None:
-        known = symbols(states, n_states, "states")
+    if known is not None:
         _check_length(len(known), n_steps, "states")
         logs[np.arange(n_states) != known[:, None]] = -np.inf
     if observations is not None:

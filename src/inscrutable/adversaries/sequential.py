@@ -21,9 +21,11 @@ from inscrutable.adversaries.sequence_evidence import (
 )
 from inscrutable.adversaries.sequence_results import InferredBeliefs
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis
 from inscrutable.mechanisms import Mechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, Emission, HiddenMarkovModel
+from inscrutable.worlds.observations import in_rows, symbols
 
 
 class SequentialAdversary:
@@ -123,7 +125,7 @@ class SequentialAdversary:
         Args:
             actions: u_0..u_{T-1}, shape (T,U), or (T,) choices; a row of NaN where no decision was seen.
             states: x_0..x_{T-1}, where the adversary knows them.
-            observations: What its own sensor reported, T of them.
+            observations: What its own sensor reported, T of them. Labelled rows are put in the order of the decisions'.
             nearest: Whether a decision that the mechanism never plays counts as the nearest one that it plays;
                 otherwise it is passed over, with a status.
 
@@ -150,18 +152,30 @@ class SequentialAdversary:
     def unseen(self, n_steps: int, *, states: ArrayLike | None = None, observations: Any = None) -> InferredBeliefs:
         """Return what the adversary holds of `n_steps` beliefs without seeing a decision: the ceiling of its error."""
         count = validation.count(n_steps, "n_steps")
-        return self._run(np.full(count, UNSEEN), np.zeros(count, dtype=bool), states, observations, smooth=False)
+        nothing = np.full(count, UNSEEN), np.zeros(count, dtype=bool), Axis("step", learns=True)
+        return self._run(*nothing, states, observations, smooth=False)
 
     def _inferred(
         self, actions: ArrayLike, states: ArrayLike | None, observations: Any, nearest: bool, *, smooth: bool
     ) -> InferredBeliefs:
-        columns, moved = decision_columns(self.mechanism, actions, nearest)
-        return self._run(columns, moved, states, observations, smooth=smooth)
+        steps = Axis("step", learns=True)
+        columns, moved = decision_columns(self.mechanism, actions, nearest, steps)
+        return self._run(columns, moved, steps, states, observations, smooth=smooth)
 
     def _run(
-        self, columns: np.ndarray, moved: np.ndarray, states: ArrayLike | None, observations: Any, *, smooth: bool
+        self,
+        columns: np.ndarray,
+        moved: np.ndarray,
+        steps: Axis,
+        states: ArrayLike | None,
+        observations: Any,
+        *,
+        smooth: bool,
     ) -> InferredBeliefs:
-        seen, offsets = state_evidence(len(columns), self.world.n_states, self.sensor, states, observations)
+        known = None if states is None else symbols(states, self.world.n_states, "states", steps)
+        seen, offsets = state_evidence(
+            len(columns), self.world.n_states, self.sensor, known, in_rows(observations, steps)
+        )
         evidence = Evidence(columns, moved, seen, offsets)
         if self._grid is None:
             assert self._rng is not None

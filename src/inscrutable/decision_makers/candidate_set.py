@@ -15,6 +15,7 @@ from inscrutable.adversaries import ConsistentSets, consistent_sets
 from inscrutable.errors import InputError
 from inscrutable.geometry.equal_rows import first_equal
 from inscrutable.geometry.low_discrepancy import covering_radius
+from inscrutable.labels import Axis
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -138,7 +139,8 @@ class Candidates:
 def make_candidates(problem: DecisionProblem, actions: ArrayLike, decoys: Array | None = None) -> Candidates:
     """Return candidates for decisions (M,U); those outside the feasible set are kept, counted and never chosen."""
     given = problem.as_points(actions) if problem.is_discrete else actions
-    points = validation.finite_array(given, "candidate actions", ndim=2)
+    axes = (None, Axis("asset", problem.asset_names))
+    points = validation.finite_array(given, "candidate actions", ndim=2, axes=axes)
     if points.shape[1] != problem.n_actions or not len(points):
         raise InputError(f"candidate actions have shape {points.shape}, expected (M, {problem.n_actions}) with M >= 1")
     return known_candidates(problem, points, decoys)

@@ -94,7 +94,7 @@ def cheapest_privacy(
         >>> print(cheapest_privacy(problem, [0.5, 0.5], privacy=0.9).summary())
         no decision found gives more privacy than 0, at any cost: change the goal or the limits
     """
-    held = validation.one_belief(belief, checked_problem(problem).n_states)
+    held = validation.one_belief(belief, checked_problem(problem).n_states, names=problem.state_names)
     chosen = checked_measure(measure)
     given = candidates_for(problem, chosen, candidates)
     search = _Search(problem, held, chosen, given)

@@ -123,11 +123,13 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
 
         Cost: about 0.15 ms for three states, up to 0.2 s for eight states and ninety actions; a local search some 0.1 s.
         """
-        return self._proved(validation.one_belief(belief, self.problem.n_states), self.measure)
+        return self._proved(
+            validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names), self.measure
+        )
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
         """Return the decisions for beliefs (T,X); a target per step is used in turn."""
-        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         if self._proofs is not None:
             proved = [self._proved(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
             return stack(proved, self.problem)

@@ -115,7 +115,7 @@ def privacy_frontier(
         >>> frontier.deterministic(0.0), round(frontier.deterministic(1.0), 3)
         (0.0, 0.707)
     """
-    held = validation.one_belief(belief, checked_problem(problem).n_states)
+    held = validation.one_belief(belief, checked_problem(problem).n_states, names=problem.state_names)
     chosen = checked_measure(measure)
     given = candidates_for(problem, chosen, candidates)
     own = decision_for(problem, held, problem.solve(held), chosen, DecisionStatus.OPTIMAL)

@@ -36,12 +36,12 @@ class OriginalDecisionMaker(Described):
 
     def decide(self, belief: ArrayLike) -> Decision:
         """Return the optimal decision for one belief (X,); privacy is the paper's measure (e)."""
-        held = validation.one_belief(belief, self.problem.n_states)
+        held = validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)
         return decision_for(self.problem, held, self.problem.solve(held), MaximalObfuscation(), DecisionStatus.OPTIMAL)
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
         """Return the optimal decisions for beliefs (T,X)."""
-        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         actions = self.problem.solve(held)
         measure = MaximalObfuscation()
         return stack(

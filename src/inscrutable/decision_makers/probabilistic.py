@@ -108,11 +108,13 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery for one belief (X,)."""
-        return self._proved(validation.one_belief(belief, self.problem.n_states), self.measure)
+        return self._proved(
+            validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names), self.measure
+        )
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X); a target per step is used in turn."""
-        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         if self._proofs is not None:
             proved = [self._proved(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
             return stack_mixed(proved, self.problem)

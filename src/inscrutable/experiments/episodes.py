@@ -89,7 +89,7 @@ def run_episode(
     progress: Progress | None = None,
 ) -> Episode:
     """Let every decision maker decide on every belief (T,X), drawing lotteries with `rng`."""
-    held = validation.many_beliefs(beliefs, problem.n_states)
+    held = validation.many_beliefs(beliefs, problem.n_states, names=problem.state_names)
     validation.generator(rng)
     records: dict[str, Record] = {}
     for done, (name, decision_maker) in enumerate(decision_makers.items()):

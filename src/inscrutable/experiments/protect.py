@@ -308,7 +308,7 @@ def _beliefs_of(model: InvestorModel, beliefs: ArrayLike | pd.DataFrame) -> tupl
             raise InputError(f"beliefs must have one column per regime; missing: {missing}, unknown: {unknown}")
         held = validation.many_beliefs(beliefs[list(model.regimes)].to_numpy(), model.problem.n_states)
         return held, beliefs.index
-    held = validation.many_beliefs(beliefs, model.problem.n_states)
+    held = validation.many_beliefs(beliefs, model.problem.n_states, names=model.regimes)
     return held, pd.RangeIndex(len(held), name="row")
 
 

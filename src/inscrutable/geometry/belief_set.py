@@ -19,6 +19,7 @@ from inscrutable.geometry.polytopes import (
     reduce_polytope,
     sample_polytope,
 )
+from inscrutable.labels import Axis, Names, ordered
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
@@ -35,6 +36,7 @@ class BeliefSet(Saved):
         inequalities: Q, shape (m, X), dimensionless.
         tolerance: Largest residual of a belief that counts as a member.
         gap: Called for the plausibility gap with a value beyond which the caller does not care.
+        state_names: Labels of the states, with which labelled beliefs are aligned; None where there are none.
 
     Every query costs one small factorisation at first use and is kept. Source: Theorem 1 of the paper.
 
@@ -51,6 +53,7 @@ class BeliefSet(Saved):
     inequalities: Array
     tolerance: float = tolerances.EXPLAINED
     gap: Callable[[float], float] | None = field(default=None, repr=False, metadata={"saved": False})
+    state_names: Names | None = None
 
     def __post_init__(self) -> None:
         for name in ("equalities", "inequalities"):
@@ -122,18 +125,19 @@ class BeliefSet(Saved):
     def violation(self, belief: ArrayLike) -> Array:
         """Return the KKT residual of one belief (X,) or many (T,X): the largest coordinate of what is left of the
         gradient by least squares over the multipliers, or of a multiplier's wrong sign, relative to the scale."""
-        points = np.asarray(belief, dtype=np.float64)
+        given = belief if type(belief) is np.ndarray else ordered(belief, "belief", (Axis("state", self.state_names),))
+        points = np.asarray(given, dtype=np.float64)
         parts = [np.abs(points @ self.equalities.T), -(points @ self.inequalities.T), -points]
         return np.asarray(np.concatenate(parts, axis=-1).max(axis=-1, initial=0.0))
 
     def contains(self, belief: ArrayLike) -> bool:
         """Return whether the belief explains the decision up to the tolerance."""
-        point = validation.one_belief(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states, names=self.state_names)
         return bool(self.violation(point) <= self.tolerance)
 
     def nearest(self, belief: ArrayLike) -> Array:
         """Return the member nearest to `belief` (X,); NaN where the set is empty."""
-        point = validation.one_belief(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states, names=self.state_names)
         if self._shape is None:
             return np.full(self.n_states, np.nan)
         if self.violation(point) <= self.tolerance:
@@ -142,7 +146,7 @@ class BeliefSet(Saved):
 
     def distance(self, belief: ArrayLike) -> float:
         """Return min over members of the Euclidean distance to `belief` (X,); infinite where the set is empty."""
-        point = validation.one_belief(belief, self.n_states)
+        point = validation.one_belief(belief, self.n_states, names=self.state_names)
         if self._shape is None:
             return float("inf")
         return float(np.linalg.norm(point - self.nearest(point)))

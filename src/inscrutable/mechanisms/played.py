@@ -12,6 +12,7 @@ from scipy import sparse
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis, ordered
 from inscrutable.mechanisms.priors import Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem
@@ -75,17 +76,22 @@ class Mechanism(Saved):
     regrets: Array
 
     def __post_init__(self) -> None:
-        beliefs = validation.stochastic_rows(self.beliefs, "mechanism beliefs")
-        actions = np.asarray(self.actions)
+        held_rows, played = Axis("belief", learns=True), Axis("action", learns=True)
+        table = (held_rows, played)
+        beliefs = validation.stochastic_rows(self.beliefs, "mechanism beliefs", axes=(held_rows, Axis("state")))
+        given = (played, Axis("asset"))[: np.ndim(self.actions)]
+        actions = np.asarray(ordered(self.actions, "mechanism actions", given))
         if actions.dtype.kind not in "iu":
             actions = validation.finite_array(actions, "mechanism actions", ndim=2)
         elif actions.ndim not in (1, 2):
             raise InputError(f"mechanism actions must be of shape (M,) or (M,U), got {actions.shape}")
-        regrets = validation.finite_array(self.regrets, "mechanism regrets", ndim=2)
+        regrets = validation.finite_array(self.regrets, "mechanism regrets", ndim=2, axes=table)
         shape = (len(beliefs), len(actions))
         if not all(shape):
             raise InputError(f"a mechanism needs a belief and an action at least, got {shape[0]} and {shape[1]}")
-        held: Any = self.probabilities if sparse.issparse(self.probabilities) else np.asarray(self.probabilities)
+        held: Any = self.probabilities
+        if not sparse.issparse(held):
+            held = np.asarray(ordered(held, "mechanism probabilities", table))
         if held.shape != shape or regrets.shape != shape:
             raise InputError(
                 f"{shape[0]} beliefs and {shape[1]} actions need probabilities and regrets of shape {shape}, "
@@ -119,7 +125,7 @@ class Mechanism(Saved):
 
     def played(self, weights: ArrayLike) -> Array:
         """Return how often each action is played under weights of the beliefs: Σ_b w_b K(u_m|π_b), shape (M,)."""
-        return np.asarray(self.sparse.T @ np.asarray(weights, dtype=np.float64))
+        return np.asarray(self.sparse.T @ validation.real_array(weights, "weights"))
 
     @property
     def expected_regrets(self) -> Array:
@@ -197,7 +203,7 @@ def mechanism(
         )
     if isinstance(beliefs, Prior):
         raise InputError("beliefs must be an array (B,X), got a Prior: pass prior.beliefs")
-    held = validation.many_beliefs(beliefs, problem.n_states)
+    held = validation.many_beliefs(beliefs, problem.n_states, names=problem.state_names)
     points, row, number, share = _atoms(problem, decision_maker, held)
     listed = np.empty((0, points.shape[-1])) if candidates is None else _listed(problem, candidates)
     everything = np.vstack([listed, points])

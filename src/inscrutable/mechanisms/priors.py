@@ -10,6 +10,7 @@ from inscrutable import validation
 from inscrutable.errors import InputError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.geometry import simplex_grid
+from inscrutable.labels import Axis
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -40,8 +41,9 @@ class Prior(Saved):
     weights: Array
 
     def __post_init__(self) -> None:
-        beliefs = validation.stochastic_rows(self.beliefs, "prior beliefs")
-        weights = validation.stochastic_rows(self.weights, "prior weights", ndim=1)
+        rows = Axis("belief", learns=True)
+        beliefs = validation.stochastic_rows(self.beliefs, "prior beliefs", axes=(rows, Axis("state")))
+        weights = validation.stochastic_rows(self.weights, "prior weights", ndim=1, axes=(rows,))
         if not len(beliefs) or len(beliefs) != len(weights):
             raise InputError(
                 f"a prior needs one weight per belief, got {len(beliefs)} beliefs and {len(weights)} weights"

@@ -176,7 +176,9 @@ class DesiredObfuscation(PrivacyMeasure):
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return −dist(π^d, Π)."""
         # Not −0.0 at the target.
-        return 0.0 - belief_set.distance(self.target_for(np.asarray(belief, dtype=np.float64)))
+        return 0.0 - belief_set.distance(
+            self.target_for(validation.one_belief(belief, belief_set.n_states, names=belief_set.state_names))
+        )
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:
         """Return −dist(π^d, Π) of many decisions, exactly."""
@@ -260,7 +262,7 @@ class NonUniqueness(PrivacyMeasure):
 
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return 0 if the set holds another belief, else −∞."""
-        point = validation.one_belief(belief, belief_set.n_states)
+        point = validation.one_belief(belief, belief_set.n_states, names=belief_set.state_names)
         if belief_set.dimension > 1:
             return 0.0
         corners = belief_set.vertices()

@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.labels import Axis, Names
 from inscrutable.linear_programmes import Rows, minimise
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
@@ -43,6 +44,7 @@ class RevealedPreferences(Saved):
         efficiency_index: Afriat's index, the supremum of the efficiencies at which the choices are consistent, at most 1.
         utilities: u_t, shape (T,); NaN where the choices are inconsistent, or so nearly that floats hold no such numbers.
         multipliers: λ_t, shape (T,), utility per share of the budget; at least 1; NaN as the utilities.
+        goods: Labels of the goods where the tables had them.
 
     Source: Afriat, The Construction of Utility Functions from Expenditure Data (1967); Varian, The Nonparametric Approach to
     Demand Analysis (1982).
@@ -61,6 +63,7 @@ class RevealedPreferences(Saved):
     efficiency_index: float
     utilities: Array
     multipliers: Array
+    goods: Names | None = None
 
     def __repr__(self) -> str:
         return self.summary()
@@ -83,7 +86,7 @@ class RevealedPreferences(Saved):
             ModelError: The choices are inconsistent at this efficiency.
             SolverError: They are consistent, but so nearly not that no floats hold a utility.
         """
-        points = np.asarray(choices, dtype=np.float64)
+        points = validation.real_array(choices, "choices", (Axis("good", self.goods),))
         if points.ndim == 0 or points.shape[-1] != self.prices.shape[1]:
             raise InputError(
                 f"choices have shape {points.shape}, expected {self.prices.shape[1]} goods in the last axis"
@@ -129,11 +132,12 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
 
     Args:
         prices: p_t, shape (T,U), at least 0.
-        choices: x_t, shape (T,U), at least 0; each must cost something.
+        choices: x_t, shape (T,U), at least 0; each must cost something. Labelled rows and columns are put in the order of
+            the prices'.
         efficiency: e, above 0 and at most 1.
 
     Raises:
-        InputError: Shapes or the order of labels differ, an entry is negative or not finite, a choice costs nothing, or
+        InputError: Shapes or labels differ, an entry is negative or not finite, a choice costs nothing, or
             `efficiency` is out of range.
 
     Cost: T² for each of log T graphs; a sparse linear programme of T² rows.
@@ -145,11 +149,9 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
         >>> found.is_consistent, found.cycle, round(found.efficiency_index, 4)
         (False, (0, 1), 0.8)
     """
-    _check_labels(prices, choices)
-    paid, bought = (
-        validation.finite_array(prices, "prices", ndim=2),
-        validation.finite_array(choices, "choices", ndim=2),
-    )
+    axes = Axis("row", learns=True), Axis("good", learns=True)
+    paid = validation.finite_array(prices, "prices", ndim=2, axes=axes)
+    bought = validation.finite_array(choices, "choices", ndim=2, axes=axes)
     if paid.shape != bought.shape or not paid.size:
         raise InputError(f"prices have shape {paid.shape} and choices {bought.shape}; expected the same (T,U)")
     for name, values in (("prices", paid), ("choices", bought)):
@@ -167,22 +169,8 @@ def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: f
     cycle = _cycle(ratios, share)
     nothing = np.full(len(paid), np.nan)
     utilities, multipliers = (nothing, nothing) if cycle else _afriat_numbers(ratios, share)
-    return RevealedPreferences(paid, bought, share, not cycle, cycle, _index(ratios), utilities, multipliers)
-
-
-def _check_labels(prices: Any, choices: Any) -> None:
-    """Refuse labelled tables whose rows or columns carry the same labels in another order, or shifted."""
-    for axis, kind in (("index", "row"), ("columns", "column")):
-        known = [getattr(table, axis, None) for table in (prices, choices)]
-        if not all(hasattr(labels, "equals") for labels in known):
-            continue
-        paid, bought = (list(labels) for labels in known)  # type: ignore[arg-type]
-        if paid != bought and not set(paid).isdisjoint(bought):
-            at = next((i for i, (one, other) in enumerate(zip(paid, bought, strict=False)) if one != other), 0)
-            raise InputError(
-                f"prices and choices have different {kind} labels: {kind} {at} is {paid[at]!r} in prices and {bought[at]!r} "
-                "in choices; put them in the same order"
-            )
+    found = _index(ratios)
+    return RevealedPreferences(paid, bought, share, not cycle, cycle, found, utilities, multipliers, axes[1].names)
 
 
 def preference_problem(preferences: Sequence[RevealedPreferences], constraints: Polyhedron) -> PiecewiseLinearProblem:
@@ -215,7 +203,15 @@ def preference_problem(preferences: Sequence[RevealedPreferences], constraints: 
     given = list(preferences) if isinstance(preferences, Iterable) else []
     if not given or not all(isinstance(each, RevealedPreferences) for each in given):
         raise InputError(f"preferences must be results of revealed_preferences, one per state, got {preferences!r}")
-    return PiecewiseLinearProblem([-each.slopes for each in given], [-each.levels for each in given], constraints)
+    goods = Axis("good", learns=True)
+    slopes = [each.slopes[:, _columns(each, goods, i)] for i, each in enumerate(given)]
+    region = constraints if goods.names is None else constraints.in_order(Axis("good", goods.names))
+    return PiecewiseLinearProblem([-each for each in slopes], [-each.levels for each in given], region)
+
+
+def _columns(preferences: RevealedPreferences, goods: Axis, i: int) -> Any:
+    order = None if preferences.goods is None else goods.order(preferences.goods, f"preferences[{i}]")
+    return slice(None) if order is None else order
 
 
 def _with_ties(ratios: Array, values: Iterable[float]) -> Array:

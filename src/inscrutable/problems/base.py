@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis, Names, ordered
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.validation import Array
 
@@ -40,6 +41,9 @@ class DecisionProblem(ABC):
     """
 
     constraints: Polyhedron
+
+    state_names: Names | None = None
+    """The states' labels where the problem was built from labelled tables: labelled beliefs are aligned with them."""
 
     is_discrete: bool = False
     """Whether only single choices are decisions, and nothing between them."""
@@ -75,6 +79,11 @@ class DecisionProblem(ABC):
         """Number of coordinates U of a decision."""
         return self.constraints.n_actions
 
+    @property
+    def asset_names(self) -> Names | None:
+        """Labels of a decision's coordinates where known, those of the feasible set: labelled decisions are aligned."""
+        return self.constraints.asset_names
+
     @abstractmethod
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) = argmin_{u ∈ C} π·s(u) for one belief (X,) or many (T,X): shape (U,) or (T,U)."""
@@ -100,10 +109,7 @@ class DecisionProblem(ABC):
 
     def as_points(self, actions: ArrayLike) -> Array:
         """Return decisions as points (…,U) of the feasible set's space: themselves, unless decisions are whole numbers."""
-        points = np.asarray(actions, dtype=np.float64)
-        if points.ndim == 0 or points.shape[-1] != self.n_actions:
-            raise InputError(f"action has shape {points.shape}, expected {self.n_actions} coordinates in the last axis")
-        return points
+        return validation.points(actions, self.n_actions, self.asset_names)
 
     def as_actions(self, points: Array) -> Any:
         """Return points (…,U) as the decisions a reader meets: themselves, unless decisions are whole numbers."""
@@ -115,30 +121,50 @@ class DecisionProblem(ABC):
 
     def expected_cost(self, beliefs: ArrayLike, actions: ArrayLike) -> Array:
         """Return π·s(u), paired: beliefs (T,X) with decisions (T,U) give (T,); a single one broadcasts."""
-        held, points = validation.beliefs(beliefs, self.n_states), self.check_actions(actions)
+        held, points = self._paired(beliefs, actions)
+        return _plain((held * self.state_costs(points)).sum(axis=-1))
+
+    def _paired(self, beliefs: ArrayLike, actions: ArrayLike) -> tuple[Array, Array]:
+        rows = Axis("row", learns=True)
+        held, points = self.check_beliefs(beliefs, rows=rows), self._checked_actions(actions, rows)
         if held.ndim == points.ndim == 2 and len(held) != len(points) and 1 not in (len(held), len(points)):
             raise InputError(
                 f"{len(held)} beliefs with {len(points)} actions: give as many of each, or one of either; "
                 "for all pairs use beliefs @ problem.state_costs(actions).T"
             )
-        return _plain((held * self.state_costs(points)).sum(axis=-1))
+        return held, points
 
     def optimal_cost(self, beliefs: ArrayLike) -> Array:
         """Return V(π) = min_{u ∈ C} π·s(u) for one belief (X,) or many (T,X): shape () or (T,)."""
-        held = validation.beliefs(beliefs, self.n_states)
+        held = self.check_beliefs(beliefs)
         return _plain((held * self.state_costs(self.solve(held))).sum(axis=-1))
 
     def regret(self, beliefs: ArrayLike, actions: ArrayLike) -> Array:
         """Return ρ(π,u) = π·s(u) − V(π) ≥ 0, paired as `expected_cost`."""
+        held, points = self._paired(beliefs, actions)
         problem = self.without_common_costs
         # A difference of two nearly equal costs may round below zero.
-        return _plain(np.maximum(problem.expected_cost(beliefs, actions) - problem.optimal_cost(beliefs), 0.0))
+        expected = (held * problem.state_costs(points)).sum(axis=-1)
+        return _plain(np.maximum(expected - problem.optimal_cost(held), 0.0))
+
+    def check_beliefs(self, beliefs: ArrayLike, *, rows: Axis | None = None) -> Array:
+        """Return beliefs (X,) or (T,X) as floats in the order of the states' labels; raise `InputError` for others.
+
+        `rows` are the labels that beliefs and what goes with them row by row must share.
+        """
+        return validation.beliefs(beliefs, self.n_states, names=self.state_names, rows=rows)
 
     def check_actions(self, actions: ArrayLike) -> Array:
-        """Return decisions (U,) or (T,U) as floats; raise `InputError` for a wrong length or one outside C."""
-        kind = np.asarray(actions)
-        given = self.as_points(actions) if self.is_discrete and (kind.dtype.kind in "iu" or not kind.ndim) else actions
-        points = validation.finite_array(given, "action", ndim=(1, 2))
+        """Return decisions (U,) or (T,U) as floats in the order of the coordinates' labels; raise `InputError` for a
+        wrong length, other labels or one outside C."""
+        return self._checked_actions(actions, None)
+
+    def _checked_actions(self, actions: ArrayLike, rows: Axis | None) -> Array:
+        given: ArrayLike = actions
+        if self.is_discrete:
+            kind = np.asarray(ordered(actions, "action", (rows,) if np.ndim(actions) == 1 else (rows, None)))
+            given = self.as_points(kind) if kind.dtype.kind in "iu" or not kind.ndim else actions
+        points = validation.finite_array(given, "action", ndim=(1, 2), axes=(rows, Axis("asset", self.asset_names)))
         if points.shape[-1] != self.n_actions:
             raise InputError(f"action has {points.shape[-1]} coordinates, expected {self.n_actions}")
         violation = np.atleast_1d(self.constraints.violation(points))

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.cones import StationarityRows, stationarity_rows
+from inscrutable.labels import Axis, Names, axis_labels
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems.conflicts import RowConflict, row_conflict
 from inscrutable.validation import Array
@@ -39,9 +40,11 @@ class Polyhedron:
         names: One name per row, inequalities first; they come back in messages.
         min_slack: Least slack of an inequality row that is not tight in an admissible decision, in units of the
             row's largest coefficient; 0 is the paper's letter.
+        asset_names: One label per coordinate; None takes those of labelled rows. Labelled decisions are aligned with them,
+            and so are sets combined with this one and the costs of a problem over it.
 
     Raises:
-        InputError: Shapes disagree, an entry is not finite, `min_slack` is negative.
+        InputError: Shapes or labels disagree, an entry is not finite, `min_slack` is negative.
         ModelError: No u satisfies a row by itself, such as 0'u ≤ −1; the row is named.
 
     Cost: none; feasibility is checked when a decision problem is built. Source: the paper, eq. (3).
@@ -61,14 +64,21 @@ class Polyhedron:
         *,
         names: Sequence[str] | None = None,
         min_slack: float = tolerances.MIN_SLACK,
+        asset_names: Names | None = None,
     ) -> None:
-        self.A_ub, self.b_ub = _rows(A_ub, b_ub, "ub", A_eq)
-        self.A_eq, self.b_eq = _rows(A_eq, b_eq, "eq", A_ub)
+        assets = Axis("asset", None if asset_names is None else tuple(asset_names), learns=True)
+        self.A_ub, self.b_ub = _rows(A_ub, b_ub, "ub", A_eq, assets)
+        self.A_eq, self.b_eq = _rows(A_eq, b_eq, "eq", A_ub, assets)
         if self.A_ub.shape[1] != self.A_eq.shape[1]:
             raise InputError(f"A_ub has {self.A_ub.shape[1]} columns but A_eq has {self.A_eq.shape[1]}")
+        if assets.names is not None and len(set(assets.names)) != self.A_ub.shape[1]:
+            raise InputError(
+                f"asset_names has {len(set(assets.names))} labels, expected one per coordinate: {self.n_actions}"
+            )
+        self.asset_names = assets.names
         n_rows = self.A_ub.shape[0] + self.A_eq.shape[0]
         if names is None:
-            given = [f"A_ub[{i}]" for i in range(self.A_ub.shape[0])] + [f"A_eq[{i}]" for i in range(len(self.b_eq))]
+            given = [*_row_names(A_ub, "A_ub", len(self.b_ub)), *_row_names(A_eq, "A_eq", len(self.b_eq))]
         else:
             given = [str(name) for name in names]
         if len(given) != n_rows:
@@ -118,7 +128,7 @@ class Polyhedron:
 
     def slacks(self, actions: ArrayLike) -> Array:
         """Return (b_ub − A_ub u) per unit of the row's largest coefficient, shape (…, n)."""
-        points = np.asarray(actions, dtype=np.float64)
+        points = self._points(actions)
         column, factor = self._bounds
         sides = points @ self.A_ub.T if column is None else points[..., column] * factor
         return np.asarray((self.b_ub - sides) / self.row_scale)
@@ -150,8 +160,11 @@ class Polyhedron:
     def violation(self, actions: ArrayLike) -> Array:
         """Return the largest violation of any row, per unit of its largest coefficient and of the decision's size where
         that is above one, shape (…)."""
-        points = np.asarray(actions, dtype=np.float64)
+        points = self._points(actions)
         return self._beyond(points, self.slacks(points))
+
+    def _points(self, actions: ArrayLike) -> Array:
+        return validation.points(actions, self.n_actions, self.asset_names)
 
     def _beyond(self, points: Array, slacks: Array) -> Array:
         beyond = -slacks.min(axis=-1, initial=np.inf)
@@ -161,7 +174,7 @@ class Polyhedron:
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
         """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""
-        points = np.asarray(actions, dtype=np.float64)
+        points = self._points(actions)
         if self._bounds[0] is not None and points.ndim == 2 and points.size >= _LARGE:
             return self._admissible_of_many(np.ascontiguousarray(points))
         slack = self.slacks(points)
@@ -187,11 +200,12 @@ class Polyhedron:
         return found
 
     def __and__(self, other: Polyhedron) -> Polyhedron:
-        """Return the intersection; names are kept, the larger `min_slack` is used."""
+        """Return the intersection; names are kept, coordinates aligned by them, the larger `min_slack` is used."""
         if not isinstance(other, Polyhedron):
             return NotImplemented
         if other.n_actions != self.n_actions:
             raise InputError(f"cannot intersect sets in {self.n_actions} and {other.n_actions} coordinates")
+        other = other.in_order(Axis("asset", self.asset_names, learns=True), "the second set")
         n, m = len(self.b_ub), len(other.b_ub)
         return Polyhedron(
             np.vstack([self.A_ub, other.A_ub]),
@@ -200,6 +214,27 @@ class Polyhedron:
             np.concatenate([self.b_eq, other.b_eq]),
             names=self.names[:n] + other.names[:m] + self.names[n:] + other.names[m:],
             min_slack=max(self.min_slack, other.min_slack),
+            asset_names=other.asset_names,
+        )
+
+    def in_order(self, assets: Axis, name: str = "constraints") -> Polyhedron:
+        """Return this set with its coordinates in the order of `assets`, whose labels it takes; itself where it has them.
+
+        Raises:
+            InputError: Both have labels, and they are not the same; what is missing and what is not expected is named.
+        """
+        order = None if self.asset_names is None else assets.order(self.asset_names, name)
+        if order is None and assets.names in (None, self.asset_names):
+            return self
+        columns = np.arange(self.n_actions) if order is None else np.array(order)
+        return Polyhedron(
+            self.A_ub[:, columns],
+            self.b_ub,
+            self.A_eq[:, columns],
+            self.b_eq,
+            names=self.names,
+            min_slack=self.min_slack,
+            asset_names=assets.names,
         )
 
     def __repr__(self) -> str:
@@ -232,14 +267,17 @@ class Polyhedron:
         return limits
 
 
-def checked_region(constraints: Polyhedron, n_actions: int) -> Polyhedron:
-    """Return a feasible set in `n_actions` coordinates that is not empty, or raise `InputError` or `ModelError`."""
+def checked_region(constraints: Polyhedron, n_actions: int, assets: Axis | None = None) -> Polyhedron:
+    """Return a feasible set in `n_actions` coordinates that is not empty, or raise `InputError` or `ModelError`.
+
+    Its coordinates are put in the order of `assets`, which learns the set's own where it has none.
+    """
     if not isinstance(constraints, Polyhedron):
         raise InputError(f"constraints must be a Polyhedron, got {type(constraints).__name__}")
     if constraints.n_actions != n_actions:
         raise InputError(f"constraints have {constraints.n_actions} coordinates, the costs {n_actions}")
     constraints.check_feasible()
-    return constraints
+    return constraints if assets is None else constraints.in_order(assets)
 
 
 def _size(points: Array) -> Array:
@@ -247,7 +285,9 @@ def _size(points: Array) -> Array:
     return np.asarray(np.maximum(np.abs(points).max(axis=-1, initial=0.0), 1.0))
 
 
-def _rows(A: ArrayLike | None, b: ArrayLike | None, kind: str, other: ArrayLike | None) -> tuple[Array, Array]:
+def _rows(
+    A: ArrayLike | None, b: ArrayLike | None, kind: str, other: ArrayLike | None, assets: Axis
+) -> tuple[Array, Array]:
     if A is None and b is None:
         width = 0 if other is None else np.asarray(other).shape[-1]
         if width == 0:
@@ -255,11 +295,17 @@ def _rows(A: ArrayLike | None, b: ArrayLike | None, kind: str, other: ArrayLike 
         return np.zeros((0, width)), np.zeros(0)
     if A is None or b is None:
         raise InputError(f"A_{kind} and b_{kind} must be given together")
-    rows = validation.finite_array(A, f"A_{kind}", ndim=2)
-    sides = validation.finite_array(b, f"b_{kind}", ndim=1, limits=kind == "ub")
+    order = Axis("row", learns=True)
+    rows = validation.finite_array(A, f"A_{kind}", ndim=2, axes=(order, assets))
+    sides = validation.finite_array(b, f"b_{kind}", ndim=1, limits=kind == "ub", axes=(order,))
     if rows.shape[0] != sides.shape[0]:
         raise InputError(f"A_{kind} has {rows.shape[0]} rows but b_{kind} has {sides.shape[0]} entries")
     return rows, sides
+
+
+def _row_names(A: ArrayLike | None, name: str, count: int) -> list[str]:
+    labels = None if A is None else axis_labels(A, 0)
+    return [f"{name}[{i}]" for i in range(count)] if labels is None else [str(label) for label in labels]
 
 
 def simplex(n: int, *, min_slack: float = tolerances.MIN_SLACK) -> Polyhedron:
@@ -301,8 +347,11 @@ def box(lower: ArrayLike, upper: ArrayLike, *, min_slack: float = tolerances.MIN
         >>> (simplex(3) & box([0, 0, 0], [0.5, 0.5, 0.5])).n_actions
         3
     """
-    low = np.atleast_1d(validation.finite_array(lower, "lower", ndim=(0, 1), limits=True))
-    high = np.atleast_1d(validation.finite_array(upper, "upper", ndim=(0, 1), limits=True))
+    assets = Axis("asset", learns=True)
+    low, high = (
+        np.atleast_1d(validation.finite_array(side, name, ndim=(0, 1), limits=True, axes=(assets,)))
+        for side, name in ((lower, "lower"), (upper, "upper"))
+    )
     if low.shape != high.shape:
         raise InputError(f"lower has shape {low.shape} and upper {high.shape}; expected two vectors of one length")
     crossed = np.flatnonzero((low > high) & np.isfinite(low) & np.isfinite(high))
@@ -312,6 +361,8 @@ def box(lower: ArrayLike, upper: ArrayLike, *, min_slack: float = tolerances.MIN
     if np.isneginf(low).all() and np.isposinf(high).all():
         raise InputError("a box needs at least one finite bound")
     unit = np.eye(low.size)
-    names = [f"u[{j}] >= {least:g}" for j, least in enumerate(low)]
-    names += [f"u[{j}] <= {most:g}" for j, most in enumerate(high)]
-    return Polyhedron(np.vstack([-unit, unit]), np.concatenate([-low, high]), names=names, min_slack=min_slack)
+    own = [f"u[{j}]" for j in range(low.size)] if assets.names is None else assets.names
+    names = [f"{name} >= {least:g}" for name, least in zip(own, low, strict=True)]
+    names += [f"{name} <= {most:g}" for name, most in zip(own, high, strict=True)]
+    rows, sides = np.vstack([-unit, unit]), np.concatenate([-low, high])
+    return Polyhedron(rows, sides, names=names, min_slack=min_slack, asset_names=assets.names)

@@ -12,6 +12,7 @@ from scipy.linalg import null_space
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.labels import Axis
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
@@ -135,7 +136,11 @@ class ConvexProblem(DecisionProblem):
             ModelError: C is empty, or the costs are not finite at the start.
         """
         region = checked_region(constraints, constraints.n_actions)
-        middle = _middle(region) if start is None else validation.finite_array(start, "start", ndim=1)
+        middle = (
+            _middle(region)
+            if start is None
+            else validation.finite_array(start, "start", ndim=1, axes=(Axis("asset", region.asset_names),))
+        )
         costs, slopes = np.asarray(values(middle), dtype=np.float64), np.asarray(gradients(middle), dtype=np.float64)
         if costs.ndim != 1 or slopes.shape != (costs.size, region.n_actions):
             raise InputError(
@@ -175,7 +180,7 @@ class ConvexProblem(DecisionProblem):
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U)."""
         if self._stated is not None:
             return self._stated.solve(beliefs)
-        held = validation.beliefs(beliefs, self.n_states)
+        held = self.check_beliefs(beliefs)
         rows = np.atleast_2d(held)
         if self._model is None:
             solved = minimise_smooth(_Expected(self), rows, np.tile(self._start, (len(rows), 1)), self._layout)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis, ordered
 from inscrutable.problems.constraints import simplex
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.validation import Array
@@ -42,10 +43,12 @@ class FiniteProblem(LinearProblem):
     """
 
     def __init__(self, costs: ArrayLike) -> None:
-        table = validation.finite_array(costs, "costs", ndim=2)
+        states, choices = Axis("state", learns=True), Axis("choice", learns=True)
+        table = validation.finite_array(costs, "costs", ndim=2, axes=(states, choices))
         if not table.size:
             raise InputError(f"costs has shape {table.shape}, expected at least one state and one choice")
-        super().__init__(table, simplex(table.shape[1]))
+        super().__init__(table, simplex(table.shape[1]).in_order(choices))
+        self.state_names = states.names
 
     is_discrete = True
 
@@ -62,7 +65,7 @@ class FiniteProblem(LinearProblem):
 
     def solve(self, beliefs: ArrayLike) -> Any:
         """Return the cheapest choice, an int for one belief (X,), ints (T,) for many; the first of tied ones."""
-        held = validation.beliefs(beliefs, self.n_states)
+        held = self.check_beliefs(beliefs)
         expected = held @ self.without_common_costs.costs
         scale = np.abs(expected).max(axis=-1, keepdims=True)
         tied = expected <= expected.min(axis=-1, keepdims=True) + tolerances.STATIONARITY * scale
@@ -71,14 +74,14 @@ class FiniteProblem(LinearProblem):
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return s(a) for choices of shape (…), or for shares (…,K): shape (…,X)."""
-        given = np.asarray(actions)
+        given = self._given(actions)
         if given.dtype.kind in "iu":
             return np.asarray(self.costs.T[self._checked(given)])
         return super().state_costs(given)
 
     def as_points(self, actions: ArrayLike) -> Array:
         """Return shares (…,K): of whole numbers the corners of the simplex, of shares themselves."""
-        given = np.asarray(actions)
+        given = self._given(actions)
         if given.dtype.kind in "iu":
             return np.asarray(np.eye(self.n_choices)[self._checked(given)])
         if given.ndim == 0:
@@ -93,6 +96,13 @@ class FiniteProblem(LinearProblem):
             return points
         numbers = points.argmax(axis=-1)
         return int(numbers) if points.ndim == 1 else numbers
+
+    def _given(self, actions: ArrayLike) -> Any:
+        """Choices (…) as whole numbers, whose labels are those of rows, or shares (…,K)."""
+        choices = np.asarray(actions) if np.ndim(actions) < 2 else None
+        if choices is not None and choices.dtype.kind in "iu":
+            return choices
+        return np.asarray(ordered(actions, "action", (Axis("choice", self.asset_names),)))
 
     def _checked(self, choices: np.ndarray) -> np.ndarray:
         bad = choices[(choices < 0) | (choices >= self.n_choices)]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
+from inscrutable.labels import Axis
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
@@ -54,8 +55,11 @@ class KellyProblem(DecisionProblem):
     def __init__(
         self, gross_returns: ArrayLike, probabilities: ArrayLike, constraints: Polyhedron | None = None
     ) -> None:
-        self.gross_returns = validation.finite_array(gross_returns, "gross_returns", ndim=3)
-        self.probabilities = validation.stochastic_rows(probabilities, "probabilities")
+        states, outcomes, assets = (Axis(what, learns=True) for what in ("state", "outcome", "asset"))
+        self.gross_returns = validation.finite_array(
+            gross_returns, "gross_returns", ndim=3, axes=(states, outcomes, assets)
+        )
+        self.probabilities = validation.stochastic_rows(probabilities, "probabilities", axes=(states, outcomes))
         n_states, n_outcomes, n_assets = self.gross_returns.shape
         if not self.gross_returns.size or self.probabilities.shape != (n_states, n_outcomes):
             raise InputError(
@@ -68,7 +72,9 @@ class KellyProblem(DecisionProblem):
                 f"gross_returns has {self.gross_returns.min():g} at {place}; wealth cannot be lost more than once: give "
                 "1 + the return, at least 0"
             )
-        self.constraints = checked_region(simplex(n_assets) if constraints is None else constraints, n_assets)
+        region = simplex(n_assets) if constraints is None else constraints
+        self.constraints = checked_region(region, n_assets, assets)
+        self.state_names = states.names
         self._start = self._safest()
 
     @property
@@ -135,7 +141,7 @@ class KellyProblem(DecisionProblem):
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U)."""
-        held = validation.beliefs(beliefs, self.n_states)
+        held = self.check_beliefs(beliefs)
         rows = np.atleast_2d(held)
         solved = np.empty((len(rows), self.n_actions))
         step = max(1, _BLOCK_ENTRIES // (self.probabilities.size * self.n_actions))

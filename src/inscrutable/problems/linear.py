@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
+from inscrutable.labels import Axis
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
@@ -50,10 +51,12 @@ class LinearProblem(DecisionProblem):
     """
 
     def __init__(self, costs: ArrayLike, constraints: Polyhedron) -> None:
-        self.costs = validation.finite_array(costs, "costs", ndim=2)
+        states, assets = Axis("state", learns=True), Axis("asset", learns=True)
+        self.costs = validation.finite_array(costs, "costs", ndim=2, axes=(states, assets))
         if not self.costs.size:
             raise InputError(f"costs has shape {self.costs.shape}, expected at least one state and one coordinate")
-        self.constraints = checked_region(constraints, self.costs.shape[1])
+        self.constraints = checked_region(constraints, self.costs.shape[1], assets)
+        self.state_names = states.names
         self._check_bounded()
 
     def _check_bounded(self) -> None:
@@ -94,7 +97,7 @@ class LinearProblem(DecisionProblem):
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return an optimal vertex for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
-        held = validation.beliefs(beliefs, self.n_states)
+        held = self.check_beliefs(beliefs)
         solved = self._table.solve(np.atleast_2d(held))
         return np.asarray(solved[0]) if held.ndim == 1 else solved
 

@@ -6,7 +6,8 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.errors import InputError
-from inscrutable.problems.constraints import Polyhedron, simplex
+from inscrutable.labels import Axis
+from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
 from inscrutable.problems.quadratic import QuadraticProblem, check_positive_semidefinite
 
 
@@ -16,8 +17,9 @@ class MarkowitzProblem(QuadraticProblem):
     Formula: c(i,u) = γ u'Σ_i u − μ_i'u, without ½, over {u ≥ 0, 1'u = 1} unless constraints are given.
 
     Args:
-        means: μ_i, shape (X,U), return per period as a fraction.
-        covariances: Σ_i, shape (X,U,U), squared return per period.
+        means: μ_i, shape (X,U), return per period as a fraction. Labelled tables (here, of the covariances, of the
+            constraints) are aligned with each other, and what the problem is asked later with them.
+        covariances: Σ_i, shape (X,U,U), squared return per period; a list or a mapping of frames is one of these.
         risk_aversion: γ > 0, per unit of return.
         constraints: The feasible set; None is `simplex(U)`.
 
@@ -42,8 +44,9 @@ class MarkowitzProblem(QuadraticProblem):
         risk_aversion: float,
         constraints: Polyhedron | None = None,
     ) -> None:
-        self.means = validation.finite_array(means, "means", ndim=2)
-        self.covariances = validation.finite_array(covariances, "covariances", ndim=3)
+        states, assets = Axis("state", learns=True), Axis("asset", learns=True)
+        self.means = validation.finite_array(means, "means", ndim=2, axes=(states, assets))
+        self.covariances = validation.finite_array(covariances, "covariances", ndim=3, axes=(states, assets, assets))
         n_states, n_assets = self.means.shape
         if not self.means.size:
             raise InputError(f"means has shape {self.means.shape}, expected at least one state and one asset")
@@ -58,8 +61,9 @@ class MarkowitzProblem(QuadraticProblem):
         super().__init__(
             2.0 * self.risk_aversion * self.covariances,
             -self.means,
-            constraints=simplex(n_assets) if constraints is None else constraints,
+            constraints=checked_region(simplex(n_assets) if constraints is None else constraints, n_assets, assets),
         )
+        self.state_names = states.names
 
     def __repr__(self) -> str:
         n_states, n_assets = self.means.shape

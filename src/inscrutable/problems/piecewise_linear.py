@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis
 from inscrutable.problems.base import DecisionProblem, SmoothForm
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.linear import LinearProblem
@@ -42,8 +44,16 @@ class PiecewiseLinearProblem(DecisionProblem):
     """
 
     def __init__(self, slopes: Sequence[ArrayLike], offsets: Sequence[ArrayLike], constraints: Polyhedron) -> None:
-        self.slopes = [validation.finite_array(each, f"slopes[{i}]", ndim=2) for i, each in enumerate(slopes)]
-        self.offsets = [validation.finite_array(each, f"offsets[{i}]", ndim=1) for i, each in enumerate(offsets)]
+        states, assets = Axis("state", learns=True), Axis("asset", learns=True)
+        tables, sides = _by_state(slopes, "slopes", states), _by_state(offsets, "offsets", states)
+        pieces = [Axis("piece", learns=True) for _ in range(max(len(tables), len(sides)))]
+        self.slopes = [
+            validation.finite_array(each, f"slopes[{i}]", ndim=2, axes=(pieces[i], assets))
+            for i, each in enumerate(tables)
+        ]
+        self.offsets = [
+            validation.finite_array(each, f"offsets[{i}]", ndim=1, axes=(pieces[i],)) for i, each in enumerate(sides)
+        ]
         if not self.slopes or len(self.slopes) != len(self.offsets):
             raise InputError(
                 f"slopes has {len(self.slopes)} states and offsets {len(self.offsets)}; expected as many, >= 1"
@@ -54,7 +64,8 @@ class PiecewiseLinearProblem(DecisionProblem):
                 raise InputError(
                     f"state {i} has slopes {slope.shape} and {offset.size} offsets; expected (K,{size}) and K"
                 )
-        self.constraints = checked_region(constraints, size)
+        self.constraints = checked_region(constraints, size, assets)
+        self.state_names = states.names
         levels = np.hstack([np.zeros((len(self.slopes), size)), np.eye(len(self.slopes))])
         self._lifted = LinearProblem(levels, self._region())
 
@@ -80,7 +91,7 @@ class PiecewiseLinearProblem(DecisionProblem):
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return an optimal decision for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
-        return np.asarray(self._lifted.solve(beliefs)[..., : self.n_actions])
+        return np.asarray(self._lifted.solve(self.check_beliefs(beliefs))[..., : self.n_actions])
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
@@ -96,9 +107,17 @@ class PiecewiseLinearProblem(DecisionProblem):
 
     def smooth_form(self, actions: Array) -> SmoothForm:
         """Return the linear problem of the levels, in which an observer counts active pieces as tight rows."""
-        points = np.asarray(actions, dtype=np.float64)
+        points = self.as_points(actions)
         lifted = np.concatenate([points, self.state_costs(points)], axis=-1)
         return SmoothForm(self._lifted.constraints, lifted, self._lifted.cost_gradients)
 
     def __repr__(self) -> str:
         return f"PiecewiseLinearProblem({self.n_states} states, {self.n_actions} coordinates)"
+
+
+def _by_state(given: Any, name: str, states: Axis) -> list[Any]:
+    """What a list or a mapping holds for each state, in the states' order."""
+    if not isinstance(given, Mapping):
+        return list(given)
+    held, order = list(given.values()), states.order(tuple(given), name)
+    return held if order is None else [held[k] for k in order]

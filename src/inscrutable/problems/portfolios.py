@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
+from inscrutable.labels import Axis, Names, axis_labels
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.validation import Array
 
@@ -49,7 +50,7 @@ def max_weights(
     """
     names = asset_names(assets)
     values = _per_asset(limits, names, "limits", np.inf)
-    return _single_rows(names, values, 1.0, min_slack)
+    return _single_rows(names, values, 1.0, min_slack, _labels(assets))
 
 
 def min_weights(
@@ -75,7 +76,7 @@ def min_weights(
     """
     names = asset_names(assets)
     values = _per_asset(limits, names, "limits", -np.inf)
-    return _single_rows(names, values, -1.0, min_slack)
+    return _single_rows(names, values, -1.0, min_slack, _labels(assets))
 
 
 def group_caps(
@@ -117,7 +118,7 @@ def group_caps(
         rows.append(_members(groups[name], names, str(name)))
         sides.append(float(validation.finite_array(cap, f"cap of group {name!r}", ndim=0, limits=True)))
         labels.append(f"{name} <= {sides[-1]:g}")
-    return Polyhedron(rows, sides, names=labels, min_slack=min_slack)
+    return Polyhedron(rows, sides, names=labels, min_slack=min_slack, asset_names=_labels(assets))
 
 
 def long_short(
@@ -167,14 +168,15 @@ def long_short(
         rows.append(-np.eye(len(names))[j])
         sides.append(0.0)
         labels.append(f"{names[j]} >= 0")
-    ones = np.ones(len(names))
+    ones, known = np.ones(len(names)), _labels(assets)
     if exact:
-        return Polyhedron(rows, sides, [ones], [low], names=[*labels, f"net = {low:g}"], min_slack=min_slack)
+        labels.append(f"net = {low:g}")
+        return Polyhedron(rows, sides, [ones], [low], names=labels, min_slack=min_slack, asset_names=known)
     for side, value, sign in (("<=", high, 1.0), (">=", low, -1.0)):
         rows.append(sign * ones)
         sides.append(sign * value)
         labels.append(f"net {side} {value:g}")
-    return Polyhedron(rows, sides, names=labels, min_slack=min_slack)
+    return Polyhedron(rows, sides, names=labels, min_slack=min_slack, asset_names=known)
 
 
 def turnover(
@@ -195,7 +197,7 @@ def turnover(
     Args:
         previous: The last published weights, shape (U,), or a mapping (or a pandas series) from names to weights.
         limit: Most that is bought plus sold, at least 0, in the weights' unit.
-        assets: Names of the assets; None takes a mapping's keys.
+        assets: Names of the assets, in whose order labelled weights are put; None takes a mapping's keys.
         long_only: Whether assets without a previous weight can only be bought; they get a row u_j ≥ 0.
         min_slack: Least slack of a row that is not tight in an admissible decision.
 
@@ -209,12 +211,9 @@ def turnover(
         >>> bool(region.violation([0.6, 0.4]) == 0), bool(region.violation([0.7, 0.3]) == 0)
         (True, False)
     """
-    given: Any = previous
-    if hasattr(given, "keys"):
-        held = dict(given)
-        assets, given = list(held) if assets is None else assets, list(held.values())
-    weights = validation.finite_array(given, "previous", ndim=1)
-    names = asset_names(weights.size if assets is None else assets)
+    order = Axis("asset", None if assets is None else tuple(assets), learns=True)
+    weights = validation.finite_array(previous, "previous", ndim=1, axes=(order,))
+    names = asset_names(weights.size if order.names is None else [str(name) for name in order.names])
     if len(names) != weights.size:
         raise InputError(f"previous has {weights.size} weights, expected one per asset: {len(names)}")
     most = validation.non_negative(limit, "limit")
@@ -229,6 +228,7 @@ def turnover(
         np.concatenate([signs @ weights + most, np.zeros(len(floors))]),
         names=labels + floors,
         min_slack=min_slack,
+        asset_names=order.names,
     )
 
 
@@ -243,6 +243,10 @@ def asset_names(assets: Assets) -> tuple[str, ...]:
     if repeated:
         raise InputError(f"assets names {repeated[0]!r} twice; names must differ")
     return names
+
+
+def _labels(assets: Assets) -> Names | None:
+    return None if isinstance(assets, str) or not hasattr(assets, "__iter__") else tuple(assets)
 
 
 def _numbers(members: Sequence[Any], names: tuple[str, ...], what: str) -> np.ndarray:
@@ -269,7 +273,8 @@ def _members(members: Sequence[Any], names: tuple[str, ...], group: str) -> Arra
 
 
 def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], what: str, absent: float) -> Array:
-    if isinstance(limits, Mapping):
+    if isinstance(limits, Mapping) or axis_labels(limits, 0) is not None:
+        limits = dict(_pairs(limits, what))
         values = np.full(len(names), absent)
         members = _numbers(list(limits), names, what)
         values[members] = validation.finite_array(list(limits.values()), what, ndim=1, limits=True)
@@ -286,10 +291,25 @@ def _per_asset(limits: ArrayLike | Mapping[str, float], names: tuple[str, ...], 
     return values
 
 
-def _single_rows(names: tuple[str, ...], values: Array, sign: float, min_slack: float) -> Polyhedron:
+def _pairs(limits: Any, what: str) -> list[tuple[Any, Any]]:
+    """Labels and numbers of a mapping or a series."""
+    if getattr(limits, "ndim", 1) != 1:
+        raise InputError(f"{what} must be one number per asset, got shape {limits.shape}")
+    pairs = list(limits.items())
+    labels = [label for label, _ in pairs]
+    twice = [label for label in labels if labels.count(label) > 1]
+    if twice:
+        raise InputError(f"{what} has {twice[0]!r} {len(twice)} times; labels must differ")
+    return pairs
+
+
+def _single_rows(
+    names: tuple[str, ...], values: Array, sign: float, min_slack: float, assets: Names | None
+) -> Polyhedron:
     relation = "<=" if sign > 0 else ">="
     labels = [f"{name} {relation} {value:g}" for name, value in zip(names, values, strict=True)]
-    return Polyhedron(sign * np.eye(len(names)), sign * values, names=labels, min_slack=min_slack)
+    rows = sign * np.eye(len(names))
+    return Polyhedron(rows, sign * values, names=labels, min_slack=min_slack, asset_names=assets)
 
 
 def _range(net: float | tuple[float, float]) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.morton import morton_order
+from inscrutable.labels import Axis
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.copied_coordinates import Merged, merged_copies
@@ -62,16 +63,18 @@ class QuadraticProblem(DecisionProblem):
     def __init__(
         self, hessians: ArrayLike, linear: ArrayLike, constants: ArrayLike | None = None, *, constraints: Polyhedron
     ) -> None:
-        self.hessians = _checked_hessians(hessians, "hessians")
-        self.linear = validation.finite_array(linear, "linear", ndim=2)
+        states, assets = Axis("state", learns=True), Axis("asset", learns=True)
+        self.hessians = _checked_hessians(hessians, "hessians", (states, assets, assets))
+        self.linear = validation.finite_array(linear, "linear", ndim=2, axes=(states, assets))
         n_states, n_actions = self.hessians.shape[:2]
         if self.linear.shape != (n_states, n_actions):
             raise InputError(f"linear has shape {self.linear.shape}, expected {(n_states, n_actions)} as the hessians")
         given = np.zeros(n_states) if constants is None else constants
-        self.constants = validation.finite_array(given, "constants", ndim=1)
+        self.constants = validation.finite_array(given, "constants", ndim=1, axes=(states,))
         if self.constants.shape != (n_states,):
             raise InputError(f"constants has {self.constants.size} entries, expected one per state: {n_states}")
-        self.constraints = checked_region(constraints, n_actions)
+        self.constraints = checked_region(constraints, n_actions, assets)
+        self.state_names = states.names
 
     @property
     def n_states(self) -> int:
@@ -104,7 +107,7 @@ class QuadraticProblem(DecisionProblem):
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U), exact to a few roundings."""
-        held = validation.beliefs(beliefs, self.n_states)
+        held = self.check_beliefs(beliefs)
         solved = self.solve_rows(np.ascontiguousarray(np.atleast_2d(held)))
         return np.asarray(solved[0]) if held.ndim == 1 else solved
 
@@ -216,15 +219,9 @@ class QuadraticProblem(DecisionProblem):
             actions[first : first + step] = solve_programmes(hessians, block @ self.linear, self._layout)
         return actions
 
-    def _as_actions(self, actions: ArrayLike) -> Array:
-        points = np.asarray(actions, dtype=np.float64)
-        if points.ndim == 0 or points.shape[-1] != self.n_actions:
-            raise InputError(f"action has shape {points.shape}, expected {self.n_actions} coordinates in the last axis")
-        return points
-
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
-        points = self._as_actions(actions)
+        points = self.as_points(actions)
         if points.ndim == 1:
             return np.asarray((0.5 * (self.hessians @ points) + self.linear) @ points + self.constants)
         if points.ndim == 2 and len(points) <= _FEW:
@@ -253,7 +250,7 @@ class QuadraticProblem(DecisionProblem):
 
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return H_i u + g_i for decisions (…,U): shape (…,X,U)."""
-        points = self._as_actions(action)
+        points = self.as_points(action)
         return np.asarray(np.einsum("xuv,...v->...xu", self.hessians, points) + self.linear)
 
     def face_solution(self, belief: Array, tight: np.ndarray) -> FaceSolution:
@@ -299,8 +296,8 @@ def _solve_or_least_squares(matrix: Array, right: Array) -> Array:
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=tolerances.STATIONARITY)[0])
 
 
-def _checked_hessians(value: ArrayLike, name: str) -> Array:
-    matrices = validation.finite_array(value, name, ndim=3)
+def _checked_hessians(value: ArrayLike, name: str, axes: tuple[Axis, ...]) -> Array:
+    matrices = validation.finite_array(value, name, ndim=3, axes=axes)
     n_states, rows, columns = matrices.shape
     if rows != columns or n_states < 1 or rows < 1:
         raise InputError(f"{name} has shape {matrices.shape}, expected (X, U, U)")

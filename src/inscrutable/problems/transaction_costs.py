@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis
 from inscrutable.problems.base import DecisionProblem, SmoothForm
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.quadratic import QuadraticProblem
@@ -23,7 +24,7 @@ def with_transaction_costs(
     Args:
         problem: The problem without these costs.
         former: u⁰, the former decision as the observer knows it, shape (U,).
-        linear: κ ≥ 0, cost per unit traded, a number or one per coordinate (U,).
+        linear: κ ≥ 0, cost per unit traded, a number or one per coordinate (U,); labels are aligned with the problem's.
         quadratic: η ≥ 0, cost per squared unit traded, a number or (U,).
 
     Returns:
@@ -45,10 +46,11 @@ def with_transaction_costs(
     """
     if not isinstance(problem, QuadraticProblem):
         raise InputError(f"transaction costs need a QuadraticProblem or MarkowitzProblem, got {problem!r}")
-    held = validation.finite_array(former, "former", ndim=1)
+    assets = Axis("asset", problem.asset_names)
+    held = validation.finite_array(former, "former", ndim=1, axes=(assets,))
     if held.size != problem.n_actions:
         raise InputError(f"former has {held.size} coordinates, expected {problem.n_actions}")
-    bend = _rates(quadratic, held.size, "quadratic")
+    bend = _rates(quadratic, held.size, "quadratic", assets)
     smooth = problem
     if bend.any():
         smooth = QuadraticProblem(
@@ -57,12 +59,13 @@ def with_transaction_costs(
             problem.constants + float(bend @ held**2),
             constraints=problem.constraints,
         )
-    rates = _rates(linear, held.size, "linear")
+        smooth.state_names = problem.state_names
+    rates = _rates(linear, held.size, "linear", assets)
     return TradingProblem(smooth, held, rates) if rates.any() else smooth
 
 
-def _rates(value: ArrayLike, size: int, name: str) -> Array:
-    given = validation.finite_array(value, name, ndim=(0, 1))
+def _rates(value: ArrayLike, size: int, name: str, assets: Axis) -> Array:
+    given = validation.finite_array(value, name, ndim=(0, 1), axes=(assets,))
     if given.ndim == 1 and given.size != size:
         raise InputError(f"{name} has {given.size} entries, expected a number or one per coordinate: {size}")
     if (given < 0).any():
@@ -97,9 +100,11 @@ class TradingProblem(DecisionProblem):
     """
 
     def __init__(self, problem: QuadraticProblem, former: ArrayLike, rates: ArrayLike) -> None:
+        assets = Axis("asset", problem.asset_names)
         self.untraded = problem
-        self.former = validation.finite_array(former, "former", ndim=1)
-        self.rates = _rates(rates, problem.n_actions, "rates")
+        self.state_names = problem.state_names
+        self.former = validation.finite_array(former, "former", ndim=1, axes=(assets,))
+        self.rates = _rates(rates, problem.n_actions, "rates", assets)
         self.constraints = problem.constraints
         size = problem.n_actions
         # A coordinate that is traded for nothing has no kink, and one column.
@@ -140,7 +145,7 @@ class TradingProblem(DecisionProblem):
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U); what is not traded is kept to the last digit."""
-        actions = self.former + self._lifted.solve(beliefs) @ self._columns.T
+        actions = self.former + self._lifted.solve(self.check_beliefs(beliefs)) @ self._columns.T
         for limit in self.constraints.coordinate_bounds:
             actions = np.where(np.abs(actions - limit) <= tolerances.SAME_ACTION, limit, actions)
         return np.asarray(actions)
@@ -158,7 +163,7 @@ class TradingProblem(DecisionProblem):
 
     def smooth_form(self, actions: Array) -> SmoothForm:
         """Return the quadratic problem of purchases and sales, in which an observer counts as the kink what is tight."""
-        trades = np.asarray(actions, dtype=np.float64) - self.former
+        trades = self.as_points(actions) - self.former
         priced = trades[..., self._priced]
         free = np.delete(trades, self._priced, axis=-1)
         points = np.concatenate([np.maximum(priced, 0.0), np.maximum(-priced, 0.0), free], axis=-1)

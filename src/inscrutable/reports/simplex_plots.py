@@ -68,7 +68,7 @@ def plot_beliefs(axes: Any, belief: ArrayLike, seen: Mapping[str, BeliefSet], na
         InputError: The belief is not one over three regimes.
     """
     ternary_labels(axes, (names[0], names[1], names[2]))
-    held = _triples(validation.beliefs(np.asarray(belief), _CORNERS), "belief")
+    held = _triples(validation.beliefs(belief, _CORNERS), "belief")
     looks = looks_of(seen)
     for number, (name, found) in enumerate(seen.items()):
         look = looks[name]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
+from inscrutable.labels import Axis
 from inscrutable.validation import Array
 from inscrutable.worlds.observations import Labels, real_rows, symbols
 
@@ -63,9 +64,13 @@ class CategoricalEmission:
     """
 
     probabilities: Array
+    state_names: Labels | None
 
     def __init__(self, probabilities: ArrayLike) -> None:
-        object.__setattr__(self, "probabilities", frozen(validation.stochastic_rows(probabilities, "probabilities")))
+        states = Axis("state", learns=True)
+        rows = validation.stochastic_rows(probabilities, "probabilities", axes=(states, Axis("symbol")))
+        object.__setattr__(self, "probabilities", frozen(rows))
+        object.__setattr__(self, "state_names", states.names)
 
     def __repr__(self) -> str:
         return f"CategoricalEmission({self.n_states} states, {self.n_symbols} symbols)"
@@ -111,7 +116,8 @@ class GaussianEmission:
         means: (X,D), in the observations' unit.
         covariances: (X,D,D), in its square; symmetric positive definite. Asymmetry of rounding size is averaged out,
             nothing else is changed.
-        asset_names: D labels; observations that come as a DataFrame are then aligned by them.
+        asset_names: D labels; None takes those of labelled means or covariances. Observations that come as a DataFrame are
+            aligned by them.
 
     Raises:
         InputError: Shapes that do not fit, an entry that is not finite, an asymmetric covariance.
@@ -128,13 +134,16 @@ class GaussianEmission:
     means: Array
     covariances: Array
     asset_names: Labels | None
+    state_names: Labels | None
     _factors: Array = field(repr=False)
 
     def __init__(
         self, means: ArrayLike, covariances: ArrayLike, *, asset_names: Iterable[Hashable] | None = None
     ) -> None:
-        centres = validation.finite_array(means, "means", ndim=2)
-        spreads = _symmetric(validation.finite_array(covariances, "covariances", ndim=3))
+        states = Axis("state", learns=True)
+        assets = Axis("asset", None if asset_names is None else tuple(asset_names), learns=True)
+        centres = validation.finite_array(means, "means", ndim=2, axes=(states, assets))
+        spreads = _symmetric(validation.finite_array(covariances, "covariances", ndim=3, axes=(states, assets, assets)))
         n_states, n_dims = centres.shape
         if spreads.shape != (n_states, n_dims, n_dims) or centres.size == 0:
             raise InputError(
@@ -143,12 +152,13 @@ class GaussianEmission:
             )
         for state, covariance in enumerate(spreads):
             _check_definite(covariance, f"covariances[{state}]")
-        names = None if asset_names is None else tuple(asset_names)
+        names = assets.names
         if names is not None and len(names) != n_dims:
             raise InputError(f"asset_names has {len(names)} labels, expected one per dimension: {n_dims}")
         object.__setattr__(self, "means", frozen(centres))
         object.__setattr__(self, "covariances", frozen(spreads))
         object.__setattr__(self, "asset_names", names)
+        object.__setattr__(self, "state_names", states.names)
         object.__setattr__(self, "_factors", np.linalg.cholesky(spreads))
 
     def __repr__(self) -> str:
@@ -172,11 +182,11 @@ class GaussianEmission:
                 with `asset_names` where the sensor has them.
 
         Raises:
-            InputError: Wrong shape, missing columns, or an entry that is not finite, with its row and column.
+            InputError: Wrong shape, missing or other columns, or an entry that is not finite, with its row and column.
         """
         from inscrutable.kernels.hidden_markov import gaussian_log_densities
 
-        rows = real_rows(observations, self.asset_names)
+        rows = real_rows(observations, Axis("asset", self.asset_names))
         if rows.shape[1] != self.n_dims:
             raise InputError(f"observations have {rows.shape[1]} columns, expected one per dimension: {self.n_dims}")
         return np.asarray(gaussian_log_densities(rows, self.means.copy(), self._factors))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import validation
 from inscrutable.errors import InputError, ModelError
+from inscrutable.labels import Axis
 from inscrutable.validation import Array
 from inscrutable.worlds.emissions import Emission, cumulative, emission_from_dict, frozen
 
@@ -41,7 +42,8 @@ class HiddenMarkovModel:
     """A world of X states that nobody sees, and a sensor: p(x_{t+1} = j | x_t = i) = transition[i, j], p(y_t | x_t).
 
     Args:
-        transition: (X,X), rows of probabilities that sum to one.
+        transition: (X,X), rows of probabilities that sum to one. Labelled rows and columns are put in the order of
+            `names`, or of a labelled sensor's states; where there are neither, they give the states their names.
         emission: The sensor, `CategoricalEmission`, `GaussianEmission` or any `Emission`, over X states.
         initial: (X,) law of x_0; None for the stationary law π = π P (states that the chain leaves for good get
             zero; a periodic chain has one too).
@@ -74,7 +76,11 @@ class HiddenMarkovModel:
         *,
         names: Iterable[str] | None = None,
     ) -> None:
-        rows = validation.stochastic_rows(transition, "transition")
+        sensed, given = getattr(emission, "state_names", None), None if names is None else tuple(names)
+        if isinstance(names, str):
+            raise InputError(f"names must be a sequence of strings, got {names!r}")
+        states = Axis("state", given or sensed, learns=True)
+        rows = validation.stochastic_rows(transition, "transition", axes=(states, states))
         n_states = rows.shape[0]
         if rows.shape != (n_states, n_states) or n_states == 0:
             raise InputError(f"transition has shape {rows.shape}, expected a square matrix (X,X)")
@@ -87,13 +93,17 @@ class HiddenMarkovModel:
         if initial is None:
             start = _stationary(rows)
         else:
-            start = validation.stochastic_rows(initial, "initial", ndim=1)
+            start = validation.stochastic_rows(initial, "initial", ndim=1, axes=(states,))
             if start.size != n_states:
                 raise InputError(f"initial has {start.size} entries, expected one per state: {n_states}")
         object.__setattr__(self, "transition", frozen(rows))
         object.__setattr__(self, "emission", emission)
         object.__setattr__(self, "initial", frozen(start))
-        object.__setattr__(self, "names", _state_names(names, n_states))
+        object.__setattr__(self, "names", _state_names(states.names, n_states))
+        if sensed is not None and sensed != self.names:
+            raise InputError(
+                f"emission has the states {list(sensed)}, the world {list(self.names)}; expected the same order"
+            )
 
     def __repr__(self) -> str:
         return f"HiddenMarkovModel({self.n_states} states, {self.emission!r})"
@@ -155,11 +165,11 @@ def default_names(n_states: int) -> tuple[str, ...]:
     return tuple(f"regime {i + 1}" for i in range(n_states))
 
 
-def _state_names(names: Iterable[str] | None, n_states: int) -> tuple[str, ...]:
+def _state_names(names: Iterable[Any] | None, n_states: int) -> tuple[str, ...]:
     if names is None:
         return default_names(n_states)
     labels = tuple(names)
-    if not all(isinstance(label, str) for label in labels) or isinstance(names, str):
+    if not all(isinstance(label, str) for label in labels):
         raise InputError(f"names must be a sequence of strings, got {names!r}")
     if len(labels) != n_states or len(set(labels)) != n_states:
         raise InputError(f"names must be {n_states} different labels, one per state, got {list(labels)}")

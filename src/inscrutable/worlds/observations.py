@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from inscrutable import validation
 from inscrutable.errors import InputError
+from inscrutable.labels import Axis
 from inscrutable.validation import Array
 
 Labels = tuple[Hashable, ...]
@@ -39,19 +41,16 @@ def column_labels(observations: Any) -> Labels | None:
     return labels
 
 
-def real_rows(observations: Any, labels: Labels | None = None) -> Array:
-    """Return observations as a finite (T,D) array; columns are put in the order of `labels` where both are known."""
+def real_rows(observations: Any, assets: Axis | None = None) -> Array:
+    """Return observations as a finite (T,D) array; columns are put in the order of `assets`, None for their own."""
     found = column_labels(observations)
-    if labels is not None and found is not None and found != labels and hasattr(observations, "columns"):
-        missing = [label for label in labels if label not in found]
-        if missing:
-            raise InputError(f"observations lack the columns {missing}; they have {list(found)}")
-        observations = observations[list(labels)]
-        found = labels
-    try:
-        rows = np.array(observations, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise InputError(f"observations must be numbers: {error}") from None
+    known = None if assets is None else assets.names
+    if found is not None and known is not None and len(found) > len(known) and set(known) <= set(found):
+        observations, found = observations[list(known)], known  # a wider table is no error
+    axes = (None, assets)[: np.ndim(observations)] if np.ndim(observations) > 1 else (None,)
+    rows = np.ascontiguousarray(validation.real_array(observations, "observations", axes))
+    if hasattr(observations, "columns"):
+        found = known or found
     if rows.ndim == 1:
         rows = rows[:, None]
     if rows.ndim != 2 or rows.size == 0:
@@ -67,12 +66,17 @@ def real_rows(observations: Any, labels: Labels | None = None) -> Array:
     return rows
 
 
-def symbols(observations: Any, n_symbols: int, name: str = "observations") -> NDArray[np.int64]:
+def in_rows(observations: Any, rows: Axis) -> Any:
+    """Return observations with their labelled rows in the order of `rows`."""
+    order = rows.order(tuple(observations.index), "observations") if is_labelled(observations) else None
+    return observations if order is None else observations.iloc[order]
+
+
+def symbols(
+    observations: Any, n_symbols: int, name: str = "observations", rows: Axis | None = None
+) -> NDArray[np.int64]:
     """Return observations, or what else `name` says, as whole numbers (T,) in 0..n_symbols-1."""
-    try:
-        values = np.array(observations, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be whole numbers: {error}") from None
+    values = validation.real_array(observations, name, (rows, None)[: np.ndim(observations)])
     if values.ndim == 2 and values.shape[1] == 1:
         values = values[:, 0]
     if values.ndim != 1 or values.size == 0:

@@ -102,7 +102,9 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery for one belief (X,), in the prior's support or not."""
-        return self.decide_many(validation.one_belief(belief, self.problem.n_states)[None])[0]
+        return self.decide_many(
+            validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)[None]
+        )[0]
 
     @property
     def columns(self) -> Columns:

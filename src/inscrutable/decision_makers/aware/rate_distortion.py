@@ -101,7 +101,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X)."""
-        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         self.solve(progress=progress)
         costs = np.asarray(self.problem.optimal_cost(held))
         columns, hidden = self._found.table.columns, self._found.hidden

@@ -106,7 +106,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X)."""
-        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         self.solve(progress=progress)
         costs = np.asarray(self.problem.optimal_cost(held))
         columns = self._found.columns

@@ -49,7 +49,7 @@ class CoinDecisionMaker(DrawingDecisionMaker):
             raise InputError(f"probability must be at most 1, got {self.probability:g}")
         n_states = self.problem.n_states
         given = np.full(n_states, 1.0 / n_states) if decoy is None else decoy
-        self.decoy = validation.one_belief(given, n_states, "decoy")
+        self.decoy = validation.one_belief(given, n_states, "decoy", names=self.problem.state_names)
 
     def _lots(self, beliefs: Array) -> Lots:
         both = np.vstack([self.decoy, beliefs])

@@ -35,7 +35,7 @@ class DrawingDecisionMaker(Described, ABC):
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery for one belief (X,)."""
-        return self.decide_many(validation.one_belief(belief, self.problem.n_states))[0]
+        return self.decide_many(validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names))[0]
 
     def decide_many(self, beliefs: ArrayLike) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X); privacy is the paper's measure (e), against the naive observer."""
@@ -50,7 +50,9 @@ class DrawingDecisionMaker(Described, ABC):
         return lots.candidates.actions, lots.numbers, lots.shares
 
     def _cleaned(self, beliefs: ArrayLike) -> Lots:
-        return cleaned(self._lots(validation.many_beliefs(beliefs, self.problem.n_states)))
+        return cleaned(
+            self._lots(validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names))
+        )
 
 
 class CandidateLottery(DrawingDecisionMaker):

@@ -32,14 +32,14 @@ class RuleDecisionMaker(Described, ABC):
 
     def decide(self, belief: ArrayLike) -> Decision:
         """Return the decision for one belief (X,); of a rule with memory the first one of a path, since none is kept."""
-        return self.decide_many(validation.one_belief(belief, self.problem.n_states))[0]
+        return self.decide_many(validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names))[0]
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
         """Return the decisions for beliefs (T,X), in the order of time where the rule has a memory.
 
         Privacy is the paper's measure (e), against the naive observer.
         """
-        held = validation.many_beliefs(beliefs, self.problem.n_states)
+        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         points, measure, status = self._points(held), MaximalObfuscation(), DecisionStatus.RULE_OF_THUMB
         decided = [
             decision_for(self.problem, belief, points[step], measure, status)

@@ -1,0 +1,365 @@
+"""Labelled tables are aligned by their labels or refused, wherever numbers enter."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import inscrutable as ins
+from inscrutable import InputError
+
+ASSETS = ["Food", "Oil", "Gas"]
+STATES = ["calm", "crisis"]
+MEANS = pd.DataFrame([[0.02, 0.05, 0.03], [0.01, -0.06, -0.02]], STATES, ASSETS)
+SPREAD = {
+    "calm": pd.DataFrame(np.diag([0.02, 0.05, 0.03]) + 0.01, ASSETS, ASSETS),
+    "crisis": pd.DataFrame(np.diag([0.04, 0.30, 0.10]) + 0.03, ASSETS, ASSETS),
+}
+CAPS = pd.Series([0.8, 0.6, 0.7], ASSETS)
+BELIEF = pd.Series([0.3, 0.7], STATES)
+MONTHS = pd.period_range("2001-01", periods=3, freq="M")
+BELIEFS = pd.DataFrame([[0.3, 0.7], [0.5, 0.5], [0.9, 0.1]], MONTHS, STATES)
+WEIGHTS = pd.Series([0.5, 0.2, 0.3], ASSETS)
+HOLDINGS = pd.DataFrame([[0.5, 0.2, 0.3], [0.6, 0.3, 0.1], [0.2, 0.4, 0.4]], MONTHS, ASSETS)
+STEADY = pd.DataFrame([[0.9, 0.1], [0.3, 0.7]], STATES, STATES)
+INITIAL = pd.Series([0.6, 0.4], STATES)
+RETURNS = pd.DataFrame(np.random.default_rng(5).normal(size=(3, 3)), MONTHS, ASSETS)
+ROWS = pd.DataFrame(
+    np.vstack([-np.eye(3), [1.0, 0.0, 0.0]]), ["no Food short", "no Oil short", "no Gas short", "cap"], ASSETS
+)
+SIDES = pd.Series([0.0, 0.0, 0.0, 0.7], ROWS.index)
+ONE = pd.DataFrame([[1.0, 1.0, 1.0]], ["sum"], ASSETS)
+TABLE = pd.DataFrame([[0.4, 0.6], [0.2, 0.8]], STATES, ["win", "lose"])
+GROSS = {
+    "calm": pd.DataFrame([[1.0, 1.2, 1.1], [1.0, 0.8, 0.9]], TABLE.columns, ASSETS),
+    "crisis": pd.DataFrame([[1.0, 1.5, 1.0], [1.0, 0.7, 0.95]], TABLE.columns, ASSETS),
+}
+FLOWS = pd.DataFrame([[1.0, 2.0, 1.5], [2.0, 1.0, 1.5], [1.0, 1.0, 3.0]], MONTHS, ASSETS)
+
+
+def shuffles(value: Any) -> Iterator[Any]:
+    """The same labelled numbers written in every order of one axis at a time."""
+    if isinstance(value, pd.Series):
+        yield value.iloc[::-1]
+    elif isinstance(value, pd.DataFrame):
+        yield value.iloc[::-1]
+        yield value.iloc[:, ::-1]
+        yield value.iloc[::-1, ::-1]
+    elif isinstance(value, dict):
+        yield dict(reversed(value.items()))
+        for key, part in value.items():
+            for other in shuffles(part):
+                yield {**value, key: other}
+
+
+def markowitz(means: Any = MEANS, covariances: Any = SPREAD, limits: Any = CAPS) -> ins.MarkowitzProblem:
+    return ins.MarkowitzProblem(means, covariances, 2.0, ins.simplex(3) & ins.max_weights(ASSETS, limits))
+
+
+NAMED = markowitz()
+BARE = ins.MarkowitzProblem(MEANS.to_numpy(), [each.to_numpy() for each in SPREAD.values()], 2.0)
+SHOWN = NAMED.solve(BELIEF)
+SET = ins.consistent_beliefs(NAMED, SHOWN)
+PRIOR = ins.uniform_prior(2, 4)
+PLAYED = ins.mechanism(ins.OriginalDecisionMaker(NAMED), PRIOR.beliefs)
+CANDIDATES = ins.decoy_grid(NAMED, 6)
+SENSOR = ins.GaussianEmission(MEANS, SPREAD)
+WORLD = ins.HiddenMarkovModel(STEADY, SENSOR, INITIAL)
+SYMBOLS = ins.CategoricalEmission([[0.8, 0.2], [0.3, 0.7]])
+QUADRATIC: dict[str, Any] = {"constraints": ins.simplex(3)}
+NETWORK = ([0.0, 50.0], [0, 1], [80.0, 40.0], [0.02, 0.01], [1.0, 2.0], [[0, 1]], [[0.1, 30.0]])
+MODEL = ins.InvestorModel(ins.HiddenMarkovModel(STEADY, SENSOR), NAMED, tuple(ASSETS), tuple(STATES))
+WALK = ins.HiddenMarkovModel([[0.9, 0.1], [0.3, 0.7]], SYMBOLS)
+
+
+def costs(problem: Any) -> Any:
+    """What a problem says where states and assets are named, whatever their order inside."""
+    states = pd.Series(problem.state_costs(WEIGHTS), problem.state_names)[STATES]
+    return states.to_numpy(), problem.optimal_cost(BELIEF), problem.optimal_cost(BELIEFS)
+
+
+def bought(prices: Any, choices: Any) -> ins.RevealedPreferences:
+    return ins.revealed_preferences(prices, choices, efficiency=0.8)
+
+
+def region_of(region: Any) -> Any:
+    held = HOLDINGS if region.asset_names is not None else HOLDINGS.to_numpy()
+    return (
+        [region.violation(row) for _, row in held.iterrows()] if hasattr(held, "iterrows") else region.violation(held)
+    )
+
+
+def law(world: Any) -> Any:
+    found = ins.filter_beliefs(world, RETURNS)
+    return found.beliefs[STATES].to_numpy(), found.log_likelihood
+
+
+def chances(sensor: Any) -> Any:
+    return pd.DataFrame(sensor.log_likelihoods(RETURNS), columns=sensor.state_names)[STATES].to_numpy()
+
+
+def fitted(returns: Any) -> Any:
+    found = ins.fit_gaussian_hmm(returns, 1, rng=np.random.default_rng(0), n_restarts=1).world.emission
+    return pd.Series(found.means[0], found.asset_names)[ASSETS].to_numpy()
+
+
+SIMPLE = ins.MarkowitzProblem(MEANS, SPREAD, 2.0)
+KNOWN = {"prior": PRIOR, "candidates": CANDIDATES}
+MAKERS: dict[str, Callable[[], Any]] = {
+    "OriginalDecisionMaker": lambda: ins.OriginalDecisionMaker(NAMED),
+    "CounterAdversarialDecisionMaker": lambda: ins.CounterAdversarialDecisionMaker(NAMED, candidates=CANDIDATES),
+    "ProbabilisticDecisionMaker": lambda: ins.ProbabilisticDecisionMaker(NAMED, candidates=CANDIDATES),
+    "CoinDecisionMaker": lambda: ins.CoinDecisionMaker(NAMED, 0.3),
+    "ExponentialDecisionMaker": lambda: ins.ExponentialDecisionMaker(NAMED, 30.0, candidates=CANDIDATES),
+    "UniformDecisionMaker": lambda: ins.UniformDecisionMaker(NAMED, 0.1, candidates=CANDIDATES),
+    "DirichletDecisionMaker": lambda: ins.DirichletDecisionMaker(
+        SIMPLE, 50.0, rng=np.random.default_rng(0), n_draws=20
+    ),
+    "RoundingDecisionMaker": lambda: ins.RoundingDecisionMaker(NAMED, 0.05),
+    "RateDistortionDecisionMaker": lambda: ins.RateDistortionDecisionMaker(NAMED, 0.01, **KNOWN),
+    "StackelbergDecisionMaker": lambda: ins.StackelbergDecisionMaker(NAMED, 0.01, **KNOWN),
+    "DelayedDecisionMaker": lambda: ins.DelayedDecisionMaker(NAMED, 1),
+    "PartialDecisionMaker": lambda: ins.PartialDecisionMaker(NAMED, 0.5),
+}
+
+
+def decided(make: Callable[[], Any]) -> Callable[[Any], Any]:
+    """The regrets of a decision, of all its atoms where it is a lottery."""
+    made = functools.cache(make)
+
+    def ask(belief: Any) -> Any:
+        found = made().decide(belief)
+        return found.regret if hasattr(found, "regret") else found.expected_cost
+
+    return ask
+
+
+# Entry point, labelled input, what it is asked. A second name after a space says which argument.
+ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
+    ("MarkowitzProblem means", MEANS, lambda v: costs(markowitz(means=v))),
+    ("MarkowitzProblem covariances", SPREAD, lambda v: costs(markowitz(covariances=v))),
+    ("MarkowitzProblem list", SPREAD["crisis"], lambda v: costs(markowitz(covariances=[SPREAD["calm"], v]))),
+    ("max_weights", CAPS, lambda v: costs(markowitz(limits=v))),
+    ("max_weights dict", dict(CAPS), lambda v: costs(markowitz(limits=v))),
+    ("min_weights", CAPS / 4, lambda v: region_of(ins.min_weights(ASSETS, v))),
+    ("QuadraticProblem hessians", SPREAD, lambda v: costs(ins.QuadraticProblem(v, MEANS, **QUADRATIC))),
+    ("QuadraticProblem linear", MEANS, lambda v: costs(ins.QuadraticProblem(SPREAD, v, **QUADRATIC))),
+    ("QuadraticProblem constants", INITIAL, lambda v: costs(ins.QuadraticProblem(SPREAD, MEANS, v, **QUADRATIC))),
+    ("LinearProblem", MEANS, lambda v: costs(ins.LinearProblem(v, ins.simplex(3) & ins.max_weights(ASSETS, CAPS)))),
+    ("FiniteProblem", MEANS, lambda v: costs(ins.FiniteProblem(v))),
+    ("KellyProblem gross", GROSS, lambda v: costs(ins.KellyProblem(v, TABLE))),
+    ("KellyProblem probabilities", TABLE, lambda v: costs(ins.KellyProblem(GROSS, v))),
+    (
+        "PiecewiseLinearProblem",
+        {"calm": MEANS, "crisis": MEANS * 2},
+        lambda v: costs(ins.PiecewiseLinearProblem(v, {"calm": INITIAL, "crisis": INITIAL}, ins.simplex(3))),
+    ),
+    ("Polyhedron A_ub", ROWS, lambda v: region_of(ins.Polyhedron(v, SIDES, ONE, [1.0]))),
+    ("Polyhedron b_ub", SIDES, lambda v: region_of(ins.Polyhedron(ROWS, v, ONE, [1.0]))),
+    ("Polyhedron A_eq", ONE * [1.0, 2.0, 3.0], lambda v: region_of(ins.Polyhedron(ROWS, SIDES, v, [1.0]))),
+    ("Polyhedron slacks", WEIGHTS, NAMED.constraints.slacks),
+    ("Polyhedron violation", HOLDINGS, lambda v: np.sort(NAMED.constraints.violation(v))),
+    ("Polyhedron is_admissible", WEIGHTS, NAMED.constraints.is_admissible),
+    ("Polyhedron bare", WEIGHTS, ins.simplex(3).slacks),
+    ("Polyhedron &", dict(CAPS), lambda v: region_of(ins.max_weights(list(v), v) & ins.max_weights(ASSETS, 0.3))),
+    ("box lower", CAPS - 0.5, lambda v: region_of(ins.box(v, CAPS))),
+    ("box upper", CAPS, lambda v: region_of(ins.box(CAPS - 0.5, v))),
+    (
+        "group_caps caps",
+        {"energy": 0.4, "all": 0.9},
+        lambda v: np.sort(region_of(ins.group_caps(ASSETS, {"energy": ASSETS[1:], "all": ASSETS}, v))),
+    ),
+    ("turnover", WEIGHTS, lambda v: region_of(ins.turnover(v, 0.1))),
+    ("turnover assets", dict(WEIGHTS), lambda v: region_of(ins.turnover(v, 0.1, assets=ASSETS))),
+    ("with_transaction_costs former", WEIGHTS, lambda v: costs(ins.with_transaction_costs(NAMED, v, linear=0.01))),
+    ("with_transaction_costs linear", CAPS, lambda v: costs(ins.with_transaction_costs(NAMED, WEIGHTS, linear=v))),
+    (
+        "with_transaction_costs quadratic",
+        CAPS,
+        lambda v: costs(ins.with_transaction_costs(NAMED, WEIGHTS, quadratic=v)),
+    ),
+    ("TradingProblem", WEIGHTS, lambda v: costs(ins.TradingProblem(NAMED, v, CAPS))),
+    ("revealed_preferences prices", FLOWS, lambda v: bought(v, HOLDINGS).utility(WEIGHTS)),
+    ("revealed_preferences choices", HOLDINGS, lambda v: bought(FLOWS, v).utility(WEIGHTS)),
+    ("RevealedPreferences utility", WEIGHTS, bought(FLOWS, HOLDINGS).utility),
+    (
+        "preference_problem",
+        FLOWS,
+        lambda v: ins.preference_problem(
+            [bought(each, HOLDINGS) for each in (FLOWS, v)], NAMED.constraints
+        ).state_costs(WEIGHTS),
+    ),
+    (
+        "dispatch_problem",
+        pd.DataFrame([[5.0, 4.0], [25.0, 9.0]], STATES, ["west", "east"]),
+        lambda v: ins.dispatch_problem(ins.PowerNetwork(*NETWORK), [0, 1], v).linear,
+    ),
+    ("PowerNetwork", pd.Series([0.0, 50.0], ["north", "south"]), lambda v: ins.PowerNetwork(v, *NETWORK[1:]).loads),
+    (
+        "ConvexProblem",
+        WEIGHTS,
+        lambda v: ins.ConvexProblem.from_functions(
+            NAMED.state_costs, NAMED.cost_gradients, NAMED.constraints, start=v
+        ).optimal_cost([0.3, 0.7]),
+    ),
+    ("DecisionProblem solve", BELIEF, NAMED.solve),
+    ("DecisionProblem solve many", BELIEFS, lambda v: np.sort(NAMED.solve(v), axis=0)),
+    ("DecisionProblem solve bare", BELIEF, BARE.solve),
+    ("DecisionProblem state_costs", WEIGHTS, NAMED.state_costs),
+    ("DecisionProblem state_costs bare", WEIGHTS, BARE.state_costs),
+    ("DecisionProblem cost_gradients", WEIGHTS, NAMED.cost_gradients),
+    ("DecisionProblem expected_cost", BELIEFS, lambda v: np.sort(NAMED.expected_cost(v, HOLDINGS))),
+    ("DecisionProblem regret", HOLDINGS, lambda v: np.sort(NAMED.regret(BELIEFS, v))),
+    ("DecisionProblem regret dict", dict(WEIGHTS), lambda v: NAMED.regret(BELIEF, v)),
+    ("DecisionProblem optimal_cost", BELIEF, NAMED.optimal_cost),
+    ("BeliefSet contains", BELIEF, SET.contains),
+    ("BeliefSet distance", BELIEF, SET.distance),
+    ("BeliefSet nearest", BELIEF, SET.nearest),
+    ("BeliefSet violation", BELIEF, SET.violation),
+    ("consistent_beliefs", WEIGHTS, lambda v: ins.consistent_beliefs(NAMED, v).residual),
+    ("consistent_beliefs bare", WEIGHTS, lambda v: ins.consistent_beliefs(BARE, v).residual),
+    ("near_optimal_beliefs", WEIGHTS, lambda v: ins.near_optimal_beliefs(NAMED, v, 0.1).bounds()),
+    ("NearOptimalBeliefs", BELIEF, ins.near_optimal_beliefs(NAMED, WEIGHTS, 0.1).distance),
+    ("plausibility_gap", WEIGHTS, lambda v: ins.plausibility_gap(NAMED, v)),
+    ("explain_action", WEIGHTS, lambda v: ins.explain_action(NAMED, v).belief),
+    ("NaiveAdversary", HOLDINGS, lambda v: np.sort(ins.NaiveAdversary(NAMED).estimates(v, nearest=True), axis=0)),
+    ("NearOptimalAdversary", WEIGHTS, ins.NearOptimalAdversary(NAMED, 0.1).estimate),
+    (
+        "BudgetAwareAdversary",
+        WEIGHTS,
+        lambda v: ins.BudgetAwareAdversary(NAMED, ins.Budget.regret(0.1)).infer(v).bounds(),
+    ),
+    ("AffordableBeliefs", BELIEF, ins.BudgetAwareAdversary(NAMED, ins.Budget.regret(0.1)).infer(WEIGHTS).distance),
+    ("BayesianAdversary", WEIGHTS, lambda v: ins.BayesianAdversary(PLAYED, PRIOR).estimate(v, nearest=True)),
+    ("SequentialAdversary", HOLDINGS, lambda v: ins.SequentialAdversary(WALK, PLAYED).filter(v, nearest=True).mean),
+    (
+        "SequentialAdversary states",
+        pd.Series([0, 1, 0], MONTHS),
+        lambda v: (
+            ins.SequentialAdversary(WALK, PLAYED)
+            .filter(pd.DataFrame(HOLDINGS.to_numpy(), MONTHS), states=v, nearest=True)
+            .mean
+        ),
+    ),
+    (
+        "CostLearningAdversary means",
+        MEANS,
+        lambda v: round(
+            ins.CostLearningAdversary.risk_aversion(v, SPREAD, (1.5, 2.5))
+            .learn(pd.DataFrame(SIMPLE.solve(BELIEFS), columns=ASSETS))
+            .parameter,
+            6,
+        ),
+    ),
+    ("Prior beliefs", BELIEFS, lambda v: ins.Prior(v, pd.Series([0.2, 0.3, 0.5], MONTHS)).mean),
+    ("Prior weights", pd.Series([0.2, 0.3, 0.5], MONTHS), lambda v: ins.Prior(BELIEFS.to_numpy(), v).mean[:1] * 0),
+    ("Mechanism", BELIEFS, lambda v: ins.Mechanism(v, [[1.0]], np.ones((3, 1)), np.zeros((3, 1))).beliefs),
+    ("mechanism", BELIEFS, lambda v: np.sort(ins.mechanism(ins.OriginalDecisionMaker(NAMED), v).beliefs, axis=0)),
+    ("HiddenMarkovModel transition", STEADY, lambda v: law(ins.HiddenMarkovModel(v, SENSOR, INITIAL))),
+    ("HiddenMarkovModel initial", INITIAL, lambda v: law(ins.HiddenMarkovModel(STEADY, SENSOR, v))),
+    ("GaussianEmission means", MEANS, lambda v: chances(ins.GaussianEmission(v, SPREAD))),
+    ("GaussianEmission covariances", SPREAD, lambda v: chances(ins.GaussianEmission(MEANS, v))),
+    ("GaussianEmission log_likelihoods", RETURNS, lambda v: np.sort(SENSOR.log_likelihoods(v), axis=0)),
+    ("CategoricalEmission", TABLE, lambda v: ins.CategoricalEmission(v).log_likelihoods([0, 1])),
+    ("filter_beliefs", RETURNS.iloc[:1], lambda v: ins.filter_beliefs(WORLD, v).beliefs.to_numpy()),
+    ("BeliefFilter", RETURNS.iloc[0], lambda v: ins.BeliefFilter(WORLD).update(v)),
+    ("fit_gaussian_hmm", pd.concat([RETURNS, RETURNS**2], ignore_index=True), lambda v: np.round(fitted(v), 12)),
+    ("DesiredObfuscation", BELIEF, lambda v: ins.DesiredObfuscation(v)(BELIEF, SET)),
+    ("DesiredObfuscation callable", BELIEF, lambda v: ins.DesiredObfuscation(lambda _: v)(BELIEF, SET)),
+    ("MaximalObfuscation", BELIEF, lambda v: ins.MaximalObfuscation()(v, SET)),
+    ("NonExistence", BELIEF, lambda v: ins.NonExistence()(v, SET)),
+    ("NonUniqueness", BELIEF, lambda v: ins.NonUniqueness()(v, SET)),
+    ("privacy_frontier", BELIEF, lambda v: ins.privacy_frontier(NAMED, v, candidates=CANDIDATES).optimal_cost),
+    ("cheapest_privacy", BELIEF, lambda v: ins.cheapest_privacy(NAMED, v, privacy=0.1, candidates=CANDIDATES).regret),
+    ("CoinDecisionMaker decoy", BELIEF, lambda v: ins.CoinDecisionMaker(NAMED, 0.3, v).decoy),
+    (
+        "DelayedDecisionMaker start",
+        WEIGHTS,
+        lambda v: ins.DelayedDecisionMaker(NAMED, 1, start=v).decide(BELIEF).action,
+    ),
+    (
+        "Candidates",
+        HOLDINGS,
+        lambda v: ins.CounterAdversarialDecisionMaker(NAMED, budget=0.9, candidates=v).decide(BELIEF).regret,
+    ),
+    (
+        "calibrate",
+        BELIEFS,
+        lambda v: round(ins.calibrate(lambda p: ins.CoinDecisionMaker(NAMED, p), 1e-3, v, 1e-3, 1.0).parameter, 6),
+    ),
+    (
+        "rate_distortion_curve",
+        HOLDINGS,
+        lambda v: np.round(ins.rate_distortion_curve(SIMPLE, PRIOR, [0.5], candidates=v).information, 6),
+    ),
+    ("attack_weights", HOLDINGS, lambda v: np.sort(ins.attack_weights(MODEL, v).estimates, axis=0)),
+    (
+        "protect",
+        BELIEFS,
+        lambda v: np.sort(ins.protect(MODEL, v, 0.1, rng=np.random.default_rng(0)).deterministic.privacy),
+    ),
+    (
+        "protect dict",
+        dict(BELIEF),
+        lambda v: ins.protect(MODEL, v, 0.1, rng=np.random.default_rng(0)).deterministic.privacy,
+    ),
+    *((name + " belief", BELIEF, decided(make)) for name, make in MAKERS.items()),
+]
+
+NO_ARRAYS = """
+    ActionExplanation Adversary AffordableBeliefs Budget Calibration CalibrationStatus CheapestPrivacy CostStatus
+    Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
+    GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
+    LinearProgramme LocalSearch MixedDecision MixedDecisions ModelError PathLeakage Posterior PosteriorStatus
+    PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus SolverError Study Trajectory
+    UnionBeliefs action_grid check_adversary check_decision_maker check_decision_problem check_emission
+    check_privacy_measure compare decoy_grid detectability leakage load_ieee_30_bus long_short path_leakage
+    random_candidates reachable_beliefs repeated_leakage reproduce resume_study run_study
+    simplex simplex_grid stationary_prior uniform_prior
+""".split()  # noqa: SIM905
+"""Public names that take no tables: objects of the library, numbers, names; results are made by the library."""
+
+ELSEWHERE = ["run_backtest"]
+"""Names whose tables have tests of their own: of dates and assets in `test_backtest`."""
+
+
+def same(first: Any, second: Any) -> bool:
+    if isinstance(first, tuple):
+        return all(same(*pair) for pair in zip(first, second, strict=True))
+    return np.allclose(
+        np.asarray(first, dtype=float), np.asarray(second, dtype=float), rtol=1e-9, atol=1e-12, equal_nan=True
+    )
+
+
+@pytest.mark.parametrize(("name", "value", "ask"), ENTRIES, ids=[name for name, _, _ in ENTRIES])
+def test_another_order_of_labels_gives_the_same_or_is_refused(name: str, value: Any, ask: Callable[[Any], Any]) -> None:
+    try:
+        expected = ask(value)
+    except InputError:
+        expected = None
+    for other in shuffles(value):
+        if expected is None:
+            with pytest.raises(InputError):
+                ask(other)
+            continue
+        try:
+            found = ask(other)
+        except InputError:
+            continue
+        assert same(found, expected), f"{name}: other results for\n{other}"
+
+
+def test_every_public_name_that_takes_tables_is_in_the_table() -> None:
+    listed = {name.split()[0] for name, _, _ in ENTRIES} | set(NO_ARRAYS) | set(ELSEWHERE)
+    missing = sorted(set(ins.__all__) - listed)
+    assert not missing, f"enter them in ENTRIES, or in NO_ARRAYS where they take no tables: {missing}"
+    for name in filter(lambda name: inspect.isfunction(getattr(ins, name)), NO_ARRAYS):
+        signature = str(inspect.signature(getattr(ins, name)))
+        assert not re.search("ArrayLike|DataFrame", signature), f"{name} takes tables: enter it in ENTRIES"

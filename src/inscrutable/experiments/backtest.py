@@ -131,7 +131,8 @@ def fitted_investor(
     fit = fit_gaussian_hmm(market.training, settings.regimes, rng=rng, n_restarts=n_restarts)
     world = _named(fit)
     emission = _gaussian(world)
-    problem = MarkowitzProblem(emission.means, emission.covariances, settings.risk_aversion)
+    means = pd.DataFrame(emission.means, index=list(world.names), columns=list(market.training.columns))
+    problem = MarkowitzProblem(means, emission.covariances, settings.risk_aversion)
     return FittedInvestor(fit, world, problem)
 
 

@@ -73,7 +73,7 @@ class InvestorModel:
         object.__setattr__(self, "regimes", _labels(self.regimes, "regimes", self.problem.n_states))
         if self.world.n_states != self.problem.n_states:
             raise InputError(f"the world has {self.world.n_states} regimes, the problem {self.problem.n_states}")
-        _check_names(self.world, self.assets, self.regimes)
+        _check_names(self.world, self.problem, self.assets, self.regimes)
         if not isinstance(self.budget, Budget):
             raise InputError(f"budget must be a Budget such as Budget.relative(0.1), got {self.budget!r}")
 
@@ -162,12 +162,20 @@ def _labels(given: Any, what: str, count: int) -> tuple[str, ...]:
     return labels
 
 
-def _check_names(world: HiddenMarkovModel, assets: tuple[str, ...], regimes: tuple[str, ...]) -> None:
+def _check_names(
+    world: HiddenMarkovModel, problem: MarkowitzProblem, assets: tuple[str, ...], regimes: tuple[str, ...]
+) -> None:
     unnamed = world.names == default_names(world.n_states) and not set(world.names) & set(regimes)
     if world.names != regimes and not unnamed:
         raise InputError(
             f"the world's states are {list(world.names)}, the regimes {list(regimes)}; expected the same order"
         )
+    known = (("asset", problem.asset_names, assets), ("state", problem.state_names, regimes))
+    for what, found, given in known:
+        if found is not None and tuple(map(str, found)) != given:
+            raise InputError(
+                f"the problem has the {what} labels {list(found)}, the model {list(given)}; expected the same order"
+            )
     labels = world.emission.asset_names if isinstance(world.emission, GaussianEmission) else None
     if labels is not None and set(labels) != set(assets):
         raise InputError(f"the world's sensor has the assets {list(labels)}, the model {list(assets)}")

@@ -297,7 +297,7 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
     (
         "rate_distortion_curve",
         HOLDINGS,
-        lambda v: np.round(ins.rate_distortion_curve(SIMPLE, PRIOR, [0.5], candidates=v).information, 6),
+        lambda v: np.round(ins.rate_distortion_curve(SIMPLE, PRIOR, [0.05], candidates=v).rates, 6),
     ),
     ("attack_weights", HOLDINGS, lambda v: np.sort(ins.attack_weights(MODEL, v).estimates, axis=0)),
     (

@@ -21,19 +21,19 @@ from inscrutable import (
     PartialDecisionMaker,
     Prior,
     filter_beliefs,
+    filtered_prior,
     leakage,
     mechanism,
-    stationary_prior,
+    predicted_prior,
     uniform_prior,
 )
 from inscrutable.experiments import comparison_paths
-from inscrutable.experiments.backtest_aware import predicted_chain, predicted_prior
 from inscrutable.experiments.comparison import ComparisonSettings, compare
 from inscrutable.experiments.comparison_makers import MAKERS, Setting
 from inscrutable.experiments.comparison_markets import market_of
 from inscrutable.experiments.comparison_paths import PATH_MAKERS, delayed, partly
 from inscrutable.experiments.random_markets import random_market
-from inscrutable.mechanisms.chains import BeliefChain, resting_chain, stationary_chain
+from inscrutable.mechanisms.chains import BeliefChain, filtered_chain, predicted_chain, resting_chain
 from inscrutable.reports.comparison import short_table
 from oracles.chain_paths import every_path
 
@@ -98,8 +98,8 @@ def test_a_points_own_past_when_nothing_moves_or_nothing_weighs() -> None:
 
 
 def test_the_chain_of_a_world_counts_its_path() -> None:
-    chain = stationary_chain(WORLD, 6, rng=np.random.default_rng(5), n_steps=2000)
-    prior = stationary_prior(WORLD, 6, rng=np.random.default_rng(5), n_steps=2000)
+    chain = filtered_chain(WORLD, 6, rng=np.random.default_rng(5), n_steps=2000)
+    prior = filtered_prior(WORLD, 6, rng=np.random.default_rng(5), n_steps=2000)
     np.testing.assert_array_equal(chain.prior.beliefs, prior.beliefs)
     np.testing.assert_array_equal(chain.prior.weights, prior.weights)
     observations = WORLD.sample(2000, rng=np.random.default_rng(5)).observations

@@ -26,7 +26,10 @@ from inscrutable import (
     ProbabilisticDecisionMaker,
     box,
     decoy_grid,
+    filter_beliefs,
+    filtered_prior,
     mechanism,
+    predicted_prior,
     simplex_grid,
     stationary_prior,
     uniform_prior,
@@ -295,7 +298,7 @@ def test_the_stationary_prior_is_the_enumerated_one():
     table = [[0.75, 0.25], [0.4, 0.6]]
     world = HiddenMarkovModel([[0.8, 0.2], [0.4, 0.6]], CategoricalEmission(table))
     expected = enumerated_law(world, table, 8, 12)
-    prior = stationary_prior(world, 8, rng=np.random.default_rng(0), n_steps=60_000)
+    prior = filtered_prior(world, 8, rng=np.random.default_rng(0), n_steps=60_000)
     found = dict(zip(prior.beliefs[:, 0].tolist(), prior.weights.tolist(), strict=True))
     places = sorted({*expected, *found})
     assert sum(expected.values()) == pytest.approx(1)
@@ -307,28 +310,28 @@ def test_the_stationary_prior_is_the_enumerated_one():
 
 def test_the_stationary_prior_of_worlds_that_say_all_or_nothing():
     telling = HiddenMarkovModel([[0.5, 0.5], [0.25, 0.75]], CategoricalEmission(np.eye(2)))
-    prior = stationary_prior(telling, 10, rng=np.random.default_rng(0), n_steps=20_000)
+    prior = filtered_prior(telling, 10, rng=np.random.default_rng(0), n_steps=20_000)
     assert prior.beliefs.tolist() == [[0.0, 1.0], [1.0, 0.0]]
     assert prior.weights == pytest.approx([2 / 3, 1 / 3], abs=0.02)
     silent = HiddenMarkovModel([[0.5, 0.5], [0.25, 0.75]], CategoricalEmission(np.full((2, 2), 0.5)))
-    prior = stationary_prior(silent, 3, rng=np.random.default_rng(0), n_steps=100)
+    prior = filtered_prior(silent, 3, rng=np.random.default_rng(0), n_steps=100)
     assert prior.beliefs == pytest.approx(np.array([[1 / 3, 2 / 3]]))
     assert prior.weights.tolist() == [1.0]
 
 
 def test_the_stationary_prior_is_repeatable_and_checks_its_input():
     world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission([[1.0], [-1.0]], [[[1.0]], [[2.0]]]))
-    one, other = (stationary_prior(world, 20, rng=np.random.default_rng(7), n_steps=500) for _ in range(2))
+    one, other = (filtered_prior(world, 20, rng=np.random.default_rng(7), n_steps=500) for _ in range(2))
     assert np.array_equal(one.beliefs, other.beliefs)
     assert np.array_equal(one.weights, other.weights)
-    assert len(stationary_prior(world, 20, rng=np.random.default_rng(7), n_steps=1)) == 1
+    assert len(filtered_prior(world, 20, rng=np.random.default_rng(7), n_steps=1)) == 1
     for resolution, n_steps, message in ((0, 10, "resolution"), (2.5, 10, "resolution"), (10, 0, "n_steps")):
         with pytest.raises(InputError, match=message):
-            stationary_prior(world, resolution, rng=np.random.default_rng(0), n_steps=n_steps)
+            filtered_prior(world, resolution, rng=np.random.default_rng(0), n_steps=n_steps)
     with pytest.raises(InputError, match="rng must be"):
-        stationary_prior(world, 10, rng=0)
+        filtered_prior(world, 10, rng=0)
     with pytest.raises(InputError, match="world must be a HiddenMarkovModel"):
-        stationary_prior(world.transition, 10, rng=np.random.default_rng(0))
+        filtered_prior(world.transition, 10, rng=np.random.default_rng(0))
     with pytest.raises(InputError, match="n_states must be"):
         uniform_prior(0, 10)
 
@@ -344,3 +347,19 @@ def test_rounding_to_the_grid_finds_the_nearest_point(seed, n_states, resolution
     assert (found >= 0).all()
     nearest = np.linalg.norm(beliefs[:, None] - grid[None], axis=2).min(axis=1)
     assert np.linalg.norm(beliefs - found, axis=1) == pytest.approx(nearest, abs=1e-12)
+
+
+def test_each_prior_is_the_law_of_its_own_belief(fresh_rng):
+    world = HiddenMarkovModel(
+        [[0.7, 0.2, 0.1], [0.2, 0.6, 0.2], [0.1, 0.3, 0.6]],
+        CategoricalEmission([[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]]),
+    )
+    path = filter_beliefs(world, world.sample(20_000, rng=fresh_rng).observations)
+    makers = ((filtered_prior, path.beliefs), (predicted_prior, path.predicted))
+    for make, beliefs in makers:
+        prior = make(world, 60, rng=fresh_rng, n_steps=20_000)
+        spread = np.sqrt(((beliefs - beliefs.mean(axis=0)) ** 2).sum(axis=1).mean())
+        assert prior.error == pytest.approx(spread, abs=0.02), make.__name__
+        assert prior.mean == pytest.approx(beliefs.mean(axis=0), abs=0.02)
+    assert predicted_prior(world, 60, rng=fresh_rng).error < 0.75 * filtered_prior(world, 60, rng=fresh_rng).error
+    assert stationary_prior is filtered_prior

@@ -22,7 +22,7 @@ from inscrutable import (
     repeated_leakage,
     simplex_grid,
 )
-from inscrutable.mechanisms.chains import BeliefChain, resting_chain, stationary_chain
+from inscrutable.mechanisms.chains import BeliefChain, filtered_chain, resting_chain
 
 WORLD = HiddenMarkovModel([[0.9, 0.1], [0.25, 0.75]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
 N_STEPS = 3
@@ -180,7 +180,7 @@ def test_a_coarse_grid_states_its_error_and_a_chain_takes_any_sensor() -> None:
     assert "interpolation error" in coarse.summary()
     assert np.isfinite(coarse.cumulative).all()
     real = HiddenMarkovModel(WORLD.transition, GaussianEmission([[0.0], [1.0]], [[[1.0]], [[1.0]]]))
-    chain = stationary_chain(real, 8, rng=np.random.default_rng(0), n_steps=3000)
+    chain = filtered_chain(real, 8, rng=np.random.default_rng(0), n_steps=3000)
     found = path_leakage(chain, some_mechanism(chain.prior.beliefs), 4, rng=np.random.default_rng(0), n_draws=20)
     assert (found.bayes_error <= found.prior_error + 4.5 * found.error_se).all()
     assert len(found) == 4

@@ -89,7 +89,9 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.geometry import simplex_grid as simplex_grid
     from inscrutable.mechanisms import Mechanism as Mechanism
     from inscrutable.mechanisms import Prior as Prior
+    from inscrutable.mechanisms import filtered_prior as filtered_prior
     from inscrutable.mechanisms import mechanism as mechanism
+    from inscrutable.mechanisms import predicted_prior as predicted_prior
     from inscrutable.mechanisms import reachable_beliefs as reachable_beliefs
     from inscrutable.mechanisms import stationary_prior as stationary_prior
     from inscrutable.mechanisms import uniform_prior as uniform_prior

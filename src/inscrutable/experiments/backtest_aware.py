@@ -10,8 +10,7 @@ import numpy as np
 from inscrutable.adversaries import BayesianAdversary
 from inscrutable.experiments.episodes import Episode
 from inscrutable.geometry.grids import grid_size
-from inscrutable.mechanisms import Prior, mechanism
-from inscrutable.mechanisms.chains import BeliefChain, stationary_chain
+from inscrutable.mechanisms import Prior, mechanism, predicted_prior
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.privacy import DesiredObfuscation, Leakage, PrivacyMeasure, leakage
 from inscrutable.validation import Array
@@ -41,37 +40,6 @@ class AwareReading:
     prior: Prior
     estimates: Mapping[str, Array]
     leakages: Mapping[str, Leakage]
-
-
-def predicted_prior(world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator) -> Prior:
-    """Return the long-run law of the belief about the next state given all observations so far.
-
-    Formula: weights of the filtered belief π on a grid, each point moved to P'π: `stationary_prior` one step ahead.
-
-    Args:
-        world: The hidden Markov model.
-        resolution: Of the grid of filtered beliefs: multiples of 1/resolution.
-        rng: The source of the simulated path.
-
-    Raises:
-        InputError: As `stationary_prior`.
-
-    Example:
-        >>> from inscrutable import CategoricalEmission
-        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
-        >>> print(predicted_prior(world, 10, rng=np.random.default_rng(0)).beliefs[:, 0].min().round(3))
-        0.1
-    """
-    return predicted_chain(world, resolution, rng=rng).prior
-
-
-def predicted_chain(world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator) -> BeliefChain:
-    """Return how the belief about the next state moves from step to step: `stationary_chain` one step ahead.
-
-    Arguments and errors as `predicted_prior`, which is the chain's prior.
-    """
-    filtered = stationary_chain(world, resolution, rng=rng)
-    return BeliefChain(Prior(filtered.prior.beliefs @ world.transition, filtered.prior.weights), filtered.transition)
 
 
 def resolution_for(n_states: int) -> int:

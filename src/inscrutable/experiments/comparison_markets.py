@@ -11,13 +11,12 @@ from inscrutable import validation
 from inscrutable.datasets import load_industry_returns
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest import fitted_investor
-from inscrutable.experiments.backtest_aware import predicted_chain
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Prior, uniform_prior
-from inscrutable.mechanisms.chains import BeliefChain, resting_chain
+from inscrutable.mechanisms.chains import BeliefChain, predicted_chain, resting_chain
 from inscrutable.problems import MarkowitzProblem
 
 PAPER, RETURNS = "paper", "returns"

@@ -1,7 +1,16 @@
 """What a decision maker amounts to, as plain data: which decision it plays how often under which belief."""
 
 from inscrutable.mechanisms.played import Mechanism, mechanism
-from inscrutable.mechanisms.priors import Prior, stationary_prior, uniform_prior
+from inscrutable.mechanisms.priors import Prior, filtered_prior, predicted_prior, stationary_prior, uniform_prior
 from inscrutable.mechanisms.reachable import reachable_beliefs
 
-__all__ = ["Mechanism", "Prior", "mechanism", "reachable_beliefs", "stationary_prior", "uniform_prior"]
+__all__ = [
+    "Mechanism",
+    "Prior",
+    "filtered_prior",
+    "mechanism",
+    "predicted_prior",
+    "reachable_beliefs",
+    "stationary_prior",
+    "uniform_prior",
+]

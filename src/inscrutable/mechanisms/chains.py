@@ -14,7 +14,7 @@ from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import Mechanism
-from inscrutable.mechanisms.priors import Prior, grid_visits
+from inscrutable.mechanisms.priors import Prior, grid_visits, predicted
 from inscrutable.worlds import HiddenMarkovModel
 
 
@@ -140,13 +140,13 @@ def resting_chain(prior: Prior, stay: float) -> BeliefChain:
     return BeliefChain(prior, share * np.eye(count) + (1.0 - share) * np.tile(prior.weights, (count, 1)))
 
 
-def stationary_chain(
+def filtered_chain(
     world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
 ) -> BeliefChain:
     """Return how the filtered belief of a world moves, binned on the regular grid of beliefs.
 
     Formula: T_bb' = share of the steps with π_t nearest to π_b whose next belief is nearest to π_b'; the path is closed to a
-    ring, so that the prior, `stationary_prior` of the same arguments, is the chain's law to the last digit.
+    ring, so that the prior, `filtered_prior` of the same arguments, is the chain's law to the last digit.
 
     That the next bin depends on the present one alone is an approximation, which a finer grid improves.
 
@@ -164,7 +164,7 @@ def stationary_chain(
     Example:
         >>> from inscrutable import CategoricalEmission
         >>> world = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
-        >>> chain = stationary_chain(world, 10, rng=np.random.default_rng(0), n_steps=1000)
+        >>> chain = filtered_chain(world, 10, rng=np.random.default_rng(0), n_steps=1000)
         >>> chain.transition.shape == (len(chain.prior), len(chain.prior))
         True
     """
@@ -172,6 +172,21 @@ def stationary_chain(
     pairs = np.ones(len(places)), (places, np.roll(places, -1))
     counts = sparse.csr_array(sparse.coo_array(pairs, shape=(len(prior), len(prior))))
     return BeliefChain(prior, sparse.diags_array(1.0 / counts.sum(axis=1)) @ counts)
+
+
+stationary_chain = filtered_chain
+"""The former name of `filtered_chain`."""
+
+
+def predicted_chain(
+    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
+) -> BeliefChain:
+    """Return how the belief about the next state moves from step to step: `filtered_chain` one step ahead.
+
+    Arguments and errors as `filtered_chain`; the chain's prior is `predicted_prior`.
+    """
+    filtered = filtered_chain(world, resolution, rng=rng, n_steps=n_steps)
+    return BeliefChain(predicted(filtered.prior, world), filtered.transition)
 
 
 def _rows(transition: Any | ArrayLike, count: int) -> Any:

@@ -102,10 +102,12 @@ def uniform_prior(n_states: int, resolution: int) -> Prior:
     return Prior(points, np.full(len(points), 1.0 / len(points)))
 
 
-def stationary_prior(
+def filtered_prior(
     world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
 ) -> Prior:
-    """Return the long-run law of the filtered belief of a world, binned on the regular grid of beliefs.
+    """Return the long-run law of the filtered belief p(x_t | y_0..t), binned on the regular grid of beliefs.
+
+    Right where a decision pays by the state of its own time, as in the paper: the agent decides on what its filter says now.
 
     Formula: w_b = share of the steps t whose filtered belief π_t has π_b as the nearest point of the grid; grid points
     never met are left out.
@@ -126,17 +128,59 @@ def stationary_prior(
     Example:
         >>> from inscrutable import CategoricalEmission, HiddenMarkovModel
         >>> world = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
-        >>> prior = stationary_prior(world, 10, rng=np.random.default_rng(0), n_steps=1000)
+        >>> prior = filtered_prior(world, 10, rng=np.random.default_rng(0), n_steps=1000)
         >>> prior.beliefs.shape[1]
         2
     """
     return grid_visits(world, resolution, rng=rng, n_steps=n_steps)[0]
 
 
+stationary_prior = filtered_prior
+"""The former name of `filtered_prior`."""
+
+
+def predicted_prior(
+    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
+) -> Prior:
+    """Return the long-run law of the belief about the next state, p(x_{t+1} | y_0..t), on the points of a moved grid.
+
+    Right where a decision pays by the state after it, as holdings do that earn the next row's return: the investor of
+    `run_backtest`, `attack_weights`, `protect` and `compare` decides on this belief. It is nearer to the mean than the
+    filtered one, so that an observer who takes the one for the other misjudges what decisions tell.
+
+    Formula: weights of `filtered_prior`, each of its points π moved to P'π.
+
+    Args:
+        world: The hidden Markov model whose observations the agent filters.
+        resolution: r, at least 1: filtered beliefs are multiples of 1/r.
+        rng: The source of the simulated path.
+        n_steps: Length of the simulated path, at least 1; the first tenth is left out.
+
+    Raises:
+        InputError: As `filtered_prior`.
+
+    Cost: one simulated and filtered path.
+
+    Source: the prediction step of the filter, the paper's eq. (2).
+
+    Example:
+        >>> from inscrutable import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.1, 0.9]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
+        >>> print(predicted_prior(world, 10, rng=np.random.default_rng(0)).beliefs[:, 0].min().round(3))
+        0.1
+    """
+    return predicted(filtered_prior(world, resolution, rng=rng, n_steps=n_steps), world)
+
+
+def predicted(prior: Prior, world: HiddenMarkovModel) -> Prior:
+    """Return the law of the belief one step ahead of one with the law `prior`."""
+    return Prior(prior.beliefs @ world.transition, prior.weights)
+
+
 def grid_visits(
     world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int
 ) -> tuple[Prior, np.ndarray]:
-    """Return `stationary_prior` and its point nearest to the simulated belief at each step after the first tenth."""
+    """Return `filtered_prior` and its point nearest to the simulated belief at each step after the first tenth."""
     if not isinstance(world, HiddenMarkovModel):
         raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
     count = validation.count(n_steps, "n_steps")

@@ -127,7 +127,7 @@ def path_leakage(
 
     Args:
         world: The world whose observations the agent filters, with a `CategoricalEmission`; or a `BeliefChain` on the
-            mechanism's beliefs, such as `stationary_chain` makes of any world.
+            mechanism's beliefs, such as `filtered_chain` makes of any world.
         mechanism: K(u|π), drawn afresh at every step. In a world exact on all `reachable_beliefs`, on other beliefs with the
             error stated: the agent then decides as at the nearest of them.
         n_steps: T, at least 1.
@@ -219,7 +219,7 @@ def _in_world(
     """Paths of a world, whose observer filters on the mechanism's beliefs."""
     if not isinstance(world, HiddenMarkovModel) or not isinstance(world.emission, CategoricalEmission):
         raise InputError(
-            f"a world with a CategoricalEmission is needed, or a BeliefChain such as stationary_chain makes, got {world!r}"
+            f"a world with a CategoricalEmission is needed, or a BeliefChain such as filtered_chain makes, got {world!r}"
         )
     adversary = SequentialAdversary(world, mechanism)
     held = [filter_beliefs(world, world.sample(n_steps, rng=rng).observations).beliefs for _ in range(n_draws)]

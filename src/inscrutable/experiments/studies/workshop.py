@@ -23,7 +23,7 @@ from inscrutable.experiments.studies.makers import StudySetting, play
 from inscrutable.experiments.studies.markets import Regimes, drawn_world, given_world, problem_of, regimes_of
 from inscrutable.experiments.studies.seeds import seed_numbers
 from inscrutable.filtering import filter_beliefs
-from inscrutable.mechanisms import Prior, stationary_prior, uniform_prior
+from inscrutable.mechanisms import Prior, filtered_prior, uniform_prior
 from inscrutable.problems import DecisionProblem
 from inscrutable.worlds import HiddenMarkovModel
 
@@ -172,7 +172,7 @@ class Workshop(Shop):
         assert regimes.world is not None
         rng = self.grid.stream("beliefs", places, ("world", "problem", "beliefs", "repeat"))
         if section["kind"] == "stationary":
-            return stationary_prior(regimes.world, section["resolution"], rng=rng)
+            return filtered_prior(regimes.world, section["resolution"], rng=rng)
         path = regimes.world.sample(WARM_UP + section["steps"], rng=rng)
         held = np.asarray(filter_beliefs(regimes.world, path.observations).beliefs)[WARM_UP:]
         points, met = np.unique(held, axis=0, return_counts=True)

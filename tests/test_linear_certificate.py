@@ -24,6 +24,7 @@ from inscrutable import (
     simplex,
     simplex_grid,
 )
+from inscrutable.problems import LinearForm
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.testing import check_decision_problem
 from oracles import tied
@@ -233,9 +234,8 @@ class Shares(DecisionProblem):
     def n_states(self):
         return len(self.costs)
 
-    @property
-    def linear_costs(self):
-        return self.costs if self.told else None
+    def linear_form(self):
+        return LinearForm(self.costs, self.constraints) if self.told else None
 
     def solve(self, beliefs):
         return np.eye(self.costs.shape[1])[(np.asarray(beliefs) @ self.costs).argmin(axis=-1)]
@@ -287,7 +287,7 @@ def test_costs_that_are_said_to_be_linear_and_are_not_are_found_out():
 
     costs = np.random.default_rng(1).uniform(size=(3, 4))
     check_decision_problem(Shares(costs, True))
-    with pytest.raises(AssertionError, match="linear_costs are the gradients"):
+    with pytest.raises(AssertionError, match="linear_form has the slopes"):
         check_decision_problem(Bent(costs, True))
 
 

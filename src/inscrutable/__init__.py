@@ -113,14 +113,18 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.problems import DecisionProblem as DecisionProblem
     from inscrutable.problems import FiniteProblem as FiniteProblem
     from inscrutable.problems import KellyProblem as KellyProblem
+    from inscrutable.problems import Lift as Lift
+    from inscrutable.problems import LinearForm as LinearForm
     from inscrutable.problems import LinearProblem as LinearProblem
     from inscrutable.problems import MarkowitzProblem as MarkowitzProblem
     from inscrutable.problems import PiecewiseLinearProblem as PiecewiseLinearProblem
     from inscrutable.problems import Polyhedron as Polyhedron
     from inscrutable.problems import PowerNetwork as PowerNetwork
+    from inscrutable.problems import QuadraticForm as QuadraticForm
     from inscrutable.problems import QuadraticProblem as QuadraticProblem
     from inscrutable.problems import RevealedPreferences as RevealedPreferences
     from inscrutable.problems import RowConflict as RowConflict
+    from inscrutable.problems import SmoothForm as SmoothForm
     from inscrutable.problems import TradingProblem as TradingProblem
     from inscrutable.problems import box as box
     from inscrutable.problems import dispatch_problem as dispatch_problem

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.adversaries.inverse import belief_set_of, scaled_gradients
+from inscrutable.adversaries.inverse import belief_set_of, scaled_gradients, smooth_form_of
 from inscrutable.geometry import BeliefSet
 from inscrutable.geometry.equal_rows import distinct_patterns, first_equal
 from inscrutable.geometry.hulls import described_sets, members_of_sets
@@ -115,23 +115,26 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     first asked for. Cost: one small singular value decomposition a decision, in bulk, and for a larger set without a
     known member a projection.
     """
-    if len(actions) and type(problem).explaining_rows is not DecisionProblem.explaining_rows:
+    if not len(actions):
+        nothing = np.zeros((0, problem.n_states))
+        return ConsistentSets(problem, actions, np.zeros(0, dtype=int), nothing, nothing, np.zeros(0, dtype=int))
+    if type(problem).explaining_rows is not DecisionProblem.explaining_rows:
         by_rows = _by_rows(problem, actions, members)
         if by_rows is not None:
             return by_rows
-    form = problem.without_common_costs.smooth_form(actions)
-    region = form.region
+    form = smooth_form_of(problem)
+    region, points = form.constraints, form.variables(actions)
     count, n_states = actions.shape[0], problem.n_states
     dimension = np.full(count, -1)
     ends = np.zeros((count, 2, n_states))
-    tight = region.tight_rows(form.points)
+    tight = region.tight_rows(points)
     patterns, pattern_of = distinct_patterns(tight)
     distinct = first_equal(actions)
     pending: dict[int, BeliefSet] = {}
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
-        scaled = scaled_gradients(form.gradients(form.points[index]), region.A_eq).transpose(0, 2, 1)
+        scaled = scaled_gradients(form.gradients(points[index]), region.A_eq).transpose(0, 2, 1)
         inequalities = rows.inequalities @ scaled
         equalities = rows.equalities @ scaled
         dimension[index], ends[index] = described_sets(equalities, inequalities, tolerances.EXPLAINED)

@@ -10,8 +10,9 @@ from scipy.linalg import orth
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.plausibility import gap_compared
+from inscrutable.errors import ModelError
 from inscrutable.geometry import BeliefSet
-from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.problems import DecisionProblem, SmoothForm, checked_problem
 from inscrutable.validation import Array
 
 
@@ -53,9 +54,10 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
         equalities: Array = np.zeros((0, problem.n_states))
         inequalities = explaining
     else:
-        form = problem.without_common_costs.smooth_form(u[None])
-        rows = form.region.stationarity(form.region.tight_rows(form.points[0]))
-        scaled = scaled_gradients(form.gradients(form.points), form.region.A_eq)[0].T
+        form = smooth_form_of(problem)
+        point, region = form.variables(u), form.constraints
+        rows = region.stationarity(region.tight_rows(point))
+        scaled = scaled_gradients(form.gradients(point[None]), region.A_eq)[0].T
         equalities, inequalities = rows.equalities @ scaled, rows.inequalities @ scaled
     gap = partial(gap_compared, problem, u)
     return BeliefSet(equalities, inequalities, tolerance, gap, problem.state_names)
@@ -69,6 +71,16 @@ def scaled_gradients(gradients: Array, equalities: Array) -> Array:
     across = np.abs(gradients - gradients @ common @ common.T).max(axis=(1, 2), initial=0.0)
     scale = np.clip(tolerances.COMMON_COST * across, tolerances.LEAST_DIFFERENCE * scale, scale)
     return np.asarray(gradients / np.where(scale > 0, scale, 1.0)[:, None, None])
+
+
+def smooth_form_of(problem: DecisionProblem) -> SmoothForm:
+    """Return the smooth form of a problem whose decisions are not explained row by row, or raise `ModelError`."""
+    form = problem.without_common_costs.smooth_form()
+    if form is None:
+        raise ModelError(
+            f"{problem!r} has neither a smooth form nor explaining rows: nothing says what an observer infers"
+        )
+    return form
 
 
 def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:

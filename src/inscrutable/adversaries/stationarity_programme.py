@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from inscrutable import tolerances
+from inscrutable.adversaries.inverse import smooth_form_of
 from inscrutable.linear_programmes import OPTIMAL, LinearAnswer, Rows, minimise, minimum
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -33,8 +34,8 @@ class Conditions(NamedTuple):
 
 def conditions_of(problem: DecisionProblem, actions: Array, rounding: float) -> list[Conditions]:
     """Return the conditions of decisions (T,U) known to ±`rounding` in each coordinate."""
-    form = problem.smooth_form(actions)
-    region, points = form.region, form.points
+    form = smooth_form_of(problem)
+    region, points = form.constraints, form.variables(actions)
     gradients = form.gradients(points)
     errors = np.zeros_like(gradients)
     if rounding:

@@ -13,7 +13,7 @@ from inscrutable.errors import InputError
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import grid_size
 from inscrutable.geometry.low_discrepancy import simplex_cover
-from inscrutable.problems import DecisionProblem, FiniteProblem, LinearProblem, QuadraticProblem, checked_problem
+from inscrutable.problems import DecisionProblem, checked_problem, quadratic_problem
 from inscrutable.validation import Array
 
 DEFAULT_SIZE = 5000
@@ -55,12 +55,13 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
     n = checked_problem(problem).n_states
     regular = grid_size(n, resolution) <= MOST_DECOYS
     found = decided_by(problem, simplex_grid(n, resolution) if regular else simplex_cover(n, MOST_DECOYS))
-    if isinstance(problem, FiniteProblem):
-        missing = _explained(problem, np.eye(problem.n_choices)[~found.actions.any(axis=0)])
+    if problem.is_discrete:
+        missing = _explained(problem, np.eye(problem.n_actions)[~found.actions.any(axis=0)])
         found = found if missing is None else found.joined(missing)
     if not faces:
         return found
-    if not isinstance(problem, LinearProblem):
+    form = problem.linear_form()
+    if form is None or form.lift is not None:
         raise InputError("faces=True is for linear and finite problems, whose optimal decisions can be tied")
     return found.joined(tied_mixtures(problem, found))
 
@@ -68,14 +69,14 @@ def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False
 def default_decoys(problem: DecisionProblem) -> Candidates:
     """Return the candidates that are used where none are given: about 5,000 decoys, whatever the number of states:
     a regular grid, filled up to at most 6,250 above six states."""
-    if isinstance(problem, FiniteProblem):
-        every = _explained(problem, np.eye(problem.n_choices))
+    if checked_problem(problem).is_discrete:
+        every = _explained(problem, np.eye(problem.n_actions))
         assert every is not None, "some choice is the cheapest for every belief"
         return every
-    return decided_by(problem, simplex_cover(checked_problem(problem).n_states, DEFAULT_SIZE))
+    return decided_by(problem, simplex_cover(problem.n_states, DEFAULT_SIZE))
 
 
-def _explained(problem: FiniteProblem, choices: Array) -> Candidates | None:
+def _explained(problem: DecisionProblem, choices: Array) -> Candidates | None:
     """Those of the choices (n,K) that some belief explains, each with one that does."""
     sets = [belief_set_of(problem, choice) for choice in choices]
     known = np.array([not each.is_empty for each in sets], dtype=bool)
@@ -87,10 +88,10 @@ def _explained(problem: FiniteProblem, choices: Array) -> Candidates | None:
 
 def decided_by(problem: DecisionProblem, decoys: Array) -> Candidates:
     """Return the decisions that are optimal for the beliefs `decoys` (M,X), with these."""
-    actions = problem.solve(decoys)
-    if isinstance(problem, QuadraticProblem):
-        return known_candidates(problem, actions, decoys)
-    return make_candidates(problem, actions, decoys)
+    form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
+    if form is not None and quadratic is not None:
+        return known_candidates(problem, form.decisions(quadratic.solve(decoys)), decoys)
+    return make_candidates(problem, problem.solve(decoys), decoys)
 
 
 def near_decoys(problem: DecisionProblem, points: int = DEFAULT_SIZE) -> Candidates:

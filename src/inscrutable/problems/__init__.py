@@ -11,12 +11,13 @@ from inscrutable.problems.constraints import Polyhedron, box, simplex
 from inscrutable.problems.convex import ConvexProblem
 from inscrutable.problems.dispatch import PowerNetwork, dispatch_problem
 from inscrutable.problems.finite import FiniteProblem
+from inscrutable.problems.forms import Lift, LinearForm, QuadraticForm, SmoothForm
 from inscrutable.problems.kelly import KellyProblem
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.markowitz import MarkowitzProblem
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.problems.portfolios import group_caps, long_short, max_weights, min_weights, turnover
-from inscrutable.problems.quadratic import QuadraticProblem
+from inscrutable.problems.quadratic import QuadraticProblem, quadratic_problem
 from inscrutable.problems.transaction_costs import TradingProblem, with_transaction_costs
 
 __all__ = [
@@ -24,14 +25,18 @@ __all__ = [
     "DecisionProblem",
     "FiniteProblem",
     "KellyProblem",
+    "Lift",
+    "LinearForm",
     "LinearProblem",
     "MarkowitzProblem",
     "PiecewiseLinearProblem",
     "Polyhedron",
     "PowerNetwork",
+    "QuadraticForm",
     "QuadraticProblem",
     "RevealedPreferences",
     "RowConflict",
+    "SmoothForm",
     "TradingProblem",
     "box",
     "checked_problem",
@@ -41,6 +46,7 @@ __all__ = [
     "max_weights",
     "min_weights",
     "preference_problem",
+    "quadratic_problem",
     "revealed_preferences",
     "simplex",
     "turnover",

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,22 +12,16 @@ from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.labels import Axis, Names, ordered
 from inscrutable.problems.constraints import Polyhedron
+from inscrutable.problems.forms import LinearForm, QuadraticForm, SmoothForm
 from inscrutable.validation import Array
-
-
-class SmoothForm(NamedTuple):
-    """Decisions as an observer of a smooth problem sees them."""
-
-    region: Polyhedron
-    points: Array  # (M, U')
-    gradients: Callable[[Array], Array]  # (m, U') -> (m, X, U')
 
 
 class DecisionProblem(ABC):
     """A decision u ∈ C with cost c(i, u) in state i: convex in u, smooth, and known to the observer.
 
-    A subclass gives `constraints`, `n_states`, `solve`, `state_costs` and `cost_gradients`; the rest follows. Costs with
-    kinks also override `smooth_form`. `inscrutable.testing.check_decision_problem` says whether the promises are kept.
+    A subclass gives `constraints`, `n_states`, `solve`, `state_costs` and `cost_gradients`; the rest follows. One whose costs
+    are quadratic or linear says so by `quadratic_form` or `linear_form`, and is then searched and proved as such; costs with
+    kinks override `smooth_form`. `inscrutable.testing.check_decision_problem` says whether the promises are kept.
 
     Source: the paper, eq. (3).
 
@@ -56,12 +49,6 @@ class DecisionProblem(ABC):
     def costs_are_unique(self) -> bool:
         """Whether all optimal decisions of a belief have the same state costs, so that V is smooth; False is always safe."""
         return False
-
-    @property
-    def linear_costs(self) -> Array | None:
-        """c_i, shape (X,U), where c(i,u) is c_i'u up to a constant in every state; None is always safe, but proofs are
-        exact where it is known."""
-        return None
 
     @property
     def without_common_costs(self) -> DecisionProblem:
@@ -96,12 +83,20 @@ class DecisionProblem(ABC):
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return ∇_u c(i,u) for every state i: shape (X,U), or (…,X,U) for decisions (…,U)."""
 
-    def smooth_form(self, actions: Array) -> SmoothForm:
-        """Return the smooth problem that an observer solves backwards, for decisions (M,U) as points.
+    def quadratic_form(self) -> QuadraticForm | None:
+        """Return the quadratic costs that the problem has; None is always safe, but searches are exact and fast with them."""
+        return None
+
+    def linear_form(self) -> LinearForm | None:
+        """Return the linear costs that the problem has; None is always safe, but proofs are exact with them."""
+        return None
+
+    def smooth_form(self) -> SmoothForm | None:
+        """Return the problem that an observer solves backwards; None where `explaining_rows` says what he sees.
 
         Costs with kinks give the one in which their kinks are rows of the feasible set; others give themselves.
         """
-        return SmoothForm(self.constraints, actions, self.cost_gradients)
+        return SmoothForm(self.constraints, self.cost_gradients)
 
     def explaining_rows(self, action: Array) -> Array | None:
         """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} of one decision (U,) where no gradient decides, else None."""

@@ -16,6 +16,7 @@ from inscrutable.labels import Axis
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.forms import LinearForm, QuadraticForm, SmoothForm
 from inscrutable.problems.kinked_costs import has_kinks
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.modelled import Modelled
@@ -100,10 +101,17 @@ class ConvexProblem(DecisionProblem):
         """Whether all optimal decisions of a belief have the same state costs: looked up, or declared."""
         return self.strictly_convex if self._stated is None else self._stated.costs_are_unique
 
-    @property
-    def linear_costs(self) -> Array | None:
-        """c_i, shape (X,U), where all costs turn out to be linear."""
-        return None if self._stated is None else self._stated.linear_costs
+    def quadratic_form(self) -> QuadraticForm | None:
+        """Return the quadratic costs that the expressions turn out to be."""
+        return None if self._stated is None else self._stated.quadratic_form()
+
+    def linear_form(self) -> LinearForm | None:
+        """Return the linear costs that the expressions turn out to be."""
+        return None if self._stated is None else self._stated.linear_form()
+
+    def smooth_form(self) -> SmoothForm | None:
+        """Return the costs with their gradients, None where they have kinks."""
+        return super().smooth_form() if self.differentiable else None
 
     @property
     def cost_accuracy(self) -> float:  # type: ignore[override]

@@ -13,6 +13,7 @@ from inscrutable.labels import Axis
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.forms import LinearForm
 from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
 
@@ -77,10 +78,9 @@ class LinearProblem(DecisionProblem):
         """Number of states X."""
         return int(self.costs.shape[0])
 
-    @property
-    def linear_costs(self) -> Array:
-        """c_i, shape (X,U)."""
-        return self.costs
+    def linear_form(self) -> LinearForm:
+        """Return c_i and C."""
+        return LinearForm(self.costs, self.constraints)
 
     @cached_property
     def without_common_costs(self) -> LinearProblem:

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.errors import InputError
 from inscrutable.labels import Axis
-from inscrutable.problems.base import DecisionProblem, SmoothForm
+from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.forms import Lift, LinearForm, SmoothForm
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.validation import Array
 
@@ -91,7 +92,7 @@ class PiecewiseLinearProblem(DecisionProblem):
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return an optimal decision for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
-        return np.asarray(self._lifted.solve(self.check_beliefs(beliefs))[..., : self.n_actions])
+        return self._without_levels(self._lifted.solve(self.check_beliefs(beliefs)))
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
@@ -105,11 +106,22 @@ class PiecewiseLinearProblem(DecisionProblem):
         pairs = zip(self.slopes, self.offsets, strict=True)
         return np.stack([slope[(points @ slope.T + offset).argmax(axis=-1)] for slope, offset in pairs], axis=-2)
 
-    def smooth_form(self, actions: Array) -> SmoothForm:
+    def linear_form(self) -> LinearForm:
+        """Return the linear problem of the decision and its levels."""
+        region = self._lifted.constraints
+        return LinearForm(self._lifted.costs, region, Lift(self._with_levels, self._without_levels))
+
+    def smooth_form(self) -> SmoothForm:
         """Return the linear problem of the levels, in which an observer counts active pieces as tight rows."""
+        form = self.linear_form()
+        return SmoothForm(form.constraints, self._lifted.cost_gradients, form.lift)
+
+    def _with_levels(self, actions: Array) -> Array:
         points = self.as_points(actions)
-        lifted = np.concatenate([points, self.state_costs(points)], axis=-1)
-        return SmoothForm(self._lifted.constraints, lifted, self._lifted.cost_gradients)
+        return np.concatenate([points, self.state_costs(points)], axis=-1)
+
+    def _without_levels(self, variables: Array) -> Array:
+        return np.asarray(variables[..., : self.n_actions])
 
     def __repr__(self) -> str:
         return f"PiecewiseLinearProblem({self.n_states} states, {self.n_actions} coordinates)"

@@ -15,6 +15,7 @@ from inscrutable.labels import Axis
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.copied_coordinates import Merged, merged_copies
+from inscrutable.problems.forms import LinearForm, QuadraticForm
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
@@ -96,10 +97,13 @@ class QuadraticProblem(DecisionProblem):
         """Whether every state's cost bends in all directions that keep the equalities: no decisions are tied."""
         return bent_alike(self.hessians, np.eye(self.n_actions), self.constraints.A_eq)
 
-    @property
-    def linear_costs(self) -> Array | None:
-        """g_i, shape (X,U), where no cost bends."""
-        return None if self.hessians.any() else self.linear
+    def quadratic_form(self) -> QuadraticForm | None:
+        """Return H_i, g_i, r_i and C."""
+        return QuadraticForm(self.hessians, self.linear, self.constants, self.constraints)
+
+    def linear_form(self) -> LinearForm | None:
+        """Return g_i and C where no cost bends."""
+        return None if self.hessians.any() else LinearForm(self.linear, self.constraints)
 
     @cached_property
     def _layout(self) -> Layout:
@@ -270,6 +274,25 @@ class QuadraticProblem(DecisionProblem):
         slope = _solve_or_least_squares(matrix, right)
         n = int(np.count_nonzero(tight))
         return FaceSolution(action, slope[:size], answer[size : size + n], slope[size : size + n])
+
+
+def quadratic_problem(problem: DecisionProblem) -> QuadraticProblem | None:
+    """Return the quadratic problem in the variables of a problem's quadratic form, made once and kept with the problem;
+    itself where it is one, None where there is no form."""
+    known = vars(problem)
+    if "_quadratic" not in known:
+        known["_quadratic"] = _stated(problem)
+    found: QuadraticProblem | None = known["_quadratic"]
+    return found
+
+
+def _stated(problem: DecisionProblem) -> QuadraticProblem | None:
+    form = problem.quadratic_form()
+    if form is None:
+        return None
+    if type(problem).quadratic_form is QuadraticProblem.quadratic_form:
+        return cast(QuadraticProblem, problem)
+    return QuadraticProblem(form.hessians, form.linear, form.constants, constraints=form.constraints)
 
 
 def bent_alike(hessians: Array, felt: Array, equalities: Array) -> bool:

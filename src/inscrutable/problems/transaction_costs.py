@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.labels import Axis
-from inscrutable.problems.base import DecisionProblem, SmoothForm
-from inscrutable.problems.constraints import Polyhedron
-from inscrutable.problems.quadratic import QuadraticProblem
+from inscrutable.problems.base import DecisionProblem
+from inscrutable.problems.constraints import Polyhedron, box
+from inscrutable.problems.forms import Lift, QuadraticForm, SmoothForm
+from inscrutable.problems.quadratic import QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
+
+_MOST_STRETCHED = 100.0
+"""Times that a purchase or sale is stretched: its curvature shrinks by the square, and must not be taken for none."""
 
 
 def with_transaction_costs(
-    problem: QuadraticProblem, former: ArrayLike, *, linear: ArrayLike = 0.0, quadratic: ArrayLike = 0.0
+    problem: DecisionProblem, former: ArrayLike, *, linear: ArrayLike = 0.0, quadratic: ArrayLike = 0.0
 ) -> QuadraticProblem | TradingProblem:
     """Return a problem with the cost of changing the former decision added to every state's cost.
 
     Formula: c(i,u) + Σ_j κ_j |u_j − u⁰_j| + Σ_j η_j (u_j − u⁰_j)².
 
     Args:
-        problem: The problem without these costs.
+        problem: The problem without these costs, of quadratic ones in the decision itself.
         former: u⁰, the former decision as the observer knows it, shape (U,).
         linear: κ ≥ 0, cost per unit traded, a number or one per coordinate (U,); labels are aligned with the problem's.
         quadratic: η ≥ 0, cost per squared unit traded, a number or (U,).
@@ -44,20 +50,21 @@ def with_transaction_costs(
          [0.5  0.5 ]
          [0.54 0.46]]
     """
-    if not isinstance(problem, QuadraticProblem):
-        raise InputError(f"transaction costs need a QuadraticProblem or MarkowitzProblem, got {problem!r}")
+    form = problem.quadratic_form() if isinstance(problem, DecisionProblem) else None
+    if form is None or form.lift is not None:
+        raise InputError(f"transaction costs need a QuadraticProblem or another with quadratic costs, got {problem!r}")
+    smooth = cast(QuadraticProblem, quadratic_problem(problem))
     assets = Axis("asset", problem.asset_names)
     held = validation.finite_array(former, "former", ndim=1, axes=(assets,))
     if held.size != problem.n_actions:
         raise InputError(f"former has {held.size} coordinates, expected {problem.n_actions}")
     bend = _rates(quadratic, held.size, "quadratic", assets)
-    smooth = problem
     if bend.any():
         smooth = QuadraticProblem(
-            problem.hessians + np.diag(2.0 * bend),
-            problem.linear - 2.0 * bend * held,
-            problem.constants + float(bend @ held**2),
-            constraints=problem.constraints,
+            smooth.hessians + np.diag(2.0 * bend),
+            smooth.linear - 2.0 * bend * held,
+            smooth.constants + float(bend @ held**2),
+            constraints=smooth.constraints,
         )
         smooth.state_names = problem.state_names
     rates = _rates(linear, held.size, "linear", assets)
@@ -73,12 +80,20 @@ def _rates(value: ArrayLike, size: int, name: str, assets: Axis) -> Array:
     return np.array(np.broadcast_to(given, (size,)))
 
 
+def _gaps(distances: Array) -> Array:
+    """Distances to bounds, those of rounding size as none."""
+    return np.where(distances <= tolerances.FEASIBILITY, 0.0, distances)
+
+
 class TradingProblem(DecisionProblem):
     """Quadratic costs with a linear cost of trading away from the former decision; made by `with_transaction_costs`.
 
-    Formula: c(i,u) + Σ_j κ_j |u_j − u⁰_j|. With u = u⁰ + p − m, p ≥ 0, m ≥ 0, it is the quadratic problem of cost
-    c(i, u⁰ + p − m) + κ'(p + m), whose rows p_j ≥ 0 and m_j ≥ 0 are both tight where nothing is traded: what their two
-    multipliers leave of κ_j is the subdifferential [−κ_j, κ_j]. A trade below the feasible set's `min_slack` counts as none.
+    Formula: c(i,u) + Σ_j κ_j |u_j − u⁰_j|. With u = u⁰ + p − m, 0 ≤ p, 0 ≤ m, it is the quadratic problem of cost
+    c(i, u⁰ + p − m) + κ'(p + m) + η_i p'm, whose rows p_j ≥ 0 and m_j ≥ 0 are both tight where nothing is traded: what their
+    two multipliers leave of κ_j is the subdifferential [−κ_j, κ_j]. Nobody purchases and sells the same: p'm = 0, so that
+    the last term costs nothing; with η_i, the least curvature of c(i,·), it makes the cost of (p, m) bend in all directions
+    where that of u does, and what u_j may be bounds p_j and m_j alone. A trade below the feasible set's `min_slack` counts as
+    none, but for one that ends at a bound.
 
     Args:
         problem: The costs without trading.
@@ -107,31 +122,46 @@ class TradingProblem(DecisionProblem):
         self.rates = _rates(rates, problem.n_actions, "rates", assets)
         self.constraints = problem.constraints
         size = problem.n_actions
-        # A coordinate that is traded for nothing has no kink, and one column.
-        self._priced = np.flatnonzero(self.rates > 0)
-        free = np.flatnonzero(self.rates == 0)
-        unit = np.eye(size)
-        self._columns = np.hstack([unit[:, self._priced], -unit[:, self._priced], unit[:, free]])
-        price = np.concatenate([self.rates[self._priced], self.rates[self._priced], np.zeros(free.size)])
+        lower, upper = self.constraints.coordinate_bounds
+        short, long = _gaps(self.former - lower), _gaps(upper - self.former)
+        # A coordinate that is traded for nothing, or only one way, has no kink, and one column.
+        self._kinked = np.flatnonzero((self.rates > 0) & (short > 0) & (long > 0))
+        self._plain = np.setdiff1d(np.arange(size), self._kinked)
+        kinked, plain, unit = self._kinked, self._plain, np.eye(size)
+        least = self.constraints.min_slack * (1.0 + tolerances.SLACK_SAFETY)
+        gaps = np.concatenate([long[kinked], short[kinked]])
+        # A gap below the least slack is stretched to it: a sale of all that is held is admissible however little that was.
+        self._stretch = np.clip(least / gaps, 1.0, _MOST_STRETCHED)
+        self._is_searched = bool((self._stretch * gaps >= least).all())
+        self._columns = np.hstack([unit[:, kinked] / self._stretch[: kinked.size],
+                                   -unit[:, kinked] / self._stretch[kinked.size :], unit[:, plain]])  # fmt: skip
+        rates = np.concatenate([self.rates[kinked], self.rates[kinked]]) / self._stretch
+        one_way = np.where(short[plain] <= 0, self.rates[plain], -self.rates[plain])
+        hessians = self._columns.T @ problem.hessians @ self._columns
+        bends = np.maximum(np.linalg.eigvalsh(problem.hessians)[:, 0], 0.0)
+        for j in range(kinked.size):
+            both = [j, kinked.size + j]
+            hessians[:, both, both[::-1]] += (bends / self._stretch[both].prod())[:, None]
         self._lifted = QuadraticProblem(
-            self._columns.T @ problem.hessians @ self._columns,
-            problem.cost_gradients(self.former) @ self._columns + price,
+            hessians,
+            problem.cost_gradients(self.former) @ self._columns + np.concatenate([rates, one_way]),
             problem.state_costs(self.former),
-            constraints=self._region(problem.constraints),
+            constraints=self._region(problem.constraints, self._stretch * gaps),
         )
 
-    def _region(self, region: Polyhedron) -> Polyhedron:
-        traded, count = 2 * self._priced.size, self._columns.shape[1]
-        names = [f"{side} of u[{j}] >= 0" for side in ("purchase", "sale") for j in self._priced]
-        n = len(region.b_ub)
-        return Polyhedron(
-            np.vstack([region.A_ub @ self._columns, -np.eye(count)[:traded]]),
-            np.concatenate([region.b_ub - region.A_ub @ self.former, np.zeros(traded)]),
+    def _region(self, region: Polyhedron, most: Array) -> Polyhedron:
+        """The feasible purchases and sales: bounds on each, and the rows that combine coordinates."""
+        lower, upper = (limit[self._plain] - self.former[self._plain] for limit in region.coordinate_bounds)
+        wide = np.count_nonzero(region.A_ub, axis=1) > 1
+        rows = Polyhedron(
+            region.A_ub[wide] @ self._columns,
+            region.b_ub[wide] - region.A_ub[wide] @ self.former,
             region.A_eq @ self._columns,
             region.b_eq - region.A_eq @ self.former,
-            names=[*region.names[:n], *names, *region.names[n:]],
             min_slack=region.min_slack,
         )
+        bounds = np.concatenate([np.zeros(most.size), lower]), np.concatenate([most, upper])
+        return rows & box(*bounds) if np.isfinite(bounds).any() else rows
 
     @property
     def n_states(self) -> int:
@@ -145,10 +175,7 @@ class TradingProblem(DecisionProblem):
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U); what is not traded is kept to the last digit."""
-        actions = self.former + self._lifted.solve(self.check_beliefs(beliefs)) @ self._columns.T
-        for limit in self.constraints.coordinate_bounds:
-            actions = np.where(np.abs(actions - limit) <= tolerances.SAME_ACTION, limit, actions)
-        return np.asarray(actions)
+        return self._traded(self._lifted.solve(self.check_beliefs(beliefs)))
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U), trading included: shape (…,X)."""
@@ -161,13 +188,31 @@ class TradingProblem(DecisionProblem):
         slopes = self.rates * np.sign(points - self.former)
         return np.asarray(self.untraded.cost_gradients(points) + slopes[..., None, :])
 
-    def smooth_form(self, actions: Array) -> SmoothForm:
-        """Return the quadratic problem of purchases and sales, in which an observer counts as the kink what is tight."""
+    def quadratic_form(self) -> QuadraticForm | None:
+        """Return the quadratic problem of purchases and sales; None where a former decision lies so near to a bound, within
+        a hundredth of the least slack, that selling all of it could not be told from rounding."""
+        lifted = self._lifted
+        lift = Lift(self._trades, self._traded)
+        form = QuadraticForm(lifted.hessians, lifted.linear, lifted.constants, lifted.constraints, lift)
+        return form if self._is_searched else None
+
+    def smooth_form(self) -> SmoothForm:
+        """Return the same with its gradients; an observer counts as the kink what is tight."""
+        return SmoothForm(self._lifted.constraints, self._lifted.cost_gradients, Lift(self._trades, self._traded))
+
+    def _trades(self, actions: Array) -> Array:
+        """Purchases, sales, and what has no kink, of decisions (…,U)."""
         trades = self.as_points(actions) - self.former
-        priced = trades[..., self._priced]
-        free = np.delete(trades, self._priced, axis=-1)
-        points = np.concatenate([np.maximum(priced, 0.0), np.maximum(-priced, 0.0), free], axis=-1)
-        return SmoothForm(self._lifted.constraints, points, self._lifted.cost_gradients)
+        kinked = trades[..., self._kinked]
+        two_ways = np.concatenate([np.maximum(kinked, 0.0), np.maximum(-kinked, 0.0)], axis=-1) * self._stretch
+        return np.concatenate([two_ways, trades[..., self._plain]], axis=-1)
+
+    def _traded(self, variables: Array) -> Array:
+        """The decisions (…,U) that trades lead to; what ends beside a bound by rounding is put on it."""
+        actions = self.former + variables @ self._columns.T
+        for limit in self.constraints.coordinate_bounds:
+            actions = np.where(np.abs(actions - limit) <= tolerances.SAME_ACTION, limit, actions)
+        return np.asarray(actions)
 
     def __repr__(self) -> str:
         return f"TradingProblem({self.n_states} states, {self.n_actions} coordinates)"

@@ -9,7 +9,14 @@ import numpy as np
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.plausibility import nearest_explanation
-from inscrutable.problems import ConvexProblem, DecisionProblem, checked_problem
+from inscrutable.problems import (
+    DecisionProblem,
+    LinearForm,
+    QuadraticForm,
+    SmoothForm,
+    checked_problem,
+    quadratic_problem,
+)
 from inscrutable.testing.promises import INTERIOR, check_shape, promise, source_of, tried_actions, tried_beliefs
 from inscrutable.validation import Array
 
@@ -36,7 +43,8 @@ def check_decision_problem(
     Checked are the shapes of one and many, costs that are finite and convex on segments, gradients against differences of
     the costs, feasible decisions of least cost whose KKT residual is small, a concave optimal cost, the regret that never
     falls along a ray from the true belief, beliefs that explain the decisions they lead to, and that what a belief
-    explains is optimal for it and what none explains leaves every belief a regret.
+    explains is optimal for it and what none explains leaves every belief a regret. Forms that the problem returns must state
+    its costs, slopes and least costs.
 
     Args:
         problem: The decision problem, of this library or of a user's own.
@@ -62,7 +70,7 @@ def check_decision_problem(
     if not problem.is_discrete:
         _check_convexity(sample)
         _check_gradients(sample)
-    _check_linear(sample)
+    _check_forms(sample)
     _check_optimality(sample)
     _check_explanations(sample)
     _check_rays(sample)
@@ -116,7 +124,7 @@ def _check_convexity(sample: _Sample) -> None:
         "state costs are convex",
         f"the cost of state {state} lies {excess.max():.3g} above the chord between {first[row]} and {second[row]}",
     )
-    if isinstance(problem, ConvexProblem) and problem.strictly_convex:
+    if getattr(problem, "strictly_convex", False):
         apart = np.abs(first - second).max(axis=1) > tolerances.MIN_SLACK
         level = excess[apart].max(initial=-np.inf)
         promise(
@@ -145,17 +153,59 @@ def _check_gradients(sample: _Sample) -> None:
         )
 
 
-def _check_linear(sample: _Sample) -> None:
-    stated = sample.problem.linear_costs
-    if stated is None:
+def _check_forms(sample: _Sample) -> None:
+    """A form that is returned states the same costs, slopes and decisions."""
+    problem = sample.problem
+    linear, quadratic, smooth = problem.linear_form(), problem.quadratic_form(), problem.smooth_form()
+    for name, form in (("linear_form", linear), ("quadratic_form", quadratic), ("smooth_form", smooth)):
+        if form is not None:
+            _check_lift(sample, name, form)
+    if linear is not None:
+        shape = (problem.n_states, linear.constraints.n_actions)
+        check_shape("linear_form().costs", np.shape(linear.costs), shape)
+        _check_slopes(sample, "linear_form", linear, np.broadcast_to(linear.costs, (len(sample.actions), *shape)))
+        values = linear.variables(sample.actions) @ linear.costs.T - problem.state_costs(sample.actions)
+        _same(sample, "linear_form", "costs up to a constant in every state", values - values[:1])
+    stated = quadratic_problem(problem)
+    if quadratic is not None and stated is not None:
+        check_shape("quadratic_form().linear", stated.linear.shape, (problem.n_states, stated.n_actions))
+        variables = quadratic.variables(sample.actions)
+        _same(sample, "quadratic_form", "costs", stated.state_costs(variables) - problem.state_costs(sample.actions))
+        _check_slopes(sample, "quadratic_form", quadratic, stated.cost_gradients(variables))
+        best = problem.state_costs(quadratic.decisions(stated.solve(sample.beliefs)))
+        _same(
+            sample,
+            "quadratic_form",
+            "least costs",
+            (sample.beliefs * (best - problem.state_costs(sample.solved))).sum(1),
+        )
+    if smooth is not None:
+        _check_slopes(sample, "smooth_form", smooth, smooth.gradients(smooth.variables(sample.actions)))
+
+
+def _same(sample: _Sample, name: str, what: str, apart: Array) -> None:
+    off = float(np.abs(apart).max())
+    promise(off <= sample.allowed, f"{name} has the {what} of the problem", f"they differ by {off:.3g}")
+
+
+def _check_lift(sample: _Sample, name: str, form: QuadraticForm | LinearForm | SmoothForm) -> None:
+    """Variables are feasible and lead back to their decisions."""
+    variables = form.variables(sample.actions)
+    beyond = float(np.max(form.constraints.violation(variables)))
+    promise(beyond <= tolerances.FEASIBILITY, f"{name} has feasible variables", f"a row is violated by {beyond:.3g}")
+    off = float(np.abs(form.decisions(variables) - sample.actions).max())
+    promise(off <= tolerances.FEASIBILITY, f"{name} leads back to decisions", f"they differ by {off:.3g}")
+
+
+def _check_slopes(sample: _Sample, name: str, form: QuadraticForm | LinearForm | SmoothForm, slopes: Array) -> None:
+    """Where decisions are the variables, slopes are those of the problem along the ways between decisions."""
+    if form.lift is not None:
         return
-    check_shape("linear_costs", np.shape(stated), (sample.problem.n_states, sample.problem.n_actions))
-    off = float(np.abs(sample.problem.cost_gradients(sample.actions) - stated).max())
-    promise(
-        off <= tolerances.SLOPE * max(float(np.abs(stated).max()), np.finfo(float).tiny),
-        "linear_costs are the gradients of all decisions",
-        f"they differ by {off:.3g}",
-    )
+    steps = sample.actions - sample.actions[::-1]
+    apart = np.einsum("mxu,mu->mx", slopes - sample.problem.cost_gradients(sample.actions), steps)
+    size = max(sample.scale, float(np.abs(np.einsum("mxu,mu->mx", slopes, steps)).max()))
+    off = float(np.abs(apart).max())
+    promise(off <= tolerances.SLOPE * size, f"{name} has the slopes of cost_gradients", f"they differ by {off:.3g}")
 
 
 def _check_optimality(sample: _Sample) -> None:

@@ -29,7 +29,7 @@ from inscrutable.decision_makers.proofs.smooth_cells import SmoothCells
 from inscrutable.errors import InscrutableError
 from inscrutable.geometry.simplicial import cones_from, directions_to, edges, halved
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, KellyProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, KellyProblem, quadratic_problem
 from inscrutable.validation import Array
 
 _MOST_CELLS = 256  # halved in one round
@@ -67,9 +67,10 @@ class Prover:
     question."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, most_calls: int) -> None:
-        self._asked = problem
-        # Copies of a coordinate change no privacy and no cost, but leave decisions tied.
-        problem = problem.without_copies if isinstance(problem, QuadraticProblem) else problem
+        self._asked, self._quadratic = problem, quadratic_problem(problem)
+        if self._quadratic is not None:
+            # Copies of a coordinate change no privacy and no cost, but leave decisions tied.
+            problem = self._quadratic.without_copies
         problem = self.problem = problem.without_common_costs
         self.belief = belief
         self.most_calls = most_calls
@@ -82,13 +83,14 @@ class Prover:
         self._leaves: BoundedCells | None = None
         self._allowance = 0.0
         self._smooth = _smooth_cells(problem, self.points)
-        self._most_judged = _JUDGED_SLOWLY if getattr(problem, "differentiable", True) is False else _JUDGED
+        self._most_judged = _JUDGED_SLOWLY if problem.smooth_form() is None else _JUDGED
         self._fibres = None if self._smooth is None else Fibres(self._smooth)
 
     def action(self, index: int) -> Array:
         """Return the decision (U,) at a point."""
         found = self.points.actions[index]
-        return self._asked.with_copies(found) if isinstance(self._asked, QuadraticProblem) else found
+        form = self._asked.quadratic_form()
+        return found if form is None or self._quadratic is None else form.decisions(self._quadratic.with_copies(found))
 
     def answer(self, question: Question) -> Answer:
         """Return a bound for one question; again where the solver turned out less exact than allowed for."""
@@ -265,9 +267,10 @@ class Prover:
 
 def _smooth_cells(problem: DecisionProblem, points: OraclePoints) -> SmoothCells | None:
     """What is known between corners, where costs say how much they bend."""
-    if isinstance(problem, QuadraticProblem):
-        form = whitened(problem)
-        return None if form is None else QuadraticCells(problem, points, form)
+    quadratic = quadratic_problem(problem)
+    if quadratic is not None:
+        form = whitened(quadratic)
+        return None if form is None else QuadraticCells(quadratic, points, form)
     if isinstance(problem, KellyProblem):
         form = whitened_growth(problem)
         return None if form is None else GrowthCells(problem, points, form)

@@ -20,7 +20,7 @@ from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedD
 from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, FiniteProblem
+from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 MOST_CALLS = 10_000
@@ -72,7 +72,7 @@ class Proofs:
 
         `between_choices` says whether mixtures of the choices of a finite problem are decisions too.
         """
-        if isinstance(self.problem, FiniteProblem) and not between_choices:
+        if self.problem.is_discrete and not between_choices:
             return self._best_choice(belief, measure, found)
         if self.problem.n_states == 1:  # the one belief is what every decision shows
             return replace(
@@ -105,7 +105,7 @@ class Proofs:
 
         Formula: for every μ ≥ 0 the value is at most max_u {Ψ(u) − μ ρ(π,u)} + μ · budget.
         """
-        if isinstance(self.problem, FiniteProblem) and not between_choices:
+        if self.problem.is_discrete and not between_choices:
             return self._best_lottery(belief, measure, found)
         if self.problem.n_states == 1:
             value = found.expected_privacy
@@ -141,8 +141,7 @@ class Proofs:
 
     def _choices(self, belief: Array, measure: PrivacyMeasure) -> list[Decision]:
         """Every choice of a finite problem that a belief explains, judged: there are no other decisions."""
-        assert isinstance(self.problem, FiniteProblem)
-        points = np.eye(self.problem.n_choices)
+        points = np.eye(self.problem.n_actions)
         status = DecisionStatus.BEST_CANDIDATE
         judged = [decision_for(self.problem, belief, row, measure, status) for row in points]
         return [each for each in judged if not each.belief_set.is_empty]

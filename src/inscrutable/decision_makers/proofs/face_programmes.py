@@ -7,25 +7,26 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.geometry import BeliefSet
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
-from inscrutable.problems import LinearProblem
+from inscrutable.problems import LinearForm
+from inscrutable.problems.linear import without_common
 from inscrutable.validation import Array
 
 _HALF = 0.5
 
 
 class FaceProgrammes:
-    """Faces of the feasible set of a linear problem, told by the rows that are tight all over them."""
+    """Faces of the feasible set of linear costs, told by the rows that are tight all over them."""
 
-    def __init__(self, problem: LinearProblem) -> None:
-        self.problem = problem
-        region = problem.constraints
+    def __init__(self, form: LinearForm) -> None:
+        region = self.region = form.constraints
+        self.costs = without_common(form.costs, region.A_eq)
         self._scale = region.row_scale if len(region.b_ub) else np.ones(0)
         self._rows = region.A_ub / self._scale[:, None]
         self._sides = region.b_ub / self._scale
 
     def tight_on(self, actions: Array) -> np.ndarray:
         """Return the rows (r,) that are tight at all of some decisions (k,U)."""
-        slacks = self.problem.constraints.slacks(actions)
+        slacks = self.region.slacks(actions)
         size = np.maximum(np.abs(actions).max(axis=1, keepdims=True), 1.0)
         return np.asarray((slacks <= tolerances.FEASIBILITY * size).all(axis=0))
 
@@ -37,11 +38,11 @@ class FaceProgrammes:
         if not asked.size:
             return tight
         # Directions from one of them along which as many rows as can be become slack, and the cost stays.
-        count, width = asked.size, self.problem.n_actions
+        count, width = asked.size, self.region.n_actions
         beside = self.tight_on(known[:1]) & ~tight
-        gradient = belief @ self.problem.costs
+        gradient = belief @ self.costs
         size = float(np.abs(gradient).max())
-        if size <= tolerances.TIED * float(np.abs(self.problem.costs).max()):
+        if size <= tolerances.TIED * float(np.abs(self.costs).max()):
             gradient, size = np.zeros(width), 1.0
         below = np.vstack(
             [
@@ -49,7 +50,7 @@ class FaceProgrammes:
                 _padded(np.vstack([self._rows[beside], gradient[None] / size]), count),
             ]
         )
-        equal = _padded(self.problem.constraints.A_eq, count)
+        equal = _padded(self.region.A_eq, count)
         answer = minimise(
             np.append(np.zeros(width), -np.ones(count)),
             Rows(below, np.zeros(len(below))),
@@ -63,18 +64,18 @@ class FaceProgrammes:
 
     def explained(self, tight: np.ndarray) -> BeliefSet:
         """Return the beliefs for which decisions with exactly the rows `tight` are optimal."""
-        rows = self.problem.constraints.stationarity(tight)
-        size = float(np.abs(self.problem.costs).max())
-        scaled = self.problem.costs.T / (size if size > 0 else 1.0)
+        rows = self.region.stationarity(tight)
+        size = float(np.abs(self.costs).max())
+        scaled = self.costs.T / (size if size > 0 else 1.0)
         return BeliefSet(rows.equalities @ scaled, rows.inequalities @ scaled)
 
     def cheapest(self, belief: Array, tight: np.ndarray) -> Array | None:
         """Return the admissible decision (U,) of least cost with exactly the rows `tight`, None where there is none."""
-        region, slack = self.problem.constraints, ~tight
+        region, slack = self.region, ~tight
         least = (
             max(region.min_slack, tolerances.SLACK_SAFETY) * (1.0 + tolerances.SLACK_SAFETY) + tolerances.FEASIBILITY
         )
-        gradient = belief @ self.problem.costs
+        gradient = belief @ self.costs
         size = float(np.abs(gradient).max())
         answer = minimise(
             gradient / (size if size > 0 else 1.0),

@@ -10,7 +10,7 @@ from inscrutable import tolerances
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.atoms import Atoms
 from inscrutable.decision_makers.proofs.face_programmes import FaceProgrammes
-from inscrutable.decision_makers.proofs.subdivision import Subdivision, linear_form
+from inscrutable.decision_makers.proofs.subdivision import Subdivision
 from inscrutable.decision_makers.proofs.tied_faces import near_vertices
 from inscrutable.decision_makers.proofs.tied_values import TiedValues
 from inscrutable.decision_makers.results import Decision, DecisionStatus, MixedDecision
@@ -80,6 +80,7 @@ def proof_for(
     problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, cells: Subdivision, reference: Reference
 ) -> PolyhedralProof:
     """Return the proof for one belief."""
-    linear = linear_form(problem)
-    faces = None if linear is None else FaceProgrammes(linear)
+    linear = problem.linear_form()
+    # Levels of a cost may rise where their state has no weight: what is tied in a lift's variables need not be a decision.
+    faces = None if linear is None or linear.lift is not None else FaceProgrammes(linear)
     return PolyhedralProof(problem, belief, measure, TiedValues(cells, faces, belief, reference))

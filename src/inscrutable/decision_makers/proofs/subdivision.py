@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from inscrutable import tolerances
-from inscrutable.problems import DecisionProblem, LinearProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _FLOOR = -3.0  # below the normalised costs, which lie between 0 and 1
@@ -119,22 +119,14 @@ class Subdivider:
 def cells_of(problem: DecisionProblem, most_calls: int) -> tuple[Subdivision | None, int]:
     """Return the cells of a problem whose optimal cost is piecewise linear, and the calls of the oracle; None where it is
     not, or where they would be too many."""
-    linear = linear_form(problem)
+    linear = problem.linear_form()
     # Where costs are less exact, a small cell would be taken for an error.
-    hopeless = isinstance(problem, QuadraticProblem) or problem.cost_accuracy > tolerances.COST_ACCURACY
+    hopeless = problem.quadratic_form() is not None or problem.cost_accuracy > tolerances.COST_ACCURACY
     if linear is None and (hopeless or problem.costs_are_unique):
         return None, 0
     most = int(most_calls if linear is not None else _TRIED_SHARE * most_calls)
     subdivider = Subdivider(problem, most, linear is not None)
     return subdivider.found(), subdivider.calls
-
-
-def linear_form(problem: DecisionProblem) -> LinearProblem | None:
-    """Return the linear problem with the same decisions, optimal for the same beliefs, where there is one."""
-    if isinstance(problem, LinearProblem):
-        return problem.without_common_costs
-    costs = problem.linear_costs
-    return None if costs is None else LinearProblem(costs, problem.constraints).without_common_costs
 
 
 def _key(belief: Array) -> bytes:

@@ -13,14 +13,14 @@ from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
 from inscrutable.decision_makers.proofs.subdivision import cells_of
-from inscrutable.problems import DecisionProblem, LinearProblem
+from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _MOST_FACES = 20_000
 _MOST_CALLS = 2_000  # of the oracle, for vertices that no decoy leads to
 
 
-def tied_mixtures(problem: LinearProblem, candidates: Candidates) -> Candidates:
+def tied_mixtures(problem: DecisionProblem, candidates: Candidates) -> Candidates:
     """Return mixtures of vertices that are optimal for the same beliefs, and the vertices that are no candidates yet, each
     with one of these beliefs."""
     chosen = candidates.distinct[candidates.sets.dimension[candidates.distinct] >= 0]
@@ -45,7 +45,7 @@ def tied_mixtures(problem: LinearProblem, candidates: Candidates) -> Candidates:
     return make_candidates(problem, np.vstack(actions), np.vstack(decoys))
 
 
-def _missing(problem: LinearProblem, known: Array) -> Array:
+def _missing(problem: DecisionProblem, known: Array) -> Array:
     """Vertices that are optimal on a cell of beliefs and not among those known (k,U)."""
     cells, _ = cells_of(problem, _MOST_CALLS)
     if cells is None:
@@ -54,7 +54,7 @@ def _missing(problem: LinearProblem, known: Array) -> Array:
     return np.asarray(cells.actions[apart > tolerances.SAME_ACTION])
 
 
-def _corners(problem: LinearProblem, vertices: Array) -> Array:
+def _corners(problem: DecisionProblem, vertices: Array) -> Array:
     """The corners of all cells, shape (n,X)."""
     corners = np.vstack([belief_set_of(problem, vertex).vertices() for vertex in vertices])
     return np.asarray(np.unique(np.round(corners, 10), axis=0))

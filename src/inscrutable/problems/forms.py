@@ -1,0 +1,117 @@
+"""What a decision problem is, as plain data: quadratic, linear or smooth costs over a polyhedron.
+
+A problem says by `quadratic_form()`, `linear_form()` and `smooth_form()` what it is, or returns None. Searches, proofs and
+observers ask for these forms, never for a class, so that a problem of a user's own is searched as the library's are.
+
+Costs with kinks have a form in more variables: v = variables(u) for a decision u, and u = decisions(v), where the kinks are
+rows of the feasible set of v. What is optimal for a belief in v is optimal in u, at the same cost in every state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from inscrutable.problems.constraints import Polyhedron
+from inscrutable.validation import Array
+
+
+class Lift(NamedTuple):
+    """How decisions (…,U) become the variables (…,V) of a form, and back."""
+
+    variables: Callable[[Array], Array]
+    decisions: Callable[[Array], Array]
+
+
+class _Form:
+    """What forms have in common: the way from decisions to variables and back."""
+
+    lift: Lift | None
+
+    def variables(self, actions: Array) -> Array:
+        """Return the variables (…,V) of decisions (…,U): themselves where the form has no lift."""
+        return actions if self.lift is None else self.lift.variables(actions)
+
+    def decisions(self, variables: Array) -> Array:
+        """Return the decisions (…,U) of variables (…,V)."""
+        return variables if self.lift is None else self.lift.decisions(variables)
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticForm(_Form):
+    """Quadratic costs.
+
+    Formula: c(i,u) = ½ v'H_i v + g_i'v + r_i, v = variables(u), over the feasible set of v.
+
+    Args:
+        hessians: H_i, shape (X,V,V), symmetric positive semidefinite.
+        linear: g_i, shape (X,V).
+        constants: r_i, shape (X,), None for zero.
+        constraints: The feasible set of v.
+        lift: From decisions to variables and back; None where v = u.
+
+    Source: the paper, eq. (3).
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> MarkowitzProblem([[0.2, 0.0]], [np.eye(2)], 1.0).quadratic_form().hessians.shape
+        (1, 2, 2)
+    """
+
+    hessians: Array
+    linear: Array
+    constants: Array | None
+    constraints: Polyhedron
+    lift: Lift | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LinearForm(_Form):
+    """Linear costs, up to a constant in every state.
+
+    Formula: c(i,u) = c_i'v + r_i, v = variables(u), over the feasible set of v.
+
+    Args:
+        costs: c_i, shape (X,V).
+        constraints: The feasible set of v.
+        lift: From decisions to variables and back; None where v = u.
+
+    Source: the paper, eq. (3).
+
+    Example:
+        >>> from inscrutable import FiniteProblem
+        >>> print(FiniteProblem([[0.0, 4.0], [10.0, 4.0]]).linear_form().costs)
+        [[ 0.  4.]
+         [10.  4.]]
+    """
+
+    costs: Array
+    constraints: Polyhedron
+    lift: Lift | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothForm(_Form):
+    """Costs with gradients: what an observer solves backwards.
+
+    Formula: a belief π explains v where −Σ π_i ∇c(i,v) lies in the normal cone of the feasible set at v.
+
+    Args:
+        constraints: The feasible set of v.
+        gradients: ∇c(i,v) for variables (m,V), shape (m,X,V).
+        lift: From decisions to variables and back; None where v = u.
+
+    Source: the paper, Theorem 1.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> MarkowitzProblem([[0.2, 0.0]], [np.eye(2)], 1.0).smooth_form().gradients(np.array([[0.5, 0.5]])).round(3)
+        array([[[0.8, 1. ]]])
+    """
+
+    constraints: Polyhedron
+    gradients: Callable[[Array], Array]
+    lift: Lift | None = None

@@ -31,7 +31,7 @@ from inscrutable.errors import InputError
 from inscrutable.kernels.climb import Aim
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, LinearProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, quadratic_problem
 from inscrutable.validation import Array
 
 _DIRECTIONS = 300
@@ -198,9 +198,10 @@ def _search(case: Case, reference: Reference | None) -> Decision | Singles:
     optimal = problem.solve_points(belief)
     optimal_cost = float(problem.state_costs(optimal) @ belief)
     limit = case.budget.limit(optimal_cost)
-    if reference is not None and case.on_empty == "exclude" and isinstance(problem, QuadraticProblem):
-        found = _search_faces(case, problem, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
-        if problem.bends or not _some_candidate_is_better(case, found, optimal_cost, limit):
+    quadratic = quadratic_problem(problem)
+    if reference is not None and case.on_empty == "exclude" and quadratic is not None:
+        found = _search_faces(case, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
+        if quadratic.bends or not _some_candidate_is_better(case, found, optimal_cost, limit):
             return found
         other = _search_candidates(case, optimal, optimal_cost, limit)
         return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
@@ -210,7 +211,7 @@ def _search(case: Case, reference: Reference | None) -> Decision | Singles:
 def _walked(case: Case, beliefs: Array, progress: Progress | None = None) -> Singles | None:
     """The walk in the plane, where it knows the problem and the measure; `case` gives everything but the beliefs."""
     problem, measure = case.problem, case.measure
-    if problem.n_states != _PLANE_STATES or not isinstance(problem, QuadraticProblem) or case.on_empty != "exclude":
+    if problem.n_states != _PLANE_STATES or quadratic_problem(problem) is None or case.on_empty != "exclude":
         return None
     if type(measure) is MaximalObfuscation:
         aims = Aims(beliefs, 1.0, (case.budget,))
@@ -221,10 +222,11 @@ def _walked(case: Case, beliefs: Array, progress: Progress | None = None) -> Sin
     return stream_singles(atlas_of(problem, case.candidates), beliefs, aims, progress=progress)
 
 
-def _search_faces(case: Case, problem: QuadraticProblem, aim: Aim, optimal: Array) -> Decision:
+def _search_faces(case: Case, aim: Aim, optimal: Array) -> Decision:
     """The search by kernels: distances from or to a belief, quadratic costs."""
-    measure, belief = case.measure, case.belief
-    found = most_private(atlas_of(problem, case.candidates), aim, optimal)
+    problem, measure, belief = case.problem, case.measure, case.belief
+    atlas = atlas_of(problem, case.candidates)
+    found = most_private(atlas, aim, atlas.form.variables(optimal))
     if aim.sign > 0:
         # The true belief explains the optimal decision.
         own, least = 0.0, tolerances.NO_PRIVACY
@@ -235,7 +237,7 @@ def _search_faces(case: Case, problem: QuadraticProblem, aim: Aim, optimal: Arra
         status = DecisionStatus.NO_AFFORDABLE_PRIVACY if aim.sign > 0 else DecisionStatus.OPTIMAL
         cost = aim.optimal_cost
         return Decision(optimal, cost, cost, 0.0, own, max(bound, own), belief, status, problem, 0.0)
-    action = found.action
+    action = atlas.decisions(found.action)
     cost = float(problem.state_costs(action) @ belief)
     privacy = found.privacy
     if type(measure) not in (MaximalObfuscation, DesiredObfuscation):
@@ -300,7 +302,7 @@ def shows_nothing(measure: PrivacyMeasure, belief: Array, privacy: float) -> boo
 def _most_private(goal: Goal, scores: Scores, index: int | None) -> tuple[Array | None, DecisionStatus]:
     start = None if index is None else Trial(scores.candidates.actions[index], float(scores.privacies[index]))
     # Linear costs leave nothing to climb: on a face the consistent set is the same, and the cheapest end is a candidate.
-    found = None if isinstance(goal.problem, LinearProblem) else polish(goal, scores)
+    found = polish(goal, scores) if goal.problem.linear_form() is None else None
     if found is not None and (start is None or found.privacy > start.privacy):
         return found.action, DecisionStatus.POLISHED
     return (None if start is None else start.action), DecisionStatus.BEST_CANDIDATE

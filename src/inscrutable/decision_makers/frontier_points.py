@@ -18,7 +18,7 @@ from inscrutable.decision_makers.search.face_search import rules_for
 from inscrutable.decision_makers.search.faces import face_programme
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.privacy import PrivacyMeasure
-from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
 
 _CHUNK = 1 << 15
@@ -91,9 +91,11 @@ def distance_points(own: Decision, belief: Array, measure: PrivacyMeasure, candi
     chosen = np.empty(count, dtype=np.int64)
     chosen = chosen[: contenders(regrets, privacies, table.kind, own.privacy, np.empty(_BINS), chosen)]
     problem = candidates.sets.problem
-    if reference.sign < 0 and isinstance(problem, QuadraticProblem):
+    form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
+    if reference.sign < 0 and form is not None and quadratic is not None:
         larger = chosen[table.kind[chosen] == LARGER]
-        nearness = _distances(problem, candidates.actions[table.number[larger]], reference.point)
+        variables = form.variables(candidates.actions[table.number[larger]])
+        nearness = _distances(quadratic, variables, reference.point)
         privacies[larger] = -np.maximum(nearness - tolerances.NO_PRIVACY, 0.0)
     points = Points(
         np.append(regrets[chosen], own.regret),

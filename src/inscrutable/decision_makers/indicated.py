@@ -25,7 +25,7 @@ from inscrutable.decision_makers.results import (
 from inscrutable.decision_makers.search.indicator_polish import Block, cheaper
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.privacy import PrivacyMeasure
-from inscrutable.problems import DecisionProblem, LinearProblem
+from inscrutable.problems import DecisionProblem, LinearForm
 from inscrutable.validation import Array
 
 _CHUNK = 64
@@ -157,19 +157,21 @@ class Hiding:
             source[which] = np.where(better, _POLISHED, _CANDIDATE)
             actions[which] = np.where(better[:, None], polished, candidates)
             regrets[which] = np.where(better, reached, cheapest.regrets[found])
-        if goal.compares_gaps and isinstance(problem, LinearProblem) and not problem.is_discrete:
+        linear = problem.linear_form()
+        if goal.compares_gaps and linear is not None and linear.lift is None and not problem.is_discrete:
             for t in others:
-                exact = self._by_programme(goal, beliefs[t], float(optimal_costs[t]))
+                exact = self._by_programme(goal, linear, beliefs[t], float(optimal_costs[t]))
                 best = limits[t] if source[t] == _NOTHING else min(limits[t], regrets[t])
                 if exact is not None and exact[1] <= best:
                     actions[t], regrets[t], source[t] = *exact, _POLISHED
         result.actions[part], result.regrets[part], result.source[part] = actions, regrets, source
         result.optimal_costs[part], result.decoys[part] = optimal_costs, _centres(problem, actions)
 
-    def _by_programme(self, goal: Indicator, belief: Array, optimal_cost: float) -> tuple[Array, float] | None:
+    def _by_programme(
+        self, goal: Indicator, form: LinearForm, belief: Array, optimal_cost: float
+    ) -> tuple[Array, float] | None:
         """The cheapest unexplained decision of linear costs and its regret, where it is admissible."""
-        assert isinstance(self.problem, LinearProblem)
-        action = cheapest_unexplained(self.problem, belief, goal.margin)
+        action = cheapest_unexplained(form, belief, goal.margin)
         if action is None or not self.problem.constraints.is_admissible(action):
             return None
         if not LevelTest(self.problem, goal.margin).reaches(action):

@@ -10,14 +10,14 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
-from inscrutable.problems import LinearProblem
+from inscrutable.problems import LinearForm
 from inscrutable.validation import Array
 
 
-def cheapest_unexplained(problem: LinearProblem, belief: Array, margin: float) -> Array | None:
+def cheapest_unexplained(form: LinearForm, belief: Array, margin: float) -> Array | None:
     """Return the decision (U,) of least cost under a belief whose plausibility gap is at least the margin, None where
     there is none."""
-    region, costs, size = problem.constraints, problem.costs, problem.n_actions
+    region, costs, size = form.constraints, form.costs, form.constraints.n_actions
     scale = max(float(np.abs(costs).max()), np.finfo(float).tiny)
     # A gap is proved only up to its accuracy.
     wanted = margin / scale + 2.0 * tolerances.GAP_STEP * max(1.0, margin / scale)

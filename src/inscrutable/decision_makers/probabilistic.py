@@ -30,7 +30,7 @@ from inscrutable.decision_makers.results import (
 from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.decision_makers.streamed import stream, stream_one
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
-from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, quadratic_problem
 from inscrutable.validation import Array
 
 
@@ -129,7 +129,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
     def _streams(self) -> bool:
         """Whether the streaming kernels know the problem, the measure and the method."""
         return (
-            isinstance(self.problem, QuadraticProblem)
+            quadratic_problem(self.problem) is not None
             and type(self.measure) in (MaximalObfuscation, DesiredObfuscation)
             and isinstance(self.method, Envelope)
             and self.on_empty == "exclude"

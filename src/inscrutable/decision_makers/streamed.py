@@ -11,7 +11,6 @@ from inscrutable.decision_makers.search.atlas import Atlas, atlas_of
 from inscrutable.decision_makers.search.streaming import OWN, Aims, Lotteries, Spot, farthest_corners, stream_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation
-from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
 _KINDS = np.array(
@@ -44,7 +43,7 @@ def stream_one(case: Case) -> MixedDecision:
 def _one(atlas: Atlas, case: Case, aims: Aims) -> Lotteries:
     best = best_found(case)
     if isinstance(best, Decision):
-        known = Spot(best.action, best.decoy, best.regret, best.privacy, best.optimal_cost)
+        known = Spot(atlas.form.variables(best.action), best.decoy, best.regret, best.privacy, best.optimal_cost)
     else:
         known = best.spot()
     found = stream_lotteries(atlas, case.belief[None], aims, known=known)
@@ -56,7 +55,6 @@ def _one(atlas: Atlas, case: Case, aims: Aims) -> Lotteries:
 
 
 def _atlas(case: Case) -> Atlas:
-    assert isinstance(case.problem, QuadraticProblem)
     return atlas_of(case.problem, case.candidates)
 
 

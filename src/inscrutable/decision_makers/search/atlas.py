@@ -14,7 +14,7 @@ from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.lotteries import Arena
 from inscrutable.kernels.search import LARGER, POINT, SEGMENT, Leaves, Table
-from inscrutable.problems import QuadraticProblem
+from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
 
 _LEAF = 24
@@ -52,18 +52,26 @@ class Scans(NamedTuple):
 class Atlas:
     """The decisions among which a search chooses; `index` says which candidate each one is."""
 
-    def __init__(self, problem: QuadraticProblem, candidates: Candidates) -> None:
+    def __init__(self, problem: DecisionProblem, candidates: Candidates) -> None:
+        form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
+        assert form is not None and quadratic is not None, "an atlas is of quadratic costs"
+        self.asked, self.form = problem, form
+        self.problem = quadratic
+        """The quadratic problem in the form's variables; these are what is called decisions here."""
         sets = candidates.sets
         first = sets.distinct == np.arange(len(candidates))
-        chosen = np.flatnonzero(first & candidates.usable & (sets.dimension >= 0))
+        variables = self.form.variables(candidates.actions)
+        usable = candidates.usable
+        if self.form.lift is not None:
+            usable = usable & quadratic.constraints.is_admissible(variables)
+        chosen = np.flatnonzero(first & usable & (sets.dimension >= 0))
         decoys = sets.start if candidates.decoys is None else candidates.decoys
         order, self._starts = _leaves(decoys[chosen])
         self.index = chosen[order]
-        self.problem = problem
         self.candidates = candidates
-        self.faces = Faces(problem)
-        self.actions = candidates.actions[self.index]
-        tight = problem.constraints.tight_rows(self.actions)
+        self.faces = Faces(quadratic)
+        self.actions = variables[self.index]
+        tight = quadratic.constraints.tight_rows(self.actions)
         self.patterns, face = distinct_patterns(tight)
         start, end = sets.start[self.index], sets.end[self.index]
         dimension = sets.dimension[self.index]
@@ -81,6 +89,10 @@ class Atlas:
 
     def __len__(self) -> int:
         return len(self.index)
+
+    def decisions(self, variables: Array) -> Array:
+        """Return the decisions (…,U) of the problem that was asked for from those (…,V) of its form."""
+        return self.form.decisions(variables)
 
     @cached_property
     def arena(self) -> Arena:
@@ -130,7 +142,7 @@ class Atlas:
         return Leaves(starts, centre, radius, reach, middle, slope, excess)
 
 
-def atlas_of(problem: QuadraticProblem, candidates: Candidates) -> Atlas:
+def atlas_of(problem: DecisionProblem, candidates: Candidates) -> Atlas:
     """Return the atlas of candidates, made at first use and kept with them."""
     return candidates.once("atlas", lambda: Atlas(problem, candidates))
 

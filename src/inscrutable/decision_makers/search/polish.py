@@ -19,7 +19,7 @@ from inscrutable.decision_makers.scores import Scores
 from inscrutable.decision_makers.search.ray_climb import climb_on_rays
 from inscrutable.decision_makers.search.rays import farthest_decoys
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.problems.quadratic import FaceSolution
 from inscrutable.validation import Array
 
@@ -156,8 +156,9 @@ def _improve(goal: Goal, start: Start, best: Trial | None) -> Trial | None:
     normals = np.vstack([region.A_ub[start.tight], region.A_eq])
     free = null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(start.action.size)
     # A face of k free coordinates leaves consistent sets of dimension X − 1 − k.
-    if free.shape[1] >= problem.n_states - 1 and isinstance(problem, QuadraticProblem):
-        return _through_decoys(goal, problem, start.tight, start.decoy)
+    form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
+    if free.shape[1] >= problem.n_states - 1 and quadratic is not None and form is not None and form.lift is None:
+        return _through_decoys(goal, quadratic, start.tight, start.decoy)
     if free.shape[1] >= problem.n_states - 1 and problem.n_states > 1:
         action = climb_on_rays(goal, start.tight, start.decoy, -np.inf if best is None else best.privacy)
         return judge(goal, start.action) if action is None else judge(goal, action)

@@ -26,7 +26,7 @@ from inscrutable.decision_makers.search.streaming import (
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.prices import budget_price
 from inscrutable.kernels.three_leaves import Plane, Scene
-from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _BLOCK = 1 << 16
@@ -52,12 +52,16 @@ class Singles:
     kept: dict[tuple[int, int], Array]  # decisions on faces that the atlas may not have
 
     @property
-    def problem(self) -> QuadraticProblem:
+    def problem(self) -> DecisionProblem:
         """The decision problem."""
-        return self.atlas.problem
+        return self.atlas.asked
 
     def actions(self, step: int | slice, budget: int) -> Array:
         """Return the decision of one step, (U,), or of many, (T,U), under one of the budgets."""
+        return self.atlas.decisions(self._variables(step, budget))
+
+    def _variables(self, step: int | slice, budget: int) -> Array:
+        """The same in the variables of the problem's form."""
         index, face = self.index[step, budget].reshape(-1), self.face[step, budget].reshape(-1)
         decoys = self.decoy[step, budget].reshape(-1, self.decoy.shape[-1])
         found = decisions_at(self.atlas, index, face, decoys)
@@ -70,7 +74,7 @@ class Singles:
     def spot(self) -> Spot:
         """Return the decision of the first belief under the first budget as a lottery's search takes it."""
         regret, privacy = float(self.regret[0, 0]), float(self.privacy[0, 0])
-        return Spot(self.actions(0, 0), self.decoy[0, 0], regret, privacy, float(self.optimal_costs[0]))
+        return Spot(self._variables(0, 0), self.decoy[0, 0], regret, privacy, float(self.optimal_costs[0]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.kernels.three_leaves import Plane, Scene
-from inscrutable.problems import QuadraticProblem
+from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array
 
 _CHUNK = 256
@@ -49,15 +49,16 @@ class Lotteries:
     kept: list[Array]  # decisions that are no face's at a decoy: numbered on, behind the atlas's faces
 
     @property
-    def problem(self) -> QuadraticProblem:
+    def problem(self) -> DecisionProblem:
         """The decision problem."""
-        return self.atlas.problem
+        return self.atlas.asked
 
     def actions(self, step: int | slice | tuple[int, np.ndarray]) -> Array:
         """Return the atoms of one step, shape (2,U), of many, shape (T,2,U), or chosen ones of a step."""
         index, face, decoys = self.index[step], self.face[step], self.decoys[step]
         flat = (index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
-        return decisions_at(self.atlas, *flat, self.kept).reshape(*index.shape, self.problem.n_actions)
+        found = self.atlas.decisions(decisions_at(self.atlas, *flat, self.kept))
+        return found.reshape(*index.shape, self.problem.n_actions)
 
     def take(self, step: int, other: Lotteries) -> None:
         """Put another search's lottery for one belief in the place of a step's."""

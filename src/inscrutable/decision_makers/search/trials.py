@@ -12,7 +12,7 @@ from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.geometry.hulls import kernel_limits, sum_zero_basis
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, QuadraticProblem
+from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
 
 _MOST_ACTIONS = 50
@@ -46,10 +46,10 @@ def judge_for(problem: DecisionProblem, belief: Array, measure: PrivacyMeasure) 
     plain = DefinedJudge(problem, belief, measure)
     if reference is None or measure.judges_empty or problem.n_actions > _MOST_ACTIONS:
         return plain
-    quadratic = isinstance(problem, QuadraticProblem) and all(
-        getattr(type(problem), name) is getattr(QuadraticProblem, name) for name in ("state_costs", "cost_gradients")
-    )
-    return QuadraticJudge(problem, belief, reference) if quadratic else plain  # type: ignore[arg-type]
+    form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
+    if form is None or quadratic is None or form.lift is not None:
+        return plain
+    return QuadraticJudge(quadratic, belief, reference)
 
 
 class DefinedJudge:

@@ -54,7 +54,8 @@ class Atlas:
 
     def __init__(self, problem: DecisionProblem, candidates: Candidates) -> None:
         form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
-        assert form is not None and quadratic is not None, "an atlas is of quadratic costs"
+        assert form is not None, "an atlas is of quadratic costs"
+        assert quadratic is not None
         self.asked, self.form = problem, form
         self.problem = quadratic
         """The quadratic problem in the form's variables; these are what is called decisions here."""

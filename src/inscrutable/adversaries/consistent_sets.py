@@ -6,6 +6,7 @@ from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import orth
 
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of, scaled_gradients, smooth_form_of
@@ -124,6 +125,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
             return by_rows
     form = smooth_form_of(problem)
     region, points = form.constraints, form.variables(actions)
+    common = orth(region.A_eq.T)
     count, n_states = actions.shape[0], problem.n_states
     dimension = np.full(count, -1)
     ends = np.zeros((count, 2, n_states))
@@ -134,7 +136,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
-        scaled = scaled_gradients(form.gradients(points[index]), region.A_eq).transpose(0, 2, 1)
+        scaled = scaled_gradients(form.gradients(points[index]), common).transpose(0, 2, 1)
         inequalities = rows.inequalities @ scaled
         equalities = rows.equalities @ scaled
         dimension[index], ends[index] = described_sets(equalities, inequalities, tolerances.EXPLAINED)

@@ -57,17 +57,16 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
         form = smooth_form_of(problem)
         point, region = form.variables(u), form.constraints
         rows = region.stationarity(region.tight_rows(point))
-        scaled = scaled_gradients(form.gradients(point[None]), region.A_eq)[0].T
+        scaled = scaled_gradients(form.gradients(point[None]), orth(region.A_eq.T))[0].T
         equalities, inequalities = rows.equalities @ scaled, rows.inequalities @ scaled
     gap = partial(gap_compared, problem, u)
     return BeliefSet(equalities, inequalities, tolerance, gap, problem.state_names)
 
 
-def scaled_gradients(gradients: Array, equalities: Array) -> Array:
-    """Return gradients (M,X,U) over their largest entry; where most of that lies along the equalities (e,U), which say
-    nothing of a belief, over a thousand times what does not."""
+def scaled_gradients(gradients: Array, common: Array) -> Array:
+    """Return gradients (M,X,U) over their largest entry; where most of that lies along the equalities, of which `common`
+    (U,e) is an orthonormal basis and which say nothing of a belief, over a thousand times what does not."""
     scale = np.abs(gradients).max(axis=(1, 2), initial=0.0)
-    common = orth(equalities.T)
     across = np.abs(gradients - gradients @ common @ common.T).max(axis=(1, 2), initial=0.0)
     scale = np.clip(tolerances.COMMON_COST * across, tolerances.LEAST_DIFFERENCE * scale, scale)
     return np.asarray(gradients / np.where(scale > 0, scale, 1.0)[:, None, None])

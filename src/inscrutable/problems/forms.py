@@ -18,7 +18,21 @@ from inscrutable.validation import Array
 
 
 class Lift(NamedTuple):
-    """How decisions (…,U) become the variables (…,V) of a form, and back."""
+    """How decisions become the variables of a form, and back.
+
+    Args:
+        variables: Returns v, shape (…,V), of decisions u (…,U); they must be feasible where u is.
+        decisions: Returns u of v, so that decisions(variables(u)) = u.
+
+    Example:
+        >>> import numpy as np
+        >>> from inscrutable import MarkowitzProblem
+        >>> from inscrutable.problems import with_transaction_costs
+        >>> plain = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+        >>> form = with_transaction_costs(plain, [0.5, 0.5], linear=0.02).quadratic_form()
+        >>> print(form.lift.variables(np.array([0.6, 0.4])).round(3))  # purchases, then sales
+        [0.1 0.  0.  0.1]
+    """
 
     variables: Callable[[Array], Array]
     decisions: Callable[[Array], Array]

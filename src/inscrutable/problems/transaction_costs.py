@@ -161,7 +161,7 @@ class TradingProblem(DecisionProblem):
             min_slack=region.min_slack,
         )
         bounds = np.concatenate([np.zeros(most.size), lower]), np.concatenate([most, upper])
-        return rows & box(*bounds) if np.isfinite(bounds).any() else rows
+        return rows & box(*bounds, min_slack=region.min_slack) if np.isfinite(bounds).any() else rows
 
     @property
     def n_states(self) -> int:

@@ -114,7 +114,7 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
             self._columns = columns_of(self.problem, candidates, self.options.plausible_only)
             if self._given is None:
                 # The cheapest constant decision: at the silence regret it suffices, and decoys alone may miss it.
-                self._columns = self._columns.with_optimal(self.prior.mean)
+                self._columns = self._columns.joined(self.prior.mean[None])
         return self._columns
 
     def _table(self, columns: Columns) -> PriorTable:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,20 +42,18 @@ class Columns:
         return Columns(self.problem, self.candidates, self.found.pick(which))
 
     def joined(self, beliefs: Array) -> Columns:
-        """Return them with the optimal decisions of some beliefs (n,X) behind."""
-        own = self.problem.solve_points(beliefs)
-        decoys = None
-        if self.candidates.decoys is not None:
-            decoys = np.vstack([self.candidates.decoys[self.found.number], beliefs])
-        both = make_candidates(self.problem, np.vstack([self.points, own]), decoys)
-        return Columns(self.problem, both, distinct_of(both))
+        """Return them with the optimal decisions of some beliefs (n,X) behind, but for those that are among them.
 
-    def with_optimal(self, belief: Array) -> Columns:
-        """Return them with the optimal decision of a belief (X,) behind, unless it is one of them."""
-        own = self.problem.solve_points(belief[None])
-        if first_same(np.vstack([self.points, own]))[-1] < len(self):
+        What is optimal is played whether or not it holds less than the feasible set's `min_slack` of something: no other
+        decision may meet a budget.
+        """
+        own = self.problem.solve_points(beliefs)
+        first = first_same(np.vstack([self.points, own]))[len(self) :]
+        new = np.flatnonzero(first == len(self) + np.arange(len(own)))
+        if not new.size:
             return self
-        added = make_candidates(self.problem, own, belief[None])
+        added = make_candidates(self.problem, own[new], beliefs[new])
+        added = replace(added, usable=np.ones(len(new), dtype=np.bool_))
         last = distinct_of(added)
         last = last._replace(number=last.number + len(self.candidates))
         found = Distinct(*(np.concatenate(pair) for pair in zip(self.found, last, strict=True)))

@@ -109,7 +109,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
         allowed = allowed_places(regrets, self.options.worst_regret, costs)
         lost = np.zeros(len(held), dtype=bool)
         if allowed is not None:
-            lost |= ~allowed.any(axis=1)
+            lost |= ~(allowed & (hidden.law > 0)).any(axis=1)
         if np.isinf(hidden.slope):
             lost |= regrets.min(axis=1) > hidden.free + rounding_of(costs)
         shares = _rows(regrets, allowed, hidden)
@@ -228,7 +228,7 @@ def _solved_in_turn(
     table, weights = maker._table(maker.columns), maker.prior.weights
     limits = [float(weights @ budget.limits(table.optimal_costs)) for budget in budgets]
     slack = float(weights @ rounding_of(table.optimal_costs))
-    if not float(weights @ table.least) <= min(limits) + slack:
+    if not (np.isfinite(table.least).all() and float(weights @ table.least) <= min(limits) + slack):
         table = maker._table(maker.columns.joined(maker.prior.beliefs))
     least = table.least
     source = Source(weights, np.maximum(table.regrets - least[:, None], 0.0), table.allowed)
@@ -244,8 +244,13 @@ def _solved_in_turn(
 
 
 def _solution(prior: Prior, table: PriorTable, source: Source, hidden: Hidden, limit: float) -> _Solution:
-    used = np.flatnonzero(hidden.law > 0)
-    shares = without_small(rows(source, hidden)[:, used], table.regrets[:, used])
+    shares = rows(source, hidden)
+    # A belief of no weight has no say in the law, and may be allowed nothing that is played.
+    lost = np.flatnonzero(shares.sum(axis=1) <= 0)
+    allowed = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
+    shares[lost, allowed[lost].argmin(axis=1)] = 1.0
+    used = np.flatnonzero((hidden.law > 0) | (shares[lost] > 0).any(axis=0))
+    shares = without_small(shares[:, used], table.regrets[:, used])
     columns = table.columns.pick(used)
     mechanism = Mechanism(
         prior.beliefs, table.columns.problem.as_actions(columns.points), shares, table.regrets[:, used]

@@ -111,7 +111,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
         if allowed is not None:
             lost |= ~(allowed & (hidden.law > 0)).any(axis=1)
         if np.isinf(hidden.slope):
-            lost |= regrets.min(axis=1) > hidden.free + rounding_of(costs)
+            lost |= regrets[:, hidden.law > 0].min(axis=1) > hidden.free + rounding_of(costs)
         shares = _rows(regrets, allowed, hidden)
         if lost.any():  # nothing that is played is allowed here: the optimal decision is
             columns = columns.joined(held[lost])
@@ -247,8 +247,8 @@ def _solution(prior: Prior, table: PriorTable, source: Source, hidden: Hidden, l
     shares = rows(source, hidden)
     # A belief of no weight has no say in the law, and may be allowed nothing that is played.
     lost = np.flatnonzero(shares.sum(axis=1) <= 0)
-    allowed = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
-    shares[lost, allowed[lost].argmin(axis=1)] = 1.0
+    within = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
+    shares[lost, within[lost].argmin(axis=1)] = 1.0
     used = np.flatnonzero((hidden.law > 0) | (shares[lost] > 0).any(axis=0))
     shares = without_small(shares[:, used], table.regrets[:, used])
     columns = table.columns.pick(used)

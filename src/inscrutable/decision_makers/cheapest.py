@@ -12,7 +12,7 @@ from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_measure
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.counter_adversarial import Case, best_decision
+from inscrutable.decision_makers.counter_adversarial import Case, best_decisions
 from inscrutable.decision_makers.frontier import privacy_frontier
 from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.privacy import PrivacyMeasure
@@ -140,8 +140,8 @@ class _Search:
         limit = float(frontier.points[index[known][0], 0])
         found: list[tuple[float, Array]] = []
         if self.measure.is_indicator:  # the decision maker plays the cheapest that meets the goal
-            case = Case(self.problem, self.candidates, self.belief, self.measure, Budget.regret(limit), "exclude")
-            action = self.problem.as_points(best_decision(case).action)
+            case = Case(self.problem, self.candidates, self.measure, Budget.regret(limit), "exclude")
+            action = self.problem.as_points(best_decisions(case, self.belief[None])[0].action)
             found += [(self._regret(action), action)] if self.reaches(action) else []
         for number in numbers[known][:_WAYS]:
             action = np.asarray(self.candidates.actions[int(number)])

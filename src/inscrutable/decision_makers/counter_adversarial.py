@@ -25,7 +25,7 @@ from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.decision_makers.search.atlas import atlas_of
 from inscrutable.decision_makers.search.face_search import most_private
 from inscrutable.decision_makers.search.polish import Goal, Trial, polish
-from inscrutable.decision_makers.search.singles import Singles, decisions_of, price_of, stream_singles
+from inscrutable.decision_makers.search.singles import decisions_of, price_of, stream_singles
 from inscrutable.decision_makers.search.streaming import Aims
 from inscrutable.errors import InputError
 from inscrutable.kernels.climb import Aim
@@ -35,7 +35,6 @@ from inscrutable.problems import DecisionProblem, quadratic_problem
 from inscrutable.validation import Array
 
 _DIRECTIONS = 300
-_PLANE_STATES = 3
 
 
 @dataclass(frozen=True)
@@ -123,35 +122,33 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
 
         Cost: about 0.15 ms for three states, up to 0.2 s for eight states and ninety actions; a local search some 0.1 s.
         """
-        return self._proved(
-            validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names), self.measure
-        )
+        held = validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)
+        self.measure.reference(held)  # refuses a target for every step
+        return self._decided(held[None], None)[0]
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
-        """Return the decisions for beliefs (T,X); a target per step is used in turn."""
+        """Return the decisions for beliefs (T,X), each the one that `decide` returns; a target per step is used in turn."""
         held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
-        if self._proofs is not None:
-            proved = [self._proved(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
-            return stack(proved, self.problem)
-        if isinstance(self.method, GlobalSearch) and is_streamed(self.measure):
-            return Hiding(self.problem, self.candidates, self.measure, self.budget).met(held, progress).decisions()
-        walked = None
+        return self._decided(held, progress)
+
+    def _decided(self, beliefs: Array, progress: Progress | None) -> Decisions:
+        if self._proofs is None:
+            return self._found(beliefs, progress)
+        found, proved = self._found(beliefs, None), []
+        for step, belief in counted(beliefs, progress):
+            measure = self.measure.at_step(step)
+            proved.append(self._proofs.single(belief, measure, found[step], self.between_choices))
+        return stack(proved, self.problem)
+
+    def _found(self, beliefs: Array, progress: Progress | None) -> Decisions:
         if isinstance(self.method, GlobalSearch):
-            case = Case(self.problem, self.candidates, held[0], self.measure, self.budget, self.on_empty)
-            walked = _walked(case, held, progress)
-        if walked is not None:
-            return decisions_of(walked)
-        decided = [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
-        return stack(decided, self.problem)
-
-    def _proved(self, belief: Array, measure: PrivacyMeasure) -> Decision:
-        found = self._decide(belief, measure)
-        return found if self._proofs is None else self._proofs.single(belief, measure, found, self.between_choices)
-
-    def _decide(self, belief: Array, measure: PrivacyMeasure) -> Decision:
-        if isinstance(self.method, LocalSearch):
-            return self._decide_locally(belief, measure, self.method)
-        return best_decision(Case(self.problem, self.candidates, belief, measure, self.budget, self.on_empty))
+            case = Case(self.problem, self.candidates, self.measure, self.budget, self.on_empty)
+            return best_decisions(case, beliefs, progress)
+        locally = [
+            self._decide_locally(belief, self.measure.at_step(step), self.method)
+            for step, belief in counted(beliefs, progress)
+        ]
+        return stack(locally, self.problem)
 
     def _decide_locally(self, belief: Array, measure: PrivacyMeasure, method: LocalSearch) -> Decision:
         limit = self.budget.limit(float(self.problem.optimal_cost(belief)))
@@ -163,68 +160,66 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
 
 
 class Case(NamedTuple):
-    """One belief to hide, and all that the search for a decision needs."""
+    """All that the search for decisions needs besides the beliefs to hide."""
 
     problem: DecisionProblem
     candidates: Candidates
-    belief: Array
     measure: PrivacyMeasure
     budget: Budget
     on_empty: str
 
+    @property
+    def is_quadratic_distance(self) -> bool:
+        """Whether kernels know the problem and the measure: costs of a quadratic form, and ± the distance to a belief."""
+        known = type(self.measure) in (MaximalObfuscation, DesiredObfuscation) and self.on_empty == "exclude"
+        return known and quadratic_problem(self.problem) is not None
 
-def best_decision(case: Case) -> Decision:
-    """Return the polished best of the candidates, never worse than the optimal decision; searched once."""
+    def aims(self, beliefs: Array) -> Aims:
+        """Return what a measure that is ± a distance aims at under beliefs (T,X)."""
+        if isinstance(self.measure, DesiredObfuscation):
+            return Aims(self.measure.targets_for(beliefs), -1.0, (self.budget,))
+        return Aims(beliefs, 1.0, (self.budget,))
+
+
+def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
+    """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief is searched by itself."""
     if is_streamed(case.measure):
-        return Hiding(case.problem, case.candidates, case.measure, case.budget).decide(case.belief)
-    found = best_found(case)
-    # A new one each time: the one that is kept for other decision makers is nobody's to change.
-    return replace(found) if isinstance(found, Decision) else decisions_of(found)[0]
+        return Hiding(case.problem, case.candidates, case.measure, case.budget).met(beliefs, progress).decisions()
+    if case.is_quadratic_distance:
+        found = stream_singles(atlas_of(case.problem, case.candidates), beliefs, case.aims(beliefs), progress=progress)
+        if found is not None:
+            return decisions_of(found)
+    # A table of copies: what is kept for other decision makers is nobody's to change.
+    return stack([_best_at(case, step, belief) for step, belief in counted(beliefs, progress)], case.problem)
 
 
-def best_found(case: Case) -> Decision | Singles:
-    """Return the best decision as the search leaves it, of which the walk in the plane makes none yet; searched once."""
-    reference = case.measure.reference(case.belief)
-    goal = case.measure if reference is None else (type(case.measure), reference.point.tobytes(), reference.sign)
-    key = (case.belief.tobytes(), case.budget, goal, case.on_empty)
-    return case.candidates.once(key, lambda: _search(case, reference))
+def _best_at(case: Case, step: int, belief: Array) -> Decision:
+    """The best decision of one belief; the latest are kept with the candidates, for other decision makers."""
+    at_step = case._replace(measure=case.measure.at_step(step))
+    reference = at_step.measure.reference(belief)
+    goal = at_step.measure if reference is None else (type(case.measure), reference.point.tobytes(), reference.sign)
+    key = (belief.tobytes(), case.budget, goal, case.on_empty)
+    return case.candidates.once(key, lambda: _search(at_step, belief, reference))
 
 
-def _search(case: Case, reference: Reference | None) -> Decision | Singles:
-    problem, belief = case.problem, case.belief
-    walked = _walked(case, belief[None])
-    if walked is not None:
-        return walked
+def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
+    problem = case.problem
     optimal = problem.solve_points(belief)
     optimal_cost = float(problem.state_costs(optimal) @ belief)
     limit = case.budget.limit(optimal_cost)
     quadratic = quadratic_problem(problem)
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
         found = _search_faces(case, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
-        if quadratic.bends or not _some_candidate_is_better(case, found, optimal_cost, limit):
+        if quadratic.bends or not _some_candidate_is_better(case, belief, found, limit):
             return found
-        other = _search_candidates(case, optimal, optimal_cost, limit)
+        other = _search_candidates(case, belief, optimal, optimal_cost, limit)
         return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
-    return _search_candidates(case, optimal, optimal_cost, limit)
-
-
-def _walked(case: Case, beliefs: Array, progress: Progress | None = None) -> Singles | None:
-    """The walk in the plane, where it knows the problem and the measure; `case` gives everything but the beliefs."""
-    problem, measure = case.problem, case.measure
-    if problem.n_states != _PLANE_STATES or quadratic_problem(problem) is None or case.on_empty != "exclude":
-        return None
-    if type(measure) is MaximalObfuscation:
-        aims = Aims(beliefs, 1.0, (case.budget,))
-    elif isinstance(measure, DesiredObfuscation) and type(measure) is DesiredObfuscation:
-        aims = Aims(measure.targets_for(beliefs), -1.0, (case.budget,))
-    else:
-        return None
-    return stream_singles(atlas_of(problem, case.candidates), beliefs, aims, progress=progress)
+    return _search_candidates(case, belief, optimal, optimal_cost, limit)
 
 
 def _search_faces(case: Case, aim: Aim, optimal: Array) -> Decision:
     """The search by kernels: distances from or to a belief, quadratic costs."""
-    problem, measure, belief = case.problem, case.measure, case.belief
+    problem, measure, belief = case.problem, case.measure, aim.belief
     atlas = atlas_of(problem, case.candidates)
     found = most_private(atlas, aim, atlas.form.variables(optimal))
     if aim.sign > 0:
@@ -257,16 +252,16 @@ def _search_faces(case: Case, aim: Aim, optimal: Array) -> Decision:
     )
 
 
-def _some_candidate_is_better(case: Case, found: Decision, optimal_cost: float, limit: float) -> bool:
+def _some_candidate_is_better(case: Case, belief: Array, found: Decision, limit: float) -> bool:
     """Whether the search of faces stayed behind a candidate: where decisions are tied on a face, nothing climbs there."""
-    scores = score(case.belief, optimal_cost, case.candidates, case.measure, case.on_empty)
+    scores = score(belief, found.optimal_cost, case.candidates, case.measure, case.on_empty)
     index = scores.best(limit)
     return index is not None and bool(scores.privacies[index] > found.privacy + tolerances.NO_PRIVACY)
 
 
-def _search_candidates(case: Case, optimal: Array, optimal_cost: float, limit: float) -> Decision:
+def _search_candidates(case: Case, belief: Array, optimal: Array, optimal_cost: float, limit: float) -> Decision:
     """The search by candidates and their judged sets, for every measure and problem."""
-    problem, belief, measure = case.problem, case.belief, case.measure
+    problem, measure = case.problem, case.measure
     scores = score(belief, optimal_cost, case.candidates, measure, case.on_empty)
     status = DecisionStatus.BEST_CANDIDATE
     index = scores.best(limit)

@@ -11,14 +11,12 @@ from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.indicators import Indicator, IndicatorTable, goal_key, table_of
+from inscrutable.decision_makers.indicators import Indicator, IndicatorTable, table_of
 from inscrutable.decision_makers.linear_goals import cheapest_unexplained
 from inscrutable.decision_makers.results import (
-    Decision,
     Decisions,
     DecisionStatus,
     Kept,
-    MixedDecision,
     MixedDecisions,
     Progress,
 )
@@ -89,19 +87,6 @@ class Hiding:
     candidates: Candidates
     measure: PrivacyMeasure
     budget: Budget
-
-    def decide(self, belief: Array) -> Decision:
-        """Return the cheapest decision that meets the goal under a belief (X,), or else the optimal one."""
-        return self._once(belief).decisions()[0]
-
-    def lottery(self, belief: Array) -> MixedDecision:
-        """Return the same as a lottery."""
-        return self._once(belief).lotteries()[0]
-
-    def _once(self, belief: Array) -> Met:
-        """The search for one belief, which decision makers share."""
-        key = (*goal_key(self.measure), self.budget, belief.tobytes())
-        return self.candidates.once(key, lambda: self.met(belief[None]))
 
     def met(self, beliefs: Array, progress: Progress | None = None) -> Met:
         """Return how beliefs (T,X) are best hidden; chunks of them in turn, on all cores."""

@@ -11,7 +11,7 @@ from inscrutable import validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.counter_adversarial import Case, best_decision, shows_nothing
+from inscrutable.decision_makers.counter_adversarial import Case, best_decisions, shows_nothing
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.indicated import Hiding
@@ -28,9 +28,9 @@ from inscrutable.decision_makers.results import (
     stack_mixed,
 )
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.streamed import stream, stream_one
-from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
-from inscrutable.problems import DecisionProblem, quadratic_problem
+from inscrutable.decision_makers.streamed import stream
+from inscrutable.privacy import PrivacyMeasure
+from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 
@@ -108,54 +108,40 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery for one belief (X,)."""
-        return self._proved(
-            validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names), self.measure
-        )
+        held = validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)
+        self.measure.reference(held)  # refuses a target for every step
+        return self._decided(held[None], None)[0]
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
-        """Return the lotteries for beliefs (T,X); a target per step is used in turn."""
+        """Return the lotteries for beliefs (T,X), each the one that `decide` returns; a target per step is used in turn."""
         held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
-        if self._proofs is not None:
-            proved = [self._proved(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
-            return stack_mixed(proved, self.problem)
-        if self._streams:
-            return stream(self._case(held[0], self.measure), held, progress)
-        if self._seeks_goal:
-            return self._hiding.met(held, progress).lotteries()
-        decided = [self._decide(belief, self.measure.at_step(step)) for step, belief in counted(held, progress)]
-        return stack_mixed(decided, self.problem)
+        return self._decided(held, progress)
 
-    @property
-    def _streams(self) -> bool:
-        """Whether the streaming kernels know the problem, the measure and the method."""
-        return (
-            quadratic_problem(self.problem) is not None
-            and type(self.measure) in (MaximalObfuscation, DesiredObfuscation)
-            and isinstance(self.method, Envelope)
-            and self.on_empty == "exclude"
-        )
+    def _decided(self, beliefs: Array, progress: Progress | None) -> MixedDecisions:
+        if self._proofs is None:
+            return self._found(beliefs, progress)
+        found, proved = self._found(beliefs, None), []
+        for step, belief in counted(beliefs, progress):
+            measure = self.measure.at_step(step)
+            proved.append(self._proofs.lottery(belief, measure, found[step], self.between_choices))
+        return stack_mixed(proved, self.problem)
 
-    @property
-    def _seeks_goal(self) -> bool:
-        """Whether the measure is a goal that is met or missed, which the best lottery meets with one decision."""
-        return isinstance(self.method, Envelope) and is_streamed(self.measure)
+    def _found(self, beliefs: Array, progress: Progress | None) -> MixedDecisions:
+        case = Case(self.problem, self.candidates, self.measure, self.budget, self.on_empty)
+        envelope = isinstance(self.method, Envelope)
+        if envelope and case.is_quadratic_distance:
+            return stream(case, beliefs, progress)
+        if envelope and is_streamed(self.measure):
+            return Hiding(self.problem, self.candidates, self.measure, self.budget).met(beliefs, progress).lotteries()
+        # Every lottery has the best single decision among its atoms.
+        singles = best_decisions(case, beliefs, progress) if envelope else None
+        mixed = [
+            self._mix(belief, self.measure.at_step(step), None if singles is None else singles[step])
+            for step, belief in counted(beliefs, None if envelope else progress)
+        ]
+        return stack_mixed(mixed, self.problem)
 
-    @property
-    def _hiding(self) -> Hiding:
-        return Hiding(self.problem, self.candidates, self.measure, self.budget)
-
-    def _case(self, belief: Array, measure: PrivacyMeasure) -> Case:
-        return Case(self.problem, self.candidates, belief, measure, self.budget, self.on_empty)
-
-    def _proved(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
-        found = self._decide(belief, measure)
-        return found if self._proofs is None else self._proofs.lottery(belief, measure, found, self.between_choices)
-
-    def _decide(self, belief: Array, measure: PrivacyMeasure) -> MixedDecision:
-        if self._streams:
-            return stream_one(self._case(belief, measure))
-        if self._seeks_goal:
-            return self._hiding.lottery(belief)
+    def _mix(self, belief: Array, measure: PrivacyMeasure, single: Decision | None) -> MixedDecision:
         problem = self.problem
         optimal_cost = float(problem.optimal_cost(belief))
         limit = self.budget.limit(optimal_cost)
@@ -166,10 +152,9 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
             return self._unbounded(scores, int(cheapest), limit, optimal_cost)
         scores.privacies[unbounded] = -np.inf
         extra = [decision_for(problem, belief, problem.solve(belief), measure, DecisionStatus.OPTIMAL)]
-        if isinstance(self.method, Envelope):
-            best = best_decision(self._case(belief, measure))
+        if single is not None:
             # It was found affordable: its regret, computed again, may differ by a rounding.
-            extra.append(replace(best, regret=min(best.regret, limit)))
+            extra.append(replace(single, regret=min(single.regret, limit)))
         return self._mixed(scores, extra, limit, optimal_cost)
 
     def _mixed(self, scores: Scores, extra: list[Decision], limit: float, optimal_cost: float) -> MixedDecision:

@@ -1,7 +1,7 @@
 """Lotteries for three states: propose, polish, verify.
 
-Neighbouring beliefs have neighbouring lotteries: the atoms of the belief before are climbed under the new one, and one pass
-over the leaves of `search`, most of which their bounds exclude, shows that no candidate lies above the chord at its slope.
+Two candidates on the envelope are climbed at the price of their chord, until one pass over the leaves of `search`, most of
+which their bounds exclude, shows that no candidate lies above the chord at its slope.
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ from inscrutable.kernels.three_leaves import (
 )
 from inscrutable.kernels.three_sets import climb_edge, polygon_distance
 from inscrutable.kernels.three_states import (
-    LOCAL,
     SIZE,
-    STATE_COSTS,
     Ground,
     Here,
     bench,
@@ -48,7 +46,6 @@ class Pair(NamedTuple):
     place: Any  # (2,2)
     regret: Any  # (2,)
     privacy: Any  # (2,)
-    costs: Any  # (2,3) state costs, but of the target
 
 
 @woven
@@ -58,21 +55,6 @@ def _put(pair: Pair, side: int, name: int, face: int, z0: float, z1: float, regr
     pair.regret[side], pair.privacy[side] = regret, privacy
     if pair.name[1] != ABSENT and not pair.privacy[1] > pair.privacy[0]:
         pair.name[1] = ABSENT
-
-
-@woven
-def _take_costs(pair: Pair, side: int, on: Any) -> None:
-    """The state costs where the last climb ended."""
-    for i in range(3):
-        pair.costs[side, i] = on[LOCAL, STATE_COSTS + i]
-
-
-@woven
-def _put_climbed(
-    pair: Pair, side: int, face: int, z0: float, z1: float, regret: float, privacy: float, on: Any
-) -> None:
-    _take_costs(pair, side, on)
-    _put(pair, side, POLISHED, face, z0, z1, regret, privacy)
 
 
 @woven
@@ -97,7 +79,7 @@ def _chord(pair: Pair) -> float:
 def climb_any(
     ground: Ground, face: int, rules: Any, here: Here, aim: Any, z0: float, z1: float, on: Any
 ) -> tuple[bool, float, float, float, float, float]:
-    """Climb from z on a face of any size: whether all went well, z, regret, privacy and price; state costs are noted.
+    """Climb from z on a face of any size: whether all went well, z, regret, privacy and price.
 
     aim: limit (infinite at a price), price.
     """
@@ -105,7 +87,7 @@ def climb_any(
     if k >= 2:
         return climb_three(ground, face, rules, here, aim, z0, z1, on)
     if k == 1:
-        return climb_edge(ground, face, rules, here, aim, z0, z1, on)
+        return climb_edge(ground, face, rules, here, aim, z0, z1)
     return False, z0, z1, 0.0, 0.0, 0.0
 
 
@@ -115,13 +97,10 @@ def _copy(pair: Pair) -> None:
     pair.name[1], pair.face[1] = pair.name[0], pair.face[0]
     pair.place[1, 0], pair.place[1, 1] = pair.place[0, 0], pair.place[0, 1]
     pair.regret[1], pair.privacy[1] = pair.regret[0], pair.privacy[0]
-    pair.costs[1, 0], pair.costs[1, 1], pair.costs[1, 2] = pair.costs[0, 0], pair.costs[0, 1], pair.costs[0, 2]
 
 
 @woven
-def _polish(
-    pair: Pair, ground: Ground, rules: Any, here: Here, aim: Any, near: float, seats: Any
-) -> tuple[bool, float]:
+def _polish(pair: Pair, ground: Ground, rules: Any, here: Here, aim: Any, near: float, on: Any) -> tuple[bool, float]:
     """Climb both atoms, or one where they are near each other: whether it is a single one now, and its price."""
     limit, price = aim
     first, z0, z1 = 0, 0.0, 0.0
@@ -141,84 +120,20 @@ def _polish(
                 continue
         if ground.faces[face, SIZE] == 0:
             continue
-        ok, z0, z1, regret, privacy, reached = climb_any(ground, face, rules, here, (most, price), z0, z1, seats[seat])
+        ok, z0, z1, regret, privacy, reached = climb_any(ground, face, rules, here, (most, price), z0, z1, on)
         if not ok:
             continue
         if side < 0:
             if privacy - price * regret >= pair.privacy[0] - price * pair.regret[0]:
                 pair.name[1] = ABSENT
-                _put_climbed(pair, 0, face, z0, z1, regret, privacy, seats[0])
+                _put(pair, 0, POLISHED, face, z0, z1, regret, privacy)
                 return True, reached
             continue
         # One that leaves its side takes the other's place where it is better there.
         to = 0 if regret <= limit else 1
         if pair.name[to] == ABSENT or privacy - price * regret >= pair.privacy[to] - price * pair.regret[to]:
-            _put_climbed(pair, to, face, z0, z1, regret, privacy, seats[side])
+            _put(pair, to, POLISHED, face, z0, z1, regret, privacy)
     return False, price
-
-
-@woven
-def _expected_price(pair: Pair, here: Here, away: float, price: float, known: Any) -> float:
-    """The slope of the chord between the atoms of another belief, or `price` where that is none: off by the change's square."""
-    run, rise = 0.0, 0.0
-    for side in range(2):
-        way = 2.0 * side - 1.0
-        d = pair.name[side]
-        if d == TARGET:
-            run += way * (away + here.optimal)
-            continue
-        run += way * (here.b0 * pair.costs[side, 0] + here.b1 * pair.costs[side, 1] + here.b2 * pair.costs[side, 2])
-        if d <= FIRST_POLYGON:
-            rise += way * here.sign * known[FIRST_POLYGON - d]
-        else:
-            x0, x1 = pair.place[side, 0] - here.p0, pair.place[side, 1] - here.p1
-            rise += way * here.sign * np.sqrt(x0 * x0 + x1 * x1)
-    return rise / run if run > 0.0 and rise > 0.0 else price
-
-
-@woven
-def _follow(
-    pair: Pair,
-    single: bool,
-    plane: Plane,
-    rules: Any,
-    here: Here,
-    away: float,
-    aim: Any,
-    known: Any,
-    seats: Any,
-) -> tuple[bool, float]:
-    """Carry the atoms of another belief over to this one: whether they are still a lottery, and the price.
-
-    away: regret of the target's decision.
-    """
-    limit, price = aim
-    ground = plane.ground
-    if not single:
-        price = _expected_price(pair, here, away, price, known)
-    for side in range(1 if single else 2):
-        d, face = pair.name[side], pair.face[side]
-        if d < POLISHED and d > FIRST_POLYGON and d != TARGET:
-            return False, price
-        if d == TARGET:
-            pair.regret[side], pair.privacy[side] = away, 0.0
-        elif ground.faces[face, SIZE] == 0:
-            pair.regret[side], pair.privacy[side] = _judge(plane, here, d, known)
-        else:
-            seek = aim if single else (np.inf, price)
-            ok, z0, z1, regret, privacy, reached = climb_any(
-                ground, face, rules, here, seek, pair.place[side, 0], pair.place[side, 1], seats[side]
-            )
-            if not ok:
-                return False, price
-            if single:
-                price = reached
-            pair.name[side], pair.place[side, 0], pair.place[side, 1] = POLISHED, z0, z1
-            pair.regret[side], pair.privacy[side] = regret, privacy
-            _take_costs(pair, side, seats[side])
-    if single:
-        return True, price
-    return pair.regret[0] <= limit < pair.regret[1] and pair.privacy[0] < pair.privacy[1], price
 
 
 @woven
@@ -232,59 +147,26 @@ def _start(pair: Pair, scene: Scene, t: int, limit: float) -> None:
 
 
 @woven
-def _is_beaten(pair: Pair, scene: Scene, t: int, limit: float, price: float) -> bool:
-    """Whether the target or the decision known beforehand is worth more than the lottery's chord."""
-    floor = pair.privacy[0] - price * pair.regret[0] + CHORD
-    regret = scene.target_regrets[t]
-    if regret < np.inf and (regret <= limit or -price * regret > floor):
-        return True
-    return bool(scene.first_privacies[t] - price * scene.first_regrets[t] > floor)
-
-
-@woven
 def _take(pair: Pair, plane: Plane, d: int, limit: float, regret: float, privacy: float) -> None:
     """A decision found above the chord takes the place of A or of B."""
     side = 0 if regret <= limit else 1
     if d <= FIRST_POLYGON:
         n = FIRST_POLYGON - d
         z0, z1 = plane.polygon_decoys[0, n], plane.polygon_decoys[1, n]
-        for i in range(3):
-            pair.costs[side, i] = plane.polygon_costs[i, n]
         _put(pair, side, d, plane.polygon_faces[n], z0, z1, regret, privacy)
     else:
-        for i in range(3):
-            pair.costs[side, i] = plane.slots[d // SLOTS, i, d % SLOTS]
         _put(pair, side, d, plane.face[d], plane.decoys[0, d], plane.decoys[1, d], regret, privacy)
 
 
 @woven
 def _settle_lottery(
-    plane: Plane,
-    rules: Any,
-    scene: Scene,
-    t: int,
-    here: Here,
-    limit: float,
-    pair: Pair,
-    last: tuple[bool, bool, float],
-    tools: Any,
+    plane: Plane, rules: Any, scene: Scene, t: int, here: Here, limit: float, pair: Pair, tools: Any
 ) -> tuple[bool, bool, float]:
-    """The lottery of one belief, left in the pair: whether it is proved against all candidates, is single, and its price.
-
-    last: the same of the belief before.
-    """
-    scan, known, seats = tools
-    warm, single, price = last
-    climbed_at, merge = price, NEAR_ATOMS
-    if warm:
-        away = scene.target_regrets[t]
-        warm, price = _follow(pair, single, plane, rules, here, away, (limit, price), known, seats)
-        climbed_at = price
-        warm = warm and not _is_beaten(pair, scene, t, limit, price if single else _chord(pair))
-    if not warm:
-        single, climbed_at = False, np.nan
-        _start(pair, scene, t, limit)
-    proposing = not warm
+    """The lottery of one belief, left in the pair: whether it is proved against all candidates, is single, and its price."""
+    scan, known, on = tools
+    single, price, climbed_at, merge = False, 0.0, np.nan, NEAR_ATOMS
+    _start(pair, scene, t, limit)
+    proposing = True
     for _ in range(_TURNS):
         if pair.name[0] == TARGET or not limit > 0.0:
             # Nothing is nearer than the target itself, and nothing is for free.
@@ -294,7 +176,7 @@ def _settle_lottery(
             price = _chord(pair)
             if not proposing and not abs(price - climbed_at) <= SAME_PRICE * price:
                 climbed_at = price
-                single, price = _polish(pair, plane.ground, rules, here, (limit, price), merge, seats)
+                single, price = _polish(pair, plane.ground, rules, here, (limit, price), merge, on)
                 continue
         floor = pair.privacy[0] - price * pair.regret[0] + CHORD
         d = best_above(
@@ -340,47 +222,30 @@ def _write(plane: Plane, rules: Any, limit: float, single: bool, pair: Pair, t: 
 
 
 @bare_kernel
-def lotteries_three(
-    low: int, high: int, order: Any, scene: Scene, plane: Plane, rules: Any, out: Any, tools: Any
-) -> None:
-    """Fill the lotteries of the beliefs low..high, neighbours one after the other, for B budgets each.
+def lotteries_three(low: int, high: int, scene: Scene, plane: Plane, rules: Any, out: Any, tools: Any) -> None:
+    """Fill the lotteries of the beliefs low..high, each by itself, for B budgets each.
 
-    What is found for t is written to the row order[t]. out: index (T,B,2), face (T,B,2), decoys (T,B,2,3),
-    regrets, privacies, probabilities (T,B,2), prices (T,B), and failures (T,B), True where the
-    general search is needed. tools: memory of `lottery_tools`, every call its own.
+    out: index (T,B,2), face (T,B,2), decoys (T,B,2,3), regrets, privacies, probabilities (T,B,2), prices (T,B), and
+    failures (T,B), True where the general search is needed. tools: memory of `lottery_tools`, every call its own.
     """
-    scan, known, pairs, seats, state = tools
+    scan, known, on, pair = tools
     prices, failures = out[6], out[7]
     for t in range(low, high):
-        here, row = here_of(scene, t), order[t]
+        here = here_of(scene, t)
         for n in range(known.size):
             known[n] = polygon_distance(plane.ground, plane.polygon_faces[n], rules, here.p0, here.p1)
         for c in range(prices.shape[1]):
-            pair = Pair(pairs.name[c], pairs.face[c], pairs.place[c], pairs.regret[c], pairs.privacy[c], pairs.costs[c])
-            last = (state[c, 0] > 0.0, state[c, 1] > 0.0, state[c, 2])
             limit = scene.limits[t, c] * rules.inside
-            found, single, price = _settle_lottery(
-                plane, rules, scene, t, here, limit, pair, last, (scan, known, seats[c])
-            )
-            failures[row, c], prices[row, c] = not found, price
+            found, single, price = _settle_lottery(plane, rules, scene, t, here, limit, pair, (scan, known, on))
+            failures[t, c], prices[t, c] = not found, price
             if found:
-                _write(plane, rules, limit, single, pair, row, c, out)
-            warm = found and (single or pair.name[1] != ABSENT)
-            state[c, 0], state[c, 1], state[c, 2] = 1.0 if warm else 0.0, 1.0 if single else 0.0, price
+                _write(plane, rules, limit, single, pair, t, c, out)
 
 
-def lottery_tools(plane: Plane, n_budgets: int) -> tuple[Any, ...]:
+def lottery_tools(plane: Plane) -> tuple[Any, ...]:
     """Return the memory that `lotteries_three` works in."""
-    n = n_budgets
-    pairs = Pair(
-        np.empty((n, 2), np.int64), np.empty((n, 2), np.int64), np.empty((n, 2, 2)), np.empty((n, 2)), np.empty((n, 2)),
-        np.empty((n, 2, 3)),
-    )  # fmt: skip
-    scan, known, on = search_tools(plane)
-    # Each atom has a memory of its own, from which its next climb begins.
-    seats = np.empty((n, 2, *on.shape))
-    seats[:] = on
-    return scan, known, pairs, seats, np.zeros((n, 3))
+    pair = Pair(np.empty(2, np.int64), np.empty(2, np.int64), np.empty((2, 2)), np.empty(2), np.empty(2))
+    return *search_tools(plane), pair
 
 
 def search_tools(plane: Plane) -> tuple[Any, ...]:

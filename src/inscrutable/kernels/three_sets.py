@@ -13,12 +13,9 @@ import numpy as np
 from inscrutable.kernels.options import bare, woven
 from inscrutable.kernels.three_states import (
     CURVE_AT,
-    LOCAL,
     N_ROWS,
     N_SET_ROWS,
     ROW_AT,
-    SEEN,
-    STATE_COSTS,
     Ground,
     Here,
     in_space,
@@ -217,11 +214,11 @@ def climb_line(
 
 @bare
 def climb_edge(
-    ground: Ground, face: int, rules: Any, here: Here, aim: Any, z0: float, z1: float, on: Any
+    ground: Ground, face: int, rules: Any, here: Here, aim: Any, z0: float, z1: float
 ) -> tuple[bool, float, float, float, float, float]:
     """Climb from the decision of z on an edge: whether all went well, a belief's z, regret, privacy and price.
 
-    State costs are noted as `climb_three` does. aim: limit (infinite at a price), price.
+    aim: limit (infinite at a price), price.
     """
     curves, at, basis = ground.curves, ground.faces[face, CURVE_AT], rules.basis
     y0, y1, y2 = in_space(basis, z0, z1)
@@ -235,10 +232,6 @@ def climb_edge(
         _, _, _, y0, y1, y2 = segment_of_line(ground, face, v, q0, q1, q2)
         z0 = basis[0, 0] * y0 + basis[1, 0] * y1 + basis[2, 0] * y2
         z1 = basis[0, 1] * y0 + basis[1, 1] * y1 + basis[2, 1] * y2
-        for i in range(3):
-            j = at + 4 * i
-            on[LOCAL, STATE_COSTS + i] = 0.5 * (v * (curves[j] * v + 2.0 * curves[j + 1]) + curves[j + 3])
-        on[LOCAL, SEEN] = -1.0
     return ok, z0, z1, regret, privacy, price
 
 

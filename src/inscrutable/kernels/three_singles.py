@@ -104,30 +104,20 @@ def _chosen(heap: Heap) -> int:
 
 
 @woven
-def _climb_best(
-    plane: Plane, rules: Any, here: Here, limit: float, best: Best, last: Any, scan: Any, heap: Heap, on: Any
-) -> Best:
-    """Climb from the decision of the belief before, then from the kept candidates, the best first, and empty the heap.
-
-    One loop for both: a climb is much code, and here it stands once.
-    """
-    face, z0, z1, price = int(last[0]), last[1], last[2], last[3]
-    for attempt in range(_MOST_CLIMBS + 1):
-        if attempt == 1:
-            _collect(plane, here, limit, best.privacy, scan, heap)
-        if attempt > 0:
-            chosen = _chosen(heap)
-            if chosen < 0 or heap.privacy[chosen] <= best.privacy - _SLACK * plane.spacing[0]:
-                break
-            d = heap.slot[chosen]
-            heap.slot[chosen] = -1
-            face, z0, z1, price = plane.face[d], plane.decoys[0, d], plane.decoys[1, d], 0.0
-            if heap.privacy[chosen] > best.privacy:
-                regret, privacy = judge_slot(plane.slots, here, d)
-                best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
-        if face < 0:
-            continue
-        ok, z0, z1, regret, privacy, price = climb_any(plane.ground, face, rules, here, (limit, price), z0, z1, on)
+def _climb_best(plane: Plane, rules: Any, here: Here, limit: float, best: Best, scan: Any, heap: Heap, on: Any) -> Best:
+    """Climb from the kept candidates, the best first, and empty the heap."""
+    _collect(plane, here, limit, best.privacy, scan, heap)
+    for _ in range(_MOST_CLIMBS):
+        chosen = _chosen(heap)
+        if chosen < 0 or heap.privacy[chosen] <= best.privacy - _SLACK * plane.spacing[0]:
+            break
+        d = heap.slot[chosen]
+        heap.slot[chosen] = -1
+        face, z0, z1 = plane.face[d], plane.decoys[0, d], plane.decoys[1, d]
+        if heap.privacy[chosen] > best.privacy:
+            regret, privacy = judge_slot(plane.slots, here, d)
+            best = Best(plane.name[d], face, z0, z1, regret, privacy, best.price)
+        ok, z0, z1, regret, privacy, price = climb_any(plane.ground, face, rules, here, (limit, 0.0), z0, z1, on)
         # An end as good as the candidate it began from is a decision that was climbed to: no better one was passed by.
         if ok and (privacy > best.privacy or (best.name >= 0 and privacy > best.privacy - CLIMB)):
             best = Best(POLISHED, face, z0, z1, regret, privacy, price)
@@ -154,40 +144,34 @@ def _known(plane: Plane, scene: Scene, t: int, limit: float, known: Any) -> Best
 
 
 @bare_kernel
-def singles_three(
-    low: int, high: int, order: Any, scene: Scene, plane: Plane, rules: Any, out: Any, tools: Any
-) -> None:
-    """Fill the best single decisions of the beliefs low..high, neighbours one after the other, for B budgets each.
+def singles_three(low: int, high: int, scene: Scene, plane: Plane, rules: Any, out: Any, tools: Any) -> None:
+    """Fill the best single decisions of the beliefs low..high, each by itself, for B budgets each.
 
-    What is found for t is written to the row order[t]. out: index (T,B) of a candidate,
-    POLISHED, or the name of one known beforehand; face (T,B), decoys (T,B,3), regrets,
+    out: index (T,B) of a candidate, POLISHED, or the name of one known beforehand; face (T,B), decoys (T,B,3), regrets,
     privacies, prices (T,B). tools: memory of `single_tools`, every call its own.
     """
     name, faces, places, regrets, privacies, prices = out
-    scan, known, seats, heap, last = tools
+    scan, known, on, heap = tools
     for t in range(low, high):
-        here, row = here_of(scene, t), order[t]
+        here = here_of(scene, t)
         for n in range(known.size):
             known[n] = polygon_distance(plane.ground, plane.polygon_faces[n], rules, here.p0, here.p1)
         for c in range(prices.shape[1]):
             limit = scene.limits[t, c] * rules.inside
             best = _known(plane, scene, t, limit, known)
             if limit > 0.0 and best.name != TARGET:
-                best = _climb_best(plane, rules, here, limit, best, last[c], scan, heap, seats[c])
-            last[c, 0] = best.face if best.name >= POLISHED else -1
-            last[c, 1], last[c, 2], last[c, 3] = best.z0, best.z1, best.price
+                best = _climb_best(plane, rules, here, limit, best, scan, heap, on)
             number = best.name
             if number <= FIRST_POLYGON:
                 number = plane.polygons[FIRST_POLYGON - number]
-            name[row, c], faces[row, c] = number, best.face
-            regrets[row, c], privacies[row, c], prices[row, c] = best.regret, best.privacy, best.price
+            name[t, c], faces[t, c] = number, best.face
+            regrets[t, c], privacies[t, c], prices[t, c] = best.regret, best.privacy, best.price
             y0, y1, y2 = in_space(rules.basis, best.z0, best.z1)
-            places[row, c, 0], places[row, c, 1], places[row, c, 2] = y0, y1, y2
+            places[t, c, 0], places[t, c, 1], places[t, c, 2] = y0, y1, y2
 
 
-def single_tools(plane: Plane, n_budgets: int) -> tuple[Any, ...]:
+def single_tools(plane: Plane) -> tuple[Any, ...]:
     """Return the memory that `singles_three` works in."""
     n_groups = 8 * len(plane.ground.faces)
     heap = Heap(np.empty(n_groups), np.full(n_groups, -1), np.zeros(n_groups + 1, np.int64))
-    scan, known, on = search_tools(plane)
-    return (scan, known, np.repeat(on[None], n_budgets, axis=0), heap, np.full((n_budgets, 4), -1.0))
+    return *search_tools(plane), heap

@@ -26,13 +26,12 @@ _SHORTER, _SHORTEST = 0.25, 1e-6
 SIZE, N_ROWS, N_SET_ROWS, CURVE_AT, ROW_AT = range(5)  # columns of `Ground.faces`
 
 # Where the memory of one thread's climbs keeps what: one array, because every array that a call hands on costs time.
-# LOCAL: 0 regret, 1–3 its slope, 4–9 its curvature (00 11 22 01 02 12); where a climb ended: 10–12 state costs, 13 face,
-# 14–15 z, 16 least row, 17 how many rows are in reach.
-_W, LOCAL, _MEAN = 0, 1, 2  # w (k+1,); (18,); (k,)
+# LOCAL: 0 regret, 1–3 its slope, 4–9 its curvature (00 11 22 01 02 12).
+_W, LOCAL, _MEAN = 0, 1, 2  # w (k+1,); (10,); (k,)
 _GRADIENTS, _SLOPES, _OTHER = 3, 6, 9  # G, T and D, (3,k) each
 _ROWS = 12  # (3,R+1) value, and two slopes of every row in reach at unit length; the budget's last
 _FACTOR = 15  # (k,k)
-_LOCALS, STATE_COSTS, SEEN = 18, 10, 13
+_LOCALS = 10
 
 
 class Ground(NamedTuple):
@@ -58,9 +57,7 @@ class Here(NamedTuple):
 def bench(ground: Ground) -> Any:
     """Return the memory of one thread."""
     k, rows = max(int(ground.faces[:, SIZE].max()), 1), int(ground.faces[:, N_ROWS].max())
-    on = np.empty((_FACTOR + k, max(k + 1, rows + 1, _LOCALS)))
-    on[LOCAL, SEEN] = -1.0
-    return on
+    return np.empty((_FACTOR + k, max(k + 1, rows + 1, _LOCALS)))
 
 
 @woven
@@ -241,46 +238,6 @@ def look_three(
     return rows_three(ground.rows, row_at, m, k, rules.basis, y0, y1, y2, reach, on)
 
 
-@woven
-def _note_costs(curves: Any, at: int, k: int, on: Any) -> None:
-    """Note the state costs of a settled decision, ½ w'(C w) with C w = G beside the last entry."""
-    w, gradients, local = on[_W], on[_GRADIENTS:_SLOPES], on[LOCAL]
-    width = k + 1
-    for i in range(3):
-        last = at + (i + 1) * width * width - 1
-        cost = curves[last]
-        for a in range(k):
-            cost += w[a] * (gradients[i, a] + curves[last - k + a])
-        local[STATE_COSTS + i] = 0.5 * cost
-
-
-@woven
-def _note_place(face: int, z0: float, z1: float, least: float, near: int, on: Any) -> None:
-    """Note where a climb ended, and what `recall` needs beside the memory of the last look."""
-    local = on[LOCAL]
-    local[SEEN], local[SEEN + 1], local[SEEN + 2] = face, z0, z1
-    local[SEEN + 3], local[SEEN + 4] = least, near
-
-
-@woven
-def _recall(k: int, here: Here, on: Any) -> tuple[float, int]:
-    """What a look from the place noted last would see under another belief, but for the curvature, which stays.
-
-    Rows, G and T belong to the decision and not to the belief: the least row, and how many are in reach.
-    """
-    gradients, slopes, local = on[_GRADIENTS:_SLOPES], on[_SLOPES:_OTHER], on[LOCAL]
-    b0, b1, b2 = here.b0, here.b1, here.b2
-    cost = b0 * local[STATE_COSTS] + b1 * local[STATE_COSTS + 1] + b2 * local[STATE_COSTS + 2]
-    s0, s1, s2 = 0.0, 0.0, 0.0
-    for a in range(k):
-        lean = b0 * gradients[0, a] + b1 * gradients[1, a] + b2 * gradients[2, a]
-        s0 -= lean * slopes[0, a]
-        s1 -= lean * slopes[1, a]
-        s2 -= lean * slopes[2, a]
-    local[0], local[1], local[2], local[3] = cost - here.optimal, s0, s1, s2
-    return local[SEEN + 3], int(local[SEEN + 4])
-
-
 @bare
 def move_in_plane(
     g0: float, g1: float, h00: float, h01: float, h11: float, trust: float, count: int, on: Any
@@ -426,15 +383,10 @@ def climb_three(
     k, m, at, row_at = faces[face, SIZE], faces[face, N_ROWS], faces[face, CURVE_AT], faces[face, ROW_AT]
     has_budget = limit < np.inf
     trust, best, spent_there, from0, from1 = _TRUST, -np.inf, 0.0, z0, z1
-    known = local[SEEN] == face and local[SEEN + 1] == z0 and local[SEEN + 2] == z1
-    local[SEEN] = -1.0
-    for turn in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         y0, y1, y2 = in_space(basis, z0, z1)
-        seen = known and turn == 0
         # Two free coordinates are the most common: with the constant the loops over them are unrolled.
-        if seen:
-            least, near = _recall(k, here, on)
-        elif k == 2:
+        if k == 2:
             least, near = look_three(ground, at, row_at, m, 2, rules, here, y0, y1, y2, trust, on)
         else:
             least, near = look_three(ground, at, row_at, m, k, rules, here, y0, y1, y2, trust, on)
@@ -457,9 +409,7 @@ def climb_three(
         s0, s1, gain, price = _step((limit, price), basis, sign, x0, x1, distance, near, trust, on)
         if gain == -np.inf:
             break
-        if not seen and least >= -rules.near and local[0] <= limit * (1.0 + BUDGET) and gain <= CLIMB:
-            _note_costs(ground.curves, at, k, on)
-            _note_place(face if trust >= _TRUST else -1, z0, z1, least, near, on)
+        if least >= -rules.near and local[0] <= limit * (1.0 + BUDGET) and gain <= CLIMB:
             return True, z0, z1, max(local[0], 0.0), sign * distance, price
         z0 += s0
         z1 += s1

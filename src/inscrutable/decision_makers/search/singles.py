@@ -1,4 +1,4 @@
-"""Single decisions for many beliefs over three states, under one budget or several: a walk in the plane of beliefs."""
+"""Single decisions for many beliefs over three states, under one budget or several, in the plane of beliefs."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
 from inscrutable.decision_makers.search.atlas import Atlas
 from inscrutable.decision_makers.search.face_search import Found, most_private, rules_for, within
+from inscrutable.decision_makers.search.in_plane import singles_in_plane
 from inscrutable.decision_makers.search.plane import plane_of
-from inscrutable.decision_makers.search.plane_walks import walk_singles, walking_order
 from inscrutable.decision_makers.search.streaming import (
     OWN,
     TARGET,
     Aims,
-    Spot,
     decisions_at,
     farthest_corners,
     scene_of,
@@ -71,11 +70,6 @@ class Singles:
                 found[i] = self.kept[int(steps[i]), budget]
         return found if isinstance(step, slice) else np.asarray(found[0])
 
-    def spot(self) -> Spot:
-        """Return the decision of the first belief under the first budget as a lottery's search takes it."""
-        regret, privacy = float(self.regret[0, 0]), float(self.privacy[0, 0])
-        return Spot(self._variables(0, 0), self.decoy[0, 0], regret, privacy, float(self.optimal_costs[0]))
-
 
 @dataclass(frozen=True, eq=False)
 class UnderBudget:
@@ -127,12 +121,11 @@ def _fill(result: Singles, plane: Plane, beliefs: Array, part: slice, progress: 
     problem = result.atlas.problem
     held = np.ascontiguousarray(beliefs[part])
     aims = result.aims._replace(points=result.aims.points[part])
-    order = walking_order(held)
-    scene = scene_of(problem, held, aims, walk=(plane, order))
+    scene = scene_of(problem, held, aims)
     if aims.sign < 0:
         scene = scene._replace(first_privacies=-_distances_at_rest(problem, held, scene.points))
     out = tuple(getattr(result, name)[part] for name in ("index", "face", "decoy", "regret", "privacy", "price"))
-    walk_singles(plane, scene, order, out, progress)
+    singles_in_plane(plane, scene, out, progress)
     result.optimal_costs[part] = scene.optimal_costs
     index, face, decoy, regret, privacy, price = out
     met = index == TARGET

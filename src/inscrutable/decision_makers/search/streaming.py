@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -11,15 +10,15 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.results import Progress
+from inscrutable.decision_makers.results import Decisions, Progress
 from inscrutable.decision_makers.search.atlas import Atlas
 from inscrutable.decision_makers.search.face_search import rules_for
+from inscrutable.decision_makers.search.in_plane import lotteries_in_plane
 from inscrutable.decision_makers.search.plane import plane_of
-from inscrutable.decision_makers.search.plane_walks import walk_costs, walk_lotteries, walking_order
 from inscrutable.kernels.lotteries import FIRST_SEED, search_lotteries
 from inscrutable.kernels.lottery_polish import POLISHED, polish_lotteries
 from inscrutable.kernels.threads import in_chunks
-from inscrutable.kernels.three_leaves import Plane, Scene
+from inscrutable.kernels.three_leaves import Scene
 from inscrutable.problems import DecisionProblem, QuadraticProblem
 from inscrutable.validation import Array
 
@@ -28,7 +27,7 @@ _ROUNDS = np.array([12, 16])  # of a climb, and of the golden sections on a line
 _BLOCK = 1 << 16
 _FIELDS = ("index", "face", "decoys", "regrets", "privacies", "probabilities", "prices")
 OWN, TARGET, KNOWN = FIRST_SEED, FIRST_SEED - 1, FIRST_SEED - 2
-"""Names of points that are no candidates: the optimal decision, the target's, and the polished single one."""
+"""Names of points that are no candidates: the optimal decision, the target's, and the best single one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,35 +45,33 @@ class Lotteries:
     privacies: Array  # (T,2)
     probabilities: Array  # (T,2)
     prices: Array  # (T,)
-    kept: list[Array]  # decisions that are no face's at a decoy: numbered on, behind the atlas's faces
+    singles: Decisions | None = None  # the best single decisions, atoms named KNOWN
 
     @property
     def problem(self) -> DecisionProblem:
         """The decision problem."""
         return self.atlas.asked
 
-    def actions(self, step: int | slice | tuple[int, np.ndarray]) -> Array:
-        """Return the atoms of one step, shape (2,U), of many, shape (T,2,U), or chosen ones of a step."""
+    def actions(self, step: int | slice) -> Array:
+        """Return the atoms of one step, shape (2,U), or of many, shape (T,2,U)."""
         index, face, decoys = self.index[step], self.face[step], self.decoys[step]
         flat = (index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
-        found = self.atlas.decisions(decisions_at(self.atlas, *flat, self.kept))
-        return found.reshape(*index.shape, self.problem.n_actions)
+        found = self.atlas.decisions(decisions_at(self.atlas, *flat)).reshape(*index.shape, self.problem.n_actions)
+        known = index == KNOWN
+        if known.any():
+            single = self.singles.played.actions(step)  # type: ignore[union-attr]
+            found[known] = np.broadcast_to(single[..., None, :], found.shape)[known]
+        return found
 
-    def take(self, step: int, other: Lotteries) -> None:
-        """Put another search's lottery for one belief in the place of a step's."""
+    def take(self, steps: np.ndarray, other: Lotteries) -> None:
+        """Put another search's lotteries of some steps in the place of these."""
         for name in _FIELDS:
-            getattr(self, name)[step] = getattr(other, name)[0]
-        beyond = self.face[step] >= len(self.atlas.patterns)
-        self.face[step, beyond] += len(self.kept)
-        self.kept.extend(other.kept)
+            getattr(self, name)[steps] = getattr(other, name)[steps]
 
 
-def decisions_at(atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array, kept: Sequence[Array] = ()) -> Array:
-    """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys.
-
-    Numbers behind the atlas's faces are those of decisions kept as they are.
-    """
-    actions = np.empty((len(index), atlas.problem.n_actions))
+def decisions_at(atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Array) -> Array:
+    """Return decisions (n,U) from what is kept of them: the atlas's own, optimal ones of decoys, or of faces at decoys."""
+    actions = np.zeros((len(index), atlas.problem.n_actions))
     polished = index == POLISHED
     if not polished.all():
         known = index >= 0
@@ -82,26 +79,9 @@ def decisions_at(atlas: Atlas, index: np.ndarray, face: np.ndarray, decoys: Arra
         own = (index == OWN) | (index == TARGET)
         if own.any():
             actions[own] = atlas.problem.solve(decoys[own])
-    n_known = len(atlas.patterns)
     for i in polished.nonzero()[0]:
-        if face[i] < n_known:
-            atlas.faces(atlas.patterns[face[i]]).fill_decision(decoys[i], actions[i])
-        else:
-            actions[i] = kept[face[i] - n_known]
+        atlas.faces(atlas.patterns[face[i]]).fill_decision(decoys[i], actions[i])
     return actions
-
-
-class Spot(NamedTuple):
-    """An affordable decision known before the search, a decoy of it, and its point of the frontier.
-
-    A decoy alone does not tell the decision: with copies of an asset it has many.
-    """
-
-    action: Array
-    decoy: Array
-    regret: float
-    privacy: float
-    optimal_cost: float
 
 
 class Aims(NamedTuple):
@@ -113,11 +93,12 @@ class Aims(NamedTuple):
 
 
 def stream_lotteries(
-    atlas: Atlas, beliefs: Array, aims: Aims, *, known: Spot | None = None, progress: Progress | None = None
+    atlas: Atlas, beliefs: Array, aims: Aims, *, singles: Decisions | None = None, progress: Progress | None = None
 ) -> Lotteries:
-    """Return the lotteries of beliefs (T,X).
+    """Return the lotteries of beliefs (T,X), each searched by itself.
 
-    The optimal decision takes part with the least privacy it can have; `known`, for one belief, with its own.
+    The optimal decision takes part with the least privacy it can have; `singles`, the best single decisions of the same
+    beliefs, with their own: no lottery is then worse.
     """
     count, n_states = beliefs.shape
     pairs = (count, 2)
@@ -133,19 +114,17 @@ def stream_lotteries(
         np.empty(pairs),
         np.empty(pairs),
         np.empty(count),
-        [] if known is None else [known.action],
+        singles,
     )
     for first in range(0, count, _BLOCK):
         part = slice(first, min(first + _BLOCK, count))
         seen = None if progress is None else partial(_report, progress, first, count)
-        _fill(result, part, aims._replace(points=aims.points[part]), known, seen)
-    for name, decoys in ((OWN, beliefs), (TARGET, aims.points)):
+        _fill(result, part, aims._replace(points=aims.points[part]), seen)
+    places = {OWN: beliefs, TARGET: aims.points} | ({} if singles is None else {KNOWN: singles.decoy})
+    for name, decoys in places.items():
         chosen = result.index == name
         if chosen.any():
             result.decoys[chosen] = np.broadcast_to(decoys[:, None], result.decoys.shape)[chosen]
-    if known is not None:
-        chosen = result.index == KNOWN
-        result.decoys[chosen], result.face[chosen], result.index[chosen] = known.decoy, len(atlas.patterns), POLISHED
     return result
 
 
@@ -153,23 +132,26 @@ def _report(progress: Progress, before: int, count: int, done: int, _: int) -> N
     progress(before + done, count)
 
 
-def _fill(result: Lotteries, part: slice, aims: Aims, known: Spot | None, progress: Progress | None) -> None:
-    atlas, beliefs = result.atlas, np.ascontiguousarray(result.beliefs[part])
-    order = walking_order(beliefs)
-    scene = scene_of(atlas.problem, beliefs, aims, known, walk=(plane_of(atlas), order))
+def _fill(result: Lotteries, part: slice, aims: Aims, progress: Progress | None) -> None:
+    atlas, singles = result.atlas, result.singles
+    costs = None if singles is None else singles.optimal_cost[part]
+    scene = scene_of(atlas.problem, np.ascontiguousarray(result.beliefs[part]), aims, costs)
+    if singles is not None:
+        regrets = np.minimum(singles.regret[part], scene.limits[:, 0])
+        scene = scene._replace(first=KNOWN, first_regrets=regrets, first_privacies=singles.privacy[part])
     result.optimal_costs[part], result.limits[part] = scene.optimal_costs, scene.limits[:, 0]
-    search(atlas, scene, order, tuple(getattr(result, name)[part, None] for name in _FIELDS), progress)
+    search(atlas, scene, tuple(getattr(result, name)[part, None] for name in _FIELDS), progress)
 
 
-def search(atlas: Atlas, scene: Scene, order: np.ndarray, out: tuple[Array, ...], progress: Progress | None) -> None:
+def search(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progress | None = None) -> None:
     """Fill the lotteries of all beliefs and budgets: three states in their plane; the general search for what that leaves.
 
-    order: of `walking_order`. out: the fields of `Lotteries`, each for every budget, (T,B,…).
+    out: the fields of `Lotteries`, each for every budget, (T,B,…).
     """
     plane = plane_of(atlas)
     left = np.ones(scene.limits.shape, np.bool_)
     if plane is not None:
-        left = walk_lotteries(plane, scene, order, out, progress)
+        left = lotteries_in_plane(plane, scene, out, progress)
     for budget in range(left.shape[1]):
         steps = left[:, budget].nonzero()[0]
         if len(steps):
@@ -188,49 +170,27 @@ def farthest_corners(points: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ti,ti->t", points, points) - 2.0 * least + 1.0))
 
 
-def scene_of(
-    problem: QuadraticProblem,
-    beliefs: Array,
-    aims: Aims,
-    known: Spot | None = None,
-    *,
-    walk: tuple[Plane | None, np.ndarray] = (None, np.empty(0)),
-) -> Scene:
-    """Return what the searches of the lotteries of beliefs (T,X) start from; `walk` is the plane and the order of a walk."""
+def scene_of(problem: QuadraticProblem, beliefs: Array, aims: Aims, optimal_costs: Array | None = None) -> Scene:
+    """Return what the searches of beliefs (T,X) start from; optimal costs are found where they are not given."""
     beliefs, points = np.ascontiguousarray(beliefs), np.ascontiguousarray(aims.points)
     count = len(beliefs)
-    if known is None:
-        costs, _ = best_costs(problem, beliefs, beliefs, walk)
-    else:
-        costs = np.full(count, known.optimal_cost)
+    costs = _costs_of(problem, beliefs, beliefs)[0] if optimal_costs is None else optimal_costs
     limits = np.empty((count, len(aims.budgets)))
     for column, budget in enumerate(aims.budgets):
         limits[:, column] = budget.limits(costs)
-    name, regrets, privacies = OWN, np.zeros(count), np.zeros(count)
-    target_regrets = np.full(count, np.inf)
+    privacies, target_regrets = np.zeros(count), np.full(count, np.inf)
     if aims.sign < 0:
         privacies = -np.linalg.norm(points - beliefs, axis=1)
         # Nothing is nearer to a target than the decision that the target itself makes optimal.
-        costs_there, barred = best_costs(problem, points, beliefs, walk)
-        target_regrets = np.maximum(costs_there - costs, 0.0)
-        target_regrets[barred] = np.inf
-    if known is not None and known.privacy > privacies[0]:
-        name, regrets, privacies = KNOWN, np.minimum(known.regret, limits[:, 0]), np.full(count, known.privacy)
-    return Scene(beliefs, points, aims.sign, costs, limits, name, regrets, privacies, target_regrets)
+        costs_there, allowed = _costs_of(problem, points, beliefs)
+        target_regrets[allowed] = np.maximum(costs_there - costs, 0.0)[allowed]
+    return Scene(beliefs, points, aims.sign, costs, limits, OWN, np.zeros(count), privacies, target_regrets)
 
 
-def best_costs(
-    problem: QuadraticProblem, decoys: Array, beliefs: Array, walk: tuple[Plane | None, np.ndarray]
-) -> tuple[Array, np.ndarray]:
-    """Return the costs (T,) under beliefs (T,X) of the optimal decisions of decoys (T,X), and which are not admissible."""
-    plane, order = walk
-    costs = np.full(len(beliefs), np.nan) if plane is None else walk_costs(plane, decoys, beliefs, order)
-    left = np.isnan(costs).nonzero()[0]
-    if not len(left):
-        return costs, left
-    actions = problem.solve_rows(np.ascontiguousarray(decoys[left]))
-    costs[left] = (problem.state_costs(actions) * beliefs[left]).sum(axis=1)
-    return costs, left[~problem.constraints.is_admissible(actions)]
+def _costs_of(problem: QuadraticProblem, decoys: Array, beliefs: Array) -> tuple[Array, np.ndarray]:
+    """Costs (T,) under beliefs (T,X) of the optimal decisions of decoys (T,X), and which of them are admissible."""
+    actions = problem.solve_rows(decoys)
+    return (problem.state_costs(actions) * beliefs).sum(axis=1), problem.constraints.is_admissible(actions)
 
 
 def _search_generally(atlas: Atlas, scene: Scene, out: tuple[Array, ...], progress: Progress | None) -> None:

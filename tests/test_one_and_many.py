@@ -1,0 +1,184 @@
+"""One belief is decided as among many, in any order, on any number of threads; a lottery is no worse than one decision."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    CoinDecisionMaker,
+    CounterAdversarialDecisionMaker,
+    DesiredObfuscation,
+    DirichletDecisionMaker,
+    ExponentialDecisionMaker,
+    FiniteProblem,
+    GlobalSearch,
+    Infeasibility,
+    KellyProblem,
+    LinearProblem,
+    LocalSearch,
+    MarkowitzProblem,
+    MaximalObfuscation,
+    NonExistence,
+    NonUniqueness,
+    OriginalDecisionMaker,
+    ProbabilisticDecisionMaker,
+    RateDistortionDecisionMaker,
+    RoundingDecisionMaker,
+    StackelbergDecisionMaker,
+    UniformDecisionMaker,
+    decoy_grid,
+    simplex,
+    uniform_prior,
+)
+from inscrutable.decision_makers.candidates import default_decoys
+from inscrutable.decision_makers.probabilistic import LinearProgramme
+from oracles.large_markets import large_market
+from oracles.markets import random_market
+
+SIZES = {2: 6, 3: 15, 4: 20, 5: 20, 6: 20}  # assets by states
+SAME = 1e-6  # relative difference of privacies that are the same
+LEAST = 1e-2  # privacy below which differences are relative to it
+
+
+def market(kind, n_states, rng):
+    """A market as large ones are drawn, or one in which few assets are held and many beliefs share a decision."""
+    if kind == "concentrated":
+        drawn = large_market(n_states, SIZES[n_states], int(rng.integers(2**31)), 1.0)
+    else:
+        drawn = random_market(rng, n_states, SIZES[n_states])
+    return MarkowitzProblem(*drawn)
+
+
+def distances(n_states):
+    """The measures that are distances."""
+    toward = 0.7 * np.eye(n_states)[0] + 0.3 / n_states
+    return MaximalObfuscation(), DesiredObfuscation(toward)
+
+
+def law(answer):
+    """Mean decision, expected privacy where there is one, and expected regret of one belief's answer."""
+    if hasattr(answer, "probabilities"):
+        kept = answer.probabilities > 0
+        shares = answer.probabilities[kept]
+        return shares @ np.asarray(answer.actions)[kept], answer.expected_privacy, shares @ answer.regrets[kept]
+    return np.asarray(answer.action, dtype=float), answer.privacy, answer.regret
+
+
+def assert_same(first, second, scale, said=""):
+    """Two answers are worth the same and cost the same; decisions that are equally good may differ."""
+    (_, privacy, regret), (_, other, cost) = law(first), law(second)
+    if np.isfinite(privacy) or np.isfinite(other):
+        assert abs(privacy - other) <= SAME * max(abs(privacy), LEAST), said
+    assert abs(regret - cost) <= 1e-6 * scale, said
+
+
+def scale_of(problem, beliefs):
+    return float(np.abs(problem.state_costs(problem.solve(beliefs))).max())
+
+
+@pytest.mark.parametrize("n_states", SIZES)
+@pytest.mark.parametrize("kind", ["ordinary", "concentrated"])
+def test_a_lottery_is_never_worse_than_a_single_decision(kind, n_states, fresh_rng):
+    problem = market(kind, n_states, fresh_rng)
+    candidates = default_decoys(problem)
+    beliefs = fresh_rng.dirichlet(np.ones(n_states), 200 if n_states < 4 else 5)
+    for measure in distances(n_states):
+        given = {"measure": measure, "budget": 0.1, "candidates": candidates}
+        single = CounterAdversarialDecisionMaker(problem, **given).decide_many(beliefs)
+        mixed = ProbabilisticDecisionMaker(problem, **given).decide_many(beliefs)
+        lacking = single.privacy - mixed.expected_privacy
+        assert (lacking <= SAME * np.maximum(np.abs(single.privacy), LEAST)).all(), (measure, lacking)
+        regrets = (mixed.probabilities * mixed.regrets).sum(axis=1)
+        assert (regrets <= 0.1 * np.abs(mixed.optimal_cost) * (1.0 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("n_states", SIZES)
+@pytest.mark.parametrize("kind", ["ordinary", "concentrated"])
+def test_distances_are_decided_alone_as_among_many_in_any_order(kind, n_states, fresh_rng, monkeypatch):
+    problem = market(kind, n_states, fresh_rng)
+    beliefs = fresh_rng.dirichlet(np.ones(n_states), 100 if n_states < 4 else 3)
+    order, alone = fresh_rng.permutation(len(beliefs)), fresh_rng.integers(len(beliefs), size=2)
+    # Three sets: what one keeps of its searches must not answer for the others.
+    first, second, third = (default_decoys(problem) for _ in range(3))
+    for measure in distances(n_states):
+        for maker, name in (
+            (CounterAdversarialDecisionMaker, "privacy"),
+            (ProbabilisticDecisionMaker, "expected_privacy"),
+        ):
+            monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+            many = getattr(maker(problem, measure, 0.1, candidates=first).decide_many(beliefs), name)
+            for t in alone:
+                one = getattr(maker(problem, measure, 0.1, candidates=second).decide(beliefs[t]), name)
+                assert one == pytest.approx(many[t], rel=SAME, abs=SAME * LEAST), (measure, beliefs[t])
+            monkeypatch.setenv("NUMBA_NUM_THREADS", "3")
+            turned = getattr(maker(problem, measure, 0.1, candidates=third).decide_many(beliefs[order]), name)
+            assert turned == pytest.approx(many[order], rel=SAME, abs=SAME * LEAST), measure
+
+
+def problems(rng):
+    """Problems of every type with three states."""
+    means = rng.normal(0.0, 0.02, (3, 4))
+    yield MarkowitzProblem(means, [np.diag(row) for row in rng.uniform(0.01, 0.05, (3, 4))], 3.0)
+    yield FiniteProblem(rng.uniform(0.0, 1.0, (3, 5)))
+    yield LinearProblem(rng.uniform(0.0, 1.0, (3, 4)), simplex(4))
+    yield KellyProblem(1.0 + rng.uniform(-0.3, 0.4, (3, 6, 3)), np.full((3, 6), 1 / 6), simplex(3))
+
+
+def makers(problem):
+    """Every decision maker without a memory, made anew, with few candidates so that each takes no time."""
+    few = {"candidates": decoy_grid(problem, 6)}
+    measures = (
+        *distances(3),
+        DesiredObfuscation(lambda belief: belief[::-1]),
+        NonExistence(),
+        NonUniqueness(),
+        Infeasibility(1e-4),
+    )
+    yield lambda: OriginalDecisionMaker(problem)
+    for measure in measures:
+        given = few if not measure.searches_actions else {}
+        yield lambda measure=measure, given=given: CounterAdversarialDecisionMaker(problem, measure, **given)
+        yield lambda measure=measure, given=given: ProbabilisticDecisionMaker(problem, measure, **given)
+    yield lambda: ProbabilisticDecisionMaker(problem, method=LinearProgramme(), **few)
+    yield lambda: CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=0.2), **few)
+    yield lambda: CoinDecisionMaker(problem, 0.3)
+    yield lambda: UniformDecisionMaker(problem, 0.1, **few)
+    yield lambda: ExponentialDecisionMaker(problem, 10.0, **few)
+    prior = uniform_prior(3, 4)
+    yield lambda: RateDistortionDecisionMaker(problem, prior=prior, budget=0.1, **few)
+    yield lambda: StackelbergDecisionMaker(problem, prior=prior, budget=0.1, **few)
+    if isinstance(problem, MarkowitzProblem):
+        yield lambda: RoundingDecisionMaker(problem, 0.1)
+        yield lambda: DirichletDecisionMaker(problem, 10.0, rng=np.random.default_rng(0))
+        yield lambda: CounterAdversarialDecisionMaker(problem, method=LocalSearch(rng=np.random.default_rng(0)))
+
+
+@pytest.mark.parametrize("number", range(4), ids=["quadratic", "finite", "linear", "growth"])
+def test_every_decision_maker_decides_one_belief_as_among_many(number, fresh_rng):
+    problem = list(problems(fresh_rng))[number]
+    beliefs = fresh_rng.dirichlet(np.ones(3), 2)
+    scale = scale_of(problem, beliefs)
+    for make in makers(problem):
+        maker = make()
+        many = maker.decide_many(beliefs)
+        turned = make().decide_many(beliefs[::-1])
+        # Where each decision draws, the first one of all draws the same.
+        steps = (
+            {0: 0} if "rng" in repr(maker) or isinstance(getattr(maker, "method", None), LocalSearch) else {0: 0, 1: 2}
+        )
+        for t, place in steps.items():
+            assert_same(many[t], turned[place], scale, repr(maker))
+            one = make().decide(beliefs[t]) if hasattr(maker, "decide") else make().decide_many(beliefs[[t]])[0]
+            assert_same(many[t], one, scale, repr(maker))
+
+
+@pytest.mark.parametrize("maker", [CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker])
+def test_a_path_of_targets_is_no_target_of_one_belief(maker, fresh_rng):
+    problem = market("ordinary", 2, fresh_rng)
+    path = DesiredObfuscation(np.eye(2))
+    decided = maker(problem, path, Budget.regret(0.1)).decide_many(np.full((2, 2), 0.5))
+    assert len(decided) == 2
+    with pytest.raises(Exception, match="decide_many uses them in turn"):
+        maker(problem, path, Budget.regret(0.1)).decide([0.5, 0.5])

@@ -105,7 +105,8 @@ def check_mixture(problem, measure, belief, mixed, limit):
         assert problem.constraints.violation(action) <= 1e-9
         assert privacy == pytest.approx(measure(belief, consistent_beliefs(problem, action)), abs=1e-6)
         assert privacy == pytest.approx(measure(belief, found), abs=1e-9)
-    assert mixed.expected_privacy == mixed.probabilities @ mixed.privacies or np.isinf(mixed.expected_privacy)
+    expected = mixed.probabilities @ mixed.privacies
+    assert mixed.expected_privacy == pytest.approx(expected, rel=1e-15) or np.isinf(mixed.expected_privacy)
     assert mixed.expected_privacy <= mixed.privacy_bound
     assert mixed.price >= 0
     assert mixed.status.value in mixed.summary()

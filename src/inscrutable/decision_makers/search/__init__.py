@@ -1,1 +1,1 @@
-"""The search for the most private decisions: faces, climbs, walks over many beliefs."""
+"""The search for the most private decisions: faces, climbs, many beliefs at once."""

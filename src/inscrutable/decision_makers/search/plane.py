@@ -44,7 +44,7 @@ def make_plane(atlas: Atlas) -> Plane | None:
     if len(larger) > _MOST_POLYGONS or not len(ours) or np.any(size[larger] > 0):
         return None
     if np.any(size[table.kind == SEGMENT] > 1):
-        # Two states that cost the same: beliefs are not told apart where the walk takes them to be.
+        # Two states that cost the same: beliefs are not told apart where the search takes them to be.
         return None
     if not _has_unique_decisions(atlas):
         return None

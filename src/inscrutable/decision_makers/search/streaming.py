@@ -125,6 +125,9 @@ def stream_lotteries(
         chosen = result.index == name
         if chosen.any():
             result.decoys[chosen] = np.broadcast_to(decoys[:, None], result.decoys.shape)[chosen]
+    alone = result.probabilities[:, 1] <= 0.0
+    for values in (result.index, result.face, result.decoys, result.regrets, result.privacies):
+        values[alone, 1] = values[alone, 0]
     return result
 
 

@@ -152,7 +152,7 @@ class Starts:
         """One start for each face that the ends lie on and each orthant, in order."""
         slack = self.region.slacks(actions)
         # The face an observer sees; and, where rows are slack by less than the least, the one with those rows loose.
-        seen = slack < max(self.region.min_slack, tolerances.FEASIBILITY)
+        seen = slack < self.region.observed_slack
         exact = slack <= tolerances.FEASIBILITY
         orthant = (decoys - self.aim.point) @ self.rules.basis > 0
         starts: list[FaceStart] = []

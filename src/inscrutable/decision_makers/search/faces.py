@@ -86,14 +86,13 @@ def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramm
         multipliers = multipliers[~idle]
     loose = ~tight
     falling, lengths = region.A_ub[loose], region.row_scale[loose]
-    least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
     n_set_rows = n_states + len(multipliers)
     rows = np.zeros((n_set_rows + len(falling), n_states, k + 1))
     rows[np.arange(n_states), np.arange(n_states), k] = 1.0
     np.divide(multipliers, scale, out=rows[n_states:n_set_rows])
     slacks = rows[n_set_rows:]
     slacks[:, :, :k] = -(chart.project(falling) / lengths[:, None])[:, None]
-    slacks[:, :, k] = ((region.b_ub[loose] - falling @ origin) / lengths - least)[:, None]
+    slacks[:, :, k] = ((region.b_ub[loose] - falling @ origin) / lengths - region.played_slack)[:, None]
     told = np.flatnonzero(tight & ~problem.idle_rows)
     return FaceProgramme(tight, origin, chart.span, curves, rows, n_set_rows, scale, region.coordinate_bounds, told)
 

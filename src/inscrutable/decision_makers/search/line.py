@@ -113,9 +113,10 @@ def _bands(problem: QuadraticProblem, shares: Array) -> np.ndarray:
     """Whether each row is tight at the decision of each place, loose with room for rounding, or neither, as it may not be."""
     actions, region = problem.solve(_beliefs(shares)), problem.constraints
     slacks = region.slacks(actions)
-    least = max(region.min_slack * (1.0 + tolerances.SLACK_SAFETY), tolerances.FEASIBILITY)
     size = np.maximum(np.abs(actions).max(axis=1), 1.0)[:, None]
-    return np.where(slacks <= tolerances.STATIONARITY * size, _TIGHT, np.where(slacks < least, _BETWEEN, _LOOSE))
+    return np.where(
+        slacks <= tolerances.STATIONARITY * size, _TIGHT, np.where(slacks < region.played_slack, _BETWEEN, _LOOSE)
+    )
 
 
 def _beliefs(shares: Array) -> Array:

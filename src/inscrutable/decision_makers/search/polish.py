@@ -98,7 +98,7 @@ def _starts(goal: Goal, scores: Scores) -> list[Start]:
     spread = _STARTS_APART * float(np.ptp(decoys, axis=0).max(initial=0.0))
     slack = region.slacks(actions)
     # The face an observer sees; and, where rows are slack by less than the least, the one with those rows loose.
-    seen = slack < max(region.min_slack, tolerances.FEASIBILITY)
+    seen = slack < region.observed_slack
     exact = slack <= tolerances.FEASIBILITY
     between = (seen != exact).any(axis=1)
     faces: dict[bytes, list[Start]] = {}
@@ -130,7 +130,7 @@ def _leaving(goal: Goal) -> list[Start]:
         speed = -float(region.A_ub[row] @ inward)
         if speed <= tolerances.ON_FACE:
             continue
-        step = region.min_slack * (1.0 + tolerances.SLACK_SAFETY) * region.row_scale[row] / speed
+        step = region.played_slack * region.row_scale[row] / speed
         starts.append(Start(others, goal.belief, np.asarray(optimal + step * inward), np.inf))
     return starts
 
@@ -140,7 +140,7 @@ def _neighbours(goal: Goal, trial: Trial) -> list[Start]:
     region = goal.problem.constraints
     slack = region.slacks(trial.action)
     tight = region.tight_rows(trial.action)
-    barely = ~tight & (slack <= 2.0 * max(region.min_slack, tolerances.FEASIBILITY))
+    barely = ~tight & (slack <= 2.0 * region.observed_slack)
     decoy = consistent_sets(goal.problem, trial.action[None])[0].nearest(goal.reference.point)
     found = []
     for row in np.flatnonzero(tight | barely):
@@ -172,9 +172,6 @@ class _FaceProgramme:
 
     def __init__(self, goal: Goal, problem: QuadraticProblem, tight: np.ndarray) -> None:
         self.goal, self.problem, self.tight = goal, problem, tight
-        region = problem.constraints
-        # Above the threshold itself, so that the observer does not count the row as tight.
-        self.least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
         own = problem.state_costs(problem.solve(goal.belief))
         self.scale = max(float(np.abs(own).max()), goal.limit, np.finfo(float).tiny)
         # Inside the budget by more than the solver's own violations, which are absolute.
@@ -197,7 +194,7 @@ class _FaceProgramme:
         face = self._at(y)
         cost = self.problem.state_costs(face.action) @ self.goal.belief
         left = (self.allowed - cost + self.goal.optimal_cost) / self.budget_scale
-        slack = self.problem.constraints.slacks(face.action)[~self.tight] - self.least
+        slack = self.problem.constraints.slacks(face.action)[~self.tight] - self.problem.constraints.played_slack
         return np.concatenate([[left], slack, face.multipliers / self.scale])
 
     def margin_slopes(self, y: Array) -> Array:

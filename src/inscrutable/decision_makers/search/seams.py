@@ -92,8 +92,7 @@ def _is_best_on(problem: QuadraticProblem, face: FaceProgramme, decoys: Array) -
     w = np.column_stack([places, np.ones(len(places))])
     rows = np.tensordot(decoys, face.rows[len(face.curves) :], axes=(1, 1))
     values, n_multipliers = (rows @ w[:, :, None])[:, :, 0], face.n_set_rows - len(face.curves)
-    least = problem.constraints.min_slack
-    beyond = max(least, tolerances.FEASIBILITY) - least * (1.0 + tolerances.SLACK_SAFETY)
+    beyond = problem.constraints.observed_slack - problem.constraints.played_slack
     multipliers, slacks = values[:, :n_multipliers], values[:, n_multipliers:]
     return np.asarray((multipliers >= -tolerances.STATIONARITY).all(axis=1) & (slacks >= beyond).all(axis=1))
 

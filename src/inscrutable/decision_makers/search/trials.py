@@ -105,12 +105,11 @@ class QuadraticJudge:
         parts = (problem.hessians, problem.linear, problem.constants)
         equal_scales = np.abs(region.A_eq).max(axis=1, initial=0.0)
         rows = (region.A_ub, region.b_ub, region.row_scale, region.A_eq, region.b_eq, equal_scales)
-        observed = max(region.min_slack, tolerances.FEASIBILITY)
         self._costs = kernel.Costs(*map(_own, parts))
         self._fixed = (
             self._costs,
             kernel.Region(*map(_own, rows)),
-            kernel.Slack(observed, tolerances.FEASIBILITY, float(region.min_slack)),
+            kernel.Slack(region.observed_slack, tolerances.FEASIBILITY, float(region.min_slack)),
         )
         self._goal = kernel.Sought(
             _own(belief), _own(reference.point), float(reference.sign), tolerances.FINITE_DIFFERENCE

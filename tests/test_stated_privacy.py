@@ -1,0 +1,54 @@
+"""The privacy that a decision states is the action's own, as an observer recomputes it, whatever the least slack."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    CounterAdversarialDecisionMaker,
+    DesiredObfuscation,
+    MarkowitzProblem,
+    MaximalObfuscation,
+    ProbabilisticDecisionMaker,
+    box,
+    consistent_beliefs,
+    decoy_grid,
+    simplex,
+)
+from oracles.large_markets import large_market
+from oracles.markets import random_market
+
+SIZES = {2: (4, 60), 3: (6, 45), 4: (6, 12), 5: (7, 8)}  # assets, and resolution of the candidates, by states
+BELIEFS = 6
+
+
+def markets(n_states, min_slack, rng):
+    """An ordinary market, one in which few assets are held, and one whose weights are capped."""
+    n_assets, _ = SIZES[n_states]
+    region = simplex(n_assets, min_slack=min_slack)
+    capped = region & box(np.zeros(n_assets), np.full(n_assets, 0.45), min_slack=min_slack)
+    yield MarkowitzProblem(*random_market(rng, n_states, n_assets), region)
+    yield MarkowitzProblem(*large_market(n_states, n_assets, int(rng.integers(2**31)), 1.0), region)
+    yield MarkowitzProblem(*large_market(n_states, n_assets, int(rng.integers(2**31)), 1.0), capped)
+
+
+@pytest.mark.parametrize("n_states", SIZES)
+@pytest.mark.parametrize("min_slack", [0.0, 1e-4])
+def test_the_stated_privacy_is_recomputed_from_the_action(n_states, min_slack, fresh_rng):
+    for problem in markets(n_states, min_slack, fresh_rng):
+        candidates = decoy_grid(problem, SIZES[n_states][1])
+        beliefs = fresh_rng.dirichlet(np.ones(n_states), BELIEFS)
+        for measure in (MaximalObfuscation(), DesiredObfuscation(fresh_rng.dirichlet(np.ones(n_states)))):
+            given = {"measure": measure, "budget": 0.1, "candidates": candidates}
+            single = CounterAdversarialDecisionMaker(problem, **given).decide_many(beliefs)
+            mixed = ProbabilisticDecisionMaker(problem, **given).decide_many(beliefs)
+            for t, belief in enumerate(beliefs):
+                lottery = mixed[t]
+                actions = [single[t].action, *lottery.actions]
+                for stated, action in zip([single[t].privacy, *lottery.privacies], actions, strict=True):
+                    own = measure(belief, consistent_beliefs(problem, action))
+                    assert stated == pytest.approx(own, abs=1e-6), (measure, belief, action)
+                    assert problem.constraints.is_admissible(action)
+                assert single[t].privacy_bound >= single[t].privacy
+                assert lottery.privacy_bound >= lottery.expected_privacy

@@ -286,19 +286,25 @@ def test_beliefs_of_the_users_own() -> None:
     returns = market()
     dates = returns.index[TRAINING - 1 : -1]
     rows = np.random.default_rng(3).dirichlet([1.0, 1.0], size=len(dates))
-    given = pd.DataFrame(rows, index=dates, columns=["low vol", "high vol"])
+    given = pd.DataFrame(rows, index=dates, columns=["calm", "turbulent"])
     found = run(returns, beliefs=given)
     np.testing.assert_allclose(found.beliefs, rows, atol=1e-15)
     np.testing.assert_allclose(found.weights("ODM"), found.problem.solve(rows), atol=1e-12)
-    swapped = given.set_axis(["calm", "turbulent"], axis=1)[["turbulent", "calm"]]
+    np.testing.assert_allclose(run(returns, beliefs=given.set_axis([0, 1], axis=1)[[1, 0]]).beliefs, rows, atol=1e-15)
+    swapped = given[["turbulent", "calm"]]
     more = pd.concat([swapped.iloc[:1].set_axis([pd.Timestamp("1999-01-31")]), swapped])
     np.testing.assert_allclose(run(returns, beliefs=more).beliefs, rows, atol=1e-15)
     with pytest.raises(InputError, match=r"beliefs lack 2 of the 9 dates of the decisions: 2010-02-28, 2010-05-31"):
         run(returns, beliefs=given.drop(dates[[2, 5]]))
+    for names in (["bear", "bull"], ["calm", "crisis"]):
+        with pytest.raises(
+            InputError, match=rf"columns \['{names[0]}', '{names[1]}'\], the regimes are \['calm', 'turbulent'\]"
+        ):
+            run(returns, beliefs=given.set_axis(names, axis=1))
     with pytest.raises(InputError, match=r"3 columns .* expected one per regime, by rising volatility"):
         run(returns, beliefs=given.assign(third=0.0))
     with pytest.raises(InputError, match=r"belief of 2010-01-31 sums to 1\.1"):
-        run(returns, beliefs=given.assign(**{"low vol": [0.3] + [0.5] * 8, "high vol": [0.7, 0.6] + [0.5] * 7}))
+        run(returns, beliefs=given.assign(calm=[0.3] + [0.5] * 8, turbulent=[0.7, 0.6] + [0.5] * 7))
 
 
 def test_other_measures_and_budgets() -> None:

@@ -354,6 +354,16 @@ def test_backtest_then_attack_then_protect(run, folder: Path, tmp_path: Path) ->
     code, out, err = run("backtest", "--returns", folder / "returns.csv", "--beliefs", beliefs, *common, "--json", "-q")
     assert code == 3, "those beliefs do not cover a training sample that ends in the middle"
     assert "beliefs lack" in err
+    named = folder / "named.csv"
+    named.write_text(beliefs.read_text().replace("turbulent", "bear").replace("calm", "bull"))
+    given = ("backtest", "--prices", folder / "prices.csv", "--beliefs", named, *common, "--train-until", "2005-06")
+    code, _, err = run(*given)
+    assert code == 3
+    assert "bull" in err
+    assert "turbulent" in err
+    code, _, err = run(*given, "--regime-names", "bull,bear")
+    assert code == 0
+    assert "bull is calm, bear is turbulent" in err
 
 
 def test_reproduce_judges_the_claims(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

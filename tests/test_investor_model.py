@@ -202,3 +202,12 @@ def test_a_model_is_made_of_a_world_and_a_problem() -> None:
         InvestorModel(model.problem, model.problem, model.assets, model.regimes)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="problem must be a MarkowitzProblem"):
         InvestorModel(model.world, model.world, model.assets, model.regimes)  # type: ignore[arg-type]
+
+
+def test_numbers_of_thousands_of_digits_are_bad_data(tmp_path: Path) -> None:
+    path = tmp_path / "m.json"
+    path.write_text(f'{{"format": "inscrutable investor model", "version": {"9" * 10_000}}}', "utf-8")
+    with pytest.raises(InputError, match=r"m\.json is not JSON that can be read"):
+        InvestorModel.load(path)
+    with pytest.raises(InputError, match="by its path"):
+        InvestorModel.load({})  # type: ignore[arg-type]

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from inscrutable import files
-from inscrutable.datasets import output_folder, whole_file, write_json, write_table
+from inscrutable.datasets import output_folder, read_returns, whole_file, write_json, write_table
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
 from inscrutable.reports.style import save_figure
@@ -103,6 +103,31 @@ def test_what_has_no_json_form(tmp_path: Path, data: Any, part: str) -> None:
 def test_tables_are_written_in_full(tmp_path: Path) -> None:
     write_table(pd.DataFrame({"A": [0.1 + 0.2, np.nan], "B": [1e-300, 3.0]}, index=["x", "y"]), tmp_path / "t.csv")
     assert (tmp_path / "t.csv").read_bytes() == b",A,B\nx,0.30000000000000004,1e-300\ny,,3.0\n"
+
+
+def test_labels_that_look_like_formulas_are_written_as_text_and_read_back(tmp_path: Path) -> None:
+    labels = ["=1+1", "+A", "-B", "@C", "'=D", "plain"]
+    frame = pd.DataFrame([[-0.5, -0.25, 0.0, 0.5, 0.25, -1.0]], pd.DatetimeIndex(["2020-01-31"], name="=date"), labels)
+    write_table(frame, tmp_path / "t.csv")
+    header, row = (tmp_path / "t.csv").read_text().splitlines()
+    assert header == "'=date,'=1+1,'+A,'-B,'@C,''=D,plain"
+    assert row == "2020-01-31,-0.5,-0.25,0.0,0.5,0.25,-1.0"  # numbers are no labels
+    back = read_returns(tmp_path / "t.csv")
+    assert [back.index.name, *back.columns] == ["=date", *labels]
+    write_table(pd.DataFrame({"note": ["=cmd()", "fine", None]}, index=["@x", "y", -1]), tmp_path / "n.csv")
+    assert (tmp_path / "n.csv").read_text() == ",note\n'@x,'=cmd()\ny,fine\n-1,\n"
+
+
+def test_a_rewritten_file_keeps_its_permissions(tmp_path: Path) -> None:
+    target = tmp_path / "private.csv"
+    frame = pd.DataFrame({"A": [1.0]})
+    write_table(frame, target)
+    for mode in (0o600, 0o640, 0o644):
+        target.chmod(mode)
+        with whole_file(target) as temporary:
+            assert temporary.stat().st_mode & 0o077 == 0  # nobody reads it before it has its permissions
+            temporary.write_text("new")
+        assert target.stat().st_mode & 0o777 == mode
 
 
 def write_half(target: Path) -> None:

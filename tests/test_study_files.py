@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 import tomllib
 from pathlib import Path
 from typing import Any, get_args
@@ -13,7 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from inscrutable import Study
+from inscrutable import Study, resume_study, run_study
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.experiments.studies import layout
 from inscrutable.experiments.studies.reading import StudySource, checked_study
@@ -305,3 +306,22 @@ def test_a_shipped_study_says_how_it_is_run_and_how_long(path: Path) -> None:
     assert f"inscrutable study run studies/{path.name} --out" in top
     assert re.search(r"second|minute", top)
     assert Study.read(path).n_tasks > 20
+
+
+def test_what_no_study_holds_is_refused_at_once(tmp_path: Path) -> None:
+    file, began = tmp_path / "study.toml", time.process_time()
+    for text in (f"seed = {'9' * 10_000}", ".".join(["a"] * 50_000) + " = 1", "[" + " . ".join(['"a"'] * 50_000) + "]"):
+        file.write_text(HEAD + text + "\n")
+        with pytest.raises(InputError, match=r"not TOML|more than 32 parts"):
+            Study.read(file)
+    file.write_text(HEAD + "".join(f"world.k{i} = {i}\n" for i in range(5000)))
+    with pytest.raises(InputError, match="line 3, key world"):
+        Study.read(file)
+    assert time.process_time() - began < 3.0
+
+
+@pytest.mark.parametrize("wrong", [{"name": "a"}, None, 3, ["a.toml"]], ids=repr)
+def test_what_is_no_study_and_no_path_is_refused(tmp_path: Path, wrong: Any) -> None:
+    for ask in (lambda: run_study(wrong, tmp_path), lambda: resume_study(wrong), lambda: Study.load(wrong)):
+        with pytest.raises(InputError, match=r"Study\.of|by its path"):
+            ask()

@@ -129,6 +129,7 @@ def backtest(
     prices: Annotated[Path | None, Parameter(group=_DATA)] = None,
     daily: Annotated[bool, Parameter(group=_DATA, negative=(), show_default=False)] = False,
     beliefs: Annotated[Path | None, Parameter(group=_DATA)] = None,
+    regime_names: Annotated[str | None, Parameter(group=_DATA)] = None,
     train_until: Annotated[str | None, Parameter(group=_DATA)] = None,
     regimes: Annotated[Whole, Parameter(group=_INVESTOR)] = 3,
     risk_aversion: Annotated[float, Parameter(group=_INVESTOR)] = 5.0,
@@ -149,7 +150,8 @@ def backtest(
         prices: CSV of prices, the same layout.
         daily: Daily returns of 20 US stocks, 1990 to 2022 (needs the extra `inscrutable[data]`).
         beliefs: CSV of your own beliefs about the row after each date, instead of the filter's: dates, then one column
-            per regime.
+            per regime, named calm and turbulent, with three regimes calm, normal and turbulent.
+        regime_names: For `--beliefs` whose columns have other names: these, by rising volatility, such as bull,bear.
         train_until: Last date of the training sample, such as 1989-12. Default: 1989-12 for the 12 industries, the
             middle of other data.
         regimes: Number of regimes fitted to the training sample.
@@ -162,7 +164,6 @@ def backtest(
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
             report.html, one page to play with that works offline.
     """
-    from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
     from inscrutable.reports.backtest import headline, text_of, verdict, write_backtest
 
@@ -176,7 +177,9 @@ def backtest(
     settings = BacktestSettings(
         regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until=train_until, seed=seed
     )
-    own = None if beliefs is None else read_beliefs(beliefs)
+    if regime_names is not None and beliefs is None:
+        raise UsageError("--regime-names says which columns of --beliefs are which: give both")
+    own = None if beliefs is None else _own_beliefs(beliefs, regime_names, regimes, speech)
     folder = writable_folder(out)
     speech.log(f"{table.shape[1]} assets, {len(table)} rows; fitting {regimes} regimes up to {train_until}")
     with speech.progress("Decisions") as move:
@@ -210,6 +213,27 @@ def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd
         return datasets.load_daily_returns(), None
     data = datasets.load_industry_returns()
     return data.returns, data.riskless
+
+
+def _own_beliefs(path: Path, given: str | None, count: int, speech: Speech) -> pd.DataFrame:
+    """Beliefs of a file with the fitted regimes' names, which column is which said aloud."""
+    from inscrutable.datasets import read_beliefs
+    from inscrutable.experiments.backtest import regime_names
+
+    names = regime_names(count)
+    if given is None:
+        own = read_beliefs(path)
+        if set(own.columns) == set(names):
+            speech.log(f"Beliefs of {path}: the columns {', '.join(names)}, by name")
+        return own
+    columns = [name.strip() for name in given.split(",")]
+    if len(columns) != count:
+        raise UsageError(
+            f"--regime-names has {len(columns)} names, expected one per regime, by rising volatility: {count}"
+        )
+    pairs = ", ".join(f"{column} is {name}" for column, name in zip(columns, names, strict=True))
+    speech.log(f"Beliefs of {path}: {pairs}")
+    return read_beliefs(path, names=columns).set_axis(list(names), axis=1)
 
 
 def _middle(table: pd.DataFrame) -> str:

@@ -25,7 +25,8 @@ def whole_file(path: PathLike) -> Iterator[Path]:
             go by it (images, npz) work.
 
     Yields:
-        Where to write. After an exception it is deleted and the former file, if any, is as it was.
+        Where to write. A file that is replaced leaves its permissions to the new one. After an exception it is deleted and
+        the former file, if any, is as it was.
 
     Raises:
         InputError: The file cannot be written, with the operating system's reason; a `DiskError` where the disk is full,
@@ -43,19 +44,31 @@ def whole_file(path: PathLike) -> Iterator[Path]:
         ...     (Path(folder) / "note.txt").read_text()
         'all of it'
     """
-    target = Path(path)
+    target = path_of(path, "a file to write")
     temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}") if target.name else target
     try:
         if target.is_dir():
             raise InputError(f"{target} cannot be written: it is a folder, expected a file name")
+        if target.exists():
+            # What others must not read is never there for them to read.
+            temporary.touch(mode=0o600, exist_ok=False)
         yield temporary
         with temporary.open("r+b") as written:
             os.fsync(written.fileno())
+        if target.exists():
+            temporary.chmod(target.stat().st_mode & 0o7777)
         temporary.replace(target)
     except OSError as error:
         raise unwritten(target, error) from error
     finally:
         remove(temporary, unless=target)
+
+
+def path_of(value: PathLike, what: str) -> Path:
+    """Return a path, or raise `InputError` for what is none."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise InputError(f"{what} must be given by its path, got {type(value).__name__}: {value!r:.60}")
+    return Path(value)
 
 
 def remove(temporary: Path, *, unless: Path) -> None:

@@ -7,13 +7,12 @@ import io
 import json
 import os
 from enum import Enum
-from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
 from inscrutable.errors import InputError
-from inscrutable.files import whole_file
+from inscrutable.files import path_of, whole_file
 
 _FORMAT = "inscrutable-result-1"
 _Choice = TypeVar("_Choice", bound=Enum)
@@ -49,9 +48,13 @@ class Saved:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """Return the result saved at `path`; raise `InputError` for a missing, damaged or foreign file."""
+        source = path_of(path, "a saved result")
         try:
             # Read whole first: numpy leaves a damaged file open.
-            with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as stored:
+            held = source.read_bytes()
+            if not held.startswith(b"PK"):
+                raise InputError("it is no npz archive such as `save` writes")
+            with np.load(io.BytesIO(held), allow_pickle=False) as stored:
                 described = json.loads(str(stored["description"]))
                 if described.get("format") != _FORMAT:
                     raise InputError(f"its format is {described.get('format')!r}, expected {_FORMAT!r}")

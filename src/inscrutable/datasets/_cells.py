@@ -25,6 +25,10 @@ _INFINITE = re.compile(r"[+-]?inf(?:inity)?", re.IGNORECASE)
 _SHOWN = 60
 
 
+FORMULA = re.compile("'*[=+@-]")
+"""What a spreadsheet would take for a formula, also after apostrophes, so that one more can be told and taken away."""
+
+
 @dataclass(frozen=True)
 class TextTable:
     """The header and the rows of a CSV file, blanks around cells removed; `lines` are line numbers in the file."""
@@ -53,7 +57,7 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
     try:
         for record in reader:
             if record:
-                records.append((start, tuple(cell.strip() for cell in record)))
+                records.append((start, tuple(map(_unescaped, record))))
             start = reader.line_num + 1
     except csv.Error as error:
         raise InputError(f"{source}, line {start}: not readable as CSV ({error}); check the quotes") from None
@@ -68,6 +72,12 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
         if len(cells) != len(header):
             raise InputError(f"{source}, line {line}: {len(cells)} cells, expected {len(header)} as in the header")
     return TextTable(source, header, tuple(line for line, _ in body), tuple(cells for _, cells in body))
+
+
+def _unescaped(cell: str) -> str:
+    """A cell without blanks around it and without the apostrophe that keeps spreadsheets from taking it for a formula."""
+    text = cell.strip()
+    return text[1:] if text.startswith("'") and FORMULA.match(text) else text
 
 
 def numbers(table: TextTable, columns: Sequence[int]) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from inscrutable.datasets._cells import FORMULA
 from inscrutable.errors import InputError
 from inscrutable.files import PathLike, remove, unwritten, whole_file
 
@@ -24,7 +25,9 @@ def write_table(frame: pd.DataFrame, path: PathLike) -> None:
     """Write a frame as CSV with every float in full, so that reading it gives the same numbers bit for bit.
 
     Args:
-        frame: Any frame; its index becomes the first column, NaN an empty cell. UTF-8, commas, lines end in ``\\n``.
+        frame: Any frame; its index becomes the first column, NaN an empty cell. UTF-8, commas, lines end in ``\\n``. Text that
+            a spreadsheet would take for a formula, since it begins with = + - or @, is written after an apostrophe; the
+            readers of this package drop it.
         path: The file to create or replace, whole or not at all.
 
     Raises:
@@ -41,8 +44,16 @@ def write_table(frame: pd.DataFrame, path: PathLike) -> None:
         ...     (Path(folder) / "t.csv").read_text()
         ',A\\nx,0.30000000000000004\\n'
     """
-    text = frame.to_csv(lineterminator="\n")
-    _write_text(text, path)
+    plain = frame.rename(index=escaped, columns=escaped).rename_axis(index=escaped, columns=escaped)
+    texts = [k for k, kind in enumerate(frame.dtypes) if not pd.api.types.is_numeric_dtype(kind)]
+    for k in texts:
+        plain.isetitem(k, frame.iloc[:, k].map(escaped).to_numpy())
+    _write_text(plain.to_csv(lineterminator="\n"), path)
+
+
+def escaped(label: Any) -> Any:
+    """Return text so that no spreadsheet takes it for a formula; what is no text stays as it is."""
+    return f"'{label}" if isinstance(label, str) and FORMULA.match(label) else label
 
 
 def write_json(data: Any, path: PathLike) -> None:

@@ -28,6 +28,7 @@ from inscrutable.experiments.performance import Performance, SharpeDifference, s
 from inscrutable.filtering import filter_beliefs
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.worlds import FittedWorld, GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
+from inscrutable.worlds.hidden_markov import default_names
 
 __all__ = ["RESTARTS", "Backtest", "BacktestSettings", "run_backtest"]
 
@@ -67,8 +68,8 @@ def run_backtest(
             a row's return is earned up to its date. Labels become text.
         settings: The investor; None is the default one.
         beliefs: Beliefs of the investor's own instead of the filter's, by date of decision: row t is about row t+1.
-            One column per regime, in the order of the fitted regimes (by rising volatility) unless the columns bear
-            their names. Means and covariances of the regimes still come from the fit. Rows on other dates are ignored.
+            One column per regime, which bears its name (`regime_names`), or its number by rising volatility. Means and
+            covariances of the regimes still come from the fit. Rows on other dates are ignored.
         riskless: Riskless returns by date, for Sharpe ratios of excess returns; None is zero.
         restarts: Starts of the fit, at least 1; None is thirty, and fewer, down to five, for large samples.
         progress: Called with (decisions made, decisions in all).
@@ -144,9 +145,12 @@ def _enough_restarts(market: ReturnsSample, settings: BacktestSettings) -> int:
 
 def _named(fit: FittedWorld) -> HiddenMarkovModel:
     world = fit.world
-    return HiddenMarkovModel(
-        world.transition, world.emission, world.initial, names=_NAMES.get(world.n_states, world.names)
-    )
+    return HiddenMarkovModel(world.transition, world.emission, world.initial, names=regime_names(world.n_states))
+
+
+def regime_names(count: int) -> tuple[str, ...]:
+    """Return what a backtest calls its fitted regimes, by rising volatility."""
+    return _NAMES.get(count, default_names(count))
 
 
 def _gaussian(world: HiddenMarkovModel) -> GaussianEmission:

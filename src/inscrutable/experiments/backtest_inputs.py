@@ -123,16 +123,15 @@ def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tup
             f"beliefs have {beliefs.shape[1]} columns {list(beliefs.columns)}, "
             f"expected one per regime, by rising volatility: {list(regimes)}; or ask for {beliefs.shape[1]} regimes"
         )
-    known = set(beliefs.columns) & set(regimes)
-    if known and known != set(regimes):
+    if set(beliefs.columns) not in (set(regimes), set(range(len(regimes)))):
         raise InputError(
-            f"beliefs have the columns {list(beliefs.columns)}: {sorted(known)} are regimes, the others are not; name all "
-            f"of {list(regimes)}, or none of them to have the columns read by rising volatility"
+            f"beliefs have the columns {list(beliefs.columns)}, the regimes are {list(regimes)}, by rising volatility: which "
+            "is which is for you to say; rename the columns, or give their names in the order of the regimes (--regime-names)"
         )
     _check_dates(beliefs.index, "beliefs")
     _refuse_missing(dates, beliefs.index, "beliefs", "the decisions")
-    same_names = set(beliefs.columns) == set(regimes)
-    rows = (beliefs[list(regimes)] if same_names else beliefs).loc[dates]
+    by_name = set(beliefs.columns) == set(regimes)
+    rows = beliefs[list(regimes) if by_name else list(range(len(regimes)))].loc[dates]
     checked = [
         validation.beliefs(row, len(regimes), f"belief of {date:%Y-%m-%d}")
         for date, row in zip(dates, rows.to_numpy(), strict=True)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from inscrutable.budgets import Budget
 from inscrutable.datasets import write_json
 from inscrutable.errors import InputError, InscrutableError
+from inscrutable.files import path_of
 from inscrutable.problems import MarkowitzProblem, Polyhedron
 from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
 from inscrutable.worlds.hidden_markov import default_names
@@ -114,7 +115,7 @@ class InvestorModel:
         """
         from inscrutable.experiments.model_file import checked
 
-        source = Path(path)
+        source = path_of(path, "a model's file")
         return _built(source, checked(source, _read(source)))
 
 
@@ -199,6 +200,8 @@ def _read(source: Path) -> dict[str, Any]:
         data = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(f"{source}, line {error.lineno}, column {error.colno}: not JSON ({error.msg})") from None
+    except ValueError as error:  # a number of thousands of digits
+        raise InputError(f"{source} is not JSON that can be read: {error}") from None
     except RecursionError:
         raise InputError(f"{source} is nested too deeply to be a model") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:

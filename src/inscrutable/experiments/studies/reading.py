@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -24,6 +25,8 @@ from inscrutable.experiments.studies.layout import (
 )
 from inscrutable.experiments.studies.toml_lines import Place, key_lines
 
+_MOST_PARTS = 32
+_DEEP = re.compile(rf"""(?:[\w"'-]{{1,99}}[ \t]*\.[ \t]*){{{_MOST_PARTS}}}""")
 _NEAR = 0.5
 _LONGEST = 60
 _MOST_TASKS = 10_000_000
@@ -67,6 +70,8 @@ def read_study(path: Path) -> tuple[PlanFile, StudySource]:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not UTF-8 text: byte {error.start}; expected a study file in TOML") from None
+    if _DEEP.search(text):  # a parser takes hours for tens of thousands
+        raise InputError(f"{path} has a key of more than {_MOST_PARTS} parts joined by dots; no study has such")
     try:
         data = tomllib.loads(text)
     except ValueError as error:  # also a number of thousands of digits

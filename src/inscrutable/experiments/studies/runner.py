@@ -6,7 +6,7 @@ import json
 import logging
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -22,6 +22,7 @@ from inscrutable.experiments.studies.kinds import kind_of
 from inscrutable.experiments.studies.store import STORE, Store, created, damaged, locked, opened, speaking
 from inscrutable.experiments.studies.study import PathLike, Study
 from inscrutable.experiments.studies.workshop import FAILED, Row, Work
+from inscrutable.files import path_of
 
 MANIFEST = "manifest.json"
 _LOGGER = logging.getLogger(__name__)
@@ -103,6 +104,10 @@ def run_study(
         0                 ODM   done
         1             uniform   done
     """
+    if isinstance(study, Mapping):
+        raise InputError(
+            "study must be a Study or the path of its file, got a mapping; Study.of(mapping) makes one of it"
+        )
     chosen = study if isinstance(study, Study) else Study.read(study)
     execute = executor(jobs, cluster)
     folder = output_folder(out)
@@ -164,7 +169,7 @@ def resume_study(
         (1, 0)
     """
     execute = executor(jobs, cluster)
-    place = Path(folder)
+    place = path_of(folder, "a study's folder")
     with closing(opened(place)):
         pass  # say what is wrong with it before anything is written
     with locked(place), closing(opened(place, writable=True)) as store:

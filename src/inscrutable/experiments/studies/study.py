@@ -22,6 +22,7 @@ from inscrutable.experiments.studies.means import means_of
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
 from inscrutable.experiments.studies.store import opened, speaking
 from inscrutable.experiments.studies.workshop import DONE, FAILED
+from inscrutable.files import path_of
 
 PathLike = str | os.PathLike[str]
 
@@ -92,7 +93,7 @@ class Study:
             InputError: The file cannot be read, or something in it is wrong: file, line, key, what was expected, and the
                 nearest valid name.
         """
-        source = Path(path)
+        source = path_of(path, "a study's file")
         plan, where = read_study(source)
         return cls._of(plan, source.parent, where)
 
@@ -122,7 +123,7 @@ class Study:
         Raises:
             InputError: The folder holds no study, or its store is damaged or one of another version.
         """
-        place = Path(folder)
+        place = path_of(folder, "a study's folder")
         with closing(opened(place)) as store:
             plan, data_hash = store.fact("study"), store.fact("data_hash")
         try:

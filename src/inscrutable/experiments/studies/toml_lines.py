@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from bisect import bisect_left
 
 Place = tuple[str | int, ...]
 
@@ -34,6 +35,7 @@ def key_lines(text: str) -> dict[Place, int]:
 class _Walk:
     def __init__(self, text: str) -> None:
         self.text = text.replace("\r\n", "\n")
+        self._breaks = [found.start() for found in re.finditer("\n", self.text)]
         self.at = 0
         self.lines: dict[Place, int] = {}
         self.counts: dict[Place, int] = {}
@@ -128,7 +130,7 @@ class _Walk:
                 self._value(entry)
 
     def _note(self, place: Place) -> None:
-        self.lines.setdefault(place, self.text.count("\n", 0, self.at) + 1)
+        self.lines.setdefault(place, bisect_left(self._breaks, self.at) + 1)
 
     def _skip(self, pattern: re.Pattern[str]) -> None:
         found = pattern.match(self.text, self.at)

@@ -16,6 +16,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.worlds import FittedWorld, GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
 from inscrutable.worlds.baum_welch import Climb, standardised
+from inscrutable.worlds.covariances import SampleCovariance
 
 MEANS = np.array([[0.01, 0.02], [0.0, -0.01], [-0.05, 0.03]])
 COVARIANCES = np.array([0.01**2 * np.eye(2), 0.04**2 * np.array([[1.0, 0.5], [0.5, 1.0]]), 0.15**2 * np.eye(2)])
@@ -25,7 +26,9 @@ PATH = WORLD.sample(4000, rng=np.random.default_rng(42))
 
 
 def fit(observations: object, n_states: int, seed: int = 0, n_restarts: int = 10) -> FittedWorld:
-    return fit_gaussian_hmm(observations, n_states, rng=np.random.default_rng(seed), n_restarts=n_restarts)
+    """With full covariances, which alone maximise the likelihood."""
+    rng = np.random.default_rng(seed)
+    return fit_gaussian_hmm(observations, n_states, rng=rng, n_restarts=n_restarts, covariance="sample")
 
 
 @pytest.fixture(scope="module")
@@ -180,8 +183,8 @@ class TestCollapse:
         rows = np.concatenate([rng.normal(size=60), 1 + 2 * rng.normal(size=60)])
         rows[60:66] = 0.5
         data = standardised(rows[:, None])
-        knot = Climb(data, np.eye(2)[(rows == 0.5).astype(int)])
-        sound = Climb(data, np.eye(2)[(np.arange(120) >= 60).astype(int)])
+        knot = Climb(data, np.eye(2)[(rows == 0.5).astype(int)], SampleCovariance())
+        sound = Climb(data, np.eye(2)[(np.arange(120) >= 60).astype(int)], SampleCovariance())
         for climb in (knot, sound):
             climb.run(500)
             climb.order_by_volatility()
@@ -198,7 +201,7 @@ class TestCollapse:
 
     def test_a_state_without_data_keeps_its_parameters(self) -> None:
         rows = np.random.default_rng(0).normal(size=(20, 2))
-        empty = Climb(standardised(rows), np.tile([1.0, 0.0], (20, 1)))
+        empty = Climb(standardised(rows), np.tile([1.0, 0.0], (20, 1)), SampleCovariance())
         empty.run(20)
         assert np.isfinite(empty.trace).all()
         assert np.isfinite(empty.parameters.means).all()

@@ -28,7 +28,7 @@ from inscrutable.cli_values import (
     measure_of,
     writable_folder,
 )
-from inscrutable.errors import DiskError, InputError, InscrutableError
+from inscrutable.errors import DiskError, InputError, InscrutableError, ModelError
 from inscrutable.files import DISK
 from inscrutable.labels import label_text
 
@@ -114,6 +114,7 @@ def reproduce(
             result = reproduce(settings, folder=folder / STUDY, again=was_told(folder), progress=move)
         speech.log("Drawing the figures")
         files = [*write_reproduction(result, folder), *_write_report(result, folder, drawn=folder)]
+        _replace(folder, "reproduce", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -132,6 +133,7 @@ def backtest(
     regime_names: Annotated[str | None, Parameter(group=_DATA)] = None,
     train_until: Annotated[str | None, Parameter(group=_DATA)] = None,
     regimes: Annotated[Whole, Parameter(group=_INVESTOR)] = 3,
+    covariance: Annotated[str | None, Parameter(group=_INVESTOR)] = None,
     risk_aversion: Annotated[float, Parameter(group=_INVESTOR)] = 5.0,
     cost_bps: Annotated[float, Parameter(group=_INVESTOR)] = 10.0,
     budget: Annotated[str, Parameter(group=_PRIVACY)] = "0.1",
@@ -139,8 +141,9 @@ def backtest(
     target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     seed: Seed = 0,
     out: Out = Path("backtest"),
+    strict: Annotated[bool, Parameter(group=_OUTPUT, negative=(), show_default=False)] = False,
     speech: Speech = Speech(),  # noqa: B008  # frozen
-) -> None:
+) -> int:
     """Walk a regime-switching investor through real returns while a rival reads its published weights.
 
     Without a data option: the 12 US industries that come with the package, monthly, 1949 to 2017.
@@ -155,6 +158,8 @@ def backtest(
         train_until: Last date of the training sample, such as 1989-12. Default: 1989-12 for the 12 industries, the
             middle of other data.
         regimes: Number of regimes fitted to the training sample.
+        covariance: How their covariances are estimated: sample, ledoit-wolf (shrunk) or factor:K. Default: sample where there
+            are ten rows per regime and asset, else ledoit-wolf.
         risk_aversion: gamma in gamma u'Su - m'u, without a half.
         cost_bps: Cost per unit traded, in basis points.
         budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit.
@@ -163,9 +168,11 @@ def backtest(
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
             report.html, one page to play with that works offline.
+        strict: Exit with code 4 where the figures are doubtful: the fit collapsed or follows its sample, or the belief hardly
+            moves. All is written and printed nevertheless.
     """
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
-    from inscrutable.reports.backtest import headline, text_of, verdict, write_backtest
+    from inscrutable.reports.backtest import headline, text_of, verdict, warnings_of, write_backtest
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
@@ -175,7 +182,7 @@ def backtest(
         train_until = _middle(table) if riskless is None else "1989-12"
         speech.detail(f"Training sample: up to {train_until}")
     settings = BacktestSettings(
-        regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until=train_until, seed=seed
+        regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until, seed, covariance
     )
     if regime_names is not None and beliefs is None:
         raise UsageError("--regime-names says which columns of --beliefs are which: give both")
@@ -187,11 +194,14 @@ def backtest(
     speech.log("Drawing the figures")
     files = [*write_backtest(result, folder), *_write_report(result, folder)]
     files.append(_save_model(result, settings.train_until, folder))
+    _replace(folder, "backtest", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
-        return
-    speech.sentence("\n\n".join(filter(None, [text_of(result), headline(result), verdict(result)])) + "\n")
-    speech.files(files)
+    else:
+        warned = "\n".join(warnings_of(result))
+        speech.sentence("\n\n".join(filter(None, [text_of(result), warned, headline(result), verdict(result)])) + "\n")
+        speech.files(files)
+    return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0
 
 
 def _write_report(result: Backtest | Comparison | Reproduction, folder: Path, **more: Any) -> list[Path]:
@@ -199,6 +209,16 @@ def _write_report(result: Backtest | Comparison | Reproduction, folder: Path, **
     from inscrutable.reports.page import can_write_pages, write_page
 
     return [write_page(result, folder / "report.html", **more)] if can_write_pages() else []
+
+
+def _replace(folder: Path, verb: str, files: list[Path], speech: Speech) -> list[Path]:
+    """Let no file of an earlier run of the verb stay among those just written; return these."""
+    from inscrutable.datasets import replace_files
+
+    removed = replace_files(folder, verb, files)
+    if removed:
+        speech.log(f"Removed from an earlier run: {', '.join(path.name for path in removed)}")
+    return files
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -243,7 +263,7 @@ def _middle(table: pd.DataFrame) -> str:
 def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
     from inscrutable.experiments.investor_model import InvestorModel
 
-    note = f"regimes fitted to {len(result.assets)} assets up to {train_until}"
+    note = "; ".join([f"regimes fitted to {len(result.assets)} assets up to {train_until}", *result.doubts])
     model = InvestorModel(result.world, result.problem, result.assets, result.regimes, result.budget, note)
     return model.save(folder / "model.json")
 
@@ -276,7 +296,7 @@ def attack(
     speech.log(table.summary())
     with speech.progress("Rows read") as move:
         found = attack_weights(investor, table, progress=move)
-    files = [] if folder is None else write_attack(found, folder)
+    files = [] if folder is None else _replace(folder, "attack", write_attack(found, folder), speech)
     if speech.json:
         speech.summary(attack_summary(found))
         return
@@ -356,7 +376,7 @@ def protect(
         if planned is not None:
             held = attack_weights(investor, planned, progress=part_of(move, 0, experiment.PARTS + 1))
         found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=rng, progress=move)
-    files = [] if folder is None else write_protect(found, folder)
+    files = [] if folder is None else _replace(folder, "protect", write_protect(found, folder), speech)
     if speech.json:
         speech.summary(protect_summary(found))
         return
@@ -433,6 +453,7 @@ def compare(
         speech.log("Drawing the figure")
         files = write_comparison(result, folder, title=note)
         files += _write_report(result, folder, manifest={"market": note, "seed": seed})
+        _replace(folder, "compare", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

@@ -175,6 +175,10 @@ from collapsing on a handful of points, whatever the columns' units."""
 CONSTANT_COLUMN = 1e-12
 """A column whose range is below this share of its largest entry does not vary: what is left is rounding."""
 
+BELIEF_MOVES = 2e-2
+"""Distance from its mean (root mean square over the decisions), or range of one regime's probability, below which a belief
+hardly moves: two percentage points, less than what a decision of four assets tells apart."""
+
 EM_CHANGE = 1e-8
 """Baum-Welch stops when the log-likelihood per observation changes by less than this."""
 
@@ -325,3 +329,22 @@ ERROR_GAP = 1e-2
 
 SMALL_ERROR_GAP = 1e-6
 """The same where there are few."""
+
+SURELY_WRONG_RETURN = 6.0
+"""Simple return of one row above which it is named as suspicious, seven times the price: single shares have done it, tables
+of portfolios have not. Student's t with three degrees of freedom at 6 % exceeds it once in a million cells."""
+
+SURELY_WRONG_MOVE = 100.0
+"""The same in robust standard deviations, for columns that move less; once in a million cells of such tails as well."""
+
+SPLIT_ROOM = 3.0
+"""Robust standard deviations by which a price ratio may miss that of a split: the row's own return is in it."""
+
+SPLIT_CHANCE = 2e-4
+"""Chance, for a whole table of fat tails, below which a lone jump to a split's ratio is named; for repeats likewise."""
+
+LEAST_REPEATS = 6
+"""Equal returns running that are named however seldom values repeat: half a year of months, a week of days and one."""
+
+LONGEST_HOLIDAYS = 12.0
+"""Days without a row that exchanges have been closed for on holidays, with the weekends at both ends."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from inscrutable.datasets.daily import load_daily_returns
 from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.datasets.french import IndustryReturns, load_industry_returns
+from inscrutable.datasets.suspicious import suspicious_entries
 from inscrutable.datasets.tables import WeightsTable, read_beliefs, read_returns, read_weights, simple_returns
+from inscrutable.datasets.written import replace_files
 from inscrutable.files import whole_file
 
 __all__ = [
@@ -17,7 +19,9 @@ __all__ = [
     "read_beliefs",
     "read_returns",
     "read_weights",
+    "replace_files",
     "simple_returns",
+    "suspicious_entries",
     "whole_file",
     "write_json",
     "write_table",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import calendar
 import logging
 import re
-from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from itertools import pairwise
@@ -13,6 +12,7 @@ from itertools import pairwise
 import pandas as pd
 
 from inscrutable.datasets._cells import TextTable, is_missing, shown
+from inscrutable.datasets.suspicious import missing_steps
 from inscrutable.errors import InputError
 
 _EXPECTED = "expected a date such as 2020-01-31 (or 2020-01, 20200131, 31.01.2020)"
@@ -20,7 +20,6 @@ _DASHED = re.compile(r"(\d{4})([-/])(\d{1,2})(?:\2(\d{1,2}))?", re.ASCII)
 _COMPACT = re.compile(r"(\d{4})(\d{2})(\d{2})?", re.ASCII)
 _WITH_TIME = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}(?::\d{2}(?:\.\d+)?)?(?:Z|[+-]\d{2}:?\d{2})?", re.ASCII)
 _YEAR_LAST = re.compile(r"(\d{1,2})([-./])(\d{1,2})\2(\d{4})", re.ASCII)
-_LISTED = 8
 _LOGGER = logging.getLogger(__name__.rpartition(".")[0])
 _YEARS = range(1700, 2200)  # inside the years that pandas holds to the nanosecond
 
@@ -42,25 +41,10 @@ def date_index(table: TextTable) -> pd.DatetimeIndex:
 
 
 def _warn_of_gaps(table: TextTable, days: Sequence[datetime]) -> None:
-    """Name the months that are missing between rows a month apart, or a quarter, or whatever the usual step in months is."""
-    months = [12 * day.year + day.month - 1 for day in days]
-    steps = [after - before for before, after in pairwise(months)]
-    if not steps or min(steps) < 1:
-        return
-    usual, times = Counter(steps).most_common(1)[0]
-    if 2 * times <= len(steps):
-        return
-    gaps = [(before, after) for before, after in pairwise(months) if after - before > usual]
-    missing = [month for before, after in gaps for month in range(before + usual, after, usual)]
+    """Name the rows that are missing between the usual steps."""
+    missing = missing_steps(days)
     if missing:
-        named = ", ".join(f"{month // 12}-{month % 12 + 1:02d}" for month in missing[:_LISTED])
-        more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
-        _LOGGER.warning(
-            "%s has no row for %s%s: the row after a gap is taken for the next step, like any other",
-            table.path,
-            named,
-            more,
-        )
+        _LOGGER.warning("%s has %s", table.path, missing)
 
 
 def label_index(table: TextTable) -> pd.Index:

@@ -6,6 +6,7 @@ holds the belief about row t+1 given the returns up to row t, publishes a portfo
 
 from __future__ import annotations
 
+import logging
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import ModelError
 from inscrutable.experiments.backtest_aware import read_knowingly
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
-from inscrutable.experiments.backtest_results import Backtest, SharpeComparison
+from inscrutable.experiments.backtest_results import Backtest, SharpeComparison, resting_beliefs
 from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
 from inscrutable.filtering import filter_beliefs
@@ -42,6 +43,7 @@ _WORK_OF_FIT = 25_000_000
 """Restarts are cut so that one Baum-Welch step of all of them stays at about this many multiplications. Samples so
 large have one optimum: on 4,160 days of 20 stocks all of 20 starts came to it."""
 
+_LOGGER = logging.getLogger(__name__)
 _NAMES = {2: ("calm", "turbulent"), 3: ("calm", "normal", "turbulent")}
 _BASIS_POINTS = 10_000.0
 _KnownMaker = OriginalDecisionMaker | CounterAdversarialDecisionMaker | ProbabilisticDecisionMaker
@@ -113,6 +115,8 @@ def run_backtest(
     performance = _performance(episode, market, chosen)
     comparisons = {name: _comparison(earned, performance["ODM"], bootstrap_rng) for name, earned in performance.items()}
     aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng)
+    for doubt in resting_beliefs(held):  # the fit says its own
+        _LOGGER.warning("%s", doubt)
     return Backtest(chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware)
 
 
@@ -129,7 +133,9 @@ def fitted_investor(
 ) -> FittedInvestor:
     """Return the regimes fitted to the training sample, with their names, and the portfolio problem in them."""
     n_restarts = _enough_restarts(market, settings) if restarts is None else validation.count(restarts, "restarts")
-    fit = fit_gaussian_hmm(market.training, settings.regimes, rng=rng, n_restarts=n_restarts)
+    fit = fit_gaussian_hmm(
+        market.training, settings.regimes, rng=rng, n_restarts=n_restarts, covariance=settings.covariance
+    )
     world = _named(fit)
     emission = _gaussian(world)
     means = pd.DataFrame(emission.means, index=list(world.names), columns=list(market.training.columns))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,13 +10,16 @@ import pandas as pd
 
 from inscrutable import validation
 from inscrutable.budgets import Budget, as_budget
+from inscrutable.datasets import suspicious_entries
 from inscrutable.errors import InputError
 from inscrutable.experiments.performance import Frequency, frequency_of
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
+from inscrutable.worlds.covariances import covariance_rule
 from inscrutable.worlds.observations import real_rows
 
 _LISTED = 5
+_LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,8 @@ class BacktestSettings:
         cost_bps: Cost per unit traded, in basis points of it, at least 0; 10 is the usual order for large stocks.
         train_until: Last date of the training sample, or the month or year that it is the end of ("1989-12").
         seed: Of the fit's starts, the lotteries' draws and the bootstrap, which are independent of one another.
+        covariance: Of the regimes: "sample", "ledoit-wolf" or "factor:k" as for `fit_gaussian_hmm`; None chooses by the
+            amount of data.
 
     Raises:
         InputError: A number is out of its range, or `measure` is no privacy measure.
@@ -48,6 +54,7 @@ class BacktestSettings:
     cost_bps: float = 10.0
     train_until: str = "1989-12"
     seed: int = 0
+    covariance: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "regimes", validation.count(self.regimes, "regimes", least=2))
@@ -70,6 +77,7 @@ class ReturnsSample:
         has_riskless: Whether they were given, so that Sharpe ratios are of excess returns.
         n_training: Number of rows of the training sample.
         frequency: Rows a year.
+        suspicious: What can hardly be right in the returns, with row and column, as `suspicious_entries` says it.
     """
 
     returns: pd.DataFrame
@@ -77,6 +85,7 @@ class ReturnsSample:
     has_riskless: bool
     n_training: int
     frequency: Frequency
+    suspicious: tuple[str, ...] = ()
 
     @property
     def training(self) -> pd.DataFrame:
@@ -100,16 +109,21 @@ def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: 
     dates = pd.DatetimeIndex(table.index)
     n_training = _training_rows(dates, settings)
     n_held = len(dates) - n_training
-    least = settings.regimes * (table.shape[1] + 1)
+    rule = covariance_rule(settings.covariance, n_training, table.shape[1], settings.regimes)
+    least = settings.regimes * rule.least_observations(table.shape[1])
     if n_training < least:
         raise InputError(
             f"the training sample has {n_training} rows ({_span(dates[:n_training])}); {settings.regimes} regimes of "
-            f"{table.shape[1]} assets need at least {least}: move train_until, or use fewer regimes or assets"
+            f"{table.shape[1]} assets need at least {least} for {rule.name} covariances: move train_until, or use fewer "
+            "regimes or assets"
         )
     if n_held < 2:
         raise InputError(f"{n_held} rows follow the training sample that ends {settings.train_until}; need at least 2")
     base = np.zeros(n_held) if riskless is None else _aligned_riskless(riskless, dates[n_training:])
-    return ReturnsSample(table, base, riskless is not None, n_training, frequency_of(dates))
+    suspicious = suspicious_entries(table)
+    for each in suspicious:
+        _LOGGER.warning("suspicious returns: %s", each)
+    return ReturnsSample(table, base, riskless is not None, n_training, frequency_of(dates), suspicious)
 
 
 def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tuple[str, ...]) -> pd.DataFrame:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import Candidates, DecisionStatus
 from inscrutable.errors import InputError
@@ -146,6 +147,12 @@ class Backtest:
         return pd.DataFrame(self.figures).T.rename_axis("decision_maker")
 
     @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the figures may be no result: a fit that collapsed, beliefs that hardly move; empty where nothing is wrong."""
+        fitted = replace(self.fit, world=self.world).doubt
+        return tuple(filter(None, [fitted, *resting_beliefs(self.beliefs)]))
+
+    @cached_property
     def silence_regret(self) -> float:
         """Mean regret of the one constant portfolio that suits these beliefs best: r₀ = V(mean π) − mean V(π).
 
@@ -162,6 +169,26 @@ class Backtest:
 
     def _frame(self, values: Array, columns: tuple[str, ...]) -> pd.DataFrame:
         return pd.DataFrame(values, index=self.beliefs.index, columns=list(columns))
+
+
+def resting_beliefs(beliefs: pd.DataFrame) -> list[str]:
+    """Say of beliefs (T,X) whether they hardly move, or else which regimes' probabilities do not."""
+    rows = beliefs.to_numpy()
+    spread = float(np.sqrt(((rows - rows.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    if spread < tolerances.BELIEF_MOVES:
+        middle = ", ".join(
+            f"{name} {value:.3f}" for name, value in zip(beliefs.columns, rows.mean(axis=0), strict=True)
+        )
+        return [
+            f"the belief hardly moves over the {len(rows)} decisions: its distance from its mean ({middle}) is {spread:.3f} "
+            "(r.m.s.), so there is next to nothing to hide or to read"
+        ]
+    low, high = rows.min(axis=0), rows.max(axis=0)
+    return [
+        f"no decision is made in the regime {beliefs.columns[int(i)]}: its probability stays between {low[i]:.3f} and "
+        f"{high[i]:.3f}"
+        for i in np.flatnonzero(high - low < tolerances.BELIEF_MOVES)
+    ]
 
 
 def _figures(result: Backtest, name: str) -> dict[str, float]:

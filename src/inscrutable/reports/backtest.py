@@ -71,6 +71,12 @@ def text_of(result: Backtest) -> str:
     return "\n".join([*lines, "", *notes_of(result), *cautions(result)])
 
 
+def warnings_of(result: Backtest) -> list[str]:
+    """Return what must be read before the verdict: why the figures may be no result, and data that can hardly be right."""
+    doubts = [f"Doubtful: {each}." for each in result.doubts]
+    return [*doubts, *(f"Suspicious returns: {each}." for each in result.market.suspicious)]
+
+
 def written_table(result: Backtest) -> list[list[str]]:
     """Return the table as text, row by row: the label, then one cell per decision maker."""
     rows, table = _rows(result), table_of(result)
@@ -130,6 +136,7 @@ def notes_of(result: Backtest) -> list[str]:
     return [
         f"Regimes fitted on {market.n_training} {word}s to {market.training.index[-1]:%Y-%m-%d} and never again; "
         f"risk aversion γ = {settings.risk_aversion:g} in γu'Σu − μ'u, no ½; budget {settings.budget}.",
+        *([] if result.fit.covariance == "sample" else [f"Covariances are not full ones: {result.fit.size}."]),
         "The rival knows means, covariances and γ, takes the published weights (of a lottery, the draw) at face value, "
         "and guesses the centre of the beliefs that explain them.",
         *_aware_notes(result),
@@ -275,6 +282,8 @@ def summary_data(result: Backtest) -> dict[str, Any]:
         "version": __version__,
         "headline": headline(result),
         "verdict": verdict(result),
+        "doubts": result.doubts,
+        "suspicious_returns": market.suspicious,
         "cautions": cautions(result),
         "timing": timing_of(result),
         "notes": notes_of(result),
@@ -295,6 +304,10 @@ def summary_data(result: Backtest) -> dict[str, Any]:
             "restarts": len(result.fit.restarts),
             "restarts_within_one_nat": sum(best - one.log_likelihood < 1.0 for one in result.fit.restarts),
             "collapsed": sum(bool(one.collapsed) for one in result.fit.restarts),
+            "covariance": result.fit.covariance,
+            "effective_parameters": result.fit.best.n_parameters,
+            "numbers": result.fit.n_rows * result.fit.n_columns,
+            "observations_of_regimes": result.fit.best.weights,
         },
         "regimes": _regimes(result),
         "silence_regret": result.silence_regret,

@@ -2,12 +2,13 @@
 
 With smoothed probabilities γ_t(i) and expected transition counts N_ij, a step sets π_0 = γ_0, P_ij = N_ij / Σ_j N_ij,
 μ_i = Σ_t γ_t(i) y_t / Σ_t γ_t(i), and Σ_i to the weighted covariance with its eigenvalues raised to the floor: the
-maximiser of the expected log-likelihood under that floor, so the likelihood never decreases.
+maximiser of the expected log-likelihood under that floor, so the likelihood never decreases. A covariance that is shrunk
+or made of factors is no maximiser: the climb then ends where the likelihood no longer changes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from inscrutable import tolerances
 from inscrutable.errors import ModelError
 from inscrutable.validation import Array
+from inscrutable.worlds.covariances import CovarianceRule, LedoitWolfCovariance
 
 START_PERSISTENCE = 0.9
 """Probability of staying in a state at every starting point: regimes last."""
@@ -22,10 +24,13 @@ START_PERSISTENCE = 0.9
 
 @dataclass(frozen=True)
 class Standardised:
-    """Observations as rows = (raw − centre) / scale, so that one floor fits every unit.
+    """Observations as rows = (raw − centre) / scale, so that one floor fits every unit; or these times `mix`⁻¹.
 
-    `log_volume` is Σ log scale, what one observation loses in log density when it is scaled back. `floored` says that
-    the whole sample already lies below the floor in some direction, as with a constant or a duplicated column.
+    `mix` (D,D) makes the covariance of the whole sample, shrunk, the identity: a regime that is shrunk towards a ball is
+    then shrunk towards the whole sample's covariance times a number. None leaves the rows as they are.
+
+    `log_volume` is what one observation loses in log density when it is scaled back. `floored` says that the whole sample
+    already lies below the floor in some direction, as with a constant or a duplicated column.
     """
 
     rows: Array
@@ -33,21 +38,50 @@ class Standardised:
     scale: Array
     log_volume: float
     floored: bool
+    mix: Array | None = None
+
+    def mixed(self) -> Standardised:
+        """Return the same observations with the shrunk covariance of the whole sample as the unit."""
+        shares = np.full(len(self.rows), 1.0 / len(self.rows))
+        whole = LedoitWolfCovariance().estimate(self.rows, shares).covariance
+        factor = np.linalg.cholesky(_raised(whole[None])[0]).T
+        rows = np.linalg.solve(factor.T, self.rows.T).T
+        volume = self.log_volume + float(np.log(np.diag(factor)).sum())
+        return replace(self, rows=np.ascontiguousarray(rows), log_volume=volume, mix=factor)
+
+    def in_units(self, means: Array, covariances: Array) -> tuple[Array, Array]:
+        """Return means (X,D) and covariances (X,D,D) of the rows in the data's own unit."""
+        if self.mix is not None:
+            means = means @ self.mix
+            covariances = self.mix.T @ covariances @ self.mix
+            covariances = (covariances + covariances.transpose(0, 2, 1)) / 2.0
+        return self.centre + self.scale * means, covariances * np.outer(self.scale, self.scale)
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """A world over standardised data: initial (X,), transition (X,X), means (X,D), covariances (X,D,D)."""
+    """A world over standardised data: initial (X,), transition (X,X), means (X,D), covariances (X,D,D).
+
+    `n_free` (X,) is how many numbers each covariance in effect took from the data.
+    """
 
     initial: Array
     transition: Array
     means: Array
     covariances: Array
+    n_free: Array
 
     def reordered(self, order: NDArray[np.int64]) -> Parameters:
         """Return the same world with its states in another order."""
         transition = self.transition[np.ix_(order, order)]
-        return Parameters(self.initial[order], transition, self.means[order], self.covariances[order])
+        own = (each[order] for each in (self.means, self.covariances, self.n_free))
+        return Parameters(self.initial[order], transition, *own)
+
+    @property
+    def n_parameters(self) -> float:
+        """How many numbers the whole world in effect took from the data."""
+        n_states = len(self.initial)
+        return float(self.means.size + self.n_free.sum() + (n_states - 1) * (n_states + 1))
 
 
 def standardised(raw: Array) -> Standardised:
@@ -70,14 +104,16 @@ class Climb:
     number of observations of each state) belong to the current `parameters`.
     """
 
-    def __init__(self, data: Standardised, responsibilities: Array) -> None:
+    def __init__(self, data: Standardised, responsibilities: Array, rule: CovarianceRule) -> None:
         n_states, n_dims = responsibilities.shape[1], data.rows.shape[1]
         sticky = START_PERSISTENCE * np.eye(n_states) + (1.0 - START_PERSISTENCE) / n_states
-        blank = Parameters(sticky[0], sticky, np.zeros((n_states, n_dims)), np.tile(np.eye(n_dims), (n_states, 1, 1)))
+        unit = np.tile(np.eye(n_dims), (n_states, 1, 1))
+        blank = Parameters(sticky[0], sticky, np.zeros((n_states, n_dims)), unit, np.zeros(n_states))
         self._data = data
+        self._rule = rule
         self._responsibilities = responsibilities
         self._counts: Array = sticky
-        self.parameters = _maximise(data.rows, responsibilities, sticky, blank)
+        self.parameters = _maximise(data.rows, responsibilities, sticky, blank, rule)
         self.trace: list[float] = []
         self.converged = False
 
@@ -86,15 +122,21 @@ class Climb:
         """Expected number of observations of each state, (X,)."""
         return np.asarray(self._responsibilities.sum(axis=0))
 
+    @property
+    def least_weight(self) -> int:
+        """Fewest observations that a state's covariance needs."""
+        return self._rule.least_observations(self._data.rows.shape[1])
+
     def run(self, limit: int) -> None:
         """Go on until the gain is too small or the likelihood has been evaluated `limit` times."""
         rows = self._data.rows
         while not self.converged and len(self.trace) < limit:
             if self.trace:
-                self.parameters = _maximise(rows, self._responsibilities, self._counts, self.parameters)
+                self.parameters = _maximise(rows, self._responsibilities, self._counts, self.parameters, self._rule)
             self._expect()
             gain = self.trace[-1] - self.trace[-2] if len(self.trace) > 1 else np.inf
-            self.converged = bool(gain < tolerances.EM_CHANGE * len(rows))
+            moved = gain if self._rule.maximises else abs(gain)
+            self.converged = bool(moved < tolerances.EM_CHANGE * len(rows))
 
     def _expect(self) -> None:
         from inscrutable.kernels.hidden_markov import expectation_pass, filter_pass, gaussian_log_densities
@@ -110,33 +152,42 @@ class Climb:
     def collapsed(self) -> tuple[int, ...]:
         """States with fewer observations than a covariance needs, or at the floor where the whole sample is not."""
         at_floor = np.linalg.eigvalsh(self.parameters.covariances)[:, 0] < 2.0 * tolerances.COVARIANCE_FLOOR
-        too_few = self.weights < self._data.rows.shape[1] + 1
+        too_few = self.weights < self.least_weight
         return tuple(int(i) for i in np.flatnonzero(too_few | (at_floor & (not self._data.floored))))
 
     def order_by_volatility(self) -> None:
         """Put the states in the order of the trace of their covariance in the data's own unit, smallest first."""
-        volatility = np.einsum("idd,d->i", self.parameters.covariances, self._data.scale**2)
+        _, covariances = self._data.in_units(self.parameters.means, self.parameters.covariances)
+        volatility = np.trace(covariances, axis1=1, axis2=2)
         order = np.asarray(np.argsort(volatility, kind="stable"), dtype=np.int64)
         self.parameters = self.parameters.reordered(order)
         self._responsibilities = self._responsibilities[:, order]
         self._counts = self._counts[np.ix_(order, order)]
 
 
-def _maximise(rows: Array, responsibilities: Array, counts: Array, previous: Parameters) -> Parameters:
+def _maximise(
+    rows: Array, responsibilities: Array, counts: Array, previous: Parameters, rule: CovarianceRule
+) -> Parameters:
     """Maximise the expected log-likelihood; a state that nothing is assigned to keeps its previous parameters."""
     tiny = np.finfo(np.float64).tiny
     transition = previous.transition.copy()
     left = counts.sum(axis=1)
     transition[left > tiny] = counts[left > tiny] / left[left > tiny, None]
-    means, covariances = previous.means.copy(), previous.covariances.copy()
+    means, covariances, n_free = previous.means.copy(), previous.covariances.copy(), previous.n_free.copy()
     weights = responsibilities.sum(axis=0)
     for state in np.flatnonzero(weights > tiny):
         share = responsibilities[:, state] / weights[state]
         means[state] = share @ rows
-        deviations = rows - means[state]
-        covariances[state] = (deviations * share[:, None]).T @ deviations
+        covariances[state], n_free[state] = rule.estimate(rows - means[state], share)
+    covariances = _raised(covariances)
+    return Parameters(responsibilities[0] / responsibilities[0].sum(), transition, means, covariances, n_free)
+
+
+def _raised(covariances: Array) -> Array:
+    """Return covariances (X,D,D) with their eigenvalues raised to the floor."""
+    found = covariances.copy()
     values, vectors = np.linalg.eigh((covariances + covariances.transpose(0, 2, 1)) / 2.0)
     for state in np.flatnonzero(values[:, 0] < tolerances.COVARIANCE_FLOOR):
         raised = np.maximum(values[state], tolerances.COVARIANCE_FLOOR)
-        covariances[state] = (vectors[state] * raised) @ vectors[state].T
-    return Parameters(responsibilities[0] / responsibilities[0].sum(), transition, means, covariances)
+        found[state] = (vectors[state] * raised) @ vectors[state].T
+    return found

@@ -11,7 +11,7 @@ from inscrutable.decision_makers import Frontier
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.holding import estimate_quality
 from inscrutable.geometry import BeliefSet
-from inscrutable.reports.backtest import cautions, headline, notes_of, timing_of, verdict, written_table
+from inscrutable.reports.backtest import cautions, headline, notes_of, timing_of, verdict, warnings_of, written_table
 from inscrutable.reports.backtest_plots import step_of
 from inscrutable.reports.page.budget_sweep import BudgetSweep, PlayedAt
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
@@ -39,7 +39,7 @@ def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str,
         title=title or f"Backtest: {len(result.assets)} assets, {len(result.beliefs)} {word}s",
         header=f"{result.dates[0]:%Y-%m-%d} to {result.dates[-1]:%Y-%m-%d}; {timing_of(result)}.",
         verdict=[each for each in (headline(result), verdict(result)) if each],
-        cautions=cautions(result),
+        cautions=[*warnings_of(result), *cautions(result)],
         tables=[PageTable("Figures of the backtest", ["", *result.names], written_table(result))],
         sliders=[
             PageSlider("step", f"Decision at the end of {word}", sweep.dates, start),

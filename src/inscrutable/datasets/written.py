@@ -1,0 +1,82 @@
+"""Which files of a folder a command wrote: those of an earlier run that the present one has no use for do not stay.
+
+The list stands in the folder, with the SHA-256 of every file as it was written. What is not in it, or has changed since, was
+not written by that command and is never touched.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from inscrutable.datasets.files import write_json
+from inscrutable.errors import InputError
+from inscrutable.files import PathLike
+
+LIST = "files.json"
+_CHUNK = 1 << 20
+
+
+def replace_files(folder: PathLike, command: str, written: Iterable[Path]) -> list[Path]:
+    """Note what a command has just written into a folder, and delete what only its last run there wrote.
+
+    Args:
+        folder: The folder of results.
+        command: Whose files they are; those of other commands in the same folder stay.
+        written: The files written now; those outside the folder are left out.
+
+    Returns:
+        The files deleted.
+
+    Raises:
+        InputError: The list cannot be written, or a file not read.
+
+    Cost: reads every file once.
+
+    Example:
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as name:
+        ...     folder = Path(name)
+        ...     for each in ("old.csv", "table.csv", "mine.txt"):
+        ...         _ = (folder / each).write_text("1")
+        ...     _ = replace_files(folder, "backtest", [folder / "old.csv", folder / "table.csv"])
+        ...     gone = replace_files(folder, "backtest", [folder / "table.csv"])
+        ...     [path.name for path in gone], (folder / "mine.txt").exists()
+        (['old.csv'], True)
+    """
+    place = Path(folder)
+    lists = _lists(place / LIST)
+    try:
+        now = {path.name: _hash(path) for path in written if path.parent == place}
+        removed = []
+        for name, known in sorted(lists.get(command, {}).items()):
+            path = place / name
+            if name not in now and Path(name).name == name and path.is_file() and _hash(path) == known:
+                path.unlink()
+                removed.append(path)
+    except OSError as error:
+        raise InputError(f"files of an earlier run in {place} cannot be replaced: {error.strerror or error}") from error
+    write_json({**lists, command: now}, place / LIST)
+    return removed
+
+
+def _lists(path: Path) -> dict[str, Any]:
+    """What each command wrote; nothing where the list is missing or is none of ours."""
+    try:
+        found = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    if not isinstance(found, dict) or not all(isinstance(each, dict) for each in found.values()):
+        return {}
+    return found
+
+
+def _hash(path: Path) -> str:
+    found = hashlib.sha256()
+    with path.open("rb") as opened:
+        while chunk := opened.read(_CHUNK):
+            found.update(chunk)
+    return found.hexdigest()

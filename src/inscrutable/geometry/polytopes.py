@@ -8,6 +8,7 @@ from functools import cached_property
 import daqp
 import numpy as np
 from scipy.linalg import null_space
+from scipy.optimize import nnls
 from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError, cKDTree
 
 from inscrutable import tolerances
@@ -165,6 +166,16 @@ def nearest_point(polytope: Reduced, target: Array) -> Array:
         return np.asarray(polytope.origin + np.clip(wanted[0], low, high) * polytope.directions[0])
     z = project_on_rows(polytope.rows, polytope.offsets, wanted)
     return np.asarray(polytope.origin + z @ polytope.directions)
+
+
+def nearest_in_hull(corners: Array, target: Array) -> Array:
+    """Return the point of the hull of corners (n,X) nearest to `target` (X,).
+
+    Least |Y'λ|² + (1 − Σλ)² over λ ≥ 0, with the rows of Y from the target to the corners: its λ, scaled to Σλ = 1, gives it.
+    """
+    system = np.vstack([(corners - target).T, np.ones(len(corners))])
+    weights = nnls(system, np.append(np.zeros(target.size), 1.0))[0]
+    return np.asarray(weights @ corners / max(float(weights.sum()), tolerances.TINY))
 
 
 def project_on_rows(rows: Array, offsets: Array, wanted: Array) -> Array:

@@ -15,12 +15,12 @@ from heapq import heapify, heappop, heapreplace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_envelope
 from inscrutable.decision_makers.proofs.face_programmes import FaceProgrammes
 from inscrutable.decision_makers.proofs.subdivision import Subdivision
+from inscrutable.geometry.polytopes import nearest_in_hull
 from inscrutable.privacy.measures import Reference
 from inscrutable.validation import Array
 
@@ -134,10 +134,7 @@ def nearest(corners: Array, point: Array) -> tuple[float, float]:
     if len(offsets) == 1:
         away = float(np.linalg.norm(offsets[0]))
         return away, away
-    # Least |Y'λ|² + (1 − Σλ)² over λ ≥ 0: its λ, scaled to Σλ = 1, gives the nearest point.
-    system = np.vstack([offsets.T, np.ones(len(offsets))])
-    weights = nnls(system, np.append(np.zeros(point.size), 1.0))[0]
-    found = weights @ offsets / max(float(weights.sum()), tolerances.TINY)
+    found = nearest_in_hull(corners, point) - point
     above = float(np.linalg.norm(found))
     if above <= tolerances.SAME_BELIEF:
         return above, 0.0

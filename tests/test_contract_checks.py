@@ -254,6 +254,23 @@ def test_one_decision_is_as_among_many():
         check_decision_maker(maker)
 
 
+def test_one_belief_that_is_hidden_worse_than_among_many_is_named():
+    maker = Maker(expected_privacy=lambda maker, beliefs: np.full(len(beliefs), 0.5 if len(beliefs) > 1 else 0.49))
+    with pytest.raises(
+        AssertionError, match="broken promise: a decision maker hides one belief alone as well as among"
+    ):
+        check_decision_maker(maker)
+    even = Maker(expected_privacy=lambda maker, beliefs: np.full(len(beliefs), 0.5))
+    check_decision_maker(even)
+    even.decide = lambda belief: SimpleNamespace(
+        actions=np.eye(3)[:2], probabilities=np.full(2, 0.5), expected_privacy=0.5 + 1e-3 * (belief.max() > 0.95)
+    )
+    with pytest.raises(
+        AssertionError, match="broken promise: a decision maker hides one belief as well as decide_many"
+    ):
+        check_decision_maker(even)
+
+
 def test_who_has_a_memory_may_decide_otherwise_alone():
     maker = Maker(**ONE, action=corner(lambda maker, beliefs: int(len(beliefs) > 1)))
     maker.is_memoryless = False

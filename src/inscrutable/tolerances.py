@@ -230,6 +230,12 @@ SAME_LAW = 1e-3
 """By how much, relative to the scale of costs, a decision maker's expected costs may differ between two ways of asking it.
 Searches end within a millionth of the best privacy, which is flat there: decisions may be its root apart."""
 
+SAME_PRIVACY = 1e-6
+"""By how much, relative to itself, a stated privacy may differ between two ways of asking: what searches end within."""
+
+NEARLY_CERTAIN = 0.95
+"""Probability of one state in the nearly certain beliefs that a decision maker is tried on."""
+
 DIFFERENCE = 1e-6
 """Length of the checker's difference steps, as a share of the way to another decision; a curvature of the costs' own scale
 then adds as much to a slope."""

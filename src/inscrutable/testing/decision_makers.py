@@ -12,6 +12,9 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.testing.promises import check_shape, promise, source_of, tried_beliefs
 from inscrutable.validation import Array
 
+_CERTAIN = 6
+"""How many nearly certain beliefs are tried."""
+
 
 class _Law(NamedTuple):
     """What is played under each belief."""
@@ -27,13 +30,15 @@ def check_decision_maker(
 
     Checked are that it has a `problem` and `decide_many`; that the answer holds one decision a row (`action`), or
     `actions` with `probabilities` that are a law; that what is played is feasible; that the same beliefs get the same law
-    again, and each alone what it gets among others, unless `is_memoryless` is false; that `decide`, where there is one,
-    agrees; and that a stated `regret` is the problem's.
+    again, and each alone what it gets among others, by `decide` too, where there is one, unless `is_memoryless` is false;
+    that privacies that are stated agree with that; and that a stated `regret` is the problem's. Beliefs are open, nearly
+    certain and certain ones.
 
     Args:
         decision_maker: Anything with `problem` and `decide_many`, of this library or of a user's own.
         rng: Source of the beliefs; None is a fixed one, the same at every call.
-        tolerance: What the expected costs of laws may differ by, relative to the scale of costs, above 0.
+        tolerance: What the expected costs of laws may differ by, relative to the scale of costs, above 0; privacies may
+            differ by a millionth.
 
     Raises:
         AssertionError: A promise is broken; the message names it, with the belief and the number.
@@ -49,7 +54,7 @@ def check_decision_maker(
     if not isinstance(problem, DecisionProblem) or not callable(getattr(decision_maker, "decide_many", None)):
         raise InputError(f"a decision maker with `problem` and `decide_many` is needed, got {decision_maker!r}")
     allowed = validation.positive(tolerance, "tolerance")
-    beliefs = tried_beliefs(problem.n_states, source_of(rng))
+    beliefs = _beliefs(problem.n_states, source_of(rng))
     given = beliefs.copy()
     answer = decision_maker.decide_many(given)
     promise(bool((given == beliefs).all()), "decide_many leaves the beliefs as they were", "they were changed")
@@ -58,7 +63,22 @@ def check_decision_maker(
     _check_regret(problem, beliefs, law, answer)
     _check_same(problem, beliefs, (law, decision_maker.decide_many(beliefs)), "asked again plays the same", allowed)
     if getattr(decision_maker, "is_memoryless", True):
-        _check_alone(decision_maker, beliefs, law, allowed)
+        _check_alone(decision_maker, beliefs, law, _privacies(answer), allowed)
+
+
+def _beliefs(n_states: int, source: np.random.Generator) -> Array:
+    """What is tried everywhere, and beliefs that are nearly certain: there the search has least room."""
+    tried = tried_beliefs(n_states, source)
+    certain = tolerances.NEARLY_CERTAIN * np.eye(n_states)[source.integers(n_states, size=_CERTAIN)]
+    return np.vstack(
+        [tried, certain + (1.0 - tolerances.NEARLY_CERTAIN) * source.dirichlet(np.ones(n_states), _CERTAIN)]
+    )
+
+
+def _privacies(answer: Any) -> Array | None:
+    """What a result says of privacy, in expectation where it is a lottery; None where it says nothing."""
+    stated = getattr(answer, "expected_privacy", getattr(answer, "privacy", None))
+    return None if stated is None else np.atleast_1d(np.asarray(stated, dtype=np.float64))
 
 
 def _law_of(problem: DecisionProblem, answer: Any, count: int) -> _Law:
@@ -109,15 +129,28 @@ def _check_regret(problem: DecisionProblem, beliefs: Array, law: _Law, answer: A
     )
 
 
-def _check_alone(decision_maker: Any, beliefs: Array, law: _Law, allowed: float) -> None:
+def _check_alone(decision_maker: Any, beliefs: Array, law: _Law, privacies: Array | None, allowed: float) -> None:
     problem = decision_maker.problem
+    decides = getattr(decision_maker, "decide", None)
     for number, belief in enumerate(beliefs):
         row = _Law(law.points[[number]], law.shares[[number]])
         alone = decision_maker.decide_many(belief[None])
         _check_same(problem, belief[None], (row, alone), "decides for one belief alone as among many", allowed)
-    if hasattr(decision_maker, "decide"):
-        one, first = decision_maker.decide(beliefs[0]), _Law(law.points[:1], law.shares[:1])
-        _check_same(problem, beliefs[:1], (first, _Stacked(one)), "decides for one as decide_many", allowed)
+        _check_privacy(belief, privacies, number, alone, "hides one belief alone as well as among many")
+        if decides is not None:
+            one = decides(belief)
+            _check_same(problem, belief[None], (row, _Stacked(one)), "decides for one as decide_many", allowed)
+            _check_privacy(belief, privacies, number, one, "hides one belief as well as decide_many")
+
+
+def _check_privacy(belief: Array, privacies: Array | None, number: int, answer: Any, what: str) -> None:
+    """Promise that a privacy that is stated does not depend on how the decision maker is asked."""
+    other = _privacies(answer)
+    if privacies is None or other is None:
+        return
+    among, alone = float(privacies[number]), float(other[0])
+    same = np.isclose(among, alone, rtol=tolerances.SAME_PRIVACY, atol=tolerances.SAME_PRIVACY**2, equal_nan=True)
+    promise(bool(same), f"a decision maker {what}", f"for belief {belief} {among:.9g} and {alone:.9g} are stated")
 
 
 class _Stacked:

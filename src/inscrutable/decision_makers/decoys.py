@@ -82,7 +82,7 @@ def _explained(problem: DecisionProblem, choices: Array) -> Candidates | None:
     known = np.array([not each.is_empty for each in sets], dtype=bool)
     if not known.any():
         return None
-    decoys = np.array([each.center() for each in sets])
+    decoys = np.array([each.interior_point() for each in sets])
     return make_candidates(problem, choices[known], decoys[known])
 
 

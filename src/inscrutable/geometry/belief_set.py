@@ -197,6 +197,13 @@ class BeliefSet(Saved):
         """Return the mean of the corners, shape (X,); NaN where the set is empty."""
         return np.full(self.n_states, np.nan) if self._shape is None else np.asarray(self.vertices().mean(axis=0))
 
+    def interior_point(self) -> Array:
+        """Return a member (X,) that is on no border it could be off, by one linear programme at most; NaN where the set is
+        empty. Unlike `center` it needs no corners, which are many where states are."""
+        if self._shape is None:
+            return np.full(self.n_states, np.nan)
+        return np.maximum(self._shape.interior_point, 0.0)
+
     def sample(self, n: int, *, rng: np.random.Generator) -> Array:
         """Return `n` members drawn uniformly, shape (n, X); raises `InputError` where the set is empty."""
         if self._shape is None:

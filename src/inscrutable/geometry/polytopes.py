@@ -24,7 +24,8 @@ _EQUALITY = 5
 class Reduced:
     """A polytope with interior in its own affine hull: x = origin + directions' z, rows z ≤ offsets.
 
-    Its corners are known, or found from a point deep inside when first asked for: projections need none.
+    Its corners are known, or found from a point deep inside when first asked for: projections need none. In 24 dimensions
+    they are tens of thousands.
     """
 
     origin: Array  # (X,)
@@ -39,8 +40,18 @@ class Reduced:
         """The corners, shape (V, X)."""
         if self.corners is not None:
             return self.corners
-        inside = _deepest_point(self.rows, self.offsets)[0] if self.inside is None else self.inside
-        return np.asarray(self.origin + _corners(self.rows, self.offsets, inside) @ self.directions)
+        return np.asarray(self.origin + _corners(self.rows, self.offsets, self._deep) @ self.directions)
+
+    @property
+    def interior_point(self) -> Array:
+        """A point (X,) with slack in every row: the mean of known corners, else the centre of an inscribed ball."""
+        if self.corners is not None:
+            return np.asarray(self.corners.mean(axis=0))
+        return np.asarray(self.origin + self._deep @ self.directions)
+
+    @cached_property
+    def _deep(self) -> Array:
+        return _deepest_point(self.rows, self.offsets)[0] if self.inside is None else self.inside
 
 
 def reduce_polytope(

@@ -31,7 +31,7 @@ def tied_mixtures(problem: DecisionProblem, candidates: Candidates) -> Candidate
         found = belief_set_of(problem, vertex)
         if not found.is_empty:
             actions.append(vertex[None])
-            decoys.append(found.center()[None])
+            decoys.append(found.interior_point()[None])
     vertices = np.vstack([vertices, *actions])
     costs = problem.without_common_costs.state_costs(vertices)
     for tied in _tied_sets(costs, _corners(problem, vertices)):
@@ -39,7 +39,7 @@ def tied_mixtures(problem: DecisionProblem, candidates: Candidates) -> Candidate
         found = belief_set_of(problem, mixed[0])
         if not found.is_empty:
             actions.append(mixed)
-            decoys.append(np.broadcast_to(found.center(), (len(mixed), problem.n_states)))
+            decoys.append(np.broadcast_to(found.interior_point(), (len(mixed), problem.n_states)))
     if not actions:
         return make_candidates(problem, vertices[:1], candidates.sets.start[chosen[:1]])
     return make_candidates(problem, np.vstack(actions), np.vstack(decoys))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem, box, consistent_beliefs, simplex
 from inscrutable.adversaries import consistent_sets
@@ -115,6 +116,7 @@ def test_an_interior_action_with_more_assets_than_states_is_unexplained(drawn):
     assert found.vertices().shape == (0, drawn.belief.size)
     assert np.isnan(found.bounds()).all()
     assert np.isnan(found.center()).all()
+    assert np.isnan(found.interior_point()).all()
     assert np.isnan(found.nearest(drawn.belief)).all()
 
 
@@ -140,6 +142,27 @@ def test_samples_centre_and_bounds_belong_together(drawn):
         assert (point >= found.bounds()[:, 0] - AGREEMENT).all()
         assert (point <= found.bounds()[:, 1] + AGREEMENT).all()
     np.testing.assert_allclose(found.center(), found.vertices().mean(axis=0), atol=1e-15)
+
+
+@settings(max_examples=60, deadline=None)
+@given(drawn_problems(states=(2, 6), assets=(2, 5), spread=1.0))
+def test_the_interior_point_is_on_no_border_it_could_be_off(drawn):
+    """Wherever a linear programme finds a member with slack in a row, the point has slack in it too."""
+    found = consistent_beliefs(drawn.problem, drawn.problem.solve(drawn.belief))
+    point = found.interior_point()
+    assert found.contains(point)
+    assert point.sum() == pytest.approx(1.0, abs=1e-9)
+    size = found.n_states
+    for row in np.vstack([np.eye(size), found.inequalities]):
+        most = linprog(
+            -row,
+            np.vstack([-found.inequalities, found.equalities, -found.equalities]),
+            np.full(len(found.inequalities) + 2 * len(found.equalities), 1e-10),
+            np.ones((1, size)),
+            [1.0],
+        )
+        if -most.fun > 1e-4:
+            assert row @ point > -1e-3 * most.fun
 
 
 @settings(max_examples=60, deadline=None)

@@ -186,4 +186,4 @@ def _described(found: BeliefSet) -> tuple[int, Array]:
     dimension = min(found.dimension, LARGER)
     if dimension < 0:
         return dimension, np.zeros((2, found.n_states))
-    return dimension, np.tile(found.center(), (2, 1)) if dimension >= LARGER else found.vertices()[[0, -1]]
+    return dimension, np.tile(found.interior_point(), (2, 1)) if dimension >= LARGER else found.vertices()[[0, -1]]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from inscrutable import tolerances
+from inscrutable import tolerances, validation
 from inscrutable.adversaries.stationarity_programme import Conditions, Programme, conditions_of
+from inscrutable.errors import InputError
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
@@ -25,13 +27,52 @@ _MOST_KEPT = 4096
 costs remembered."""
 
 
+class CostFamily:
+    """Decision problems with one unknown parameter between two bounds, as `CostLearningAdversary` takes them."""
+
+    def __init__(self, problem_of: Family, bounds: Sequence[float], tolerance: float) -> None:
+        if not callable(problem_of):
+            raise InputError(f"family must give a decision problem for a number, got {problem_of!r}")
+        limits = validation.finite_array(bounds, "bounds", ndim=1)
+        if limits.shape != (2,) or not limits[0] < limits[1]:
+            raise InputError(f"bounds must be two ascending numbers, got {limits.tolist()}")
+        self.problem_of = problem_of
+        self.bounds = float(limits[0]), float(limits[1])
+        self.tolerance = validation.positive(tolerance, "tolerance")
+        self.problem = checked_problem(problem_of(self.bounds[0]))
+
+    def explained(self, actions: ArrayLike, rounding: float) -> ExplainedDecisions:
+        """Return decisions (T,U) to be explained; raise `InputError` where one is outside the feasible set by more than its
+        rounding."""
+        return ExplainedDecisions(self.problem_of, self._checked(actions, rounding), rounding, self.tolerance)
+
+    def _checked(self, actions: ArrayLike, rounding: float) -> Array:
+        problem = self.problem
+        if not rounding:
+            points = np.atleast_2d(problem.check_actions(actions))
+        else:
+            points = np.atleast_2d(validation.finite_array(problem.as_points(actions), "actions", ndim=(1, 2)))
+            region = problem.constraints
+            for rows, sides, both in ((region.A_ub, region.b_ub, False), (region.A_eq, region.b_eq, True)):
+                off = points @ rows.T - sides
+                beyond = (np.abs(off) if both else off) - rounding * np.abs(rows).sum(axis=1)
+                bad = np.argwhere(beyond > tolerances.FEASIBILITY * np.maximum(1.0, np.abs(rows).max(initial=0.0)))
+                if bad.size:
+                    raise InputError(f"action row {bad[0][0]} is outside the feasible set by more than its rounding")
+        if not len(points):
+            raise InputError("actions has no rows; expected at least one decision")
+        if problem.explaining_rows(points[0]) is not None:
+            raise InputError(f"costs without gradients cannot be learned: {problem!r}")
+        return points
+
+
 class ExplainedDecisions:
     """Decisions (T,U), known to ±`rounding`, that one cost of the family has to explain, each by a belief of its own."""
 
     def __init__(self, family: Family, actions: Array, rounding: float, tolerance: float) -> None:
         self._actions, self._rounding = actions, rounding
         self.tolerance = tolerance + tolerances.LINEAR_PROGRAMME
-        self._count = len(actions)
+        self.count = len(actions)
 
         @lru_cache(maxsize=_MOST_KEPT)
         def conditions(parameter: float) -> list[Conditions]:
@@ -45,7 +86,7 @@ class ExplainedDecisions:
 
     def residual(self, parameter: float) -> float:
         """Return the largest of the decisions' least residuals under one cost."""
-        return max(self.programme(parameter, parameter, number).residual() for number in range(self._count))
+        return max(self.programme(parameter, parameter, number).residual() for number in range(self.count))
 
     def intervals(self, low: float, high: float) -> Array:
         """Return intervals (K,2) outside of which no parameter explains every decision, one decision after another.

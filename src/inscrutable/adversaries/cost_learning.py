@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries.cost_family import ExplainedDecisions
+from inscrutable.adversaries.cost_family import CostFamily
 from inscrutable.adversaries.learned_costs import CostStatus, LearnedCost
-from inscrutable.errors import InputError
-from inscrutable.problems import DecisionProblem, MarkowitzProblem, Polyhedron, checked_problem
+from inscrutable.problems import DecisionProblem, MarkowitzProblem, Polyhedron
 from inscrutable.validation import Array
 
 
@@ -52,20 +51,12 @@ class CostLearningAdversary:
         *,
         tolerance: float = tolerances.EXPLAINED,
     ) -> None:
-        if not callable(family):
-            raise InputError(f"family must give a decision problem for a number, got {family!r}")
-        limits = validation.finite_array(bounds, "bounds", ndim=1)
-        if limits.shape != (2,) or not limits[0] < limits[1]:
-            raise InputError(f"bounds must be two ascending numbers, got {limits.tolist()}")
-        self.family = family
-        self.bounds = float(limits[0]), float(limits[1])
-        self.tolerance = validation.positive(tolerance, "tolerance")
-        self._problem = checked_problem(family(self.bounds[0]))
+        self._family = CostFamily(family, bounds, tolerance)
 
     @property
     def n_states(self) -> int:
         """Number of states X."""
-        return self._problem.n_states
+        return self._family.problem.n_states
 
     @classmethod
     def risk_aversion(
@@ -100,35 +91,15 @@ class CostLearningAdversary:
             InputError: A decision is outside the feasible set by more than its rounding, or `rounding` is negative.
         """
         exactness = validation.non_negative(rounding, "rounding")
-        points = self.checked_actions(actions, exactness)
-        explained = ExplainedDecisions(self.family, points, exactness, self.tolerance)
-        intervals = explained.intervals(*self.bounds)
-        status = self._status(intervals)
-        if not len(intervals):
-            return LearnedCost(float("nan"), intervals, float("nan"), status, exactness, self)
-        widest = intervals[int(np.argmax(intervals[:, 1] - intervals[:, 0]))]
-        parameter = float(np.clip(widest.mean(), *self.bounds))
-        return LearnedCost(parameter, intervals, explained.residual(parameter), status, exactness, self)
-
-    def checked_actions(self, actions: ArrayLike, rounding: float) -> Array:
-        """Return decisions (T,U) that lie in the feasible set but for their rounding; raise `InputError` for others."""
-        problem = self._problem
-        if not rounding:
-            points = np.atleast_2d(problem.check_actions(actions))
-        else:
-            points = np.atleast_2d(validation.finite_array(problem.as_points(actions), "actions", ndim=(1, 2)))
-            region = problem.constraints
-            for rows, sides, both in ((region.A_ub, region.b_ub, False), (region.A_eq, region.b_eq, True)):
-                off = points @ rows.T - sides
-                beyond = (np.abs(off) if both else off) - rounding * np.abs(rows).sum(axis=1)
-                bad = np.argwhere(beyond > tolerances.FEASIBILITY * np.maximum(1.0, np.abs(rows).max(initial=0.0)))
-                if bad.size:
-                    raise InputError(f"action row {bad[0][0]} is outside the feasible set by more than its rounding")
-        if not len(points):
-            raise InputError("actions has no rows; expected at least one decision")
-        if problem.explaining_rows(points[0]) is not None:
-            raise InputError(f"costs without gradients cannot be learned: {problem!r}")
-        return points
+        explained = self._family.explained(actions, exactness)
+        low, high = self._family.bounds
+        intervals = explained.intervals(low, high)
+        parameter = residual = float("nan")
+        if len(intervals):
+            widest = intervals[int(np.argmax(intervals[:, 1] - intervals[:, 0]))]
+            parameter = float(np.clip(widest.mean(), low, high))
+            residual = explained.residual(parameter)
+        return LearnedCost(parameter, intervals, residual, self._status(intervals), exactness, self._family)
 
     def _status(self, intervals: Array) -> CostStatus:
         if not len(intervals):
@@ -136,9 +107,9 @@ class CostLearningAdversary:
         low, high = intervals[0, 0], intervals[-1, 1]
         if len(intervals) == 1 and high - low <= tolerances.IDENTIFIED * max(abs(low), abs(high)):
             return CostStatus.IDENTIFIED
-        if low <= self.bounds[0] or high >= self.bounds[1]:
+        if low <= self._family.bounds[0] or high >= self._family.bounds[1]:
             return CostStatus.AT_BOUND
         return CostStatus.INTERVAL if len(intervals) == 1 else CostStatus.SEVERAL
 
     def __repr__(self) -> str:
-        return f"CostLearningAdversary({self._problem!r}, bounds {self.bounds})"
+        return f"CostLearningAdversary({self._family.problem!r}, bounds {self._family.bounds})"

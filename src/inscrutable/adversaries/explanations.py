@@ -146,7 +146,7 @@ def explain_action(
     nothing = np.zeros(u.size)
     if not beliefs.is_empty:
         zeros = np.zeros(problem.n_states)
-        return ActionExplanation(u, True, beliefs.center(), 0.0, u, zeros, nothing, 0.0, tight, labels)
+        return ActionExplanation(u, True, beliefs.interior_point(), 0.0, u, zeros, nothing, 0.0, tight, labels)
     found = closed_planes(problem, u)
     better = weights_of_planes(found.planes) @ problem.solve_points(found.beliefs)
     savings = problem.state_costs(u) - problem.state_costs(better)

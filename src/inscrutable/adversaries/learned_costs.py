@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.adversaries.cost_family import ExplainedDecisions, pieces_of
+from inscrutable.adversaries.cost_family import CostFamily, ExplainedDecisions, pieces_of
 from inscrutable.errors import InputError
 from inscrutable.saved import Saved, saved_choice
 from inscrutable.validation import Array
-
-if TYPE_CHECKING:
-    from inscrutable.adversaries.cost_learning import CostLearningAdversary
 
 
 @saved_choice
@@ -50,7 +47,7 @@ class LearnedCost(Saved):
             rounding leaves room.
         status: What is known, and what to do.
         rounding: How exactly decisions are known, in each coordinate.
-        adversary: Who learned it.
+        family: The costs that were considered; None of a result that was loaded.
 
     Source: inverse optimisation with unknown objective and unknown beliefs; the paper's outlook in Section V.
 
@@ -64,7 +61,7 @@ class LearnedCost(Saved):
     residual: float
     status: CostStatus
     rounding: float = 0.0
-    adversary: CostLearningAdversary | None = field(default=None, repr=False, metadata={"saved": False})
+    family: CostFamily | None = field(default=None, repr=False, metadata={"saved": False})
 
     def __repr__(self) -> str:
         return self.summary()
@@ -94,13 +91,12 @@ class LearnedCost(Saved):
         Raises:
             InputError: The decision is no decision of the problem, or this result was loaded and has no cost any more.
         """
-        if self.adversary is None:
+        if self.family is None:
             raise InputError("a loaded result has no costs: learn again")
-        point = self.adversary.checked_actions(action, self.rounding)
-        if len(point) != 1:
-            raise InputError(f"action must be one decision, got {len(point)}")
-        explained = ExplainedDecisions(self.adversary.family, point, self.rounding, self.adversary.tolerance)
-        return UnionBeliefs(explained, self.intervals, self.adversary.n_states)
+        explained = self.family.explained(action, self.rounding)
+        if explained.count != 1:
+            raise InputError(f"action must be one decision, got {explained.count}")
+        return UnionBeliefs(explained, self.intervals, self.family.problem.n_states)
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

@@ -80,7 +80,7 @@ class NearOptimalBeliefs:
     @cached_property
     def _explanation(self) -> tuple[Array, float]:
         found = belief_set_of(self.problem, self.action)
-        return nearest_explanation(self.problem, self.action) if found.is_empty else (found.center(), 0.0)
+        return nearest_explanation(self.problem, self.action) if found.is_empty else (found.interior_point(), 0.0)
 
     @property
     def plausibility_gap(self) -> float:

@@ -158,7 +158,7 @@ class _Search:
         beliefs = belief_set_of(self.problem, action)
         if beliefs.is_empty:
             return self._regret(action), action
-        target, low, high, best = beliefs.center(), 0.0, 1.0, action
+        target, low, high, best = beliefs.interior_point(), 0.0, 1.0, action
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             trial = self.problem.solve_points(self.belief + middle * (target - self.belief))

@@ -169,5 +169,5 @@ def _centres(problem: DecisionProblem, actions: Array) -> Array:
     sets = consistent_sets(problem, actions)
     middle = 0.5 * (sets.start + sets.end)
     for i in np.flatnonzero(sets.dimension >= LARGER):
-        middle[i] = sets[int(i)].center()
+        middle[i] = sets[int(i)].interior_point()
     return np.where((sets.dimension < 0)[:, None], np.nan, middle)

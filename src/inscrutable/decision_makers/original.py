@@ -70,7 +70,7 @@ def decision_for(
         max(regret, 0.0),
         privacy,
         0.0 if status is DecisionStatus.OPTIMAL else max(measure.upper_bound(belief), privacy),
-        found.center(),
+        found.interior_point(),
         status,
         problem,
     )

@@ -203,7 +203,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
             optimal_cost,
             max(scores.measure.upper_bound(scores.belief), expected),
             mixture.price,
-            np.array([sets[int(i)].center() for i in indices]),
+            np.array([sets[int(i)].interior_point() for i in indices]),
             status,
             self.problem,
         )

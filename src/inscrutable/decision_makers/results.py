@@ -563,4 +563,4 @@ def _describe(belief_set: BeliefSet) -> str:
     if belief_set.is_empty:
         return f"a decision that no belief explains (least regret {belief_set.plausibility_gap:.3g})"
     shape = {0: "the belief", 1: "a segment of beliefs around"}.get(belief_set.dimension, "a set of beliefs around")
-    return f"{shape} {_numbers(belief_set.center())}"
+    return f"{shape} {_numbers(belief_set.interior_point())}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -212,15 +214,74 @@ def test_many_beliefs_are_solved_as_each_alone():
             np.testing.assert_allclose(many, alone, atol=1e-8)
 
 
-def test_only_what_multipliers_show_is_taken_for_the_optimum():
+def of_exponentials(rng, kind, size=4):
+    """Costs of three states in CVXPY: strictly convex, or flat along many directions."""
+    u, rates = cp.Variable(size), rng.normal(size=(3, 2 if kind.startswith("flat") else 6, size))
+    atom = cp.log_sum_exp if kind.endswith("sums") else lambda inner: cp.sum(cp.exp(inner))
+    return u, [atom(each @ u) + (0 if kind.startswith("flat") else 0.1 * cp.sum_squares(u)) for each in rates]
+
+
+@pytest.mark.parametrize("kind", ["exponentials", "log-sums", "flat exponentials", "flat log-sums"])
+def test_exponentials_are_solved_as_by_an_interior_point_and_soon(kind, fresh_rng):
+    u, costs = of_exponentials(fresh_rng, kind)
+    problem = ConvexProblem(u, costs, simplex(4))
+    beliefs = np.vstack([np.eye(3), fresh_rng.dirichlet(np.ones(3), 3)])
+    actions = problem.solve(beliefs)
+    for belief, action in zip(beliefs, actions, strict=True):
+        programme = cp.Problem(
+            cp.Minimize(sum(p * c for p, c in zip(belief, costs, strict=True))), [u >= 0, cp.sum(u) == 1]
+        )
+        programme.solve(solver=cp.CLARABEL)
+        assert belief @ problem.state_costs(action) <= programme.value + 1e-7
+        np.testing.assert_allclose(problem.solve(belief), action, atol=1e-7)
+        assert consistent_beliefs(problem, action).contains(belief)
+    started = time.process_time()
+    candidates = decoy_grid(problem, 20)
+    assert len(candidates) == 231
+    CounterAdversarialDecisionMaker(problem, budget=0.1, candidates=candidates).decide([0.5, 0.3, 0.2])
+    assert time.process_time() - started < 3.0
+
+
+@pytest.mark.parametrize(("power", "least"), [(1.5, 2.7 / 3.3), (2.5, 2.7 / 3.3), (3, 2.7 / 3.3), (4, 2.7 / 3.3)])
+def test_a_power_has_its_slope_at_zero(power, least):
+    """At (1,0,0) the powers of the others have slope 0: π explains it where g(π)_0 is the least, by hand."""
     u = cp.Variable(3)
-    problem = ConvexProblem(u, [cp.sum(cp.exp(u)), cp.sum(cp.exp(2 * u))], simplex(3))
-    belief = np.array([[0.5, 0.5]])
-    assert problem._sole_optimum(belief, np.full((1, 3), 1 / 3))[0]
-    assert not problem._sole_optimum(belief, np.array([[0.4, 0.3, 0.3]]))[0]
-    assert not problem._sole_optimum(belief, np.array([[1.0, 0.0, 0.0]]))[0]
-    flat = ConvexProblem(u, [cp.exp(u[0]), cp.exp(2 * u[0])], simplex(3))
-    assert not flat._sole_optimum(belief, np.array([[0.0, 0.5, 0.5]]))[0]
+    first = np.array([[-0.4, 0.5, 0.2], [3.0, 0.2, 0.3]])
+    curved = first - [[power, 0, 0], [power, 0, 0]]
+    problem = ConvexProblem(u, [cp.sum(cp.power(u, power)) + each @ u for each in curved], simplex(3))
+    np.testing.assert_allclose(problem.cost_gradients([1.0, 0.0, 0.0]), first, atol=1e-12)
+    bounds = consistent_beliefs(problem, [1.0, 0.0, 0.0]).bounds()
+    np.testing.assert_allclose(bounds, [[least, 1.0], [0.0, 1.0 - least]], atol=1e-9)
+    inside = np.array([[0.2, 0.3, 0.5]])
+    np.testing.assert_allclose(problem.cost_gradients(inside)[0], curved + power * inside ** (power - 1.0), atol=1e-12)
+    check_decision_problem(problem)
+
+
+@pytest.mark.parametrize(
+    ("atom", "name"),
+    [
+        (lambda u: -cp.sum(cp.power(u, 0.5)), r"Power\w*\(.*0\.5\)"),
+        (lambda u: cp.sum(cp.inv_pos(u)), r"Power\w*\(.*-1\.0\)"),
+        (lambda u: -cp.sum(cp.log(u)), r"log\(\w+\)"),
+    ],
+)
+def test_a_cost_without_a_slope_is_named_with_its_atom(atom, name):
+    u = cp.Variable(2)
+    costs = [cp.sum_squares(u), 2 * u[0] + atom(u)]
+    problem = ConvexProblem(u, costs, simplex(2))
+    with pytest.raises(ModelError, match=rf"state 1 has no finite slope at .*{name} has none there; .*lower bound"):
+        consistent_beliefs(problem, [1.0, 0.0])
+    safe = ConvexProblem(u, costs, simplex(2) & box([1e-6, 1e-6], [1.0, 1.0]))
+    assert np.isfinite(safe.cost_gradients([1.0 - 1e-6, 1e-6])).all()
+    belief = np.array([0.4, 0.6])
+    assert consistent_beliefs(safe, safe.solve(belief)).contains(belief)
+    written = ConvexProblem.from_functions(
+        lambda v: np.array([v @ v, -np.sqrt(v).sum()]),
+        lambda v: np.array([2 * v, -0.5 / np.sqrt(v)]),
+        simplex(2),
+    )
+    with pytest.raises(ModelError, match=r"state 1 has no finite slope at .*gradients has none there"):
+        consistent_beliefs(written, [1.0, 0.0])
 
 
 @pytest.mark.parametrize(

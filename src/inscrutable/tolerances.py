@@ -219,9 +219,6 @@ SHOWN_OPTIMAL = 1e-9
 """What conditions of optimality may be broken by, relative to the largest slope, where Newton's method started from the
 decision of another belief: it leaves roundings or has failed."""
 
-BENT = 1e-6
-"""Least curvature, relative to the greatest, that counts as seen by differences of slopes."""
-
 CONTRACT = 1e-9
 """Largest breach of a promise about costs, relative to their scale, that a contract checker forgives: accuracy asked of a
 decision problem's forward solves."""

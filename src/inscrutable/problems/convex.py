@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import null_space
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError, SolverError
@@ -35,10 +34,9 @@ class ConvexProblem(DecisionProblem):
 
     Formula: c(i,u) = costs[i] over u ∈ C.
 
-    Costs that are quadratic or affine in the variable are recognised and solved as such. Others are solved by Clarabel,
-    through one problem compiled with the belief as a parameter, and polished by Newton's method; many beliefs together by
-    Newton's method alone, where multipliers and curvature show that it found the one optimum. `from_functions` takes
-    functions instead and needs no extra.
+    Costs that are quadratic or affine in the variable are recognised and solved as such. Of others the decision for equal
+    probabilities is found by Clarabel and polished by Newton's method; from there Newton's method alone finds the rest,
+    and Clarabel again where multipliers do not show an optimum. `from_functions` takes functions instead and needs no extra.
 
     Args:
         variable: A `cvxpy.Variable` of shape (U,); its signs and `bounds` are constraints too.
@@ -178,12 +176,6 @@ class ConvexProblem(DecisionProblem):
     def _layout(self) -> Layout:
         return layout_of(self.constraints)
 
-    @cached_property
-    def _inside(self) -> Array:
-        """Directions (U,F) that keep the equalities."""
-        rows = self.constraints.A_eq
-        return np.asarray(null_space(rows)) if len(rows) else np.eye(self.n_actions)
-
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U)."""
         if self._stated is not None:
@@ -197,34 +189,41 @@ class ConvexProblem(DecisionProblem):
         return np.asarray(solved[0]) if held.ndim == 1 else solved
 
     def _solved(self, model: Modelled, beliefs: Array) -> Array:
-        """Newton's method from the decision for the mean belief, and an interior-point solver where it does not show that
-        it found the one optimum."""
+        """Newton's method from the decision for equal probabilities, and an interior-point solver where its multipliers
+        do not show an optimum. The start is always the same, so that ties fall alike."""
         found = np.empty((len(beliefs), self.n_actions))
         left = np.ones(len(beliefs), dtype=np.bool_)
-        if self.differentiable and len(beliefs) > 1:
-            middle = beliefs.mean(axis=0, keepdims=True)
-            start = self._polished(middle, model.solve(middle[0])[None])
-            if np.isfinite(_Expected(self).values(beliefs, start.repeat(len(beliefs), axis=0))).all():
-                found = self._newton(beliefs, start.repeat(len(beliefs), axis=0))
-                left = ~self._sole_optimum(beliefs, found)
+        if self.differentiable and self._central is not None:
+            found = self._newton(beliefs, self._central.repeat(len(beliefs), axis=0))
+            left = ~self._shown_optimal(beliefs, found)
         if left.any():
             found[left] = self._polished(beliefs[left], np.array([model.solve(belief) for belief in beliefs[left]]))
         return found
 
-    def _sole_optimum(self, beliefs: Array, points: Array) -> np.ndarray:
-        """Whether multipliers show points (n,U) optimal, and curvature shows that nothing else is."""
-        region, model = self.constraints, _Expected(self).model(beliefs, points)
-        shown = region.violation(points) <= tolerances.FEASIBILITY
-        bends = np.linalg.eigvalsh(self._inside.T @ model.hessians @ self._inside)
-        bends = bends if bends.size else np.ones((len(points), 1))
-        shown &= bends[:, 0] > tolerances.BENT * bends[:, -1]
-        scale = np.abs(model.gradients).max(axis=1) + tolerances.TINY
+    @cached_property
+    def _central(self) -> Array | None:
+        """The decision (1,U) for equal probabilities, where all costs are finite; None where there is none."""
+        assert self._model is not None
+        middle = np.full((1, self.n_states), 1.0 / self.n_states)
+        try:
+            found = self._polished(middle, self._model.solve(middle[0])[None])
+        except (ModelError, SolverError):
+            return None
+        return found if np.isfinite(_Expected(self).values(middle, found)).all() else None
+
+    def _shown_optimal(self, beliefs: Array, points: Array) -> np.ndarray:
+        """Whether multipliers show points (n,U) optimal."""
+        region = self.constraints
+        with np.errstate(all="ignore"):
+            gradients = np.einsum("nx,nxu->nu", beliefs, np.asarray(self._gradients(points)))
+        shown = (region.violation(points) <= tolerances.FEASIBILITY) & np.isfinite(gradients).all(axis=1)
+        scale = np.abs(gradients).max(axis=1) + tolerances.TINY
         tight = region.slacks(points) <= tolerances.FEASIBILITY
         for pattern in np.unique(tight[shown], axis=0):
             at = np.flatnonzero(shown & (tight == pattern).all(axis=1))
             rows = np.vstack([region.A_ub[pattern], region.A_eq])
-            multipliers = -model.gradients[at] @ np.linalg.pinv(rows)
-            left = np.abs(model.gradients[at] + multipliers @ rows).max(axis=1)
+            multipliers = -gradients[at] @ np.linalg.pinv(rows)
+            left = np.abs(gradients[at] + multipliers @ rows).max(axis=1)
             wrong = -(multipliers[:, : int(pattern.sum())] * np.abs(region.A_ub[pattern]).max(axis=1)).min(
                 axis=1, initial=0.0
             )
@@ -261,12 +260,26 @@ class ConvexProblem(DecisionProblem):
         return np.asarray(self._values(rows)).reshape(*points.shape[:-1], self.n_states)
 
     def cost_gradients(self, action: ArrayLike) -> Array:
-        """Return ∇_u c(i,u), or one of the slopes at a kink, for decisions (…,U): shape (…,X,U)."""
+        """Return ∇_u c(i,u), or one of the slopes at a kink, for decisions (…,U): shape (…,X,U).
+
+        Raises:
+            ModelError: A cost has no finite slope at a decision, as a square root has none at 0; its atom is named.
+        """
         points = self.as_points(action)
         if self._stated is not None:
             return self._stated.cost_gradients(points)
         rows = points.reshape(-1, self.n_actions)
-        return np.asarray(self._gradients(rows)).reshape(*points.shape[:-1], self.n_states, self.n_actions)
+        with np.errstate(all="ignore"):
+            slopes = np.asarray(self._gradients(rows))
+        off = np.argwhere(~np.isfinite(slopes).all(axis=2))
+        if off.size:
+            row, state = (int(each) for each in off[0])
+            where = "gradients" if self._model is None else str(self._model.without_slope(state, rows[row]))
+            raise ModelError(
+                f"the cost of state {state} has no finite slope at the decision {rows[row]}: {where} has none there; keep "
+                "decisions away by constraints, such as a lower bound of 1e-6 instead of 0"
+            )
+        return slopes.reshape(*points.shape[:-1], self.n_states, self.n_actions)
 
     def explaining_rows(self, action: Array) -> Array | None:
         """Return rows Q (m,X) with Π(u) = {π : Q π ≥ 0} up to the accuracy of the costs, or None where gradients say it.
@@ -303,7 +316,12 @@ class _Expected:
     """Expected costs under beliefs; curvature by differences of the gradients."""
 
     def __init__(self, problem: ConvexProblem) -> None:
-        self._costs, self._slopes = problem.state_costs, problem.cost_gradients
+        self._costs, self._problem = problem.state_costs, problem
+
+    def _slopes(self, points: Array) -> Array:
+        """Gradients (…,X,U) at points (…,U), not finite outside the domain."""
+        rows = np.asarray(self._problem._gradients(points.reshape(-1, points.shape[-1])))
+        return rows.reshape(*points.shape[:-1], *rows.shape[1:])
 
     def values(self, held: Array, points: Array) -> Array:
         """Return π·s(u), infinite where it is not a number."""

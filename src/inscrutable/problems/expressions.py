@@ -87,6 +87,13 @@ class Node:
                     total[row] += np.nan if part is None else jacobian[row] @ _matrix(part, child.size, self.size)
         return total
 
+    def without_slope(self, point: Array) -> Any:
+        """Return the innermost expression that has no finite slope at a point (U,), None where all have one."""
+        if self.constant is not None or np.isfinite(self.gradients(point[None])).all():
+            return None
+        inner = (child.without_slope(point) for child in self.children)
+        return next((each for each in inner if each is not None), self.expression)
+
     def _shaped(self, inner: list[Array], row: int) -> list[Any]:
         return [np.reshape(each[row], child.shape, order="F") for child, each in zip(self.children, inner, strict=True)]
 
@@ -132,8 +139,7 @@ def _entrywise(node: Node) -> Function | None:
     if len(node.children) != 1 or node.children[0].shape != node.shape:
         return None
     if name.lower().startswith("power"):
-        p = float(node.expression.p.value)
-        return (lambda x: 2.0 * x) if p == 2.0 else _within(lambda x: p * x ** (p - 1.0))
+        return _power_slope(float(node.expression.p.value))
     return _ENTRYWISE.get(name)
 
 
@@ -144,6 +150,8 @@ def _gathered(node: Node) -> tuple[Function, Function] | None:
         return None
     if name.lower().startswith("pnorm") and float(node.expression.p) == 2.0 and node.expression.axis is None:
         return (_length, lambda x: x / np.where(_length(x) > 0.0, _length(x), 1.0)[:, None])
+    if name == "log_sum_exp" and node.expression.axis is None:
+        return _log_sum, _shares
     if name == "quad_over_lin" and len(node.children) == 2 and node.children[1].size == 1:
         share = 1.0 / float(np.ravel(node.children[1].constant)[0])  # type: ignore[arg-type]
         return (lambda x: share * (x * x).sum(axis=1), lambda x: 2.0 * share * x)
@@ -151,6 +159,25 @@ def _gathered(node: Node) -> tuple[Function, Function] | None:
         form = np.reshape(node.children[1].constant, (first.size, first.size), order="F")  # type: ignore[call-overload]
         return (lambda x: np.einsum("ni,ij,nj->n", x, form, x), lambda x: x @ (form + form.T))
     return None
+
+
+def _power_slope(p: float) -> Function:
+    """p x^(p−1), also at 0 where it is finite there; for even p at negative x too."""
+    if p > 0 and p % 2 == 0:
+        return lambda x: p * x ** (p - 1.0)
+    slope = _within(lambda x: p * x ** (p - 1.0))
+    return slope if p < 1 else lambda x: np.where(x == 0.0, float(p == 1), slope(x))
+
+
+def _log_sum(rows: Array) -> Array:
+    """log Σ_j e^{x_j}; SciPy's checks of its arguments take ten times as long as this for a few rows."""
+    most = rows.max(axis=1)
+    return np.asarray(most + np.log(np.exp(rows - most[:, None]).sum(axis=1)))
+
+
+def _shares(rows: Array) -> Array:
+    parts = np.exp(rows - rows.max(axis=1, keepdims=True))
+    return np.asarray(parts / parts.sum(axis=1, keepdims=True))
 
 
 def _length(rows: Array) -> Array:

@@ -71,6 +71,11 @@ class Modelled:
                 found[row, i] = np.nan if dense is None else np.ravel(dense)
         return found
 
+    def without_slope(self, state: int, point: Array) -> Any:
+        """Return the expression in a state's cost that has no slope at a point (U,): the whole cost where it is not known."""
+        with np.errstate(all="ignore"):
+            return self._costs[state] if self._trees is None else self._trees[state].without_slope(point)
+
     @cached_property
     def _trees(self) -> list[Node] | None:
         """The costs as trees, where these give what CVXPY itself gives at a point; else None."""

@@ -43,7 +43,7 @@ def study_keys(folder: Path) -> None:
         ]
     for field, union in (
         ("decision_makers", layout.MakerSection),
-        ("adversaries", layout.AdversarySection),
+        ("adversaries", layout.ObserverSection),
     ):
         parts.append(
             table(
@@ -155,12 +155,12 @@ def named(models: Iterable[Any]) -> list[tuple[str, ...]]:
 
 def measures(names: Iterable[str]) -> str:
     """Return the table of measures."""
-    from inscrutable.reports.page.study_page import meaning_of
+    from inscrutable.experiments.measures import MEASURES
 
     return table(
         "Measures",
         "",
-        [(f"``{name}``", literal(meaning_of(name))) for name in names],
+        [(f"``{name}``", literal(MEASURES[name].meaning)) for name in names],
         ("name", "what it is"),
     )
 

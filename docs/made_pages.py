@@ -70,22 +70,19 @@ def api_pages(folder: Path) -> None:
 def claims(folder: Path, n_markets: int) -> None:
     """Judge the paper's claims, and write the table and the figures."""
     from inscrutable.experiments.reproduction import (
-        Effort,
         ReproductionSettings,
         reproduce,
     )
     from inscrutable.reports.reproduction import claims_table, write_reproduction
 
-    effort = Effort(n_simulations=min(20, n_markets))
-    n_jobs = -1 if n_markets >= WORTH_PROCESSES else 1
-    settings = ReproductionSettings(
-        n_markets=n_markets, n_jobs=n_jobs, effort=effort
-    )
-    result = reproduce(settings)
-    write_reproduction(result, folder)
+    simulations = min(20, n_markets)
+    jobs = -1 if n_markets >= WORTH_PROCESSES else 1
+    settings = ReproductionSettings(markets=n_markets, simulations=simulations)
+    result = reproduce(settings, jobs=jobs)
+    write_reproduction(result, folder, jobs=jobs)
     table = claims_table(result)
     lines = [
-        f"Over {n_markets} random markets, means over {effort.n_simulations}, seed 0:\n",
+        f"Over {n_markets} random markets, means over {simulations}, seed 0:\n",
         ".. list-table::",
     ]
     lines += ["   :header-rows: 1\n   :widths: 40 22 22 16\n"]

@@ -48,7 +48,7 @@ def test_the_global_search_reaches_what_scip_proves(capsys):
 
 
 def test_the_claims_on_other_markets_than_the_reported_ones(capsys):
-    result = reproduce(ReproductionSettings(seed=1, n_markets=N_MARKETS))
+    result = reproduce(ReproductionSettings(seed=1, markets=N_MARKETS))
     table = claims_table(result)
     with capsys.disabled():
         print(f"\nclaims on {N_MARKETS} markets of another seed\n{table.to_string()}")

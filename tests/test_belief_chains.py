@@ -27,12 +27,12 @@ from inscrutable import (
     predicted_prior,
     uniform_prior,
 )
-from inscrutable.experiments import comparison_paths
-from inscrutable.experiments.comparison import ComparisonSettings, compare
-from inscrutable.experiments.comparison_makers import MAKERS, Setting
+from inscrutable.experiments import memory_rules
+from inscrutable.experiments.comparison import COMPARED, ComparisonSettings, compare, makers_of
 from inscrutable.experiments.comparison_markets import market_of
-from inscrutable.experiments.comparison_paths import PATH_MAKERS, delayed, partly
+from inscrutable.experiments.memory_rules import delayed, partly
 from inscrutable.experiments.random_markets import random_market
+from inscrutable.experiments.setting import Setting
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain, predicted_chain, resting_chain
 from inscrutable.reports.comparison import short_table
 from oracles.chain_paths import every_path
@@ -170,25 +170,25 @@ def test_a_delay_on_a_resting_belief_has_a_closed_form() -> None:
         regret = (1 - stay**d) * apart
         play = delayed(setting, regret * 1.0001)
         assert play is not None
-        assert play.seen is not None
+        assert play.memory is not None
         assert play.strength == d
         assert float(prior.weights @ play.mechanism.expected_regrets) == pytest.approx(regret, rel=1e-9)
         for n in (1, 2, d, d + 1, 100):
             late = max(d + 1 - n, 0)
-            left = leakage(play.seen(n), prior).bayes_error
+            left = leakage(play.memory(n), prior).bayes_error
             assert left == pytest.approx(prior.error * np.sqrt(1 - stay ** (2 * late)), abs=1e-9)
 
 
 def test_the_target_of_partial_trades_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     chain, n_draws = uneven_chain(), 3000
-    monkeypatch.setattr(comparison_paths, "PAST", 3)
-    monkeypatch.setattr(comparison_paths, "_LEAST_DRAWS", n_draws * len(chain.prior))
+    monkeypatch.setattr(memory_rules, "PAST", 3)
+    monkeypatch.setattr(memory_rules, "_LEAST_DRAWS", n_draws * len(chain.prior))
     setting = setting_of(chain)
     beliefs, problem = chain.prior.beliefs, setting.problem
     play = partly(setting, 1e-5)
     assert play is not None
-    assert play.seen is not None
-    fraction = play.seen.fraction
+    assert play.memory is not None
+    fraction = play.memory.fraction
     regret = squared = 0.0
     for path, chance in every_path(chain, 4):
         action = PartialDecisionMaker(problem, fraction).decide_many(beliefs[path]).action[-1]
@@ -201,7 +201,7 @@ def test_the_target_of_partial_trades_is_decoded(monkeypatch: pytest.MonkeyPatch
     assert spent == pytest.approx(1e-5, rel=0.005)
     honest = leakage(mechanism(OriginalDecisionMaker(problem), beliefs), chain.prior)
     for n in (1, 10):
-        told = leakage(play.seen(n), chain.prior)
+        told = leakage(play.memory(n), chain.prior)
         assert told.bayes_error == pytest.approx(honest.bayes_error, abs=1e-12)
         assert told.mutual_information == pytest.approx(honest.mutual_information, abs=1e-12)
 
@@ -209,8 +209,8 @@ def test_the_target_of_partial_trades_is_decoded(monkeypatch: pytest.MonkeyPatch
 def test_a_comparison_with_a_chain_holds_rules_with_a_memory() -> None:
     stay, prior = 0.8, uniform_prior(3, 4)
     chain, problem = resting_chain(prior, stay), market()
-    makers = {"ODM": MAKERS["ODM"], **PATH_MAKERS}
-    settings = ComparisonSettings((0.5, 1.0), repeats=(1, 2, 10), n_draws=20)
+    makers = makers_of(("ODM", "delay", "partial trades"))
+    settings = ComparisonSettings(budgets=(0.5, 1.0), repeats=(1, 2, 10), draws=20)
     found = compare(problem, chain, settings, makers=makers, rng=np.random.default_rng(0))
     (honest,) = found.of("ODM")
     for row in found.of("partial trades"):
@@ -231,24 +231,24 @@ def test_without_a_chain_they_are_no_part_of_it() -> None:
     alone = Setting(setting.problem, setting.prior, setting.candidates)
     assert delayed(alone, 0.1) is None
     assert partly(alone, 0.1) is None
-    assert not set(PATH_MAKERS) & set(MAKERS)
+    assert {"delay", "partial trades"} < set(COMPARED)
 
 
 def test_choices_are_delayed_but_not_partly_made() -> None:
     problem, chain = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), resting_chain(uniform_prior(2, 3), 0.9)
-    found = compare(problem, chain, ComparisonSettings((1.0,), repeats=(1,)), rng=np.random.default_rng(0))
+    found = compare(problem, chain, ComparisonSettings(budgets=(1.0,), repeats=(1,)), rng=np.random.default_rng(0))
     assert "delay" in found.makers
     assert "partial trades" in found.left_out
 
 
 def test_nothing_to_spend_and_nothing_to_hide() -> None:
     setting = setting_of(resting_chain(uniform_prior(3, 3), 0.5))
-    for make in PATH_MAKERS.values():
+    for make in makers_of(("delay", "partial trades")).values():
         play = make(setting, 0.0)
         assert play is not None
         assert float(play.mechanism.expected_regrets.max()) == pytest.approx(0.0, abs=1e-12)
     one = setting_of(resting_chain(Prior([[0.2, 0.3, 0.5]], [1.0]), 0.5))
-    for make in PATH_MAKERS.values():
+    for make in makers_of(("delay", "partial trades")).values():
         play = make(one, 0.01)
         assert play is not None
         assert float(play.mechanism.expected_regrets.max()) == pytest.approx(0.0, abs=1e-12)

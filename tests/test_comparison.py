@@ -28,23 +28,17 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers import LinearProgramme
-from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
-from inscrutable.experiments.comparison_makers import (
-    MAKERS,
-    SAME_SPENDING,
-    CandidateDecisionMaker,
-    Play,
-    Setting,
-    per_belief,
-    scaled_to,
-)
+from inscrutable.experiments.calibrated import SAME_SPENDING, scaled_to
+from inscrutable.experiments.candidates_only import CandidateDecisionMaker
+from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare, makers_of
 from inscrutable.experiments.comparison_markets import market_of
 from inscrutable.experiments.random_markets import random_market
+from inscrutable.experiments.setting import Behaviour, Setting, behaviour_of
 from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import markdown_of, short_table, terminal_table, write_comparison
 from inscrutable.reports.comparison_plots import draw_comparison
 
-SETTINGS = ComparisonSettings((0.25, 0.75), repeats=(1, 20), n_draws=100)
+SETTINGS = ComparisonSettings(budgets=(0.25, 0.75), repeats=(1, 20), draws=100)
 
 
 def small_market(seed: int = 0, resolution: int = 4) -> tuple[MarkowitzProblem, Prior]:
@@ -79,9 +73,13 @@ def test_figures_of_one_row_by_loops(market: tuple[MarkowitzProblem, Prior]) -> 
     problem, prior = market
     played = some_mechanism(problem, prior, 2)
     limit = 0.002
-    makers = {"it": lambda setting, regret: Play(played, Budget.regret(limit))}
+    makers = {"it": lambda setting, regret: Behaviour(played, Budget.regret(limit))}
     row = compare(
-        problem, prior, ComparisonSettings((0.001,), "regret", (1,)), makers=makers, rng=np.random.default_rng(0)
+        problem,
+        prior,
+        ComparisonSettings(budgets=(0.001,), unit="regret", repeats=(1,)),
+        makers=makers,
+        rng=np.random.default_rng(0),
     )
     found = row.of("it")[0]
     table, beliefs, weights = np.asarray(played.probabilities), prior.beliefs, prior.weights
@@ -124,9 +122,9 @@ def test_a_promise_that_is_not_given_is_the_largest_regret(market: tuple[Markowi
     problem, prior = market
     played = some_mechanism(problem, prior, 3)
     worst = float(np.asarray(played.regrets)[np.asarray(played.probabilities) > 0].max())
-    makers = {"open": lambda *_: Play(played), "told": lambda *_: Play(played, Budget.regret(worst))}
+    makers = {"open": lambda *_: Behaviour(played), "told": lambda *_: Behaviour(played, Budget.regret(worst))}
     found = compare(
-        problem, prior, ComparisonSettings((0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
+        problem, prior, ComparisonSettings(budgets=(0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
     )
     assert found.of("open")[0].worst_regret == pytest.approx(worst)
     assert found.of("open")[0].budget_aware_error == pytest.approx(found.of("told")[0].budget_aware_error, abs=1e-12)
@@ -168,9 +166,11 @@ def test_the_original_decision_hides_nothing(found: Comparison) -> None:
 def test_costs_in_another_unit_change_regrets_alone(market: tuple[MarkowitzProblem, Prior]) -> None:
     problem, prior = market
     scaled = MarkowitzProblem(100 * problem.means, 100 * problem.covariances, problem.risk_aversion)
-    makers = {name: MAKERS[name] for name in ("CDM", "PDM, candidates only")}
+    makers = makers_of(("CDM", "PDM, candidates only"))
     one, other = (
-        compare(each, prior, ComparisonSettings((0.4,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0))
+        compare(
+            each, prior, ComparisonSettings(budgets=(0.4,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
+        )
         for each in (problem, scaled)
     )
     assert other.silence_regret == pytest.approx(100 * one.silence_regret)
@@ -184,8 +184,8 @@ def test_the_order_of_beliefs_is_of_no_account(market: tuple[MarkowitzProblem, P
     problem, prior = market
     order = np.random.default_rng(4).permutation(len(prior))
     turned = Prior(prior.beliefs[order], prior.weights[order])
-    makers = {"it": MAKERS["PDM, candidates only"]}
-    settings = ComparisonSettings((0.4,), repeats=(1,))
+    makers = makers_of(("PDM, candidates only",))
+    settings = ComparisonSettings(budgets=(0.4,), repeats=(1,))
     one, other = (
         compare(problem, each, settings, makers=makers, rng=np.random.default_rng(0)) for each in (prior, turned)
     )
@@ -209,7 +209,7 @@ def test_one_belief_leaves_nothing_to_hide(market: tuple[MarkowitzProblem, Prior
 
 
 def test_no_budget_plays_the_optimal_decision(market: tuple[MarkowitzProblem, Prior]) -> None:
-    found = compare(*market, ComparisonSettings((0.0,), repeats=(1,)), rng=np.random.default_rng(0))
+    found = compare(*market, ComparisonSettings(budgets=(0.0,), repeats=(1,)), rng=np.random.default_rng(0))
     for row in found.rows:
         assert row.expected_regret == pytest.approx(0.0, abs=1e-9)
 
@@ -220,7 +220,7 @@ def test_costs_that_are_zero_somewhere_have_budgets_of_regret() -> None:
     setting = Setting(problem, prior, decoy_grid(problem, 6))
     assert not setting.is_relative
     assert setting.budget(0.25) == Budget.regret(0.25)
-    found = compare(problem, prior, ComparisonSettings((0.5,), repeats=(1,)), rng=np.random.default_rng(0))
+    found = compare(problem, prior, ComparisonSettings(budgets=(0.5,), repeats=(1,)), rng=np.random.default_rng(0))
     assert found.per_belief_unit == "regret"
     assert found.of("CDM")[0].expected_regret <= found.budgets[0] * (1 + SAME_SPENDING)
 
@@ -228,13 +228,13 @@ def test_costs_that_are_zero_somewhere_have_budgets_of_regret() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"unit": "bits"}, "unit must be one of"),
-        ({"budgets": ()}, "budgets must be numbers that rise"),
-        ({"budgets": (0.5, 0.5)}, "budgets must be numbers that rise"),
-        ({"budgets": (-0.1,)}, "budget"),
-        ({"repeats": (10, 1)}, "repeats must be numbers that rise"),
+        ({"unit": "bits"}, "unit: should be 'silence'"),
+        ({"budgets": ()}, "budgets: should have at least 1 entry"),
+        ({"budgets": (0.5, 0.5)}, "budgets: should be numbers that rise"),
+        ({"budgets": (-0.1,)}, r"budgets\.0: .* greater than or equal to 0, got -0\.1"),
+        ({"repeats": (10, 1)}, "repeats: should be numbers that rise"),
         ({"repeats": (0,)}, "repeats"),
-        ({"n_draws": 1}, "n_draws"),
+        ({"draws": 1}, "draws"),
     ],
 )
 def test_malformed_settings_are_refused(change: dict[str, Any], message: str) -> None:
@@ -312,9 +312,9 @@ def test_budgets_are_scaled_until_the_regret_is_spent(
     setting: Any = SimpleNamespace(prior=Prior([[1.0]], [1.0]))
     tried: list[float] = []
 
-    def play(amount: float) -> Play:
+    def play(amount: float) -> Behaviour:
         tried.append(amount)
-        return Play(Mechanism([[1.0]], [[0.0]], [[1.0]], [[spends(amount)]]))
+        return Behaviour(Mechanism([[1.0]], [[0.0]], [[1.0]], [[spends(amount)]]))
 
     made = scaled_to(setting, play, regret)
     assert float(made.mechanism.regrets[0, 0]) == pytest.approx(expected, rel=SAME_SPENDING)
@@ -323,12 +323,18 @@ def test_budgets_are_scaled_until_the_regret_is_spent(
 
 def test_a_maker_of_ones_own_is_one_entry(market: tuple[MarkowitzProblem, Prior]) -> None:
     problem, prior = market
-    own = {
-        "lottery": per_belief(
-            lambda s, b: ProbabilisticDecisionMaker(s.problem, None, b, candidates=s.candidates), promises=False
-        )
-    }
-    found = compare(problem, prior, ComparisonSettings((0.5,), repeats=(1,)), makers=own, rng=np.random.default_rng(0))
+
+    def lottery(setting: Setting, regret: float) -> Behaviour:
+        def tried(amount: float) -> Behaviour:
+            budget, candidates = setting.budget(amount), setting.candidates
+            return behaviour_of(setting, ProbabilisticDecisionMaker(problem, None, budget, candidates=candidates))
+
+        return scaled_to(setting, tried, regret)
+
+    own = {"lottery": lottery}
+    found = compare(
+        problem, prior, ComparisonSettings(budgets=(0.5,), repeats=(1,)), makers=own, rng=np.random.default_rng(0)
+    )
     assert found.makers == ("lottery",)
     assert found.of("lottery")[0].expected_regret == pytest.approx(found.budgets[0], rel=SAME_SPENDING)
 

@@ -26,17 +26,19 @@ from inscrutable import (
 )
 from inscrutable.adversaries.cost_family import ExplainedDecisions
 from inscrutable.experiments import comparison_watchers
-from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
-from inscrutable.experiments.comparison_makers import MAKERS, Play, Setting, as_play
-from inscrutable.experiments.comparison_paths import EVERY_MAKER, LONGEST_DELAY, PAST, PATH_MAKERS, delayed, partly
+from inscrutable.experiments.comparison import COMPARED, Comparison, ComparisonSettings, compare, makers_of
 from inscrutable.experiments.comparison_watchers import followed, learned, learned_cost, watched
+from inscrutable.experiments.memory_rules import LONGEST_DELAY, PAST, delayed, partly
 from inscrutable.experiments.random_markets import random_market
+from inscrutable.experiments.setting import Behaviour, Setting, behaviour_of
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.joint import joint_law
 from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import notes_of, short_table, terminal_table
 from inscrutable.reports.page.comparison_page import comparison_content, page_data
 from oracles.chain_paths import every_path
+
+EVERY_MAKER = makers_of(COMPARED)
 
 
 def market(seed: int = 3) -> MarkowitzProblem:
@@ -101,7 +103,7 @@ def test_the_error_over_time_is_that_of_all_paths(monkeypatch: pytest.MonkeyPatc
     chain = resting_chain(uneven_chain().prior, 0.9)
     played = some_mechanism(chain)
     bayes = leakage(played, chain.prior).bayes_error
-    found = watched(setting_of(chain), Play(played), bayes, np.random.default_rng(0))
+    found = watched(setting_of(chain), Behaviour(played), bayes, np.random.default_rng(0))
     squared = [0.0, 0.0, 0.0]
     for t in range(3):
         for seen in product(range(3), repeat=t + 1):
@@ -117,17 +119,17 @@ def test_the_error_over_time_is_that_of_all_paths(monkeypatch: pytest.MonkeyPatc
 def test_rules_with_a_memory_are_read_backwards_first() -> None:
     stay, prior = 0.7, uniform_prior(3, 5)
     setting = setting_of(resting_chain(prior, stay))
-    honest = as_play(setting, OriginalDecisionMaker(setting.problem))
+    honest = behaviour_of(setting, OriginalDecisionMaker(setting.problem))
     if leakage(honest.mechanism, prior).bayes_error > 1e-9:
         pytest.skip("the closed form needs a decision of its own for every belief")
     apart = float(np.mean([[setting.problem.regret(b, u) for b in prior.beliefs] for u in honest.mechanism.actions]))
     late = delayed(setting, 1.0001 * (1 - stay**2) * apart)
     assert late is not None
-    assert late.seen is not None
+    assert late.memory is not None
     assert late.strength == 2
     for play, left in ((honest, 0.0), (late, prior.error * np.sqrt(1 - stay**4)), (partly(setting, 1e-5), 0.0)):
         assert play is not None
-        bayes = leakage(play.mechanism if play.seen is None else play.seen(1), prior).bayes_error
+        bayes = leakage(play.mechanism if play.memory is None else play.memory(1), prior).bayes_error
         # The law of the belief is known to the last digit after every decision: nothing is left to chance.
         found = watched(setting, play, bayes, np.random.default_rng(0))
         assert found.error == pytest.approx(left, abs=1e-7)
@@ -140,21 +142,21 @@ def test_paths_are_published_as_the_rules_say() -> None:
     beliefs = chain.prior.beliefs[path]
     regret = float(
         chain.prior.weights
-        @ chain.lagged(as_play(setting, OriginalDecisionMaker(setting.problem)).mechanism, 1).expected_regrets
+        @ chain.lagged(behaviour_of(setting, OriginalDecisionMaker(setting.problem)).mechanism, 1).expected_regrets
     )
     late, part = delayed(setting, 1.0001 * regret), partly(setting, 0.5 * regret)
     assert late is not None
     assert part is not None
-    assert late.seen is not None
-    assert part.seen is not None
+    assert late.memory is not None
+    assert part.memory is not None
     assert late.strength >= 1
     rules = (
         DelayedDecisionMaker(setting.problem, int(late.strength)),
         PartialDecisionMaker(setting.problem, part.strength),
     )
     for play, rule in zip((late, part), rules, strict=True):
-        assert play.seen is not None
-        np.testing.assert_allclose(play.seen.published(path), rule.decide_many(beliefs).action, atol=1e-12)
+        assert play.memory is not None
+        np.testing.assert_allclose(play.memory.published(path), rule.decide_many(beliefs).action, atol=1e-12)
 
 
 def test_sampled_paths_have_the_law_of_the_chain() -> None:
@@ -220,11 +222,11 @@ def test_squares_and_programmes_agree() -> None:
 def test_rounded_weights_are_explained_by_nothing() -> None:
     problem, prior = market(0), uniform_prior(3, 6)
     makers = {
-        "ODM": MAKERS["ODM"],
-        "it": lambda setting, regret: as_play(setting, RoundingDecisionMaker(setting.problem, 0.1)),
+        "ODM": EVERY_MAKER["ODM"],
+        "it": lambda setting, regret: behaviour_of(setting, RoundingDecisionMaker(setting.problem, 0.1)),
     }
     found = compare(
-        problem, prior, ComparisonSettings((0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
+        problem, prior, ComparisonSettings(budgets=(0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
     )
     (rounded,), (honest,) = found.of("it"), found.of("ODM")
     assert (rounded.learned_holds, honest.learned_holds) == (0.0, 1.0)
@@ -235,7 +237,7 @@ def test_rounded_weights_are_explained_by_nothing() -> None:
     assert short_table(found)["error, cost learned"]["it"] == "-"
     # On another market what is rounded is explained, by other values than the true one.
     found = compare(
-        market(3), prior, ComparisonSettings((0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
+        market(3), prior, ComparisonSettings(budgets=(0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
     )
     (misled,) = found.of("it")
     assert misled.learned_holds == 0.0
@@ -247,9 +249,9 @@ def test_rounded_weights_are_explained_by_nothing() -> None:
 def test_who_learned_reads_with_the_middle(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, prior = market(1), uniform_prior(3, 4)
     monkeypatch.setattr(comparison_watchers, "PATH_STEPS", 2)  # too few to know the risk aversion by
-    makers = {"ODM": MAKERS["ODM"]}
+    makers = {"ODM": EVERY_MAKER["ODM"]}
     found = compare(
-        problem, prior, ComparisonSettings((0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
+        problem, prior, ComparisonSettings(budgets=(0.5,), repeats=(1,)), makers=makers, rng=np.random.default_rng(0)
     )
     (row,) = found.of("ODM")
     assert row.learned_low < 0.99 * row.learned_high
@@ -278,7 +280,7 @@ def test_the_cost_is_learned_from_one_who_began_long_ago(maker: str, monkeypatch
 
     monkeypatch.setattr(comparison_watchers, "learned_cost", kept)
     setting = setting_of(resting_chain(uneven_chain(6).prior, 0.7))
-    play = PATH_MAKERS[maker](setting, 10.0 if maker == "delay" else 3e-4)
+    play = EVERY_MAKER[maker](setting, 10.0 if maker == "delay" else 3e-4)
     assert play is not None
     assert maker == "partial trades" or play.strength == LONGEST_DELAY
     assert maker == "delay" or 0 < play.strength < 1
@@ -317,10 +319,9 @@ def test_a_fraction_of_a_trade_is_one_that_a_past_can_be_sampled_for() -> None:
 def moving() -> Comparison:
     prior = uniform_prior(3, 4)
     makers = {
-        **{name: MAKERS[name] for name in ("ODM", "CDM, candidates only", "rate-distortion", "coin")},
-        **PATH_MAKERS,
+        **makers_of(("ODM", "CDM, candidates only", "rate-distortion", "coin", "delay", "partial trades")),
     }
-    settings = ComparisonSettings((0.5, 1.0), repeats=(1, 10), n_draws=50)
+    settings = ComparisonSettings(budgets=(0.5, 1.0), repeats=(1, 10), draws=50)
     return compare(market(), resting_chain(prior, 0.8), settings, makers=makers, rng=np.random.default_rng(0))
 
 
@@ -374,8 +375,8 @@ def test_the_picture_shows_the_observer_over_time(moving: Comparison, monkeypatc
 
 def test_observers_that_cannot_be_are_told_of() -> None:
     problem, prior = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), uniform_prior(2, 4)
-    settings = ComparisonSettings((0.5,), repeats=(1,), n_draws=10)
-    still = compare(problem, prior, settings, makers={"coin": MAKERS["coin"]}, rng=np.random.default_rng(0))
+    settings = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10)
+    still = compare(problem, prior, settings, makers={"coin": EVERY_MAKER["coin"]}, rng=np.random.default_rng(0))
     (row,) = still.rows
     for name in ("path_error", "learned_low", "learned_holds", "learned_error"):
         assert np.isnan(getattr(row, name))
@@ -385,7 +386,7 @@ def test_observers_that_cannot_be_are_told_of() -> None:
     assert "not known how the belief moves" in notes
     assert "the cost has none" in notes
     moved = compare(
-        problem, resting_chain(prior, 0.5), settings, makers={"coin": MAKERS["coin"]}, rng=np.random.default_rng(0)
+        problem, resting_chain(prior, 0.5), settings, makers={"coin": EVERY_MAKER["coin"]}, rng=np.random.default_rng(0)
     )
     assert moved.is_moving
     assert not moved.is_learned

@@ -54,7 +54,7 @@ def found() -> Backtest:
 @pytest.fixture(scope="module")
 def compared() -> Comparison:
     problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
-    settings = ComparisonSettings((0.25, 0.5), repeats=(1, 5), n_draws=20)
+    settings = ComparisonSettings(budgets=(0.25, 0.5), repeats=(1, 5), draws=20)
     return compare(problem, uniform_prior(2, 6), settings, rng=np.random.default_rng(0))
 
 
@@ -438,7 +438,7 @@ def test_keys_move_both_sliders_and_what_they_should(found: Backtest, page: Path
 @needs_browser
 def test_comparisons_sliders_choose_table_and_observer(compared_page: Path, tab: browser.Browser) -> None:
     tab.size(1200, 800)
-    tab.open(compared_page, "#budget=0&seen=0")
+    tab.open(compared_page, "#budget=0&memory=0")
     shown = "[...document.querySelectorAll('[data-slider]')].map(each => !each.hidden)"
     assert tab.run(shown) == [True, False]
     start = drawings(tab)

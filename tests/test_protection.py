@@ -27,8 +27,9 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.experiments.comparison_makers import MAKERS, SAME_SPENDING, Setting
-from inscrutable.experiments.comparison_paths import PATH_MAKERS
+from inscrutable.experiments.calibrated import SAME_SPENDING
+from inscrutable.experiments.comparison import makers_of
+from inscrutable.experiments.setting import Setting
 from inscrutable.mechanisms.chains import resting_chain
 from inscrutable.mechanisms.played import PlaysMany
 from oracles import markets
@@ -106,11 +107,11 @@ def compared_shares(problem: MarkowitzProblem, prior: Prior, candidates: Candida
     step is the prior."""
     setting = Setting(problem, prior, candidates, resting_chain(prior, RESTS))
     found = {}
-    for name in ("Dirichlet noise", *PATH_MAKERS):
-        play = {**MAKERS, **PATH_MAKERS}[name](setting, regret)
+    for name, make in makers_of(("Dirichlet noise", "delay", "partial trades")).items():
+        play = make(setting, regret)
         assert play is not None, name
         assert leakage(play.mechanism, prior).expected_regret <= regret * (1 + SAME_SPENDING), name
-        found[name] = leakage(play.mechanism if play.seen is None else play.seen(1), prior).error_share
+        found[name] = leakage(play.mechanism if play.memory is None else play.memory(1), prior).error_share
         assert found[name] <= 1 + 1e-9, name
     return found
 

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import warnings
 from pathlib import Path
+from typing import Any
 
 import joblib
 import numpy as np
@@ -26,13 +27,18 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.claims import CLAIMS, Rule, Verdict, judge_claims, rank_agreement, saturation_budget
 from inscrutable.experiments.market_runs import GLOBAL, PAPER
 from inscrutable.experiments.random_markets import MarketLaw, random_market
-from inscrutable.experiments.reproduction import Effort, Reproduction, ReproductionSettings, reproduce
+from inscrutable.experiments.reproduction import Reproduction, ReproductionSettings, reproduce
 from inscrutable.reports.reproduction import claims_frame, claims_table, write_reproduction
 
-EFFORT = Effort(
-    resolution=10, n_simulations=2, n_market_steps=2, budgets=(0.1, 1.0, 10.0), starts=(1, 2), sample_resolutions=(2, 4)
-)
-SMALL = ReproductionSettings(n_steps=4, n_markets=3, n_jobs=1, effort=EFFORT)
+EFFORT: dict[str, Any] = {
+    "resolution": 10,
+    "simulations": 2,
+    "market_steps": 2,
+    "budgets": (0.1, 1.0, 10.0),
+    "starts": (1, 2),
+    "sample_resolutions": (2, 4),
+}
+SMALL = ReproductionSettings(steps=4, markets=3, **EFFORT)
 FIGURES = [
     *(f"{variant}_{what}" for variant in ("paper", "global") for what in ("actions", "beliefs", "privacy", "costs")),
     "paper_tradeoff",
@@ -43,7 +49,7 @@ FIGURES = [
 
 @pytest.fixture(scope="module")
 def small() -> Reproduction:
-    return reproduce(SMALL)
+    return reproduce(SMALL, jobs=1)
 
 
 @pytest.fixture(scope="module")
@@ -63,12 +69,12 @@ def test_everything_is_written_whole(folder: Path) -> None:
 
 def test_same_seed_same_bytes_whatever_the_jobs(folder: Path, tmp_path: Path) -> None:
     seen: list[tuple[int, int]] = []
-    again = reproduce(dataclasses.replace(SMALL, n_jobs=2), progress=lambda done, total: seen.append((done, total)))
+    again = reproduce(SMALL, jobs=2, progress=lambda done, total: seen.append((done, total)))
     write_reproduction(again, tmp_path)
     for name in ("summary.json", "claims.csv", "paper_actions.svg"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
     assert seen == [(1, 3), (2, 3), (3, 3)]
-    assert "n_jobs" not in (folder / "summary.json").read_text("utf-8")
+    assert "jobs" not in (folder / "summary.json").read_text("utf-8")
 
 
 def test_a_worker_that_is_renewed_while_drawing_ends_nothing(
@@ -86,7 +92,7 @@ def test_a_worker_that_is_renewed_while_drawing_ends_nothing(
 
 
 def test_another_seed_is_another_market(small: Reproduction) -> None:
-    other = reproduce(dataclasses.replace(SMALL, seed=1, n_markets=2, n_steps=2))
+    other = reproduce(SMALL.model_copy(update={"seed": 1, "markets": 2, "steps": 2}), jobs=1)
     assert not np.array_equal(other.market.problem.means, small.market.problem.means)
 
 
@@ -205,10 +211,9 @@ def test_verdicts_follow_the_findings(small: Reproduction) -> None:
     [
         ({"seed": -1}, "seed"),
         ({"budget": 0.0}, "budget must be above 0"),
-        ({"n_steps": 1}, "n_steps"),
-        ({"n_markets": 1}, "n_markets"),
-        ({"n_jobs": 0}, "n_jobs"),
-        ({"law": MarketLaw(n_regimes=4)}, "3 regimes and 3 assets, the law has 4 and 3"),
+        ({"steps": 1}, "steps"),
+        ({"markets": 1}, "markets"),
+        ({"law": MarketLaw(regimes=4)}, "3 regimes and 3 assets, the law has 4 and 3"),
     ],
 )
 def test_bad_settings(change: dict[str, object], message: str) -> None:
@@ -220,7 +225,7 @@ def test_bad_settings(change: dict[str, object], message: str) -> None:
     ("change", "message"),
     [
         ({"resolution": 1}, "resolution"),
-        ({"n_simulations": 1}, "n_simulations"),
+        ({"simulations": 1}, "simulations"),
         ({"budgets": (1.0, 0.1)}, "budgets must be at least 2 rising numbers"),
         ({"budgets": (0.0, 0.1)}, "budgets must be above 0"),
         ({"starts": (2, 5)}, "starts must begin with 1"),
@@ -229,7 +234,7 @@ def test_bad_settings(change: dict[str, object], message: str) -> None:
 )
 def test_bad_effort(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Effort(**change)  # type: ignore[arg-type]
+        ReproductionSettings(**change)  # type: ignore[arg-type]
 
 
 def test_unwritable_folder_is_one_clear_error(small: Reproduction, tmp_path: Path) -> None:

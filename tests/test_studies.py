@@ -42,8 +42,9 @@ from inscrutable.errors import InputError, SolverError
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
+from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, Store, locked, speaking
-from inscrutable.experiments.studies.workshop import DONE, FAILED, Done, Row, Work, Workshop, chunk_of_rows
+from inscrutable.experiments.studies.tasks import DONE, FAILED, Row, Work, chunk_of_rows
 from study_runs import SMALL, environment, killed, table, worker_processes
 
 TALKATIVE = (
@@ -201,10 +202,9 @@ def test_four_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> Non
 
 def test_the_order_of_tasks_and_what_was_done_before_change_nothing(whole: Study, tmp_path: Path) -> None:
     grid = whole.grid
-    work = Work(whole.plan.model_dump_json(), None, "[]")
+    work = Work(GridRunner, whole.plan.model_dump_json(), None, "[]")
     backwards = chunk_of_rows(work, reversed(range(0, len(grid), 7)))
-    shops = [Workshop(work) for _ in backwards]
-    alone = [shop.rows([shop.done(row.number)])[0] for shop, row in zip(shops, backwards, strict=True)]
+    alone = [GridRunner(work).row(row.number) for row in backwards]
     stored = whole.frame()
     for row, other in zip(backwards, alone, strict=True):
         assert row._replace(duration=0) == other._replace(duration=0)
@@ -262,14 +262,14 @@ def test_a_task_that_fails_is_a_row_and_the_others_are_done(tmp_path: Path, caps
 
 
 def test_an_unexpected_error_is_a_failed_row_too(whole: Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    shop = Workshop(Work(whole.plan.model_dump_json(), None, "[]"))
+    runner = GridRunner(Work(GridRunner, whole.plan.model_dump_json(), None, "[]"))
 
     def broken(places: tuple[int, ...]) -> None:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr(shop, "judged", broken)
-    row = shop.done(0)
-    assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", {})
+    monkeypatch.setattr(runner, "observed", broken)
+    row = runner.row(0)
+    assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", "{}")
 
 
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
@@ -277,14 +277,14 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
 ) -> None:
     plan = tmp_path / "study.toml"
     plan.write_text(toml_of(SMALL), "utf-8")
-    done = Workshop.done
+    row = GridRunner.row
 
-    def interrupted(self: Workshop, number: int) -> Done:
+    def interrupted(self: GridRunner, number: int) -> Row:
         if number == 40:
             raise KeyboardInterrupt
-        return done(self, number)
+        return row(self, number)
 
-    monkeypatch.setattr(Workshop, "done", interrupted)
+    monkeypatch.setattr(GridRunner, "row", interrupted)
     out = tmp_path / "out"
     assert cli.main(["study", "run", str(plan), "--out", str(out)]) == 130
     assert f"inscrutable study resume {out}" in capsys.readouterr().err

@@ -16,7 +16,7 @@ import pytest
 from inscrutable import Study, run_study
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies.executors import lost_row, on_cluster
-from inscrutable.experiments.studies.workshop import FAILED, Work
+from inscrutable.experiments.studies.tasks import FAILED, Work
 from study_runs import SMALL, environment, table
 
 with_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="distributed is not installed")

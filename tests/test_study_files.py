@@ -17,10 +17,10 @@ from pydantic import BaseModel
 from inscrutable import Study, resume_study, run_study
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.experiments.studies import layout
+from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.reading import StudySource, checked_study
-from inscrutable.experiments.studies.seeds import seed_numbers
+from inscrutable.experiments.studies.tasks import Work, chunk_of_rows
 from inscrutable.experiments.studies.toml_lines import key_lines
-from inscrutable.experiments.studies.workshop import Work, chunk_of_rows
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAD = 'name = "a"\ndecision_makers = ["ODM"]\n'
@@ -269,21 +269,9 @@ def test_an_identity_hangs_on_the_task_alone() -> None:
     assert (small.grid.seed(task.text).generate_state(4) == large.grid.seed(again.text).generate_state(4)).all()
 
 
-@given(
-    seed=st.integers(0, 2**31) | st.integers(0, 2**300),
-    keys=st.integers(1, 5).flatmap(
-        lambda words: st.lists(st.tuples(*[st.integers(0, 2**32 - 1)] * words), min_size=1, max_size=3)
-    ),
-)
-def test_seeds_of_many_tasks_are_numpys_own(seed: int, keys: list[tuple[int, ...]]) -> None:
-    expected = [int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1, np.uint64)[0]) for key in keys]
-    assert seed_numbers(seed, ["".join(f"{word:08x}" for word in key) for key in keys]) == expected
-    assert seed_numbers(seed, []) == []
-
-
 def test_a_rows_seed_is_its_tasks_own() -> None:
     study = Study.of(plan(repeats=2))
-    rows = chunk_of_rows(Work(study.plan.model_dump_json(), None, "[]"), range(study.n_tasks))
+    rows = chunk_of_rows(Work(GridRunner, study.plan.model_dump_json(), None, "[]"), range(study.n_tasks))
     expected = [study.grid.task_seed(study.grid.task(row.number)).generate_state(1, np.uint64)[0] for row in rows]
     assert [row.seed for row in rows] == [str(seed) for seed in expected]
 

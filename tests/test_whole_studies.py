@@ -6,9 +6,9 @@ import base64
 import json
 import os
 import shutil
-from dataclasses import replace
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,35 +19,37 @@ from hypothesis import strategies as st
 import browser
 from inscrutable import InputError, MarkowitzProblem, ModelError, Study, cli, resume_study, run_study
 from inscrutable.datasets import write_json
-from inscrutable.experiments.comparison import ComparisonSettings, compare
+from inscrutable.experiments.comparison import COMPARED, ComparisonSettings, compare
 from inscrutable.experiments.comparison_markets import market_of
-from inscrutable.experiments.comparison_paths import EVERY_MAKER
 from inscrutable.experiments.comparison_study import compared, comparison_of, comparison_study
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.market_runs import MarketRun, run_market
 from inscrutable.experiments.random_markets import MarketLaw
 from inscrutable.experiments.reproduction import (
-    Effort,
     Reproduction,
     ReproductionSettings,
     reproduce,
     reproduction_of,
-    study_of,
 )
-from inscrutable.experiments.reproduction_study import MarketShop
 from inscrutable.experiments.studies.flat import flat, unflat
+from inscrutable.experiments.studies.reproduction_tasks import MarketRunner
 from inscrutable.experiments.studies.store import STORE
+from inscrutable.experiments.studies.tasks import Row, TaskRunner
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
-from inscrutable.experiments.studies.workshop import Done, Shop
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
 from study_runs import SMALL
 from test_page import EVIL, Reader
 
-EFFORT = Effort(
-    resolution=5, n_simulations=2, n_market_steps=2, budgets=(0.1, 1.0), starts=(1, 2), sample_resolutions=(2,)
-)
-SETTINGS = ReproductionSettings(n_steps=2, n_markets=4, n_jobs=1, effort=EFFORT)
+EFFORT: dict[str, Any] = {
+    "resolution": 5,
+    "simulations": 2,
+    "market_steps": 2,
+    "budgets": (0.1, 1.0),
+    "starts": (1, 2),
+    "sample_resolutions": (2,),
+}
+SETTINGS = ReproductionSettings(steps=2, markets=4, **EFFORT)
 SHIPPED = (resources.files("inscrutable.experiments.studies") / "shipped" / "reproduction.toml").read_text("utf-8")
 REPRODUCE = ["reproduce", "--markets", "4", "--simulations", "2", "--steps", "2", "--resolution", "5", "--jobs", "1"]
 COMPARE = ["compare", "--resolution", "2", "--budgets", "silence:0.5", "--jobs", "1"]
@@ -57,32 +59,31 @@ def interrupted_at(
     number: int, monkeypatch: pytest.MonkeyPatch, error: type[BaseException] = KeyboardInterrupt
 ) -> None:
     """Have a task stop the run."""
-    do = Shop.done
+    do = TaskRunner.row
 
-    def done(self: Shop, place: int) -> Done:
+    def row(self: TaskRunner, place: int) -> Row:
         if place == number:
             raise error
         return do(self, place)
 
-    monkeypatch.setattr(Shop, "done", done)
+    monkeypatch.setattr(TaskRunner, "row", row)
 
 
 # ---- the studies -----------------------------------------------------------------------------------
 
 
 def test_what_is_shipped_are_the_defaults_of_both_verbs() -> None:
-    assert study_of(ReproductionSettings()).plan == Study.of(shipped("reproduction")).plan
+    assert Study.of(ReproductionSettings()).plan == Study.of(shipped("reproduction")).plan
     chosen = comparison_study(ComparisonSettings(), market="paper", resolution=30, seed=0)
     assert chosen.plan == Study.of(shipped("comparison")).plan
-    assert Study.of(shipped("comparison")).n_tasks == 4 * (len(EVERY_MAKER) - 1) + 1
-    assert study_of(SETTINGS).n_tasks == 4
+    assert Study.of(shipped("comparison")).n_tasks == 4 * (len(COMPARED) - 1) + 1
+    assert Study.of(SETTINGS).n_tasks == 4
 
 
 def test_a_markets_record_survives_its_row() -> None:
-    plan = SETTINGS.plan
-    (row, *_), _ = all_rows(study_of(SETTINGS))
-    found = reproduce(SETTINGS).runs[0]
-    direct = run_market(plan, np.random.SeedSequence(0).spawn(5)[1], True)
+    (row, *_), _ = all_rows(Study.of(SETTINGS))
+    found = reproduce(SETTINGS, jobs=1).runs[0]
+    direct = run_market(SETTINGS, np.random.SeedSequence(0).spawn(5)[1], True)
     for one in (found, direct):
         assert dict(flat(parts(one))) == json.loads(row.figures)
     assert found.odm.dimension.dtype.kind == "i"
@@ -93,7 +94,7 @@ def parts(run: MarketRun) -> dict[str, object]:
 
 
 def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
-    settings = ComparisonSettings((0.6,), repeats=(1, 5), n_draws=20)
+    settings = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20)
     market = market_of("paper", 3, 7)
     direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
     study = comparison_study(settings, market="paper", resolution=3, seed=7)
@@ -115,7 +116,7 @@ def test_a_models_file_is_a_market(tmp_path: Path) -> None:
     means, spreads = np.array([[0.02, 0.0], [-0.03, 0.0]]), [0.01 * np.eye(2), 0.09 * np.eye(2)]
     world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
     InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), world.names).save(tmp_path / "model.json")
-    settings = ComparisonSettings((0.5,), repeats=(1,), n_draws=10)
+    settings = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10)
     study = comparison_study(settings, market=str(tmp_path / "model.json"), resolution=4, seed=0)
     half = run_study(study, tmp_path / "out", limit=3)
     (tmp_path / "model.json").unlink()
@@ -127,7 +128,7 @@ def test_a_models_file_is_a_market(tmp_path: Path) -> None:
 
 
 def test_rows_can_be_exported_like_any_studys(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_study(study_of(SETTINGS), tmp_path)
+    run_study(Study.of(SETTINGS), tmp_path)
     assert cli.main(["study", "export", str(tmp_path), "--durations"]) == 0
     lines = (tmp_path / "rows.csv").read_text("utf-8").splitlines()
     assert len(lines) == 5
@@ -209,7 +210,7 @@ def test_a_page_that_is_there_is_named(
 
 
 def test_a_page_of_the_whole_needs_the_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_study(study_of(SETTINGS), tmp_path, limit=3)
+    run_study(Study.of(SETTINGS), tmp_path, limit=3)
     assert cli.main(["study", "report", str(tmp_path)]) == 3
     told = capsys.readouterr().err
     assert "1 of 4 tasks have no row" in told
@@ -220,9 +221,9 @@ def test_a_page_of_the_whole_needs_the_whole(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_reproduction_comes_back_from_its_rows(tmp_path: Path) -> None:
-    made = reproduce(SETTINGS, folder=tmp_path)
+    made = reproduce(SETTINGS, jobs=1, folder=tmp_path)
     found = reproduction_of(Study.load(tmp_path))
-    assert found.settings == replace(SETTINGS, n_jobs=-1)
+    assert found.settings == SETTINGS
     write_json(summary_of(made), tmp_path / "made.json")
     write_json(summary_of(found), tmp_path / "found.json")
     assert (tmp_path / "made.json").read_bytes() == (tmp_path / "found.json").read_bytes()
@@ -312,14 +313,14 @@ def test_what_is_whole_or_of_another_plan_is_begun_anew(tmp_path: Path) -> None:
 
     def done(settings: ReproductionSettings) -> Reproduction:
         seen.clear()
-        return reproduce(settings, folder=tmp_path, progress=lambda done, total: seen.append(done))
+        return reproduce(settings, jobs=1, folder=tmp_path, progress=lambda done, total: seen.append(done))
 
     assert len(done(SETTINGS).runs) == 4
     first = (tmp_path / STORE).read_bytes()
     assert len(done(SETTINGS).runs) == 4
     assert seen == [1, 2, 3, 4]
     assert (tmp_path / STORE).read_bytes() != first, "durations differ"
-    more = ReproductionSettings(n_steps=2, n_markets=5, n_jobs=1, effort=EFFORT)
+    more = ReproductionSettings(steps=2, markets=5, **EFFORT)
     assert len(done(more).runs) == 5
     assert json.loads((tmp_path / "manifest.json").read_text("utf-8"))["study"]["markets"] == 5
 
@@ -329,14 +330,14 @@ def test_an_unfinished_run_of_other_settings_is_set_aside(
 ) -> None:
     interrupted_at(2, monkeypatch)
     with pytest.raises(KeyboardInterrupt):
-        reproduce(SETTINGS, folder=tmp_path)
+        reproduce(SETTINGS, jobs=1, folder=tmp_path)
     monkeypatch.undo()
     stopped = (tmp_path / STORE).read_bytes()
-    assert len(reproduce(replace(SETTINGS, n_markets=5), folder=tmp_path).runs) == 5
+    assert len(reproduce(SETTINGS.model_copy(update={"markets": 5}), folder=tmp_path).runs) == 5
     assert (tmp_path / BEFORE).read_bytes() == stopped
     assert "held an unfinished run of other settings" in caplog.text
     caplog.clear()
-    reproduce(SETTINGS, folder=tmp_path)
+    reproduce(SETTINGS, jobs=1, folder=tmp_path)
     assert (tmp_path / BEFORE).read_bytes() == stopped, "a finished one makes room"
     assert caplog.text == ""
 
@@ -345,27 +346,27 @@ def test_another_study_in_the_folder_is_left_alone(tmp_path: Path) -> None:
     run_study(Study.of(SMALL), tmp_path, limit=1)
     before = (tmp_path / STORE).read_bytes()
     with pytest.raises(InputError, match="holds another study, 'small'"):
-        reproduce(SETTINGS, folder=tmp_path)
+        reproduce(SETTINGS, jobs=1, folder=tmp_path)
     assert (tmp_path / STORE).read_bytes() == before
     os.truncate(tmp_path / STORE, 5000)
     with pytest.raises(InputError, match="damaged"):
-        reproduce(SETTINGS, folder=tmp_path)
+        reproduce(SETTINGS, jobs=1, folder=tmp_path)
 
 
 @pytest.mark.parametrize("folder", [None, "study"])
 def test_a_task_that_fails_is_an_error(folder: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     hopeless = MarketLaw(means=(0.5, 0.6))
-    rows = study_of(ReproductionSettings(n_jobs=1, law=hopeless, effort=EFFORT))
+    rows = Study.of(ReproductionSettings(law=hopeless, **EFFORT))
     place = None if folder is None else tmp_path / folder
     with pytest.raises(ModelError, match="1000 draws had no optimal cost above 0"):
         all_rows(rows, place)
 
-    def broken(self: MarketShop, task: object) -> dict[str, float]:
+    def broken(self: MarketRunner, task: object) -> dict[str, float]:
         raise ZeroDivisionError("oh")
 
-    monkeypatch.setattr(MarketShop, "figures", broken)
+    monkeypatch.setattr(MarketRunner, "figures", broken)
     with pytest.raises(Exception, match="unexpected ZeroDivisionError: oh"):
-        all_rows(study_of(SETTINGS), place)
+        all_rows(Study.of(SETTINGS), place)
 
 
 # ---- files ------------------------------------------------------------------------------------------

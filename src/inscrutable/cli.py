@@ -100,20 +100,18 @@ def reproduce(
             that works offline. The study behind them is kept in its folder "study": a run that was stopped goes on there
             when the same command is given again.
     """
-    from inscrutable.experiments.reproduction import Effort, ReproductionSettings, reproduce
+    from inscrutable.experiments.reproduction import ReproductionSettings, reproduce
     from inscrutable.reports.reproduction import claims_table, write_reproduction
 
-    effort = Effort(resolution=resolution, n_simulations=simulations)
-    settings = ReproductionSettings(
-        seed=seed, budget=budget, n_steps=steps, n_markets=markets, n_jobs=jobs, effort=effort
-    )
+    sizes: dict[str, Any] = {"markets": markets, "simulations": simulations, "steps": steps, "resolution": resolution}
+    settings = ReproductionSettings(seed=seed, budget=budget, **sizes)
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     with resumable(folder / STUDY, AGAIN):
         with speech.progress("Random markets") as move:
-            result = reproduce(settings, folder=folder / STUDY, again=was_told(folder), progress=move)
+            result = reproduce(settings, jobs=jobs, folder=folder / STUDY, again=was_told(folder), progress=move)
         speech.log("Drawing the figures")
-        files = [*write_reproduction(result, folder), *_write_report(result, folder, drawn=folder)]
+        files = [*write_reproduction(result, folder, jobs=jobs), *_write_report(result, folder, drawn=folder)]
         _replace(folder, "reproduce", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
@@ -442,7 +440,7 @@ def compare(
     from inscrutable.experiments.comparison_study import compared, comparison_study
     from inscrutable.reports.comparison import terminal_table, write_comparison
 
-    settings = ComparisonSettings(shares, unit)
+    settings = ComparisonSettings(budgets=shares, unit=unit)
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)

@@ -31,7 +31,7 @@ def budget_of(text: str) -> Budget:
     return Budget(_number(amount, "--budget"), kind != "regret")
 
 
-def budgets_of(text: str) -> tuple[str, tuple[float, ...]]:
+def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
     """Return the unit and the numbers of "0.05,0.1" (shares of |c*|), "silence:0.5,1" or "regret:0.002"."""
     kind, separator, amounts = text.rpartition(":")
     units = {"": "cost", "relative": "cost", "silence": "silence", "regret": "regret"}

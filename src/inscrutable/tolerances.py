@@ -186,6 +186,9 @@ CLAIM_ROUNDING = 1e-6
 """Differences of privacies, and of cost increases as shares of |c*|, below this count as none when the paper's claims
 are judged: HiGHS's feasibility times the largest regret over the optimal cost, and above the polish's accuracy."""
 
+NO_COST = 1e-9
+"""An expected regret below this share of the largest beside it is rounding: an optimal decision's, not the price of hiding."""
+
 CLIMB = 1e-8
 """A step that promises less privacy than this ends a climb in the plane: a hundredth of what a decision may lack."""
 

@@ -7,14 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.adversaries import BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
-from inscrutable.budgets import Budget
-from inscrutable.experiments.comparison_makers import Play, Setting
 from inscrutable.experiments.comparison_watchers import Learned, Watched, learned, watched
-from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
+from inscrutable.experiments.measures import value_of
+from inscrutable.experiments.observers import Observed
+from inscrutable.experiments.setting import Behaviour
 from inscrutable.mechanisms import Prior
-from inscrutable.mechanisms.joint import joint_law
-from inscrutable.privacy import detectability, leakage, repeated_leakage
+from inscrutable.privacy import leakage, repeated_leakage
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
@@ -103,63 +101,42 @@ class ComparisonRow(Saved):
 
 
 def measured(
-    setting: Setting,
-    name: str,
-    regret: float,
-    play: Play,
-    repeats: tuple[tuple[int, ...], int],
-    *,
-    rng: np.random.Generator,
+    name: str, observed: Observed, repeats: tuple[tuple[int, ...], int], *, rng: np.random.Generator
 ) -> ComparisonRow:
     """Return every measure of a mechanism; `repeats` are the numbers of repeated decisions and the sampled sequences."""
-    problem, prior, played = setting.problem, setting.prior, play.mechanism
-    joint = joint_law(played, prior)
-    told = leakage(played, prior, problem)
-    read = told if play.seen is None else leakage(play.seen(1), prior)
-    again = _repeated(prior, play, repeats, rng)
-    seen = detectability(played, prior, problem)
-    promise = Budget.regret(told.worst_regret) if play.promise is None else play.promise
-    near, aware_of_budget = (
-        guess_error(joint, guesses_of(each, played.actions, joint))
-        for each in (
-            NearOptimalAdversary(problem, regret, prior=prior),
-            BudgetAwareAdversary(problem, promise, prior=prior),
-        )
-    )
-    naive = guesses_of(NaiveAdversary(problem), played.actions, joint, seen.excuses)
-    naive_error = guess_error(joint, naive)
+    setting, behaviour = observed.setting, observed.behaviour
+    again = _repeated(setting.prior, behaviour, repeats, rng)
+    of_mechanism: dict[str, Any] = {each: value_of(observed, each) for each in _OF_MECHANISM}
+    readings = {
+        each: observed.read_by({"name": each}) for each in ("naive", "near-optimal", "budget-aware", "bayesian")
+    }
     over_time, of_cost = rng.spawn(2)
-    path = watched(setting, play, read.bayes_error, over_time)
-    learner = learned(setting, play, joint, naive_error, of_cost)
-    mean_cost = setting.mean_cost
+    path = watched(setting, behaviour, readings["bayesian"].error, over_time)
+    learner = learned(setting, behaviour, observed.joint, readings["naive"].error, of_cost)
     return ComparisonRow(
         maker=name,
-        budget=regret,
-        expected_regret=told.expected_regret,
-        worst_regret=told.worst_regret,
-        cost_share=told.expected_regret / mean_cost if mean_cost > 0 else float("nan"),
-        silence_share=told.silence_share,
-        naive_privacy=naive_privacy(problem, played.actions, joint),
-        naive_error=naive_error,
-        near_optimal_error=near,
-        budget_aware_error=aware_of_budget,
-        bayes_error=read.bayes_error,
-        least_error=read.least_error,
-        mutual_information=read.mutual_information,
-        min_entropy_leakage=read.min_entropy_leakage,
-        maximal_leakage=read.maximal_leakage,
-        naive_top_state=top_state_share(joint, naive),
-        top_state_accuracy=read.top_state_accuracy,
-        auc=seen.auc,
-        read_auc=seen.read_auc,
-        expected_gap=seen.expected_gap,
-        implausible_share=seen.implausible_share,
-        n_actions=told.n_actions,
-        strength=play.strength,
+        budget=observed.asked,
+        naive_error=readings["naive"].error,
+        near_optimal_error=readings["near-optimal"].error,
+        budget_aware_error=readings["budget-aware"].error,
+        bayes_error=readings["bayesian"].error,
+        least_error=observed.leakage.least_error,
+        naive_top_state=readings["naive"].top_state,
+        top_state_accuracy=readings["bayesian"].top_state,
+        auc=observed.detectability.auc,
+        n_actions=observed.played.n_actions,
+        strength=behaviour.strength,
+        **of_mechanism,
         **_prefixed("repeated", again),
         **_prefixed("path", path),
         **_prefixed("learned", learner),
     )
+
+
+_OF_MECHANISM = (
+    *("expected_regret", "worst_regret", "cost_share", "silence_share", "naive_privacy", "mutual_information"),
+    *("min_entropy_leakage", "maximal_leakage", "read_auc", "expected_gap", "implausible_share"),
+)
 
 
 def _prefixed(name: str, figures: _Repeated | Watched | Learned) -> dict[str, Any]:
@@ -175,12 +152,14 @@ class _Repeated(NamedTuple):
     top_state: Array
 
 
-def _repeated(prior: Prior, play: Play, repeats: tuple[tuple[int, ...], int], rng: np.random.Generator) -> _Repeated:
+def _repeated(
+    prior: Prior, behaviour: Behaviour, repeats: tuple[tuple[int, ...], int], rng: np.random.Generator
+) -> _Repeated:
     steps, n_draws = repeats
-    if play.seen is None:
-        found = repeated_leakage(play.mechanism, prior, steps, rng=rng, n_draws=n_draws)
+    if behaviour.memory is None:
+        found = repeated_leakage(behaviour.mechanism, prior, steps, rng=rng, n_draws=n_draws)
         return _Repeated(found.bayes_error, found.error_se, found.mutual_information, found.top_state_accuracy)
-    read = [leakage(play.seen(n), prior) for n in steps]
+    read = [leakage(behaviour.memory(n), prior) for n in steps]
     return _Repeated(
         np.array([each.bayes_error for each in read]),
         np.zeros(len(steps)),

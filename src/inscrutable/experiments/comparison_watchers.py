@@ -17,9 +17,9 @@ import numpy as np
 from scipy import sparse
 
 from inscrutable.adversaries import CostLearningAdversary, LearnedCost, NaiveAdversary, NearOptimalAdversary
-from inscrutable.experiments.comparison_makers import Play, Setting
-from inscrutable.experiments.comparison_paths import PAST
 from inscrutable.experiments.guesses import guess_error
+from inscrutable.experiments.memory_rules import PAST
+from inscrutable.experiments.setting import Behaviour, Setting
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.drawing import RowDraws
@@ -62,7 +62,7 @@ class Learned(NamedTuple):
     error: float = float("nan")
 
 
-def watched(setting: Setting, play: Play, bayes_error: float, rng: np.random.Generator) -> Watched:
+def watched(setting: Setting, behaviour: Behaviour, bayes_error: float, rng: np.random.Generator) -> Watched:
     """Return what is hidden from one who knows the rule and sees every decision of a path.
 
     `bayes_error` is that of one who knows the rule and sees the last decision alone: its mean over paths is known, so what
@@ -71,7 +71,7 @@ def watched(setting: Setting, play: Play, bayes_error: float, rng: np.random.Gen
     chain = setting.chain
     if chain is None:
         return Watched()
-    decided, n_late = (play.mechanism, 0) if play.seen is None else play.seen.decided
+    decided, n_late = (behaviour.mechanism, 0) if behaviour.memory is None else behaviour.memory.decided
     drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting, PATH_STEPS, N_PATHS), rng)
     over_time, alone, named = (
         each[PATH_STEPS // 2 :].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late)
@@ -123,19 +123,21 @@ def followed(
     return found, expected(alone / alone.sum(axis=1, keepdims=True))[place], named
 
 
-def learned(setting: Setting, play: Play, joint: Joint, naive_error: float, rng: np.random.Generator) -> Learned:
+def learned(
+    setting: Setting, behaviour: Behaviour, joint: Joint, naive_error: float, rng: np.random.Generator
+) -> Learned:
     """Return what one makes of a path of decisions, and of single ones then, who does not know the risk aversion."""
     problem = setting.problem
     if not isinstance(problem, MarkowitzProblem):
         return Learned()
-    found = learned_cost(problem, _published(setting, play, rng))
+    found = learned_cost(problem, _published(setting, behaviour, rng))
     low, high = found.interval
     holds = float(found.contains(problem.risk_aversion))
     if np.isnan(found.parameter):
         return Learned(holds=0.0)
     if found.is_identified and holds:
         return Learned(low, high, holds, naive_error)
-    return Learned(low, high, holds, guess_error(joint, _guesses(setting, play, joint, found.parameter)))
+    return Learned(low, high, holds, guess_error(joint, _guesses(setting, behaviour, joint, found.parameter)))
 
 
 def learned_cost(problem: MarkowitzProblem, actions: Array) -> LearnedCost:
@@ -146,14 +148,14 @@ def learned_cost(problem: MarkowitzProblem, actions: Array) -> LearnedCost:
     return adversary.learn(np.unique(actions, axis=0))
 
 
-def _guesses(setting: Setting, play: Play, joint: Joint, parameter: float) -> Array:
+def _guesses(setting: Setting, behaviour: Behaviour, joint: Joint, parameter: float) -> Array:
     """The naive observer's estimates (M,X) under a risk aversion; where nothing explains a decision, the belief of the prior
     under which it costs least."""
     true = setting.problem
     assert isinstance(true, MarkowitzProblem)
     problem = MarkowitzProblem(true.means, true.covariances, parameter, true.constraints)
     shown = np.flatnonzero(joint.played > 0)
-    points = np.asarray(play.mechanism.actions)[shown]
+    points = np.asarray(behaviour.mechanism.actions)[shown]
     read = NaiveAdversary(problem).estimates(points)
     lost = np.isnan(read[:, 0])
     if lost.any():
@@ -164,13 +166,13 @@ def _guesses(setting: Setting, play: Play, joint: Joint, parameter: float) -> Ar
     return found
 
 
-def _published(setting: Setting, play: Play, rng: np.random.Generator) -> Array:
+def _published(setting: Setting, behaviour: Behaviour, rng: np.random.Generator) -> Array:
     """The decisions (T,U) published along a path of the belief, by one who has decided for so long that the start is past."""
     path = _paths(setting, PAST + PATH_STEPS, 1)[:, 0]
-    if play.seen is not None:
-        return play.seen.published(path)[PAST:]
-    drawn = RowDraws(play.mechanism.sparse)(path[PAST:], rng)
-    return np.asarray(setting.problem.as_points(play.mechanism.actions)[drawn])
+    if behaviour.memory is not None:
+        return behaviour.memory.published(path)[PAST:]
+    drawn = RowDraws(behaviour.mechanism.sparse)(path[PAST:], rng)
+    return np.asarray(setting.problem.as_points(behaviour.mechanism.actions)[drawn])
 
 
 def _paths(setting: Setting, n_steps: int, n_paths: int) -> np.ndarray:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import (
@@ -29,6 +30,7 @@ from inscrutable.decision_makers import (
 from inscrutable.decision_makers.local_search import privacies_by_start
 from inscrutable.experiments.episodes import relative_increase
 from inscrutable.experiments.random_markets import MarketLaw, random_market
+from inscrutable.experiments.sections import AtLeastTwo, Count, PlanFile, Positive, Rising
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -37,38 +39,61 @@ PAPER, GLOBAL = "paper", "global"
 """The two variants: the paper's local CDM with the PDM's programme over an action grid, and the global ones on decoys."""
 
 CANDIDATE_KINDS = ("action grid", "random actions", "decoy grid")
+SIDES = 3
+"""The paper draws actions and beliefs as triangles."""
+
 COARSER = 4
 """The number-of-samples claim compares the resolution asked for with one this many times coarser."""
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What is done in every market, as plain numbers.
+class ReproductionSettings(PlanFile):
+    """What `reproduce` does; the defaults are the paper's numbers, and documented choices where it gives none.
 
     Args:
-        law: How the market is drawn.
-        budget: c_b, a share of |c*|.
-        resolution: Of the action grid and of the decoy grid; 40 gives the paper-sized M = 861.
-        n_steps: Beliefs per market.
-        budgets: Shares of |c*| of the trade-off, rising.
-        starts: Numbers of random starts that are compared, rising, the first one 1.
-        sample_resolutions: Resolutions r of the number-of-samples study; each gives M = C(r+X−1, X−1).
+        seed: Whole number of at least 0; every market has a child seed of its own, whatever the number of processes.
+        budget: c_b, a share of |c*|, above 0.
+        markets: Markets over which the claims are judged, at least 2.
+        simulations: Markets behind the mean of the trade-off and of the number of samples, at least 2.
+        market_steps: Beliefs per market, at least 2.
+        steps: Steps of the market that is drawn, at least 2.
+        resolution: Of the action grid and the decoy grid, at least 2; 40 gives M = 861.
+        budgets: Shares of |c*| of the trade-off, rising, above 0, at least two.
+        starts: Numbers of random starts of the local solver to compare, rising from 1, at least two.
+        sample_resolutions: Resolutions r of the number-of-samples study, rising; M = (r + 1)(r + 2)/2.
+        law: How markets are drawn; three regimes and three assets, because both spaces are drawn as triangles.
+
+    Raises:
+        InputError: A number is out of its range.
+
+    Source: the paper, Section V-A.
+
+    Example:
+        >>> ReproductionSettings().resolution
+        40
     """
 
-    law: MarketLaw
-    budget: float
-    resolution: int
-    n_steps: int
-    budgets: tuple[float, ...]
-    starts: tuple[int, ...]
-    sample_resolutions: tuple[int, ...]
+    kind: Literal["reproduction"] = "reproduction"
+    name: Annotated[str, Field(min_length=1)] = "the paper's numerical section"
+    budget: Positive = 0.1
+    markets: AtLeastTwo = 100
+    simulations: AtLeastTwo = 20
+    market_steps: AtLeastTwo = 3
+    steps: AtLeastTwo = 30
+    resolution: AtLeastTwo = 40
+    budgets: Annotated[Rising[Positive], Field(min_length=2)] = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+    starts: Annotated[Rising[Count], Field(min_length=2)] = (1, 5, 20)
+    sample_resolutions: Annotated[Rising[Count], Field(min_length=1)] = (5, 10, 20, 40, 80)
+    law: MarketLaw = MarketLaw()
 
-
-class Makers(NamedTuple):
-    """The two decision makers that hide."""
-
-    cdm: CounterAdversarialDecisionMaker
-    pdm: ProbabilisticDecisionMaker
+    @model_validator(mode="after")
+    def _fits_the_pictures(self) -> Self:
+        if self.starts[0] != 1:
+            raise ValueError(f"starts should begin with 1, the paper's, got {self.starts}")
+        if (self.law.regimes, self.law.assets) != (SIDES, SIDES):
+            raise ValueError(
+                f"the pictures need 3 regimes and 3 assets, the law has {self.law.regimes} and {self.law.assets}"
+            )
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,50 +160,53 @@ class MarketRun:
     samples: Mapping[str, Array] | None
 
 
-def decision_makers(problem: DecisionProblem, plan: Plan, variant: str, rng: np.random.Generator) -> Makers:
+def decision_makers(
+    problem: DecisionProblem, settings: ReproductionSettings, variant: str, rng: np.random.Generator
+) -> tuple[CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker]:
     """Return the CDM and PDM of one variant; the local solver draws its starts from `rng`."""
+    budget = settings.budget
     if variant == PAPER:
-        grid = action_grid(problem, plan.resolution)
-        return Makers(
-            CounterAdversarialDecisionMaker(problem, budget=plan.budget, method=LocalSearch(1, rng)),
-            ProbabilisticDecisionMaker(problem, budget=plan.budget, candidates=grid, method=LinearProgramme()),
+        grid = action_grid(problem, settings.resolution)
+        return (
+            CounterAdversarialDecisionMaker(problem, budget=budget, method=LocalSearch(1, rng)),
+            ProbabilisticDecisionMaker(problem, budget=budget, candidates=grid, method=LinearProgramme()),
         )
-    decoys = decoy_grid(problem, plan.resolution)
-    return Makers(
-        CounterAdversarialDecisionMaker(problem, budget=plan.budget, candidates=decoys),
-        ProbabilisticDecisionMaker(problem, budget=plan.budget, candidates=decoys, method=Envelope()),
+    decoys = decoy_grid(problem, settings.resolution)
+    return (
+        CounterAdversarialDecisionMaker(problem, budget=budget, candidates=decoys),
+        ProbabilisticDecisionMaker(problem, budget=budget, candidates=decoys, method=Envelope()),
     )
 
 
-def run_market(plan: Plan, seed: np.random.SeedSequence, count_samples: bool) -> MarketRun:
+def run_market(settings: ReproductionSettings, seed: np.random.SeedSequence, count_samples: bool) -> MarketRun:
     """Return the record of one market drawn, walked and decided with the children of `seed`."""
     draw, path, local, lottery, sampled = (np.random.default_rng(child) for child in seed.spawn(5))
-    market = random_market(plan.law, rng=draw)
-    problem, beliefs = market.problem, market.beliefs(plan.n_steps, rng=path)
-    makers = {name: decision_makers(problem, plan, name, local) for name in (PAPER, GLOBAL)}
-    single = {name: pair.cdm.decide_many(beliefs) for name, pair in makers.items()}
+    market = random_market(settings.law, rng=draw)
+    problem, beliefs = market.problem, market.beliefs(settings.market_steps, rng=path)
+    makers = {name: decision_makers(problem, settings, name, local) for name in (PAPER, GLOBAL)}
+    single = {name: cdm.decide_many(beliefs) for name, (cdm, _) in makers.items()}
     variants = {}
-    for name, pair in makers.items():
+    for name, (_, pdm) in makers.items():
         grid = action_grid if name == PAPER else decoy_grid
-        fine = _frontiers(problem, beliefs, pair.pdm.candidates)
-        coarse = _frontiers(problem, beliefs, grid(problem, max(1, plan.resolution // COARSER)))
-        mixed = _at_budget(fine, plan.budget)
-        searched = _searched_curve(problem, single[PAPER][0], beliefs[:1], plan, local) if name == PAPER else None
+        fine = _frontiers(problem, beliefs, pdm.candidates)
+        coarse = _frontiers(problem, beliefs, grid(problem, max(1, settings.resolution // COARSER)))
+        mixed = _at_budget(fine, settings.budget)
+        searched = _searched_curve(problem, single[PAPER][0], beliefs[:1], settings, local) if name == PAPER else None
         variants[name] = VariantRun(
             _played(single[name]),
-            _lottery(pair.pdm.decide_many(beliefs), lottery),
-            _single_curve(fine[0], plan.budgets) if searched is None else searched,
-            _mixed_curve(fine[0], plan.budgets),
-            mixed - np.array([_single_curve(each, (plan.budget,)).privacy[0] for each in fine]),
-            mixed - _at_budget(coarse, plan.budget),
+            _lottery(pdm.decide_many(beliefs), lottery),
+            _single_curve(fine[0], settings.budgets) if searched is None else searched,
+            _mixed_curve(fine[0], settings.budgets),
+            mixed - np.array([_single_curve(each, (settings.budget,)).privacy[0] for each in fine]),
+            mixed - _at_budget(coarse, settings.budget),
         )
     return MarketRun(
-        plan.budget,
-        plan.budgets,
+        settings.budget,
+        settings.budgets,
         _played(OriginalDecisionMaker(problem).decide_many(beliefs)),
         variants,
-        _best_of_starts(problem, beliefs[0], plan, float(single[PAPER].privacy[0]), local),
-        privacy_by_samples(problem, beliefs[0], plan, rng=sampled) if count_samples else None,
+        _best_of_starts(problem, beliefs[0], settings, float(single[PAPER].privacy[0]), local),
+        privacy_by_samples(problem, beliefs[0], settings, rng=sampled) if count_samples else None,
     )
 
 
@@ -187,30 +215,30 @@ def _local(problem: DecisionProblem, beliefs: Array, share: float, rng: np.rando
 
 
 def _best_of_starts(
-    problem: DecisionProblem, belief: Array, plan: Plan, first: float, rng: np.random.Generator
+    problem: DecisionProblem, belief: Array, settings: ReproductionSettings, first: float, rng: np.random.Generator
 ) -> Array:
     """A search from n starts is the best of n searches from one: the first is known, the others follow it."""
     found = np.array([first])
-    if max(plan.starts) > 1:
-        limit = Budget.relative(plan.budget).limit(float(problem.optimal_cost(belief)))
-        others = LocalSearch(max(plan.starts) - 1, rng)
+    if max(settings.starts) > 1:
+        limit = Budget.relative(settings.budget).limit(float(problem.optimal_cost(belief)))
+        others = LocalSearch(max(settings.starts) - 1, rng)
         reached = privacies_by_start(problem, belief, MaximalObfuscation(), limit, others)
         # Without a start the optimal decision is played, which hides nothing.
         found = np.concatenate([found, np.maximum(reached, 0.0)])
-    return np.asarray(np.maximum.accumulate(found)[np.array(plan.starts) - 1])
+    return np.asarray(np.maximum.accumulate(found)[np.array(settings.starts) - 1])
 
 
 def privacy_by_samples(
-    problem: DecisionProblem, belief: Array, plan: Plan, *, rng: np.random.Generator
+    problem: DecisionProblem, belief: Array, settings: ReproductionSettings, *, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """Return the PDM's expected privacy (K,) by kind of candidates, for every resolution of the plan."""
+    """Return the PDM's expected privacy (K,) by kind of candidates, for every resolution of the settings."""
     values: dict[str, list[float]] = {kind: [] for kind in CANDIDATE_KINDS}
-    for resolution in plan.sample_resolutions:
+    for resolution in settings.sample_resolutions:
         grid = action_grid(problem, resolution)
         sets = (grid, random_candidates(problem, len(grid), rng=rng), decoy_grid(problem, resolution))
         for kind, candidates in zip(CANDIDATE_KINDS, sets, strict=True):
             found = _frontiers(problem, belief[None], candidates)
-            values[kind].append(float(_at_budget(found, plan.budget)[0]))
+            values[kind].append(float(_at_budget(found, settings.budget)[0]))
     return {kind: np.array(each) for kind, each in values.items()}
 
 
@@ -240,10 +268,10 @@ def _mixed_curve(frontier: Frontier, shares: tuple[float, ...]) -> BudgetCurve:
 
 
 def _searched_curve(
-    problem: DecisionProblem, known: Decision, first: Array, plan: Plan, rng: np.random.Generator
+    problem: DecisionProblem, known: Decision, first: Array, settings: ReproductionSettings, rng: np.random.Generator
 ) -> BudgetCurve:
     """The local solver anew at every budget; at c_b what it has already found."""
-    found = [known if share == plan.budget else _local(problem, first, share, rng)[0] for share in plan.budgets]
+    found = [known if share == settings.budget else _local(problem, first, share, rng)[0] for share in settings.budgets]
     costs, optimal = (np.array([getattr(each, name) for each in found]) for name in ("cost", "optimal_cost"))
     return BudgetCurve(np.array([each.privacy for each in found]), relative_increase(costs - optimal, optimal))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -13,10 +13,11 @@ import pandas as pd
 
 from inscrutable import __version__
 from inscrutable.datasets import output_folder, write_json, write_table
-from inscrutable.experiments.comparison import Comparison
-from inscrutable.experiments.comparison_makers import SAME_SPENDING
+from inscrutable.experiments.calibrated import SAME_SPENDING
+from inscrutable.experiments.comparison import COMPARED, Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.experiments.comparison_watchers import GAMMA_RANGE, N_PATHS, PATH_STEPS
+from inscrutable.experiments.makers import MAKERS
 from inscrutable.files import whole_file
 from inscrutable.reports.comparison_plots import draw_comparison
 
@@ -169,26 +170,15 @@ def _columns_told(comparison: Comparison) -> list[str]:
     ]
 
 
-_WAYS = {
-    "ODM": "the optimal decision, nothing hidden",
-    "CDM": "the most private affordable decision (counter-adversarial), polished",
-    "PDM": "a lottery of two with the most private mean (probabilistic counter-adversarial), polished",
-    "CDM, candidates only": "the same among the candidates alone, so that several beliefs share a decision",
-    "PDM, candidates only": "likewise",
-    "rate-distortion": "least information on average over the prior",
-    "Stackelberg": "largest error of the aware observer, with a budget per belief",
-    "uniform": "any affordable candidate, equally likely",
-    "exponential": "candidates, the likelier the cheaper",
-    "coin": "the optimal decision, or always the same one",
-    "Dirichlet noise": "noisy weights",
-    "rounding": "weights in whole steps, the coarsest affordable",
-}
-"""The ways of hiding in a few words each."""
-
-
 def _who_is_who(comparison: Comparison) -> str:
-    told = [f"{name}: {_WAYS[name]}" for name in comparison.makers if name in _WAYS]
+    told = [f"{name}: {_text_of(COMPARED[name])}" for name in comparison.makers if name in COMPARED]
     return f"Decision makers. {'; '.join(told)}." if told else "Decision makers: as the caller named them."
+
+
+def _text_of(chosen: Mapping[str, Any]) -> str:
+    """What the registry says of a decision maker."""
+    text = (MAKERS[chosen["name"]].__doc__ or "").partition("\n")[0].rstrip(".")
+    return text[0].lower() + text[1:] + (", here among the candidates alone" if "method" in chosen else "")
 
 
 def _on_paths(comparison: Comparison) -> list[str]:

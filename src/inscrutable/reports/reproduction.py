@@ -13,7 +13,7 @@ import pandas as pd
 from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.experiments.claims import Finding, JudgedClaim
 from inscrutable.experiments.episodes import Episode
-from inscrutable.experiments.reproduction import Reproduction, ReproductionSettings
+from inscrutable.experiments.reproduction import Reproduction
 from inscrutable.experiments.studies.executors import renewed_quietly
 from inscrutable.reports.simplex_plots import plot_actions, plot_beliefs
 from inscrutable.reports.style import COLUMN_WIDTH, drawing, save_figure
@@ -24,12 +24,13 @@ _TRIANGLE_HEIGHT = 3.3
 _CHART_HEIGHT = 2.5
 
 
-def write_reproduction(result: Reproduction, folder: str | os.PathLike[str]) -> list[Path]:
+def write_reproduction(result: Reproduction, folder: str | os.PathLike[str], *, jobs: int = -1) -> list[Path]:
     """Write the figures, the claims and the summary of a reproduction.
 
     Args:
         result: What `reproduce` returned.
         folder: Where to; created where needed, files of the same names are replaced.
+        jobs: Processes that draw; −1 is one per core.
 
     Returns:
         The paths written: per variant ("paper_", "global_") actions, beliefs, privacy, costs and tradeoff, then
@@ -38,14 +39,14 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str]) -> 
     Raises:
         InputError: The folder or a file cannot be written.
 
-    Cost: two or three seconds of one core, for the pictures; they are drawn by as many processes as the study had.
+    Cost: two or three seconds of one core, for the pictures.
     """
     from joblib import Parallel, delayed
 
     place = output_folder(folder)
     tasks = [delayed(draw_variant)(result, variant, place) for variant in result.episodes]
     with renewed_quietly():  # the processes are those that did the markets, and have grown
-        drawn = Parallel(n_jobs=result.settings.n_jobs)([*tasks, delayed(draw_convergence)(result, place)])
+        drawn = Parallel(n_jobs=jobs)([*tasks, delayed(draw_convergence)(result, place)])
     written = [path for paths in drawn for path in paths]
     write_table(claims_frame(result), place / "claims.csv")
     write_json(summary_of(result), place / "summary.json")
@@ -77,7 +78,7 @@ def draw_variant(result: Reproduction, variant: str, folder: Path) -> list[Path]
         plot_costs(axes, hiding, budget=result.settings.budget)
         written += save_figure(figure, folder, f"{variant}_costs")
     with drawing(COLUMN_WIDTH, _CHART_HEIGHT) as (figure, axes):
-        plot_tradeoff(axes, result.settings.effort.budgets, result.trade_off(variant))
+        plot_tradeoff(axes, result.settings.budgets, result.trade_off(variant))
         written += save_figure(figure, folder, f"{variant}_tradeoff")
     return written
 
@@ -120,7 +121,7 @@ def claims_frame(result: Reproduction) -> pd.DataFrame:
 def summary_of(result: Reproduction) -> dict[str, Any]:
     """Return every number behind the figures and the claims as plain data; the number of jobs leaves no trace."""
     return {
-        "settings": _settings(result.settings),
+        "settings": result.settings.model_dump(),
         "market": {
             "means": result.market.problem.means,
             "covariances": result.market.problem.covariances,
@@ -155,11 +156,6 @@ def _in_words(found: Finding) -> str:
     error = "" if np.isnan(found.standard_error) else f" ± {found.standard_error:.3f}"
     # Adding zero keeps a rounded −0 from being written.
     return f"{round(found.measured, 3) + 0.0:.3f}{error}, {found.share:.0%} of markets"
-
-
-def _settings(settings: ReproductionSettings) -> dict[str, Any]:
-    kept = ("seed", "budget", "n_steps", "n_markets", "law", "effort")
-    return {name: getattr(settings, name) for name in kept}
 
 
 def _variant(result: Reproduction, variant: str) -> dict[str, Any]:

@@ -17,15 +17,7 @@ from itertools import islice
 from typing import Any
 
 from inscrutable.errors import InputError, SolverError
-from inscrutable.experiments.studies.workshop import (
-    FAILED,
-    Done,
-    Row,
-    Work,
-    chunk_of_rows,
-    done_of,
-    workshop,
-)
+from inscrutable.experiments.studies.tasks import FAILED, Row, Work, chunk_of_rows, rows_one_by_one, runner_of
 
 Keep = Callable[[list[Row]], None]
 """Takes rows for good."""
@@ -71,18 +63,18 @@ class Chunks:
 
 def serial(work: Work, numbers: Iterable[int], keep: Keep) -> None:
     """Do tasks in this process; what is done when Ctrl-C comes is kept."""
-    batch: list[Done] = []
+    batch: list[Row] = []
     kept_at = time.monotonic()
     try:
-        for each in done_of(work, numbers):
-            batch.append(each)
+        for row in rows_one_by_one(work, numbers):
+            batch.append(row)
             if time.monotonic() - kept_at >= _SECONDS:
                 ready, batch = batch, []
-                keep(workshop(work).rows(ready))
+                keep(ready)
                 kept_at = time.monotonic()
     finally:
         if batch:
-            keep(workshop(work).rows(batch))
+            keep(batch)
 
 
 def in_processes(jobs: int) -> Executor:
@@ -320,6 +312,6 @@ def _through_dask(client: Any, work: Work, chunks: Chunks, keep: Keep) -> None:
 
 def lost_row(work: Work, number: int) -> Row:
     """Return the row of a task that took its workers down with it."""
-    shop = workshop(work)
+    runner = runner_of(work)
     error = "SolverError: the workers doing this task were lost each time (killed, or out of memory)"
-    return shop.rows([Done(shop.grid.task(number), FAILED, {}, 0.0, error)])[0]
+    return runner.row_of(runner.grid.task(number), FAILED, {}, 0.0, error)

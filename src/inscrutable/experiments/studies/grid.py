@@ -1,47 +1,24 @@
-"""The tasks of a study: every combination of what its lists hold, each with an identity and random streams of its own.
-
-An identity is a hash of the task's parameters, so neither it nor any draw depends on the order of tasks, on the number of
-processes or machines, or on what else the study holds.
-"""
+"""The tasks of a grid: every combination of what its lists hold, each with an identity and random streams of its own."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from hashlib import sha256
 from itertools import product
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from inscrutable.experiments.studies.layout import BudgetSection, FittedWorldSection, GivenWorld, Section, StudyFile
+from inscrutable.experiments.makers import MAKERS
+from inscrutable.experiments.sections import Section
+from inscrutable.experiments.studies.layout import BudgetSection, FittedWorldSection, GivenWorld, StudyFile
+from inscrutable.experiments.studies.tasks import Task, canonical, identity
 
 PER_MARKET = ("world", "problem", "beliefs", "candidates", "repeat")
 """What tasks on one and the same market, with the same candidates, have in common."""
 
-_PARAMETER_OF = {
-    "exponential": "epsilon",
-    "Dirichlet noise": "concentration",
-    "coin": "probability",
-    "rounding": "step",
-}
-"""Decision makers with a parameter instead of a budget: where it is given they take no budget."""
-
-_SPENDS_NOTHING = ("ODM",)
-_HASH_CHARACTERS = 32
 _WORD = 8  # hexadecimal characters of a 32-bit word
-
-
-def canonical(value: Any) -> str:
-    """Return plain data as the one JSON text that stands for it: sorted keys, no blanks, floats in full."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
-
-
-def identity(text: str) -> str:
-    """Return the hash that stands for a text."""
-    return sha256(text.encode("ascii")).hexdigest()[:_HASH_CHARACTERS]
 
 
 @dataclass(frozen=True)
@@ -57,45 +34,7 @@ class Variant:
         return cls(data, canonical(data))
 
 
-@dataclass(frozen=True)
-class Task:
-    """One row of a study: where it stands in the grid, what it is, and its identity.
-
-    Args:
-        number: Its place in the order of the grid, from 0.
-        places: The place of each part's choice.
-        text: Its parameters as canonical JSON.
-    """
-
-    number: int
-    places: tuple[int, ...]
-    text: str
-
-    @property
-    def key(self) -> str:
-        """Its identity: a hash of its parameters."""
-        return identity(self.text)
-
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """Its parameters as plain data."""
-        found: dict[str, Any] = json.loads(self.text)
-        return found
-
-
-class TaskGrid(Protocol):
-    """The tasks of a study of any kind."""
-
-    def __len__(self) -> int: ...
-
-    def task(self, number: int) -> Task:
-        """Return a task by its place."""
-
-    def task_seed(self, task: Task) -> np.random.SeedSequence:
-        """Return the child seed of a task."""
-
-
-class Plays(Sequence[tuple[Variant, Variant]]):
+class MakersAtBudgets(Sequence[tuple[Variant, Variant]]):
     """Decision makers with the budgets they take, one after another."""
 
     def __init__(self, makers: Sequence[Variant], budgets: Sequence[Variant]) -> None:
@@ -113,8 +52,7 @@ class Plays(Sequence[tuple[Variant, Variant]]):
 
 def _takes_budget(maker: Variant) -> bool:
     assert maker.data is not None
-    name = maker.data["name"]
-    return name not in _SPENDS_NOTHING and _PARAMETER_OF.get(name) not in maker.data
+    return MAKERS[maker.data["name"]].takes_budget(maker.data)
 
 
 class StudyGrid:
@@ -131,7 +69,7 @@ class StudyGrid:
         self.problems = variants(study.problem)
         self.beliefs = variants(study.beliefs)
         self.candidates = variants(study.candidates)
-        self.plays = Plays(_joined(study.decision_makers), _budgets(study.budgets))
+        self.plays = MakersAtBudgets(_joined(study.decision_makers), _budgets(study.budgets))
         self.adversaries = _joined(study.adversaries)
 
     @cached_property
@@ -211,7 +149,7 @@ def variants(section: Section) -> list[Variant]:
     return list({canonical(each): Variant.of(each) for each in found}.values())
 
 
-_FIXED = ("wind_buses", "wind_capacities")  # lists that are one value
+_FIXED = ("wind_buses", "wind_capacities", "means", "volatilities")  # lists that are one value
 
 
 def _plain(value: Any) -> Any:

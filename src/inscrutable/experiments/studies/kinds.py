@@ -5,64 +5,22 @@ A file names its kind; it can name none but these, so that a study file stays pl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from inscrutable.experiments.studies.grid import StudyGrid, TaskGrid
-from inscrutable.experiments.studies.layout import FittedWorldSection, PlanFile, StudyFile
-from inscrutable.experiments.studies.markets import fitted_world, hash_of_data, training_of
-from inscrutable.experiments.studies.tables import plain_table, table_of
-from inscrutable.experiments.studies.workshop import Row, Shop, Work, Workshop
-
-OTHER_KINDS = ("reproduction", "comparison")
-"""Names that the key `kind` of a file may hold; a file without it is a grid."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """One kind of study.
-
-    Args:
-        layout: Its file.
-        grid: Returns the tasks, from the file and the hash of its data.
-        shop: Does them.
-        data_hash: Returns the hash of the data that a file names, from the file and its folder; None without any.
-        prepared: Returns what is computed once for all processes, as plain data, from the file and its folder.
-        table: Returns rows as a table.
-        check: Raises what is wrong with the data that a file names, from the file and its folder.
-    """
-
-    layout: type[PlanFile]
-    grid: Callable[[Any, str | None], TaskGrid]
-    shop: Callable[[Work], Shop]
-    data_hash: Callable[[Any, Path], str | None] = lambda plan, base: None
-    prepared: Callable[[Any, Path, TaskGrid], list[dict[str, Any]]] = lambda plan, base, grid: []
-    table: Callable[[TaskGrid, Iterable[Row], bool], pd.DataFrame] = lambda grid, rows, durations: plain_table(
-        rows, durations=durations
-    )
-    check: Callable[[Any, Path], None] = lambda plan, base: None
-
-
-def kind_named(name: str | None) -> Kind:
-    """Return a kind by the name in a file; None, where a file has none, is a grid."""
-    if name == "reproduction":
-        from inscrutable.experiments.reproduction_study import REPRODUCTION
-
-        return REPRODUCTION
-    if name == "comparison":
-        from inscrutable.experiments.comparison_study import COMPARISON
-
-        return COMPARISON
-    return GRID
-
-
-def kind_of(plan: PlanFile) -> Kind:
-    """Return the kind of a study's file."""
-    return kind_named(getattr(plan, "kind", None))
+from inscrutable.experiments.sections import PlanFile
+from inscrutable.experiments.studies.comparison_tasks import COMPARISON
+from inscrutable.experiments.studies.grid import StudyGrid
+from inscrutable.experiments.studies.grid_tasks import GridRunner
+from inscrutable.experiments.studies.kind import Kind
+from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
+from inscrutable.experiments.studies.reproduction_tasks import REPRODUCTION
+from inscrutable.experiments.studies.tables import table_of
+from inscrutable.experiments.studies.tasks import Row, TaskGrid
+from inscrutable.experiments.studies.worlds import fitted_world, hash_of_data, training_of
 
 
 def _hash(plan: StudyFile, base: Path) -> str | None:
@@ -92,5 +50,18 @@ def _table(grid: TaskGrid, rows: Iterable[Row], durations: bool) -> pd.DataFrame
     return table_of(grid, rows, durations=durations)
 
 
-GRID = Kind(StudyFile, StudyGrid, Workshop, _hash, _fitted, _table, _check)
+GRID = Kind(StudyFile, StudyGrid, GridRunner, _hash, _fitted, _table, _check)
 """Every combination of what a file's lists hold."""
+
+OTHER_KINDS: Mapping[str, Kind] = {"reproduction": REPRODUCTION, "comparison": COMPARISON}
+"""What the key `kind` of a file may hold; a file without it is a grid."""
+
+
+def kind_named(name: str | None) -> Kind:
+    """Return a kind by the name in a file; None, where a file has none, is a grid."""
+    return OTHER_KINDS.get(name or "", GRID)
+
+
+def kind_of(plan: PlanFile) -> Kind:
+    """Return the kind of a study's file."""
+    return kind_named(getattr(plan, "kind", None))

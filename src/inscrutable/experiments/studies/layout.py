@@ -6,30 +6,27 @@ with the lists of other keys.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-_Entry = TypeVar("_Entry")
-_Hiding = TypeVar("_Hiding", bound="CounterAdversarial | Probabilistic")
-
-
-def _listed(value: Any) -> Any:
-    """A list as a tuple, and anything else as a tuple of one."""
-    return tuple(value) if isinstance(value, list) else value if isinstance(value, tuple) else (value,)
-
-
-def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    for place, value in enumerate(values):
-        if value in values[:place]:
-            raise ValueError(f"{value!r} stands twice")
-    return values
-
-
-def _ascending(pair: list[float]) -> list[float]:
-    if pair[0] > pair[1]:
-        raise ValueError("should be a lowest and a highest value")
-    return pair
+from inscrutable.experiments import makers, observers
+from inscrutable.experiments.measures import MEASURES
+from inscrutable.experiments.sections import (
+    AtLeastTwo,
+    Count,
+    Grid,
+    Likely,
+    Matrix,
+    NonNegative,
+    Pair,
+    PlanFile,
+    Positive,
+    PositivePair,
+    Probability,
+    Section,
+    Several,
+)
 
 
 def _named(value: Any) -> Any:
@@ -39,29 +36,6 @@ def _named(value: Any) -> Any:
 
 def _markowitz_unless_told(value: Any) -> Any:
     return {"kind": "markowitz", **value} if isinstance(value, dict) else value
-
-
-Grid = Annotated[
-    tuple[_Entry, ...], BeforeValidator(_listed), Field(min_length=1, strict=False), AfterValidator(_distinct)
-]
-"""One value, or a list of different ones to run the study for."""
-
-Several = Annotated[tuple[_Entry, ...], BeforeValidator(_listed), Field(min_length=1, strict=False)]
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Probability = Annotated[float, Field(ge=0, le=1)]
-Likely = Annotated[float, Field(gt=0, le=1)]
-Count = Annotated[int, Field(ge=1)]
-Pair = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_ascending)]
-PositivePair = Annotated[list[Positive], Field(min_length=2, max_length=2), AfterValidator(_ascending)]
-Matrix = list[list[float]]
-Goal = Literal["maximal", "reversed", "non-existence", "non-uniqueness", "infeasibility"]
-
-
-class Section(BaseModel):
-    """Part of a study file: no key but the known ones, and no text where a number belongs."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
 
 
 class GivenWorld(Section):
@@ -77,10 +51,10 @@ class RandomWorld(Section):
     """Markets drawn as in the paper, from the law `experiments.random_markets.MarketLaw`."""
 
     kind: Literal["random"]
-    regimes: Grid[Annotated[int, Field(ge=2)]] = (3,)
-    assets: Grid[Annotated[int, Field(ge=2)]] = (3,)
-    means: Pair = Field(default_factory=lambda: [-0.01, 0.02])
-    volatilities: PositivePair = Field(default_factory=lambda: [0.04, 0.12])
+    regimes: Grid[AtLeastTwo] = (3,)
+    assets: Grid[AtLeastTwo] = (3,)
+    means: Pair = (-0.01, 0.02)
+    volatilities: PositivePair = (0.04, 0.12)
     persistence: Grid[Likely] = (0.8,)
     sensor: Grid[Literal["categorical", "gaussian"]] = ("categorical",)
     accuracy: Grid[Likely] = (0.7,)
@@ -92,7 +66,7 @@ class FittedWorldSection(Section):
     kind: Literal["fitted"]
     data: str = "industries"
     prices: bool = False
-    regimes: Grid[Annotated[int, Field(ge=2)]] = (3,)
+    regimes: Grid[AtLeastTwo] = (3,)
     train_until: str | None = None
     restarts: Count | None = None
 
@@ -143,149 +117,31 @@ class CandidateSection(Section):
     resolution: Grid[Count] | None = None
 
 
-class Original(Section):
-    """The original decision maker."""
-
-    name: Literal["ODM"]
-
-
-def _candidates_seek_distance(section: _Hiding) -> _Hiding:
-    if "candidates" in section.method and section.goal != ("maximal",):
-        raise ValueError('the method "candidates" knows the goal "maximal" alone')
-    return section
-
-
-class CounterAdversarial(Section):
-    """The most private decision that is affordable: searched globally, among candidates alone, or by the paper's solver."""
-
-    name: Literal["CDM"]
-    goal: Grid[Goal] = ("maximal",)
-    method: Grid[Literal["global", "candidates", "local"]] = ("global",)
-    starts: Grid[Count] = (1,)
-    _knows = model_validator(mode="after")(_candidates_seek_distance)
-
-
-class Probabilistic(Section):
-    """The most private lottery that is affordable in expectation, over all decisions or over candidates alone."""
-
-    name: Literal["PDM"]
-    goal: Grid[Goal] = ("maximal",)
-    method: Grid[Literal["global", "candidates"]] = ("global",)
-    _knows = model_validator(mode="after")(_candidates_seek_distance)
-
-
-class Uniform(Section):
-    """One of the affordable candidates, all equally likely."""
-
-    name: Literal["uniform"]
-
-
-class Exponential(Section):
-    """The exponential mechanism; without epsilon it is made to spend the budget."""
-
-    name: Literal["exponential"]
-    epsilon: Grid[NonNegative] | None = None
-
-
-class Dirichlet(Section):
-    """Dirichlet noise; without a concentration it is made to spend the budget."""
-
-    name: Literal["Dirichlet noise"]
-    concentration: Grid[Positive] | None = None
-    draws: Count = 1000
-
-
-class Coin(Section):
-    """The best constant decision with some probability, which else is what spends the budget."""
-
-    name: Literal["coin"]
-    probability: Grid[Probability] | None = None
-
-
-class Rounding(Section):
-    """The optimal decision in steps, which else are those that spend the budget."""
-
-    name: Literal["rounding"]
-    step: Grid[Positive] | None = None
-
-
-class RateDistortion(Section):
-    """The mechanism of least mutual information at an expected regret."""
-
-    name: Literal["rate-distortion"]
-
-
-class Stackelberg(Section):
-    """The mechanism that leaves one who knows it the largest error, with a budget per belief; `gap` is the proof's."""
-
-    name: Literal["Stackelberg"]
-    gap: Grid[Annotated[float, Field(gt=0, lt=1)]] | None = None
-
-
-class Naive(Section):
-    """Takes every decision for optimal."""
-
-    name: Literal["naive"]
-
-
-class NearOptimal(Section):
-    """Allows for a regret, which else is the one the decision maker spends; knows the law of beliefs."""
-
-    name: Literal["near-optimal"]
-    regret: Grid[NonNegative] | None = None
-
-
-class BudgetAware(Section):
-    """Knows the largest regret that any decision has; knows the law of beliefs."""
-
-    name: Literal["budget-aware"]
-
-
-class Bayesian(Section):
-    """Knows the mechanism and the law of beliefs."""
-
-    name: Literal["bayesian"]
-
-
 World = Annotated[GivenWorld | RandomWorld | FittedWorldSection, Field(discriminator="kind")]
 Problem = Annotated[
     Annotated[MarkowitzSection | DispatchSection, Field(discriminator="kind")], BeforeValidator(_markowitz_unless_told)
 ]
 Beliefs = Annotated[GridBeliefs | StationaryBeliefs | PathBeliefs, Field(discriminator="kind")]
 MakerSection = (
-    Original
-    | CounterAdversarial
-    | Probabilistic
-    | Uniform
-    | Exponential
-    | Dirichlet
-    | Coin
-    | Rounding
-    | RateDistortion
-    | Stackelberg
+    makers.Original
+    | makers.CounterAdversarial
+    | makers.Probabilistic
+    | makers.Uniform
+    | makers.Exponential
+    | makers.Dirichlet
+    | makers.Coin
+    | makers.Rounding
+    | makers.RateDistortion
+    | makers.Stackelberg
 )
+"""Those that decide on single beliefs; rules with a memory need a law of how beliefs move, which a grid has none of."""
+
 Maker = Annotated[Annotated[MakerSection, Field(discriminator="name")], BeforeValidator(_named)]
-AdversarySection = Naive | NearOptimal | BudgetAware | Bayesian
-Observer = Annotated[Annotated[AdversarySection, Field(discriminator="name")], BeforeValidator(_named)]
-Measure = Literal[
-    "error",
-    "top_state",
-    "naive_privacy",
-    "expected_regret",
-    "worst_regret",
-    "cost_share",
-    "silence_share",
-    "mutual_information",
-    "min_entropy_leakage",
-    "maximal_leakage",
-    "prior_error",
-    "prior_entropy",
-    "prior_top_state",
-    "n_actions",
-    "implausible_share",
-    "expected_gap",
-    "read_auc",
-]
+ObserverSection = observers.Naive | observers.NearOptimal | observers.BudgetAware | observers.Bayesian
+Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], BeforeValidator(_named)]
+Measure: Any = Literal[tuple(MEASURES)]
+PAID = "expected_regret"
+"""What every grid measures, asked for or not: without it nobody could say whether two decision makers cost the same."""
 
 
 class BudgetSection(Section):
@@ -301,14 +157,6 @@ class BudgetSection(Section):
     hold: Literal["each", "mean"] = "each"
 
 
-class PlanFile(Section):
-    """What every kind of study says of itself."""
-
-    name: Annotated[str, Field(min_length=1)]
-    note: str = ""
-    seed: Annotated[int, Field(ge=0)] = 0
-
-
 class StudyFile(PlanFile):
     """The whole file of a grid, the common kind of study."""
 
@@ -319,5 +167,14 @@ class StudyFile(PlanFile):
     candidates: CandidateSection = CandidateSection()
     decision_makers: Several[Maker]
     budgets: BudgetSection = BudgetSection()
-    adversaries: Several[Observer] = (Naive(name="naive"),)
+    adversaries: Several[Observer] = (observers.Naive(name="naive"),)
     measures: Grid[Measure] = ("error", "top_state", "naive_privacy", "expected_regret", "mutual_information")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _pays(cls, data: Any) -> Any:
+        """Add what is paid to the measures asked for."""
+        asked = data.get("measures") if isinstance(data, dict) else None
+        if isinstance(asked, str):
+            asked = [asked]
+        return data | {"measures": [*asked, PAID]} if isinstance(asked, (list, tuple)) and PAID not in asked else data

@@ -11,12 +11,11 @@ from math import prod
 import numpy as np
 import pandas as pd
 
+from inscrutable.experiments.measures import OF_OBSERVERS
 from inscrutable.experiments.studies.grid import StudyGrid, Variant
-from inscrutable.experiments.studies.workshop import DONE
+from inscrutable.experiments.studies.tasks import DONE
 from inscrutable.validation import Array
 
-PER_OBSERVER = ("error", "top_state")
-"""Measures that are an observer's; every other one is the mechanism's, whoever looks at it."""
 QUANTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 _MARKET = 4  # parts of a task's place that make its setting; then come repeat, play and observer
 _LEVEL = 0.975
@@ -98,7 +97,7 @@ def means_of(grid: StudyGrid, frame: pd.DataFrame) -> StudyMeans:
     figures = tuple(
         Figure(measure, observer)
         for measure in grid.study.measures
-        for observer in (observers if measure in PER_OBSERVER else ("",))
+        for observer in (observers if measure in OF_OBSERVERS else ("",))
     )
     values = _values(grid, frame)  # settings, repeats, plays, observers, measures
     columns = []

@@ -16,21 +16,17 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from inscrutable.errors import InputError, InscrutableError, ModelError
-from inscrutable.experiments.studies.layout import (
-    DispatchSection,
-    GivenWorld,
-    GridBeliefs,
-    PlanFile,
-    StudyFile,
-)
+from inscrutable.experiments.sections import PlanFile, expected, shortened
+from inscrutable.experiments.studies.grid import StudyGrid, variants
+from inscrutable.experiments.studies.kinds import OTHER_KINDS, kind_named
+from inscrutable.experiments.studies.layout import DispatchSection, GivenWorld, GridBeliefs, StudyFile
 from inscrutable.experiments.studies.toml_lines import Place, key_lines
+from inscrutable.experiments.studies.worlds import given_world, problem_of
 
 _MOST_PARTS = 32
 _DEEP = re.compile(rf"""(?:[\w"'-]{{1,99}}[ \t]*\.[ \t]*){{{_MOST_PARTS}}}""")
 _NEAR = 0.5
-_LONGEST = 60
 _MOST_TASKS = 10_000_000
-_TABLE = "should be a table of keys, such as [section]"
 _BY_NAME = ("decision_makers", "adversaries")
 
 
@@ -84,6 +80,7 @@ def read_study(path: Path) -> tuple[PlanFile, StudySource]:
 
 def checked_study(data: Any, source: StudySource) -> PlanFile:
     """Return a study from plain data, or raise one `InputError`."""
+    data = dict(data) if isinstance(data, Mapping) else data
     if not isinstance(data, dict):
         raise InputError(f"{source.name}: a study is a table of keys, got {type(data).__name__}")
     try:
@@ -101,12 +98,10 @@ def checked_study(data: Any, source: StudySource) -> PlanFile:
 
 def _layout(data: dict[str, Any], source: StudySource | None = None) -> type[PlanFile]:
     """What a file may hold, by the kind that it names; a file that names none is a grid."""
-    from inscrutable.experiments.studies.kinds import OTHER_KINDS, kind_named
-
     name = data.get("kind")
     if source is not None and "kind" in data and name not in OTHER_KINDS:
         near = _nearest(str(name), OTHER_KINDS)
-        raise InputError(f"{source.at(('kind',))}: unknown {_short(name)}{near}; {_one_of(OTHER_KINDS)}, or no kind")
+        raise InputError(f"{source.at(('kind',))}: unknown {shortened(name)}{near}; {_one_of(OTHER_KINDS)}, or no kind")
     return kind_named(name).layout
 
 
@@ -136,30 +131,15 @@ def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> s
     if kind == "literal_error":
         names = [each.strip("' ") for each in str(context["expected"]).replace(" or ", ", ").split(",")]
         given = problem["input"]
-        return f"{where}: unknown {_short(given)}{_nearest(str(given), names)}; {_one_of(names)}"
-    return f"{where}: {_expected(problem)}, got {_short(problem['input'])}"
+        return f"{where}: unknown {shortened(given)}{_nearest(str(given), names)}; {_one_of(names)}"
+    return f"{where}: {_expected(problem)}, got {shortened(problem['input'])}"
 
 
 def _expected(problem: ErrorDetails) -> str:
     """What was expected of a value, in a file's words."""
-    kind, context = problem["type"], problem.get("ctx", {})
-    if kind in ("too_short", "too_long"):
-        bound, number = ("least", context["min_length"]) if kind == "too_short" else ("most", context["max_length"])
-        return f"should have at {bound} {number} {'entry' if number == 1 else 'entries'}"
-    if kind == "string_too_short":
-        return "should have at least one character"
-    words = {
-        "int_type": "should be a whole number",
-        "float_type": "should be a number",
-        "bool_type": "should be true or false",
-        "string_type": "should be text in quotes",
-        "list_type": "should be a list",
-        "model_type": _TABLE,
-        "model_attributes_type": _TABLE,
-    }
-    if kind == "model_attributes_type" and problem["loc"][0] in _BY_NAME:
+    if problem["type"] == "model_attributes_type" and problem["loc"][0] in _BY_NAME:
         return "should be a name, or a table with the key name"
-    return words.get(kind) or problem["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    return expected(problem)
 
 
 def _one_of(names: Iterable[str]) -> str:
@@ -229,11 +209,6 @@ def key_text(place: Place) -> str:
     return text.lstrip(".")
 
 
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
-
-
 def _check_together(study: StudyFile, source: StudySource) -> None:
     """Refuse parts that are well formed, but do not go together."""
     _check_size(study, source)
@@ -249,9 +224,6 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
             f'{source.at(("beliefs", "kind"))}: beliefs of kind "{study.beliefs.kind}" need the key transition in '
             "[world], expected its matrix"
         )
-    from inscrutable.experiments.studies.grid import variants
-    from inscrutable.experiments.studies.markets import given_world, problem_of
-
     with source.saying(("world",)):
         regimes = given_world(world)
     for choice in variants(study.problem):
@@ -262,8 +234,6 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
 
 def _check_size(study: StudyFile, source: StudySource) -> None:
     """Refuse more tasks than any machine does, which a slip of the keyboard asks for."""
-    from inscrutable.experiments.studies.grid import StudyGrid
-
     shape = StudyGrid(study).shape
     tasks = prod(shape)
     if tasks > _MOST_TASKS:

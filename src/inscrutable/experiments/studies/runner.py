@@ -21,7 +21,7 @@ from inscrutable.experiments.studies.executors import Executor, in_processes, on
 from inscrutable.experiments.studies.kinds import kind_of
 from inscrutable.experiments.studies.store import STORE, Store, created, damaged, locked, opened, speaking
 from inscrutable.experiments.studies.study import PathLike, Study
-from inscrutable.experiments.studies.workshop import FAILED, Row, Work
+from inscrutable.experiments.studies.tasks import FAILED, Row, Work
 from inscrutable.files import path_of
 
 MANIFEST = "manifest.json"
@@ -229,12 +229,17 @@ def _prepared(study: Study) -> str:
     return json.dumps(kind_of(study.plan).prepared(study.plan, study.base, study.grid))
 
 
+def work_of(study: Study, worlds: str) -> Work:
+    """Return what processes need to know of a study, with what was prepared for them."""
+    return Work(kind_of(study.plan).runner, study.plan.model_dump_json(), study.data_hash, worlds)
+
+
 def continued(store: Store, execute: Executor, progress: Watch | None, *, limit: int | None, retry: bool) -> Study:
     """Do the tasks that a store has no row of."""
     study = Study.load(store.folder)
     if not (store.folder / MANIFEST).exists():
         write_json(study.manifest(), store.folder / MANIFEST)
-    work = Work(study.plan.model_dump_json(), study.data_hash, store.fact("worlds") or "[]")
+    work = work_of(study, store.fact("worlds") or "[]")
     missing = _missing(store, study.n_tasks, without_failed=retry)
     if limit is not None and validation.count(limit, "limit") < len(missing):
         missing = missing[np.linspace(0, len(missing) - 1, limit).round().astype(np.intp)]

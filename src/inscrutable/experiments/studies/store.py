@@ -15,7 +15,7 @@ from json import JSONDecodeError
 from pathlib import Path
 
 from inscrutable.errors import DiskError, InputError
-from inscrutable.experiments.studies.workshop import FAILED, Row
+from inscrutable.experiments.studies.tasks import FAILED, Row
 from inscrutable.files import whole_file
 
 STORE = "study.sqlite"

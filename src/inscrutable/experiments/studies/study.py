@@ -15,13 +15,14 @@ import pandas as pd
 from pydantic import ValidationError
 
 from inscrutable.errors import InputError
-from inscrutable.experiments.studies.grid import StudyGrid, TaskGrid
+from inscrutable.experiments.sections import PlanFile
+from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.kinds import kind_named, kind_of
-from inscrutable.experiments.studies.layout import PlanFile, StudyFile
+from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import means_of
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
 from inscrutable.experiments.studies.store import opened, speaking
-from inscrutable.experiments.studies.workshop import DONE, FAILED
+from inscrutable.experiments.studies.tasks import DONE, FAILED, TaskGrid
 from inscrutable.files import path_of
 
 PathLike = str | os.PathLike[str]
@@ -98,14 +99,15 @@ class Study:
         return cls._of(plan, source.parent, where)
 
     @classmethod
-    def of(cls, data: Mapping[str, Any], *, base: PathLike = ".") -> Study:
-        """Return the study of plain data, laid out as a study file is; file names are relative to `base`.
+    def of(cls, data: Mapping[str, Any] | PlanFile, *, base: PathLike = ".") -> Study:
+        """Return the study of plain data laid out as a study file is, or of settings; file names are relative to `base`.
 
         Raises:
             InputError: As `read`, without lines.
         """
         source = StudySource("study")
-        return cls._of(checked_study(dict(data), source), Path(base), source)
+        plan = data if isinstance(data, PlanFile) else checked_study(data, source)
+        return cls._of(plan, Path(base), source)
 
     @classmethod
     def _of(cls, plan: PlanFile, base: Path, source: StudySource) -> Study:

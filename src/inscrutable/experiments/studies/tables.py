@@ -12,7 +12,7 @@ import pandas as pd
 from inscrutable.datasets import write_table
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies.grid import StudyGrid, Variant
-from inscrutable.experiments.studies.workshop import Row
+from inscrutable.experiments.studies.tasks import Row
 from inscrutable.files import whole_file
 
 _SHORT = {"decision_maker": "name", "adversary": "name", "budget": "amount"}

@@ -20,10 +20,12 @@ from inscrutable.experiments.studies.runner import (
     executor,
     facts_of,
     versions,
+    work_of,
 )
 from inscrutable.experiments.studies.store import STORE, created, locked, opened
-from inscrutable.experiments.studies.study import PathLike, Study
-from inscrutable.experiments.studies.workshop import FAILED, Row, Work
+from inscrutable.experiments.studies.study import Study
+from inscrutable.experiments.studies.tasks import FAILED, Row
+from inscrutable.files import PathLike
 
 BEFORE = "before.sqlite"
 """Where the rows of an unfinished run go when another is begun in its folder."""
@@ -83,7 +85,7 @@ def all_rows(
 
         worlds = json.loads(facts["worlds"])
         prepared(worlds)
-        execute(Work(facts["study"], study.data_hash, facts["worlds"]), range(study.n_tasks), keep)
+        execute(work_of(study, facts["worlds"]), range(study.n_tasks), keep)
         return sorted(rows), worlds
     place = output_folder(folder)
     with locked(place):

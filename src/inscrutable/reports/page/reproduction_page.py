@@ -11,7 +11,7 @@ import numpy as np
 
 from inscrutable.experiments.claims import Verdict
 from inscrutable.experiments.market_runs import GLOBAL, PAPER
-from inscrutable.experiments.reproduction import Reproduction, study_of
+from inscrutable.experiments.reproduction import Reproduction
 from inscrutable.reports.page.content import PageContent, PagePicture, PageTable
 from inscrutable.reports.page.manifest import keys_of, versions
 from inscrutable.reports.reproduction import claims_table, draw_convergence, draw_variant
@@ -73,9 +73,9 @@ def reproduction_content(
     return PageContent(
         title=title or "The paper's numerical section, reproduced",
         header=f"{len(result.claims)} claims of Lourenço, Mattila, Rojas and Wahlberg (2020), Section V, judged over "
-        f"{settings.n_markets} random markets; budget c_b = {settings.budget:g} of |c*|.",
+        f"{settings.markets} random markets; budget c_b = {settings.budget:g} of |c*|.",
         verdict=[_verdict(result)],
-        cautions=_cautions(settings.n_markets),
+        cautions=_cautions(settings.markets),
         tables=[PageTable("The claims", ["Claim", *map(_capital, claims.columns[1:])], rows, is_prose=True)],
         pictures=list(_pictures(result, drawn)),
         details=[
@@ -87,7 +87,7 @@ def reproduction_content(
         manifest={
             **{f"version of {name}": number for name, number in versions().items()},
             "seed": str(settings.seed),
-            **keys_of(study_of(settings).plan.model_dump(mode="json", exclude_none=True)),
+            **keys_of(settings.model_dump(mode="json", exclude_none=True)),
             "step of the triangles": str(result.step + 1),
             **manifest,
         },
@@ -98,7 +98,7 @@ def _verdict(result: Reproduction) -> str:
     counts = Counter(claim.verdict for claim in result.claims)
     parts = [f"{counts[each]} {words[counts[each] > 1]}" for each, words in _VERDICTS.items() if counts[each]]
     said = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
-    return f"Of the paper's {len(result.claims)} claims, {said}, over {result.settings.n_markets} random markets."
+    return f"Of the paper's {len(result.claims)} claims, {said}, over {result.settings.markets} random markets."
 
 
 def _cautions(markets: int) -> list[str]:
@@ -128,11 +128,11 @@ def _pictures(result: Reproduction, drawn: Path | None) -> Iterator[PagePicture]
 
 
 def _tradeoff(result: Reproduction, variant: str) -> PageTable:
-    effort = result.settings.effort
+    settings = result.settings
     columns = ["Budget", *result.trade_off(variant)]
     cells = [_means(each) for each in result.trade_off(variant).values()]
-    rows = [[f"{budget:g} of |c*|", *(each[place] for each in cells)] for place, budget in enumerate(effort.budgets)]
-    heading = f"Mean privacy by budget, {_SOLVERS[variant]} ({effort.n_simulations} markets; ± standard error)"
+    rows = [[f"{budget:g} of |c*|", *(each[place] for each in cells)] for place, budget in enumerate(settings.budgets)]
+    heading = f"Mean privacy by budget, {_SOLVERS[variant]} ({settings.simulations} markets; ± standard error)"
     return PageTable(heading, columns, rows)
 
 

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from inscrutable.experiments.measures import HEADLINES, MEASURES, OF_OBSERVERS
 from inscrutable.experiments.studies import Study
 from inscrutable.experiments.studies.layout import StudyFile
-from inscrutable.experiments.studies.means import PER_OBSERVER, Figure, StudyMeans, means_of
+from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of
+from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
@@ -38,48 +40,6 @@ _WORTH = {
     "cost": "{:g} of E|c*|",
 }
 _HOLDS = {"each": "for every belief", "mean": "in expectation, the same for all decision makers"}
-_TITLES = {
-    "error": "error",
-    "top_state": "names the top state",
-    "naive_privacy": "naive privacy",
-    "expected_regret": "expected regret",
-    "worst_regret": "worst regret",
-    "cost_share": "share of E|c*| spent",
-    "silence_share": "share of the silence regret spent",
-    "mutual_information": "bits told",
-    "min_entropy_leakage": "min-entropy leakage, bits",
-    "maximal_leakage": "maximal leakage, bits",
-    "prior_error": "error without a decision",
-    "prior_entropy": "entropy of the prior, bits",
-    "prior_top_state": "top state without a decision",
-    "n_actions": "decisions played",
-    "implausible_share": "share that no belief explains",
-    "expected_gap": "expected plausibility gap",
-    "read_auc": "told from honest, AUC",
-}
-_SPOKEN = {"names the top state": "naming of the top state", "told from honest, AUC": "AUC of telling from honest"}
-_MEANING = {
-    "error": "error: root mean square of the observer's estimate of the belief, Euclidean; larger is more private.",
-    "top_state": "names the top state: how often the observer names a most likely state; smaller is more private.",
-    "naive_privacy": "naive privacy: mean distance of the belief from those that would make the decision optimal.",
-    "mutual_information": "bits told: what one decision tells about the belief, to one who knows the mechanism.",
-    "expected_regret": "expected regret: what hiding costs on average, in the cost's unit (a portfolio's: return "
-    "per period).",
-    "worst_regret": "worst regret: the largest of any decision that is played, in the cost's unit.",
-    "cost_share": "share of E|c*|: the expected regret as a share of the mean size of the optimal cost.",
-    "silence_share": "share of the silence regret: the expected regret over the least at which one constant decision suffices.",
-    "min_entropy_leakage": "min-entropy leakage: the bits by which one decision improves a single guess at the belief.",
-    "maximal_leakage": "maximal leakage: the most of that under any prior on the same beliefs.",
-    "prior_error": "error without a decision: what is left to one who knows no more than the law of beliefs.",
-    "prior_entropy": "entropy of the prior: the bits that there are to tell.",
-    "prior_top_state": "top state without a decision: how often it is right to name always the same state.",
-    "n_actions": "decisions played: how many different ones, over all beliefs.",
-    "implausible_share": "share that no belief explains: how often one decision alone gives the hiding away.",
-    "expected_gap": "expected plausibility gap: the least regret of a decision under any belief, on average.",
-    "read_auc": "AUC: telling a decision from an optimal one by what it seems to say; 0.5 is nothing.",
-}
-_HEADLINES = (("error", 1), ("naive_privacy", 1), ("mutual_information", -1), ("top_state", -1), ("read_auc", -1))
-"""Measures that a verdict may speak of, and whether more of them is more private."""
 
 
 def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) -> PageContent:
@@ -98,7 +58,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
         sliders=_sliders(means, shown, _WORTH[section.unit]),
         figures=_drawn(means) if status.done else [],
         failures=_failures(study) if status.failed else [],
-        notes=[*_NOTES, *(text for name, text in _MEANING.items() if name in file_of(study).measures)],
+        notes=[*_NOTES, *(measure.meaning for name, measure in MEASURES.items() if name in file_of(study).measures)],
         manifest={**manifest_of(study), **manifest},
         script="study.js" if status.done else None,
         data=page_data(means, shown),
@@ -109,14 +69,13 @@ _NOTES = (
     "Figures are means over the repeats; ± is half of a 95 % interval (Student's t over the repeats), none for a single one. "
     "With few repeats it is wide, and where repeats share a market two decision makers can differ more clearly than their "
     "intervals say.",
+    "Decision makers rank at equal expected regret. Where regrets differ, all are taken at the least that one with the budget "
+    "spends, between what a decision maker does there and the optimal decision, or what it does at a smaller budget "
+    '(“about”); those without a budget are compared with the middle one. `hold = "mean"` in [budgets] makes all that take a '
+    "budget spend the same.",
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian knows "
     "how decisions are made.",
 )
-
-
-def meaning_of(measure: str) -> str:
-    """Return what a measure of a study is, in a sentence."""
-    return _MEANING[measure]
 
 
 def file_of(study: Study) -> StudyFile:
@@ -134,23 +93,28 @@ def _shown(means: StudyMeans) -> list[int]:
 
 def title_of(figure: Figure) -> str:
     """Return a figure's title: what it is, and against whom."""
-    return ", ".join(filter(None, [_TITLES[figure.measure], figure.observer]))
+    return ", ".join(filter(None, [MEASURES[figure.measure].title, figure.observer]))
 
 
 def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTable:
     rows = []
+    repeats = file_of(study).repeats
+    budgets = _budgets(means)
+    costs = times_the_least(means, setting, budgets[_middle(budgets)] if budgets else None)
+    differ = bool(np.nanmax(costs, initial=1.0) > 1.0 + SAME_COST)
     for place, (maker, budget) in enumerate(zip(means.makers, means.budgets, strict=True)):
         counts = means.count[setting, place]
         cells = [_cell(means.mean[setting, place, f], means.half_width[setting, place, f]) for f in range(len(counts))]
-        repeats = (
-            f"{counts.max()} of {file_of(study).repeats}"
-            if counts.max() < file_of(study).repeats
-            else str(counts.max())
-        )
-        rows.append([maker, "–" if budget is None else f"{budget:g}", repeats, *cells])
-    columns = ["Decision maker", "budget", "repeats", *map(title_of, means.figures)]
+        done = f"{counts.max()} of {repeats}" if counts.max() < repeats else str(counts.max())
+        times = [f"{costs[place]:.2g}" if costs[place] > 0 else "–"] if differ else []
+        rows.append([maker, "–" if budget is None else f"{budget:g}", done, *times, *cells])
+    titles = [_TIMES] if differ else []
+    columns = ["Decision maker", "budget", "repeats", *titles, *map(title_of, means.figures)]
     heading = means.settings[setting] or "All figures"
     return PageTable(heading, columns, rows, ("setting", number) if len(means.settings) > 1 else None)
+
+
+_TIMES = "cost, times the least at its budget"
 
 
 def _cell(mean: float, half: float) -> str:
@@ -186,7 +150,7 @@ def _middle(budgets: Sequence[float]) -> int:
 
 def _first_figure(means: StudyMeans) -> int:
     """The figure shown at first: what the verdict speaks of."""
-    figures = _headline(means)[0]
+    figures = _headline(means)
     return figures[0] if figures else 0
 
 
@@ -266,19 +230,19 @@ def _looks(names: Iterable[str]) -> dict[str, Look]:
     return found
 
 
-def _headline(means: StudyMeans) -> tuple[list[int], int]:
-    """The figures that a verdict speaks of, the best informed observer's first, and whether more is more private."""
-    for measure, sign in _HEADLINES:
+def _headline(means: StudyMeans) -> list[int]:
+    """The figures that a verdict speaks of, the best informed observer's first."""
+    for measure in HEADLINES:
         found = [place for place, figure in enumerate(means.figures) if figure.measure == measure]
         if found:
-            return sorted(found, key=lambda place: not means.figures[place].observer.startswith("bayesian")), sign
-    return [], 1
+            return sorted(found, key=lambda place: not means.figures[place].observer.startswith("bayesian"))
+    return []
 
 
 def _verdict(study: Study, means: StudyMeans) -> list[str]:
     if not means.count.any():
         return ["No task of this study has figures yet."]
-    places, sign = _headline(means)
+    places = _headline(means)
     if not places:
         return [f"{study.status().done} tasks have figures; the table has their means."]
     setting = _first_setting(means, range(len(means.settings)))
@@ -286,50 +250,61 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     budget = budgets[_middle(budgets)] if budgets else None
     at = [] if budget is None else [f"at a budget of {_WORTH[file_of(study).budgets.unit].format(budget)}"]
     at += [f"in the setting {means.settings[setting]}"] if means.settings[setting] else []
-    text = ", ".join([*at, "; ".join(filter(None, (_ranked(means, setting, budget, each, sign) for each in places)))])
-    return [f"{text[0].upper()}{text[1:]}.", *_elsewhere(means, setting, budget, places[0], sign)]
+    found = {place: ranking(means, setting, budget, place) for place in places}
+    at += _costs_told(means, found[places[0]])
+    text = ", ".join([*at, "; ".join(filter(None, (_ranked(means, setting, *each) for each in found.items())))])
+    return [f"{text[0].upper()}{text[1:]}.", *_elsewhere(means, found[places[0]], budget, places[0])]
 
 
-def _ranked(means: StudyMeans, setting: int, budget: float | None, figure: int, sign: int) -> str:
+def _costs_told(means: StudyMeans, found: Ranking) -> list[str]:
+    """What is to be known of costs before a ranking is read, where they differ or are not known."""
+    if not found.is_known:
+        return ["of decision makers whose costs were not measured and may differ"]
+    if found.regret is None:
+        return []
+    low, high = found.cheapest, found.dearest
+    return [
+        f"where expected regrets differ, from {_number(found.spent[low])} ({means.makers[found.spenders[low]]}) to "
+        f"{_number(found.spent[high])} ({means.makers[found.spenders[high]]}), {found.times:.1f} times as much",
+        f"and compared at an equal {_number(found.regret)}",
+    ]
+
+
+def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str:
     """Who hides best by one figure, who comes next, and who hides least."""
-    order = _order(means, setting, budget, figure, sign)
-    if not order:
+    if not found.plays:
         return ""
-    cells = [_cell(means.mean[setting, play, figure], means.half_width[setting, play, figure]) for play in order]
-    told = [cells[0]]
-    told += [f"next {means.makers[order[1]]}, {cells[1]}"] if len(order) > 2 else []
-    told += [f"last {means.makers[order[-1]]}, {cells[-1]}"] if len(order) > 1 else []
+
+    def cell(place: int) -> str:
+        play = found.plays[place]
+        if found.values[place] != means.mean[setting, play, figure]:
+            return f"about {_number(found.values[place])}"
+        return _cell(found.values[place], means.half_width[setting, play, figure])
+
+    told = [cell(0)]
+    told += [f"next {means.makers[found.plays[1]]}, {cell(1)}"] if len(found.plays) > 2 else []
+    told += [f"last {means.makers[found.plays[-1]]}, {cell(-1)}"] if len(found.plays) > 1 else []
     kind = means.figures[figure].measure
-    best = {1: "largest", -1: "smallest"}[sign] if kind != "top_state" else "rarest"
-    return f"the {best} {_spoken(means.figures[figure])} is under {means.makers[order[0]]} ({'; '.join(told)})"
+    best = {1: "largest", -1: "smallest"}[MEASURES[kind].sign] if kind != "top_state" else "rarest"
+    return f"the {best} {_spoken(means.figures[figure])} is under {means.makers[found.plays[0]]} ({'; '.join(told)})"
 
 
 def _spoken(figure: Figure) -> str:
     """A figure within a sentence: what it is, and whose."""
-    kind = _TITLES[figure.measure]
+    kind = MEASURES[figure.measure]
     whom = f" of the {figure.observer} observer" if figure.observer else ""
-    return f"{_SPOKEN.get(kind, kind)}{whom}"
+    return f"{kind.spoken or kind.title}{whom}"
 
 
-def _order(means: StudyMeans, setting: int, budget: float | None, figure: int, sign: int) -> list[int]:
-    plays = [
-        place
-        for place, each in enumerate(means.budgets)
-        if each in (None, budget) and not np.isnan(means.mean[setting, place, figure])
-    ]
-    return sorted(plays, key=lambda place: -sign * means.mean[setting, place, figure])
-
-
-def _elsewhere(means: StudyMeans, setting: int, budget: float | None, figure: int, sign: int) -> list[str]:
+def _elsewhere(means: StudyMeans, found: Ranking, budget: float | None, figure: int) -> list[str]:
     """In how many settings the same decision maker is the most private."""
-    firsts = [order[0] for s in range(len(means.settings)) if (order := _order(means, s, budget, figure, sign))]
-    if len(firsts) < 2:
+    others = [ranking(means, s, budget, figure).plays for s in range(len(means.settings))]
+    firsts = [each[0] for each in others if each]
+    if len(firsts) < 2 or not found.plays:
         return []
-    best = _order(means, setting, budget, figure, sign)[0]
-    same = sum(place == best for place in firsts)
-    return [
-        f"By the {_spoken(means.figures[figure])}, {means.makers[best]} is first in {same} of {len(firsts)} settings."
-    ]
+    same = sum(place == found.plays[0] for place in firsts)
+    best = means.makers[found.plays[0]]
+    return [f"By the {_spoken(means.figures[figure])}, {best} is first in {same} of {len(firsts)} settings."]
 
 
 def _cautions(study: Study, means: StudyMeans, shown: int) -> list[str]:
@@ -346,7 +321,7 @@ def _cautions(study: Study, means: StudyMeans, shown: int) -> list[str]:
         found.append("There is one repeat: nothing is known of the spread.")
     if shown < len(means.settings):
         found.append(f"The page shows {shown} of {len(means.settings)} settings; the exported rows have all.")
-    if not any(measure in PER_OBSERVER for measure in file_of(study).measures):
+    if not any(measure in OF_OBSERVERS for measure in file_of(study).measures):
         found.append("The study measures no observer's error: its figures are the mechanism's.")
     return found
 

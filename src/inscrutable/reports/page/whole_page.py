@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from inscrutable.experiments.comparison_study import ComparisonFile, comparison_of
-from inscrutable.experiments.reproduction import reproduction_of
-from inscrutable.experiments.reproduction_study import ReproductionFile
+from inscrutable.experiments.comparison_study import comparison_of
+from inscrutable.experiments.reproduction import ReproductionSettings, reproduction_of
 from inscrutable.experiments.studies import Study
+from inscrutable.experiments.studies.comparison_tasks import ComparisonFile
 from inscrutable.reports.page.comparison_page import comparison_content
 from inscrutable.reports.page.content import PageContent
 from inscrutable.reports.page.manifest import manifest_of
@@ -25,7 +25,7 @@ def content_of(study: Study, title: str | None, manifest: Mapping[str, str]) -> 
     if isinstance(study.plan, ComparisonFile):
         comparison, note = comparison_of(study)
         return _with_facts(comparison_content(comparison, title, {"market": note, **manifest}), study)
-    if isinstance(study.plan, ReproductionFile):
+    if isinstance(study.plan, ReproductionSettings):
         return _with_facts(reproduction_content(reproduction_of(study), title, manifest), study)
     return study_content(study, title, manifest)
 

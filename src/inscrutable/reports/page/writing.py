@@ -70,7 +70,7 @@ def write_page(
         >>> from inscrutable import MarkowitzProblem, uniform_prior
         >>> from inscrutable.experiments.comparison import ComparisonSettings, compare
         >>> problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
-        >>> settings = ComparisonSettings((0.5,), repeats=(1,), n_draws=10)
+        >>> settings = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10)
         >>> found = compare(problem, uniform_prior(2, 4), settings, rng=np.random.default_rng(0))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     write_page(found, folder + "/report.html", manifest={"seed": 0}).read_text("utf-8")[:15]

@@ -1,4 +1,4 @@
-"""Late and half-hearted trading in a comparison: rules that decide by what came before, judged on a moving belief.
+"""Late and partial trading: rules that decide by what came before, judged on a moving belief.
 
 Such a rule is no mechanism K(u|π), but in the middle of a long path of a `BeliefChain` today's belief and today's decision
 have a joint law, and with it a mechanism: the one that observers without knowledge of the rule face. One who knows the rule
@@ -13,17 +13,16 @@ beliefs share one optimal decision; that is left out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from inscrutable.decision_makers import OriginalDecisionMaker
 from inscrutable.decision_makers.baselines.path import DelayedDecisionMaker, PartialDecisionMaker, partial_trades
 from inscrutable.decision_makers.baselines.rule import PathRule
-from inscrutable.experiments.comparison_makers import MAKERS, Maker, Play, Setting, scaled_to, spent
+from inscrutable.experiments.calibrated import scaled_to
+from inscrutable.experiments.setting import Behaviour, Setting, spent
 from inscrutable.mechanisms import Mechanism, mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.problems import DecisionProblem
@@ -60,19 +59,19 @@ class _Drawn:
         return self
 
 
-def delayed(setting: Setting, regret: float) -> Play | None:
+def delayed(setting: Setting, regret: float) -> Behaviour | None:
     """Return the longest affordable delay, as rounding cannot be scaled either; None where no chain is known."""
     chain = setting.chain
     if chain is None:
         return None
-    optimal = _optimal(setting)
-    n_steps, play = 0, Play(optimal)
+    optimal = setting.optimal
+    n_steps, found = 0, Behaviour(optimal)
     while n_steps < LONGEST_DELAY and regret > 0:
-        ahead = Play(chain.lagged(play.mechanism, 1))
+        ahead = Behaviour(chain.lagged(found.mechanism, 1))
         if spent(setting, ahead) > regret:
             break
-        n_steps, play = n_steps + 1, ahead
-    return Play(play.mechanism, strength=float(n_steps), seen=_Late(setting.problem, chain, optimal, n_steps))
+        n_steps, found = n_steps + 1, ahead
+    return Behaviour(found.mechanism, strength=float(n_steps), memory=_Late(setting.problem, chain, optimal, n_steps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,17 +97,17 @@ class _Late:
         return _rule_points(DelayedDecisionMaker(self.problem, self.n_steps), self.chain.prior.beliefs[path])
 
 
-def partly(setting: Setting, regret: float) -> Play | None:
+def partly(setting: Setting, regret: float) -> Behaviour | None:
     """Return the trade of a fraction that spends the regret; None where no chain is known, or nothing lies in between."""
     chain, problem = setting.chain, setting.problem
     if chain is None or problem.is_discrete:
         return None
     if regret <= 0.0 or not setting.prior.error > 0:
-        return Play(_optimal(setting), strength=1.0)
+        return Behaviour(setting.optimal, strength=1.0)
     targets = setting.once("targets of partial trading", lambda: _targets(chain, problem))
     unit = setting.once("unit of partial trading", lambda: spent(setting, _traded(setting, targets, 0.0)))
 
-    def tried(amount: float) -> Play:
+    def tried(amount: float) -> Behaviour:
         return _traded(setting, targets, max(unit / (unit + amount), _LEAST_FRACTION) if unit > 0 else 1.0)
 
     return scaled_to(setting, tried, regret)
@@ -121,14 +120,14 @@ def _targets(chain: BeliefChain, problem: DecisionProblem) -> Array:
     return np.asarray(np.atleast_2d(problem.solve_points(chain.prior.beliefs))[pasts])
 
 
-def _traded(setting: Setting, targets: Array, fraction: float) -> Play:
+def _traded(setting: Setting, targets: Array, fraction: float) -> Behaviour:
     """The trade of a fraction, begun at the first target; of no fraction at all, what was held from the first on."""
     problem, beliefs = setting.problem, setting.prior.beliefs
     published = partial_trades(targets, targets[0], fraction)
-    play = mechanism(_Drawn(problem, published[-1]), beliefs)
+    played = mechanism(_Drawn(problem, published[-1]), beliefs)
     if fraction <= 0.0:
-        return Play(play)
-    return Play(play, strength=fraction, seen=_Decoded(_optimal(setting), problem, published[-2:], fraction))
+        return Behaviour(played)
+    return Behaviour(played, strength=fraction, memory=_Decoded(setting.optimal, problem, published[-2:], fraction))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,17 +159,3 @@ class _Decoded:
 
 def _rule_points(rule: PathRule, beliefs: Array) -> Array:
     return rule.problem.as_points(rule.decide_many(beliefs).action)
-
-
-def _optimal(setting: Setting) -> Mechanism:
-    made: Mechanism = setting.once(
-        "optimal decisions", lambda: mechanism(OriginalDecisionMaker(setting.problem), setting.prior.beliefs)
-    )
-    return made
-
-
-PATH_MAKERS: Mapping[str, Maker] = {"delay": delayed, "partial trades": partly}
-"""Rules that need a `BeliefChain`: they join a comparison that is given one."""
-
-EVERY_MAKER: Mapping[str, Maker] = {**MAKERS, **PATH_MAKERS}
-"""What a comparison with a chain compares where nothing else is asked for."""

@@ -14,7 +14,7 @@ from inscrutable import datasets
 from inscrutable.datasets.power import load_ieee_30_bus
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
-from inscrutable.experiments.random_markets import MarketLaw, SensorLaw, random_market
+from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.studies.layout import FittedWorldSection, GivenWorld
 from inscrutable.files import reason
 from inscrutable.problems import (
@@ -57,18 +57,8 @@ def given_world(section: GivenWorld) -> Regimes:
 
 def drawn_world(law: dict[str, Any], risk_aversion: float, *, rng: np.random.Generator) -> Regimes:
     """Return regimes drawn from a law."""
-    market = random_market(
-        MarketLaw(
-            n_regimes=law["regimes"],
-            n_assets=law["assets"],
-            means=tuple(law["means"]),
-            volatilities=tuple(law["volatilities"]),
-            risk_aversion=risk_aversion,
-            persistence=law["persistence"],
-            sensor=SensorLaw(law["sensor"], law["accuracy"]),
-        ),
-        rng=rng,
-    )
+    keys = {name: value for name, value in law.items() if name != "kind"}
+    market = random_market(MarketLaw(**keys, risk_aversion=risk_aversion), rng=rng)
     return Regimes(market.problem.means, market.problem.covariances, market.world)
 
 

@@ -1,0 +1,145 @@
+"""The measures of every experiment: what each is called, what it means, and how it is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from operator import attrgetter
+from typing import NamedTuple
+
+from inscrutable.experiments.observers import Observed
+
+
+class Measure(NamedTuple):
+    """A figure of a mechanism.
+
+    Args:
+        title: What it is called in tables.
+        meaning: What it is, in a sentence.
+        value: Returns it; None for one of single observers, which `Observed.read_by` gives.
+        sign: 1 where more of it is more private, -1 where less, 0 where it says nothing of privacy.
+        spoken: What it is called within a sentence; empty for the title.
+    """
+
+    title: str
+    meaning: str
+    value: Callable[[Observed], float] | None = None
+    sign: int = 0
+    spoken: str = ""
+
+
+def _cost_share(observed: Observed) -> float:
+    mean = observed.setting.mean_cost
+    return observed.played.expected_regret / mean if mean > 0 else float("nan")
+
+
+MEASURES: Mapping[str, Measure] = {
+    "error": Measure(
+        "error",
+        "error: root mean square of the observer's estimate of the belief, Euclidean; larger is more private.",
+        sign=1,
+    ),
+    "top_state": Measure(
+        "names the top state",
+        "names the top state: how often the observer names a most likely state; smaller is more private.",
+        sign=-1,
+        spoken="naming of the top state",
+    ),
+    "naive_privacy": Measure(
+        "naive privacy",
+        "naive privacy: mean distance of the belief from those that would make the decision optimal.",
+        attrgetter("naive_privacy"),
+        1,
+    ),
+    "expected_regret": Measure(
+        "expected regret",
+        "expected regret: what hiding costs on average, in the cost's unit (a portfolio's: return per period).",
+        attrgetter("played.expected_regret"),
+    ),
+    "worst_regret": Measure(
+        "worst regret",
+        "worst regret: the largest of any decision that is played, in the cost's unit.",
+        attrgetter("played.worst_regret"),
+    ),
+    "cost_share": Measure(
+        "share of E|c*| spent",
+        "share of E|c*|: the expected regret as a share of the mean size of the optimal cost.",
+        _cost_share,
+    ),
+    "silence_share": Measure(
+        "share of the silence regret spent",
+        "share of the silence regret: the expected regret over the least at which one constant decision suffices.",
+        attrgetter("played.silence_share"),
+    ),
+    "mutual_information": Measure(
+        "bits told",
+        "bits told: what one decision tells about the belief, to one who knows the mechanism.",
+        attrgetter("leakage.mutual_information"),
+        -1,
+    ),
+    "min_entropy_leakage": Measure(
+        "min-entropy leakage, bits",
+        "min-entropy leakage: the bits by which one decision improves a single guess at the belief.",
+        attrgetter("leakage.min_entropy_leakage"),
+    ),
+    "maximal_leakage": Measure(
+        "maximal leakage, bits",
+        "maximal leakage: the most of that under any prior on the same beliefs.",
+        attrgetter("leakage.maximal_leakage"),
+    ),
+    "prior_error": Measure(
+        "error without a decision",
+        "error without a decision: what is left to one who knows no more than the law of beliefs.",
+        attrgetter("played.prior_error"),
+    ),
+    "prior_entropy": Measure(
+        "entropy of the prior, bits",
+        "entropy of the prior: the bits that there are to tell.",
+        attrgetter("played.prior_entropy"),
+    ),
+    "prior_top_state": Measure(
+        "top state without a decision",
+        "top state without a decision: how often it is right to name always the same state.",
+        attrgetter("played.prior_top_state_accuracy"),
+    ),
+    "n_actions": Measure(
+        "decisions played",
+        "decisions played: how many different ones, over all beliefs.",
+        attrgetter("played.n_actions"),
+    ),
+    "implausible_share": Measure(
+        "share that no belief explains",
+        "share that no belief explains: how often one decision alone gives the hiding away.",
+        attrgetter("detectability.implausible_share"),
+    ),
+    "expected_gap": Measure(
+        "expected plausibility gap",
+        "expected plausibility gap: the least regret of a decision under any belief, on average.",
+        attrgetter("detectability.expected_gap"),
+    ),
+    "read_auc": Measure(
+        "told from honest, AUC",
+        "AUC: telling a decision from an optimal one by what it seems to say; 0.5 is nothing.",
+        attrgetter("detectability.read_auc"),
+        -1,
+        "AUC of telling from honest",
+    ),
+}
+"""Every measure by the name that files give it. A page's verdict speaks of the first of `HEADLINES` that was measured."""
+
+HEADLINES = ("error", "naive_privacy", "mutual_information", "top_state", "read_auc")
+
+OF_OBSERVERS = tuple(name for name, measure in MEASURES.items() if measure.value is None)
+"""Measures that are an observer's; every other one is the mechanism's, whoever looks at it."""
+
+
+def value_of(observed: Observed, name: str) -> float:
+    """Return a measure of the mechanism."""
+    value = MEASURES[name].value
+    assert value is not None
+    return float(value(observed))
+
+
+def figures_of(observed: Observed, chosen: Mapping[str, object], measures: tuple[str, ...]) -> dict[str, float]:
+    """Return measures by name, with those of one observer, by its name and keys, where they are among them."""
+    read = observed.read_by(chosen)._asdict() if any(name in OF_OBSERVERS for name in measures) else {}
+    return {name: read[name] if name in read else value_of(observed, name) for name in measures}

@@ -1,0 +1,116 @@
+"""What settings are made of, in files and in Python alike: sections whose keys are checked once, when one is made."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from inscrutable.errors import InputError
+
+_Entry = TypeVar("_Entry")
+_LONGEST = 60
+
+
+def _listed(value: Any) -> Any:
+    """A list as a tuple, and anything else as a tuple of one."""
+    return tuple(value) if isinstance(value, list) else value if isinstance(value, tuple) else (value,)
+
+
+def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    for place, value in enumerate(values):
+        if value in values[:place]:
+            raise ValueError(f"{value!r} stands twice")
+    return values
+
+
+def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError("should be a lowest and a highest value")
+    return pair
+
+
+def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return numbers that rise, or raise `ValueError`."""
+    if any(later <= earlier for earlier, later in pairwise(values)):
+        raise ValueError(f"should be numbers that rise, got {values}")
+    return values
+
+
+Grid = Annotated[
+    tuple[_Entry, ...], BeforeValidator(_listed), Field(min_length=1, strict=False), AfterValidator(_distinct)
+]
+"""One value, or a list of different ones to run the study for."""
+
+Several = Annotated[tuple[_Entry, ...], BeforeValidator(_listed), Field(min_length=1, strict=False)]
+Rising = Annotated[tuple[_Entry, ...], BeforeValidator(_listed), Field(strict=False), AfterValidator(rising)]
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Probability = Annotated[float, Field(ge=0, le=1)]
+Likely = Annotated[float, Field(gt=0, le=1)]
+Count = Annotated[int, Field(ge=1)]
+AtLeastTwo = Annotated[int, Field(ge=2)]
+_PAIR = (BeforeValidator(_listed), Field(strict=False), AfterValidator(_ascending))
+Pair = Annotated[tuple[float, float], *_PAIR]
+PositivePair = Annotated[tuple[Positive, Positive], *_PAIR]
+Matrix = list[list[float]]
+
+
+class Section(BaseModel):
+    """Part of a setting: no key but the known ones, and no text where a number belongs."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+    def __init__(self, **values: Any) -> None:
+        plain = {key: each.item() if isinstance(each, np.generic) else each for key, each in values.items()}
+        try:
+            super().__init__(**plain)
+        except ValidationError as error:
+            raise InputError(first_mistake(error)) from None
+
+    # What is read from a file keeps pydantic's own errors, from which the reader says file, line and key.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+
+def first_mistake(error: ValidationError) -> str:
+    """Return what is wrong, and where, in one line."""
+    first, *others = error.errors(include_url=False)
+    more = f" (and {len(others)} more)" if others else ""
+    where = ".".join(map(str, first["loc"]))
+    return f"{where + ': ' if where else ''}{expected(first)}, got {shortened(first['input'])}{more}"
+
+
+def expected(problem: Any) -> str:
+    """Return what was expected of a value, from one of pydantic's errors."""
+    kind, context = problem["type"], problem.get("ctx", {})
+    if kind in ("too_short", "too_long"):
+        bound, number = ("least", context["min_length"]) if kind == "too_short" else ("most", context["max_length"])
+        return f"should have at {bound} {number} {'entry' if number == 1 else 'entries'}"
+    if kind == "string_too_short":
+        return "should have at least one character"
+    words = {
+        "int_type": "should be a whole number",
+        "float_type": "should be a number",
+        "string_type": "should be text in quotes",
+        "list_type": "should be a list",
+        "tuple_type": "should be a list",
+        "model_type": "should be a table of keys, such as [section]",
+        "model_attributes_type": "should be a table of keys, such as [section]",
+    }
+    return words.get(kind) or str(problem["msg"]).removeprefix("Value error, ").removeprefix("Input ")
+
+
+def shortened(value: Any) -> str:
+    """Return a value as it would be written, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+
+
+class PlanFile(Section):
+    """What every kind of study says of itself."""
+
+    name: Annotated[str, Field(min_length=1)]
+    note: str = ""
+    seed: Annotated[int, Field(ge=0)] = 0

@@ -1,0 +1,143 @@
+"""What decision makers start from in an experiment, and what comes of one: a mechanism, with what it spends and promises."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers import Candidates, OriginalDecisionMaker, decoy_grid
+from inscrutable.errors import InputError
+from inscrutable.geometry.grids import grid_size
+from inscrutable.mechanisms import Mechanism, Prior, mechanism
+from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.played import PlaysMany
+from inscrutable.privacy.leaks import silence_regret
+from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.validation import Array
+
+_CLEAR_OF_ZERO = 0.01
+"""Least |c*| as a share of its mean from which a share of |c*| is a budget at every belief."""
+
+Seed = Callable[[], np.random.Generator]
+"""Gives the same random stream at every call."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A problem, the law of the private belief, decisions to choose from, and how the belief moves where that is known."""
+
+    problem: DecisionProblem
+    prior: Prior
+    candidates: Candidates
+    chain: BeliefChain | None = None
+    kept: dict[Hashable, Any] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, problem: DecisionProblem, given: Prior | BeliefChain, candidates: Candidates | None = None) -> Setting:
+        """Return the setting of a prior or a chain; without candidates a grid of about as many decoys as beliefs."""
+        chain = given if isinstance(given, BeliefChain) else None
+        prior = given if chain is None else chain.prior
+        if not isinstance(prior, Prior):
+            raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
+        n_states = checked_problem(problem).n_states
+        if prior.beliefs.shape[1] != n_states:
+            raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {n_states}")
+        if candidates is None:
+            resolution = 1
+            while n_states > 1 and grid_size(n_states, resolution) < len(prior):
+                resolution += 1
+            candidates = decoy_grid(problem, resolution)
+        elif not isinstance(candidates, Candidates) or candidates.problem is not problem:
+            raise InputError("candidates must be Candidates of this problem, such as decoy_grid(problem, 30)")
+        return cls(problem, prior, candidates, chain)
+
+    def once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return what `make` gives, made once for a key."""
+        if key not in self.kept:
+            self.kept[key] = make()
+        return self.kept[key]
+
+    @cached_property
+    def optimal_costs(self) -> Array:
+        """c* of every belief of the prior, shape (B,)."""
+        return np.atleast_1d(np.asarray(self.problem.optimal_cost(self.prior.beliefs), dtype=np.float64))
+
+    @cached_property
+    def mean_cost(self) -> float:
+        """E|c*| under the prior, in the cost's unit."""
+        return float(self.prior.weights @ np.abs(self.optimal_costs))
+
+    @cached_property
+    def silence_regret(self) -> float:
+        """The silence regret r₀, in the cost's unit."""
+        return silence_regret(self.problem, self.prior.beliefs, self.prior.weights)
+
+    @cached_property
+    def is_relative(self) -> bool:
+        """Whether budgets per belief are shares of |c*|: c* stays clear of zero wherever the prior has weight."""
+        least = float(np.abs(self.optimal_costs[self.prior.weights > 0]).min())
+        return least >= _CLEAR_OF_ZERO * self.mean_cost > 0
+
+    @cached_property
+    def optimal(self) -> Mechanism:
+        """The optimal decisions."""
+        return mechanism(OriginalDecisionMaker(self.problem), self.prior.beliefs)
+
+    def budget(self, amount: float) -> Budget:
+        """Return the budget per belief whose limits are `amount` on average over the prior, in the cost's unit."""
+        return Budget.relative(amount / self.mean_cost) if self.is_relative else Budget.regret(amount)
+
+    def budget_of(self, chosen: Mapping[str, Any]) -> Budget:
+        """Return the budget per belief that a study's section means by an amount and a unit."""
+        unit = {"relative": 1.0, "regret": 1.0, "silence": self.silence_regret, "cost": self.mean_cost}[chosen["unit"]]
+        return Budget(unit * chosen["amount"], chosen["unit"] == "relative")
+
+    def mean_limit(self, budget: Budget) -> float:
+        """Return what a budget per belief allows on average, in the cost's unit."""
+        return float(self.prior.weights @ budget.limits(self.optimal_costs))
+
+
+class Memory(Protocol):
+    """How one who knows a rule with a memory reads its decisions, and what it publishes along a path."""
+
+    @property
+    def decided(self) -> tuple[Mechanism, int]:
+        """The mechanism that decisions come from once they are read, and of how many steps ago the belief behind them is."""
+
+    def __call__(self, n: int) -> Mechanism:
+        """Return what n decisions on one belief amount to, as a mechanism."""
+
+    def published(self, path: np.ndarray) -> Array:
+        """Return the decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""
+
+
+class Behaviour(NamedTuple):
+    """A mechanism that spends what was asked for, as nearly as it can, and what it promises of every single decision."""
+
+    mechanism: Mechanism
+    promise: Budget | None = None
+    """The largest regret of any decision it makes; None where only an expectation is promised."""
+    memory: Memory | None = None
+    """How one who knows the rule reads it, where it has a memory; None: each decision is a draw of `mechanism`."""
+    strength: float = float("nan")
+    """What was set so that the regret is spent: steps of a delay, the fraction traded; NaN for others."""
+    asked: float | None = None
+    """The expected regret asked for, in the cost's unit; None where none was."""
+
+
+def behaviour_of(setting: Setting, decision_maker: PlaysMany, promise: Budget | None = None) -> Behaviour:
+    """Return what a decision maker does on the prior's beliefs; one that solved for the prior has its mechanism ready."""
+    known = getattr(decision_maker, "mechanism", None)
+    return Behaviour(
+        known if isinstance(known, Mechanism) else mechanism(decision_maker, setting.prior.beliefs), promise
+    )
+
+
+def spent(setting: Setting, behaviour: Behaviour) -> float:
+    """Return the expected regret of a mechanism on the prior's beliefs, in the cost's unit."""
+    return float(setting.prior.weights @ behaviour.mechanism.expected_regrets)

@@ -1,0 +1,152 @@
+"""The comparison of decision makers as a study: one task is one decision maker at one budget."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import zlib
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from inscrutable.errors import InputError
+from inscrutable.experiments.comparison import (
+    COMPARED,
+    Comparison,
+    ComparisonSettings,
+    ComparisonTasks,
+    makers_of,
+    pairs_of,
+)
+from inscrutable.experiments.comparison_markets import PAPER, RETURNS, ComparedMarket, market_of
+from inscrutable.experiments.comparison_measures import ComparisonRow
+from inscrutable.experiments.investor_model import problem_data, problem_of
+from inscrutable.experiments.model_file import ProblemPart
+from inscrutable.experiments.sections import Count, Grid, PlanFile
+from inscrutable.experiments.setting import Setting
+from inscrutable.experiments.studies.flat import flat, unflat
+from inscrutable.experiments.studies.kind import Kind
+from inscrutable.experiments.studies.tasks import Row, Task, TaskGrid, TaskRunner, Work, canonical
+from inscrutable.files import reason
+from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms.chains import BeliefChain
+
+_NAMED = ("maker", "budget")
+"""What a row's parameters say, so that its figures need not."""
+
+
+class ComparisonFile(ComparisonSettings, PlanFile):
+    """What is compared on which market."""
+
+    kind: Literal["comparison"] = "comparison"
+    market: str = PAPER
+    resolution: Count = 30
+    decision_makers: Grid[str] = tuple(COMPARED)
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        unknown = [name for name in self.decision_makers if name not in COMPARED]
+        if unknown:
+            raise ValueError(f"there is no decision maker {unknown[0]!r}; expected some of {', '.join(COMPARED)}")
+        return self
+
+
+class MakersAtBudgets:
+    """The tasks: decision makers, each at its budgets."""
+
+    def __init__(self, plan: ComparisonFile, data_hash: str | None = None) -> None:
+        self.plan = plan
+        self.pairs = pairs_of(plan.decision_makers, plan.budgets)
+        kept = ("market", "resolution", "repeats", "draws")
+        self._market = {name: value for name, value in plan.model_dump(mode="json").items() if name in kept}
+        self._market |= {} if data_hash is None else {"sha256": data_hash}
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def task(self, number: int) -> Task:
+        """Return a decision maker at a budget."""
+        name, share = self.pairs[number]
+        parameters = {"decision_maker": name, "budget": share, "unit": self.plan.unit, **self._market}
+        return Task(number, (number,), canonical(parameters))
+
+    def task_seed(self, task: Task) -> np.random.SeedSequence:
+        """Return the seed of the sequences sampled for a task: a child of the study's by the task's number."""
+        return np.random.SeedSequence([self.plan.seed, len(self.plan.budgets)], spawn_key=(task.number,))
+
+
+class ComparisonRunner(TaskRunner):
+    """Does the decision makers of a comparison."""
+
+    grid: MakersAtBudgets
+
+    def __init__(self, work: Work) -> None:
+        plan = ComparisonFile.model_validate_json(work.study)
+        self.grid = MakersAtBudgets(plan, work.data_hash)
+        self.tasks = tasks_on(plan, market_from(json.loads(work.worlds)))
+
+    def figures(self, task: Task) -> dict[str, float]:
+        """Return every measure of one mechanism; none where the decision maker does not suit the problem."""
+        rng = np.random.default_rng(self.grid.task_seed(task))
+        row = self.tasks.row(*self.tasks.pairs[task.number], rng=rng)
+        return {} if row is None else {name: each for name, each in flat(row) if name not in _NAMED}
+
+
+def tasks_on(plan: ComparisonFile, market: ComparedMarket) -> ComparisonTasks:
+    """Return what a study compares on a market."""
+    return ComparisonTasks(Setting.of(market.problem, market.chain), plan, makers_of(plan.decision_makers))
+
+
+def comparison_from(plan: ComparisonFile, market: ComparedMarket, rows: Sequence[Row]) -> Comparison:
+    """Return the comparison from the rows of its study, in order."""
+    tasks = tasks_on(plan, market)
+    found = []
+    for (name, budget), row in zip(tasks.pairs, rows, strict=True):
+        figures = unflat(json.loads(row.figures))
+        if figures:
+            found.append(ComparisonRow(name, budget, **figures))
+    return tasks.comparison(found)
+
+
+def market_from(worlds: Sequence[dict[str, Any]]) -> ComparedMarket:
+    """Return the market that was prepared for a study."""
+    (data,) = worlds
+    problem = problem_of(ProblemPart.model_validate(data["problem"]), lambda key: nullcontext())
+    prior = Prior(data["beliefs"], data["weights"])
+    transition = np.frombuffer(zlib.decompress(base64.b64decode(data["transition"]))).reshape(len(prior), len(prior))
+    return ComparedMarket(problem, BeliefChain(prior, transition), data["note"])
+
+
+def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
+    name = plan.market if _hash(plan, base) is None else str(base / plan.market)
+    found = market_of(name, plan.resolution, plan.seed)
+    data = {
+        "problem": problem_data(found.problem),
+        "beliefs": found.prior.beliefs,
+        "weights": found.prior.weights,
+        "transition": base64.b64encode(zlib.compress(found.chain.transition.toarray().tobytes())).decode(),
+        "note": found.note,
+    }
+    return [json.loads(json.dumps(data, default=lambda array: array.tolist()))]
+
+
+def _hash(plan: ComparisonFile, base: Path) -> str | None:
+    """The SHA-256 of the model's file, where the market is one."""
+    if plan.market in (PAPER, RETURNS):
+        return None
+    try:
+        return hashlib.sha256((base / plan.market).read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(
+            f"market: expected '{PAPER}', '{RETURNS}' or the model.json of a backtest; {base / plan.market} cannot be read: "
+            f"{reason(error)}"
+        ) from None
+
+
+COMPARISON = Kind(ComparisonFile, MakersAtBudgets, ComparisonRunner, _hash, _market)
+"""Studies of decision makers at equal expected regret."""

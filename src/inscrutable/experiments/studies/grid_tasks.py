@@ -1,0 +1,107 @@
+"""Doing the tasks of a grid: what tasks of the same market share is made once and kept while it is needed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from inscrutable.decision_makers import Candidates, action_grid, decoy_grid
+from inscrutable.decision_makers.candidates import as_candidates
+from inscrutable.errors import ModelError
+from inscrutable.experiments.makers import behave
+from inscrutable.experiments.measures import figures_of
+from inscrutable.experiments.observers import Observed
+from inscrutable.experiments.random_markets import WARM_UP
+from inscrutable.experiments.setting import Setting
+from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid
+from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
+from inscrutable.experiments.studies.tasks import Task, TaskRunner, Work
+from inscrutable.experiments.studies.worlds import Regimes, drawn_world, given_world, problem_of, regimes_of
+from inscrutable.filtering import filter_beliefs
+from inscrutable.mechanisms import Prior, filtered_prior, uniform_prior
+from inscrutable.problems import DecisionProblem
+from inscrutable.worlds import HiddenMarkovModel
+
+_SETTINGS_KEPT = 4
+_OBSERVED_KEPT = 2  # tasks that differ in the observer alone follow one another
+
+
+class GridRunner(TaskRunner):
+    """Does the tasks of a grid."""
+
+    grid: StudyGrid
+
+    def __init__(self, work: Work) -> None:
+        self.study = StudyFile.model_validate_json(work.study)
+        self.grid = StudyGrid(self.study, work.data_hash)
+        self._fitted = [HiddenMarkovModel.from_dict(world) for world in json.loads(work.worlds)]
+        self.setting = lru_cache(_SETTINGS_KEPT)(self._setting)
+        self.observed = lru_cache(_OBSERVED_KEPT)(self._observed)
+
+    def figures(self, task: Task) -> dict[str, float]:
+        """Return the measures of one mechanism against one observer."""
+        observer = self.grid.adversaries[task.places[-1]].data
+        assert observer is not None
+        return figures_of(self.observed(task.places[:-1]), observer, self.study.measures)
+
+    def _observed(self, places: tuple[int, ...]) -> Observed:
+        setting = self.setting(places[:5])
+        maker, budget = self.grid.plays[places[5]]
+        whole = (*places, 0)
+
+        def seed() -> np.random.Generator:
+            return self.grid.stream("decisions", whole, (*PER_MARKET, "decision_maker", "budget"))
+
+        assert maker.data is not None
+        chosen = budget.data
+        limit = None if chosen is None else setting.budget_of(chosen)
+        found = behave(setting, maker.data, limit, each=chosen is not None and chosen["hold"] == "each", seed=seed)
+        if found is None:
+            raise ModelError(f"the decision maker {maker.data['name']!r} does not suit this problem")
+        return Observed(setting, found)
+
+    def _setting(self, places: tuple[int, ...]) -> Setting:
+        whole = (*places, 0, 0)
+        regimes = self._regimes(whole)
+        section = self.grid.problems[places[1]].data
+        assert section is not None
+        problem = problem_of(section, regimes)
+        prior = self._prior(whole, regimes, problem)
+        return Setting(problem, prior, self._candidates(places[3], problem))
+
+    def _regimes(self, places: Sequence[int]) -> Regimes:
+        world = self.study.world
+        if isinstance(world, GivenWorld):
+            return given_world(world)
+        if self._fitted:
+            return regimes_of(self._fitted[places[0]])
+        law, problem = self.grid.worlds[places[0]].data, self.grid.problems[places[1]].data
+        assert law is not None
+        assert problem is not None
+        rng = self.grid.stream("world", places, ("world", "repeat"))
+        return drawn_world(law, problem["risk_aversion"], rng=rng)
+
+    def _prior(self, places: Sequence[int], regimes: Regimes, problem: DecisionProblem) -> Prior:
+        section = self.grid.beliefs[places[2]].data
+        assert section is not None
+        if section["kind"] == "grid":
+            return uniform_prior(problem.n_states, section["resolution"])
+        assert regimes.world is not None
+        rng = self.grid.stream("beliefs", places, ("world", "problem", "beliefs", "repeat"))
+        if section["kind"] == "stationary":
+            return filtered_prior(regimes.world, section["resolution"], rng=rng)
+        path = regimes.world.sample(WARM_UP + section["steps"], rng=rng)
+        held = np.asarray(filter_beliefs(regimes.world, path.observations).beliefs)[WARM_UP:]
+        points, met = np.unique(held, axis=0, return_counts=True)
+        return Prior(points, met / met.sum())
+
+    def _candidates(self, place: int, problem: DecisionProblem) -> Candidates:
+        section = self.grid.candidates[place].data
+        assert section is not None
+        if "resolution" not in section:
+            return as_candidates(problem, None)
+        make = action_grid if section["kind"] == "actions" else decoy_grid
+        return make(problem, section["resolution"])

@@ -1,0 +1,39 @@
+"""What makes a kind of study: what its file may hold, which tasks it has, and who does them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from inscrutable.experiments.sections import PlanFile
+from inscrutable.experiments.studies.tables import plain_table
+from inscrutable.experiments.studies.tasks import Row, TaskGrid, TaskRunner
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of study.
+
+    Args:
+        layout: Its file.
+        grid: Returns the tasks, from the file and the hash of its data.
+        runner: Does them.
+        data_hash: Returns the hash of the data that a file names, from the file and its folder; None without any.
+        prepared: Returns what is computed once for all processes, as plain data, from the file and its folder.
+        table: Returns rows as a table.
+        check: Raises what is wrong with the data that a file names, from the file and its folder.
+    """
+
+    layout: type[PlanFile]
+    grid: Callable[[Any, str | None], TaskGrid]
+    runner: type[TaskRunner]
+    data_hash: Callable[[Any, Path], str | None] = lambda plan, base: None
+    prepared: Callable[[Any, Path, TaskGrid], list[dict[str, Any]]] = lambda plan, base, grid: []
+    table: Callable[[TaskGrid, Iterable[Row], bool], pd.DataFrame] = lambda grid, rows, durations: plain_table(
+        rows, durations=durations
+    )
+    check: Callable[[Any, Path], None] = lambda plan, base: None

@@ -1,0 +1,125 @@
+"""Who hides best at one expected regret: what decision makers spend at the same budget may differ many times over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.experiments.measures import MEASURES
+from inscrutable.experiments.studies.layout import PAID
+from inscrutable.experiments.studies.means import StudyMeans
+from inscrutable.validation import Array
+
+SAME_COST = 0.05
+"""Expected regrets within this share of one another count as equal: budgets held at each belief differ by as much by chance."""
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Decision makers at a budget by one figure, the most private first; each is a place in the study's means.
+
+    Args:
+        plays: Those that are ranked.
+        values: The figure of each, at the expected regret at which they are compared.
+        spenders: All of them, and who cannot spend as little as that.
+        spent: What each of these spends itself; NaN where that was not measured.
+        regret: The expected regret at which they are compared; None where all spend the same, or nothing is known of it.
+    """
+
+    plays: tuple[int, ...]
+    values: tuple[float, ...]
+    spenders: tuple[int, ...]
+    spent: tuple[float, ...]
+    regret: float | None = None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is known what all of them spend."""
+        return not np.isnan(self.spent).any()
+
+    @property
+    def dearest(self) -> int:
+        """Which of the spenders spends most."""
+        return int(np.argmax(self.spent))
+
+    @property
+    def cheapest(self) -> int:
+        """Which of the spenders spends least, of those that spend anything."""
+        return int(np.argmin(np.where(_spends(np.array(self.spent)), self.spent, np.inf)))
+
+    @property
+    def times(self) -> float:
+        """How many times the least cost of hiding the greatest is."""
+        return self.spent[self.dearest] / self.spent[self.cheapest]
+
+
+def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) -> Ranking:
+    """Return who hides best by a figure, of those that take a budget and those that take none.
+
+    Where costs differ by more than `SAME_COST`, all are compared at the least regret that one who takes the budget spends.
+    One who spends more is taken between its own plays there, or between one of them and the optimal decision, tossing a coin
+    that observers see: means then mix in proportion, and errors by their squares. One who cannot spend so little is left out.
+    """
+    measured = means.mean[setting, :, figure]
+    plays = [p for p, each in enumerate(means.budgets) if each in (None, budget) and not np.isnan(measured[p])]
+    paid = _paid(means, setting)
+    values, regret = {p: float(measured[p]) for p in plays}, None
+    costs = {p: float(paid[p]) for p, spends in zip(plays, _spends(paid[plays]), strict=True) if spends}
+    known = not np.isnan(paid[plays]).any()
+    if known and costs and max(costs.values()) > (1.0 + SAME_COST) * min(costs.values()):
+        regret = min([cost for p, cost in costs.items() if means.budgets[p] is not None] or costs.values())
+        found = {p: _at(means, setting, p, figure, regret) for p in plays}
+        values = {p: each for p, each in found.items() if not np.isnan(each)}
+    sign = MEASURES[means.figures[figure].measure].sign or 1
+    order = sorted(values, key=lambda p: -sign * values[p])
+    spenders = (*order, *(p for p in plays if p not in values))
+    return Ranking(
+        tuple(order), tuple(values[p] for p in order), spenders, tuple(float(paid[p]) for p in spenders), regret
+    )
+
+
+def times_the_least(means: StudyMeans, setting: int, budget: float | None) -> Array:
+    """Return what every play of a setting spends over the least that is spent for hiding at its budget, shape (P,).
+
+    Those that take no budget are compared with `budget`. 0 where nothing is spent, NaN where it was not measured.
+    """
+    paid = _paid(means, setting)
+    found = np.full(len(paid), np.nan)
+    for place, own in enumerate(means.budgets):
+        at = budget if own is None else own
+        beside = paid[[p for p, each in enumerate(means.budgets) if each in (None, at)]]
+        least = beside[_spends(beside)].min(initial=np.inf)
+        found[place] = paid[place] / least if np.isfinite(least) else 0.0 * paid[place]
+    return np.where(found < tolerances.NO_COST, 0.0, found)
+
+
+def _paid(means: StudyMeans, setting: int) -> Array:
+    """The expected regret of every play; NaN where it was not measured."""
+    if PAID not in means.place:
+        return np.full(len(means.makers), np.nan)
+    return np.asarray(means.mean[setting, :, means.place[PAID]])
+
+
+def _spends(paid: Array) -> np.ndarray:
+    """Whether each regret is more than rounding beside the largest."""
+    return np.asarray(paid > tolerances.NO_COST * np.nanmax(paid, initial=0.0))
+
+
+def _at(means: StudyMeans, setting: int, play: int, figure: int, regret: float) -> float:
+    """A play's figure at an expected regret; NaN where its decision maker cannot spend so little."""
+    paid, measured = _paid(means, setting), means.mean[setting, :, figure]
+    if paid[play] <= (1.0 + SAME_COST) * regret:
+        return float(measured[play])
+    own = [
+        p for p, name in enumerate(means.makers) if name in (means.makers[play], "ODM") and not np.isnan(measured[p])
+    ]
+    below = [p for p in own if paid[p] <= regret]
+    if not below:
+        return float("nan")
+    low = max(below, key=lambda p: paid[p])
+    high = min((p for p in own if paid[p] > regret), key=lambda p: paid[p])
+    share = (regret - paid[low]) / (paid[high] - paid[low])
+    power = 2 if means.figures[figure].measure == "error" else 1
+    return float(((1.0 - share) * measured[low] ** power + share * measured[high] ** power) ** (1.0 / power))

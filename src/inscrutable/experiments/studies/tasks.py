@@ -1,0 +1,182 @@
+"""Tasks of any study: what a task is, who does it, and the row that comes of it.
+
+An identity is a hash of the task's parameters, so neither it nor any draw depends on the order of tasks, on the number of
+processes or machines, or on what else the study holds.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import sha256
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from inscrutable.errors import InscrutableError
+
+DONE, FAILED = "done", "failed"
+_HASH_CHARACTERS = 32
+_SECONDS_FOR_INTERRUPT = 0.1
+_ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
+
+
+def canonical(value: Any) -> str:
+    """Return plain data as the one JSON text that stands for it: sorted keys, no blanks, floats in full."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+
+
+def identity(text: str) -> str:
+    """Return the hash that stands for a text."""
+    return sha256(text.encode("ascii")).hexdigest()[:_HASH_CHARACTERS]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One row of a study: where it stands in the grid, what it is, and its identity.
+
+    Args:
+        number: Its place in the order of the grid, from 0.
+        places: The place of each part's choice.
+        text: Its parameters as canonical JSON.
+    """
+
+    number: int
+    places: tuple[int, ...]
+    text: str
+
+    @property
+    def key(self) -> str:
+        """Its identity: a hash of its parameters."""
+        return identity(self.text)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Its parameters as plain data."""
+        found: dict[str, Any] = json.loads(self.text)
+        return found
+
+
+class TaskGrid(Protocol):
+    """The tasks of a study of any kind."""
+
+    def __len__(self) -> int: ...
+
+    def task(self, number: int) -> Task:
+        """Return a task by its place."""
+
+    def task_seed(self, task: Task) -> np.random.SeedSequence:
+        """Return the child seed of a task."""
+
+
+class Work(NamedTuple):
+    """What a process needs to know of a study in order to do its tasks, as texts that any machine can read.
+
+    Args:
+        runner: The class that does the tasks.
+        study: The study as JSON.
+        data_hash: Hash of the data that worlds were fitted to, or None.
+        worlds: What was prepared once for all processes, as JSON.
+    """
+
+    runner: type[TaskRunner]
+    study: str
+    data_hash: str | None
+    worlds: str
+
+
+class Row(NamedTuple):
+    """One task done, as it is stored."""
+
+    number: int
+    task: str
+    parameters: str
+    seed: str
+    status: str
+    figures: str
+    duration: float
+    error: str
+
+
+class TaskRunner(ABC):
+    """Does the tasks of one study."""
+
+    grid: TaskGrid
+
+    @abstractmethod
+    def __init__(self, work: Work) -> None:
+        """Read what the work says."""
+
+    @abstractmethod
+    def figures(self, task: Task) -> dict[str, float]:
+        """Return the figures of one task, by name."""
+
+    def row(self, number: int) -> Row:
+        """Do one task and return its row; that of one that fails says why."""
+        started = time.perf_counter()
+        task = self.grid.task(number)
+        status, error, found = DONE, "", {}
+        try:
+            found = self.figures(task)
+        except InscrutableError as reason:
+            status, error = FAILED, f"{type(reason).__name__}: {reason}"
+        except Exception as reason:
+            _pass_interrupt(reason)
+            status, error = FAILED, f"unexpected {type(reason).__name__}: {reason}"
+        return self.row_of(task, status, found, time.perf_counter() - started, error)
+
+    def row_of(self, task: Task, status: str, figures: dict[str, float], duration: float, error: str) -> Row:
+        """Return the row of a task, with its identity and the first 64 bits of its child seed."""
+        seed = int(self.grid.task_seed(task).generate_state(1, np.uint64)[0])
+        return Row(task.number, task.key, task.text, str(seed), status, figures_text(figures), duration, error)
+
+
+def _pass_interrupt(error: BaseException) -> None:
+    """Give way to Ctrl-C: compiled code may report it as an error of its own, and it is then sent again at once."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            raise cause
+        cause = cause.__cause__ or cause.__context__
+    time.sleep(_SECONDS_FOR_INTERRUPT)
+
+
+def figures_text(figures: dict[str, float]) -> str:
+    """Return figures as JSON, floats in full; no number is null, infinities are texts that `float` reads."""
+    try:
+        return _ENCODER.encode(figures)
+    except ValueError:  # a number that JSON has not
+        return _ENCODER.encode({name: _plain(value) for name, value in figures.items()})
+
+
+def _plain(value: float) -> float | str | None:
+    if value != value:
+        return None
+    return value if abs(value) != float("inf") else ("Infinity" if value > 0 else "-Infinity")
+
+
+@lru_cache(maxsize=2)
+def runner_of(work: Work) -> TaskRunner:
+    """Return this process's runner for a study, made once."""
+    return work.runner(work)
+
+
+def rows_one_by_one(work: Work, numbers: Iterable[int]) -> Iterator[Row]:
+    """Do some tasks one after another, each as soon as the one before is taken.
+
+    Linear algebra runs on one thread: with several, the order of a sum, and with it the last digit, may change.
+    """
+    with threadpool_limits(limits=1):
+        runner = runner_of(work)
+        for number in numbers:
+            yield runner.row(number)
+
+
+def chunk_of_rows(work: Work, numbers: Iterable[int]) -> list[Row]:
+    """Do some tasks and return their rows."""
+    return list(rows_one_by_one(work, numbers))

@@ -38,7 +38,7 @@ def sections() -> list[tuple[str, type[BaseModel], str]]:
         "[candidates]": (layout.CandidateSection,),
         "[budgets]": (layout.BudgetSection,),
         "[[decision_makers]]": get_args(layout.MakerSection),
-        "[[adversaries]]": get_args(layout.AdversarySection),
+        "[[adversaries]]": get_args(layout.ObserverSection),
     }.items():
         for model in models:
             tag = next((name for name in ("kind", "name") if name in model.model_fields), None)
@@ -109,7 +109,7 @@ NAMES = {
         str(get_args(each.model_fields["name"].annotation)[0]) for each in get_args(layout.MakerSection)
     ],
     ("[[adversaries]]", "name"): [
-        str(get_args(each.model_fields["name"].annotation)[0]) for each in get_args(layout.AdversarySection)
+        str(get_args(each.model_fields["name"].annotation)[0]) for each in get_args(layout.ObserverSection)
     ],
     ("", "measures"): get_args(layout.Measure),
     ("[budgets]", "unit"): ("relative", "regret", "silence", "cost"),
@@ -313,3 +313,40 @@ def test_what_is_no_study_and_no_path_is_refused(tmp_path: Path, wrong: Any) -> 
     for ask in (lambda: run_study(wrong, tmp_path), lambda: resume_study(wrong), lambda: Study.load(wrong)):
         with pytest.raises(InputError, match=r"Study\.of|by its path"):
             ask()
+
+
+@pytest.mark.parametrize(
+    ("change", "where", "fits"),
+    [
+        ({"world": {"kind": "random", "regimes": 200_000}}, "world.regimes", r"at most 11,5\d\d"),
+        ({"world": {"kind": "random", "assets": 10**8}}, "world.assets", r"at most 6,688"),
+        ({"beliefs": {"kind": "grid", "resolution": 5000}}, "beliefs.resolution", r"at most 2,0\d\d"),
+        ({"candidates": {"resolution": 10**9}}, "candidates.resolution", "at most "),
+        (
+            {"world": {"kind": "random", "regimes": 10**8}, "beliefs": {"kind": "grid", "resolution": 10**8}},
+            "world",
+            "",
+        ),
+        ({"beliefs": {"kind": "path", "steps": 10**12}}, "beliefs.steps", "at most "),
+        ({"repeats": 10**12}, "repeats", "at most 10,000,000"),
+        (
+            {"decision_makers": [{"name": "Dirichlet noise", "draws": 10**12}]},
+            r"decision_makers\[0\].draws",
+            "at most ",
+        ),
+    ],
+)
+def test_sizes_beyond_any_memory_are_refused_at_once(change: dict[str, Any], where: str, fits: str) -> None:
+    started = time.process_time()
+    with pytest.raises(InputError, match=rf"key {where}.*{fits}"):
+        Study.of(plan(**change))
+    assert time.process_time() - started < 5.0
+
+
+def test_what_is_said_to_fit_is_accepted() -> None:
+    with pytest.raises(InputError) as refused:
+        Study.of(plan(beliefs={"kind": "grid", "resolution": 5000}))
+    largest = int(re.findall(r"at most ([\d,]+)", str(refused.value))[0].replace(",", ""))
+    assert Study.of(plan(beliefs={"kind": "grid", "resolution": largest})).n_tasks > 0
+    with pytest.raises(InputError):
+        Study.of(plan(beliefs={"kind": "grid", "resolution": largest + 1}))

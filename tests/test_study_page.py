@@ -17,6 +17,7 @@ import browser
 from inscrutable import InputError, Study, cli, run_study
 from inscrutable.experiments.studies.grid import Variant
 from inscrutable.experiments.studies.means import StudyMeans, labels, means_of
+from inscrutable.experiments.studies.ranking import ranking
 from inscrutable.experiments.studies.store import STORE
 from inscrutable.reports.page import study_page, write_page
 from study_runs import SMALL
@@ -123,8 +124,7 @@ def test_verdict_names_the_best_against_each_observer(means: StudyMeans, page: P
     said = " ".join(Reader(page).inside["p"])
     for observer in ("naive", "bayesian"):
         place = means.place[f"error, {observer}"]
-        plays = [k for k, budget in enumerate(means.budgets) if budget in (None, 0.1)]
-        best = max(plays, key=lambda k: means.mean[0, k, place])
+        best = ranking(means, 0, 0.1, place).plays[0]
         assert f"largest error of the {observer} observer is under {means.makers[best]} (" in said
     assert "budget of 0.1 of |c*|" in said
     assert re.search(r"By the error of the bayesian observer, .+ is first in [12] of 2 settings", said)
@@ -194,7 +194,7 @@ def test_studies_without_an_observers_error_have_a_verdict(tmp_path: Path) -> No
     study = run_study(Study.of(plan | {"budgets": {"values": 0.1}}), tmp_path)
     read = Reader(write_page(study, tmp_path / "report.html"))
     assert "the smallest bits told is under uniform" in " ".join(read.inside["p"])
-    assert not read.all("input")
+    assert [each["id"] for each in read.all("input")] == ["figure"], "what is paid is measured, too"
     bare = run_study(Study.of(plan | {"measures": ["n_actions"], "repeats": 1}), tmp_path / "bare")
     said = " ".join(Reader(write_page(bare, tmp_path / "bare.html")).inside["p"])
     assert "tasks have figures" in said
@@ -284,3 +284,47 @@ def test_odd_studies_are_drawn_and_printed_too(tab: browser.Browser, tmp_path: P
         tab.printed(tmp_path / "page.pdf")
         assert 1 <= len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) <= 8
     assert tab.complaints == []
+
+
+def costly_rule(folder: Path, **changes: object) -> Study:
+    """A study whose second rule takes no budget and spends several times as much as the first."""
+    plan = {
+        "name": "a rule that spends more",
+        "world": {"kind": "random"},
+        "beliefs": {"kind": "grid", "resolution": 4},
+        "candidates": {"resolution": 6},
+        "decision_makers": ["ODM", "PDM", {"name": "coin", "probability": 1.0}],
+        "adversaries": ["bayesian", "naive"],
+        "measures": ["error", "mutual_information"],
+        "budgets": {"unit": "silence", "values": [0.1, 0.2, 0.3]},
+    }
+    return run_study(Study.of(plan | changes), folder)
+
+
+def test_who_spends_more_is_no_better_for_that(tmp_path: Path) -> None:
+    study = costly_rule(tmp_path)
+    rows = study.frame().query("adversary == 'naive'").set_index(["decision_maker", "budget"])
+    constant = rows.loc["coin"].iloc[0]
+    lottery = rows.loc[("PDM", 0.2)]
+    assert constant["expected_regret"] > 4 * lottery["expected_regret"], (
+        "the costs are there though nobody asked for them"
+    )
+    verdict = " ".join(Reader(write_page(study, tmp_path / "report.html")).inside["p"])
+    times = constant["expected_regret"] / lottery["expected_regret"]
+    assert f"(coin), {times:.1f} times as much" in verdict
+    assert f"compared at an equal {lottery['expected_regret']:.3g}" in verdict
+    # What the constant decision keeps secret is bought by a coin, whose square error grows in proportion to its costs.
+    share = lottery["expected_regret"] / constant["expected_regret"]
+    shared = np.sqrt((1.0 - share) * rows.loc["ODM"].iloc[0]["error"] ** 2 + share * constant["error"] ** 2)
+    leader = "PDM" if lottery["error"] > shared else "coin"
+    assert f"the largest error of the naive observer is under {leader}" in verdict
+    assert f"about {shared:.3g}" in verdict, verdict
+    assert "cost, times the least at its budget" in Reader(tmp_path / "report.html").inside["th"]
+
+
+def test_costs_that_are_the_same_rank_as_they_are(tmp_path: Path) -> None:
+    budgets = {"unit": "silence", "hold": "mean", "values": [0.2]}
+    study = costly_rule(tmp_path, decision_makers=["PDM", "coin", "exponential"], budgets=budgets)
+    verdict = " ".join(Reader(write_page(study, tmp_path / "report.html")).inside["p"])
+    assert "times as much" not in verdict
+    assert "about" not in verdict.split("Decision makers rank")[0]

@@ -24,7 +24,8 @@ from inscrutable.decision_makers.results import Decision, Decisions, DecisionSta
 from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.decision_makers.search.atlas import atlas_of
 from inscrutable.decision_makers.search.face_search import most_private
-from inscrutable.decision_makers.search.polish import Goal, Trial, polish
+from inscrutable.decision_makers.search.goal import Goal
+from inscrutable.decision_makers.search.polish import Trial, polish
 from inscrutable.decision_makers.search.singles import decisions_of, price_of, stream_singles
 from inscrutable.decision_makers.search.streaming import Aims
 from inscrutable.errors import InputError

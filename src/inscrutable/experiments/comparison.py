@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
+from pydantic import Field, model_validator
 from threadpoolctl import threadpool_limits
 
 from inscrutable import validation
@@ -27,8 +27,8 @@ from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved
 
-_SIDE = 1.96
-"""Standard errors to either side of a 95 % interval."""
+_MOST_DRAWN = 2**27
+"""Decisions sampled for one mechanism: a gigabyte of them."""
 
 
 class ComparisonSettings(Section):
@@ -52,7 +52,16 @@ class ComparisonSettings(Section):
     budgets: Annotated[Rising[NonNegative], Field(min_length=1)] = (0.25, 0.5, 0.75, 1.0)
     unit: Literal["silence", "cost", "regret"] = "silence"
     repeats: Annotated[Rising[Count], Field(min_length=1)] = (1, 10, 100)
-    draws: Annotated[int, Field(ge=10)] = 500
+    draws: Annotated[int, Field(ge=10, le=1_000_000)] = 500
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        numbers = self.draws * self.repeats[-1]
+        if numbers > _MOST_DRAWN:
+            raise ValueError(
+                f"{self.draws:,} draws of {self.repeats[-1]:,} decisions are {numbers:,}, expected at most {_MOST_DRAWN:,}"
+            )
+        return self
 
 
 @dataclass(frozen=True, eq=False, repr=False)

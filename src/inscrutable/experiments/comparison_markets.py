@@ -104,6 +104,8 @@ def market_of(name: str, resolution: int, seed: int) -> ComparedMarket:
         >>> len(market_of("paper", 30, 0).prior)
         496
     """
+    if validation.count(resolution, "resolution") >= _MOST_BELIEFS:
+        _few(resolution + 1, resolution)  # as many as two states have, and more have no fewer
     if name == PAPER:
         return paper_market(resolution, seed)
     if name == RETURNS:

@@ -379,8 +379,8 @@ def behave(
     if kind.takes is Takes.EACH and (each or asked <= 0):
         found: Behaviour | None = of_budget(limit)
     elif kind.takes is Takes.EACH:
-        unit = limit.amount / asked
-        found = scaled_to(setting, lambda amount: of_budget(Budget(unit * amount, limit.is_relative)), asked)
+        unit = setting.mean_cost if limit.is_relative else 1.0
+        found = scaled_to(setting, lambda amount: of_budget(Budget(amount / unit, limit.is_relative)), asked)
     elif asked <= 0 and not issubclass(kind, _WithMemory):
         found = Behaviour(setting.optimal)
     else:

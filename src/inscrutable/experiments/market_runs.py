@@ -31,6 +31,7 @@ from inscrutable.decision_makers.local_search import privacies_by_start
 from inscrutable.experiments.episodes import relative_increase
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.sections import AtLeastTwo, Count, PlanFile, Positive, Rising
+from inscrutable.geometry.grids import grid_size, resolution_for
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -39,11 +40,17 @@ PAPER, GLOBAL = "paper", "global"
 """The two variants: the paper's local CDM with the PDM's programme over an action grid, and the global ones on decoys."""
 
 CANDIDATE_KINDS = ("action grid", "random actions", "decoy grid")
+_MOST_CANDIDATES = 2_000_000
+_MOST_MARKETS = 10_000_000
+
 SIDES = 3
 """The paper draws actions and beliefs as triangles."""
 
 COARSER = 4
 """The number-of-samples claim compares the resolution asked for with one this many times coarser."""
+
+
+Steps = Annotated[int, Field(ge=2, le=1_000_000)]
 
 
 class ReproductionSettings(PlanFile):
@@ -77,8 +84,8 @@ class ReproductionSettings(PlanFile):
     budget: Positive = 0.1
     markets: AtLeastTwo = 100
     simulations: AtLeastTwo = 20
-    market_steps: AtLeastTwo = 3
-    steps: AtLeastTwo = 30
+    market_steps: Steps = 3
+    steps: Steps = 30
     resolution: AtLeastTwo = 40
     budgets: Annotated[Rising[Positive], Field(min_length=2)] = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
     starts: Annotated[Rising[Count], Field(min_length=2)] = (1, 5, 20)
@@ -86,7 +93,16 @@ class ReproductionSettings(PlanFile):
     law: MarketLaw = MarketLaw()
 
     @model_validator(mode="after")
-    def _fits_the_pictures(self) -> Self:
+    def _fits(self) -> Self:
+        for name, largest in (("resolution", self.resolution), ("sample_resolutions", max(self.sample_resolutions))):
+            if grid_size(SIDES, largest) > _MOST_CANDIDATES:
+                fits = resolution_for(SIDES, int(_MOST_CANDIDATES / 1.02))
+                size = grid_size(SIDES, largest)
+                raise ValueError(
+                    f"{name} {largest:,} gives {size:,} candidates, more than fit; expected at most {fits:,}"
+                )
+        if max(self.markets, self.simulations) > _MOST_MARKETS:
+            raise ValueError(f"markets and simulations should be at most {_MOST_MARKETS:,}")
         if self.starts[0] != 1:
             raise ValueError(f"starts should begin with 1, the paper's, got {self.starts}")
         if (self.law.regimes, self.law.assets) != (SIDES, SIDES):

@@ -16,10 +16,10 @@ from scipy.optimize import minimize
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.decision_makers.scores import Scores
+from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.ray_climb import climb_on_rays
 from inscrutable.decision_makers.search.rays import farthest_decoys
-from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
+from inscrutable.problems import QuadraticProblem, quadratic_problem
 from inscrutable.problems.quadratic import FaceSolution
 from inscrutable.validation import Array
 
@@ -37,16 +37,6 @@ class Trial(NamedTuple):
 
     action: Array
     privacy: float
-
-
-class Goal(NamedTuple):
-    """What the polish works on: a problem, a belief, an allowed regret and a distance to grow or shrink."""
-
-    problem: DecisionProblem
-    belief: Array
-    limit: float
-    reference: Reference
-    optimal_cost: float
 
 
 class Start(NamedTuple):

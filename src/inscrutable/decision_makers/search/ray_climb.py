@@ -7,16 +7,14 @@ patterns of trials that shrink around the best.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.validation import Array
-
-if TYPE_CHECKING:
-    from inscrutable.decision_makers.search.polish import Goal
 
 _POINTS = 7
 _ROUNDS = 10

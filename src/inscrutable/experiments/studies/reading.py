@@ -20,13 +20,13 @@ from inscrutable.experiments.sections import PlanFile, expected, shortened
 from inscrutable.experiments.studies.grid import StudyGrid, variants
 from inscrutable.experiments.studies.kinds import OTHER_KINDS, kind_named
 from inscrutable.experiments.studies.layout import DispatchSection, GivenWorld, GridBeliefs, StudyFile
+from inscrutable.experiments.studies.sizes import too_large, too_many
 from inscrutable.experiments.studies.toml_lines import Place, key_lines
 from inscrutable.experiments.studies.worlds import given_world, problem_of
 
 _MOST_PARTS = 32
 _DEEP = re.compile(rf"""(?:[\w"'-]{{1,99}}[ \t]*\.[ \t]*){{{_MOST_PARTS}}}""")
 _NEAR = 0.5
-_MOST_TASKS = 10_000_000
 _BY_NAME = ("decision_makers", "adversaries")
 
 
@@ -233,12 +233,10 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
 
 
 def _check_size(study: StudyFile, source: StudySource) -> None:
-    """Refuse more tasks than any machine does, which a slip of the keyboard asks for."""
-    shape = StudyGrid(study).shape
-    tasks = prod(shape)
-    if tasks > _MOST_TASKS:
-        settings, decisions, observers = prod(shape[:4]), *shape[5:]
-        raise InputError(
-            f"{source.at(('repeats',))}: {tasks:,} tasks (settings {settings:,} x repeats {study.repeats:,} x decision makers "
-            f"with budgets {decisions:,} x adversaries {observers:,}), expected at most {_MOST_TASKS:,}"
-        )
+    """Refuse what no machine has room for, and more tasks than any does."""
+    demand = too_large(study)
+    if demand is not None:
+        raise InputError(f"{source.at(demand.place)}: {demand.refusal()}")
+    many = too_many(study, prod(StudyGrid(study).shape))
+    if many is not None:
+        raise InputError(f"{source.at(('repeats',))}: {many}")

@@ -107,9 +107,9 @@ def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTa
         cells = [_cell(means.mean[setting, place, f], means.half_width[setting, place, f]) for f in range(len(counts))]
         done = f"{counts.max()} of {repeats}" if counts.max() < repeats else str(counts.max())
         times = [f"{costs[place]:.2g}" if costs[place] > 0 else "–"] if differ else []
-        rows.append([maker, "–" if budget is None else f"{budget:g}", done, *times, *cells])
+        rows.append([maker, "–" if budget is None else f"{budget:g}", done, *cells, *times])
     titles = [_TIMES] if differ else []
-    columns = ["Decision maker", "budget", "repeats", *titles, *map(title_of, means.figures)]
+    columns = ["Decision maker", "budget", "repeats", *map(title_of, means.figures), *titles]
     heading = means.settings[setting] or "All figures"
     return PageTable(heading, columns, rows, ("setting", number) if len(means.settings) > 1 else None)
 

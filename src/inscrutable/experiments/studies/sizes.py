@@ -1,0 +1,144 @@
+"""Sizes that no machine has room for are refused before anything is made, with what would fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from math import exp, lgamma, prod
+from typing import NamedTuple
+
+from inscrutable.experiments.sections import PlanFile
+from inscrutable.experiments.studies.grid import StudyGrid
+from inscrutable.experiments.studies.layout import GivenWorld, RandomWorld, StudyFile
+from inscrutable.experiments.studies.toml_lines import Place
+
+MOST_NUMBERS = 2**27
+"""Numbers in one table, a gigabyte: several such tables stand side by side while a task is done."""
+
+MOST_TASKS = 10_000_000
+_GIGABYTE = 2.0**30
+
+
+class Demand(NamedTuple):
+    """What one key of a study asks room for.
+
+    Args:
+        place: The key.
+        value: What it holds.
+        table: What is made of it.
+        size: How many numbers that has, for any value of the key.
+    """
+
+    place: Place
+    value: int
+    table: str
+    size: Callable[[int], float]
+
+    @property
+    def fits(self) -> bool:
+        """Whether there is room."""
+        return self.size(self.value) <= MOST_NUMBERS
+
+    def refusal(self) -> str:
+        """Return what is too large, and what is not."""
+        taken = self.size(self.value)
+        room = (
+            f"{taken:.3g} numbers, {8.0 * taken / _GIGABYTE:.3g} GB" if taken < exp(_LARGE) else "more than any machine"
+        )
+        low, high = 0, self.value
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if self.size(middle) <= MOST_NUMBERS else (low, middle)
+        advice = (
+            f"expected at most {low:,}" if low else "no value of it fits: other sizes of the study have to be smaller"
+        )
+        return f"{self.value:,} is too large: {self.table} would take {room}, where {MOST_NUMBERS:,} fit; {advice}"
+
+
+_CANDIDATES = 5000.0
+"""Decoys where a study names no resolution."""
+
+_EACH = 64.0
+"""Numbers kept for one belief by a decision maker that plays one decision or two."""
+
+_MIX_ALL = ("uniform", "exponential", "rate-distortion", "Stackelberg")
+"""Decision makers that may play any candidate."""
+
+_LARGE = 100.0  # logarithm from which a number of points is no longer told
+
+
+def points(coordinates: int, resolution: int) -> float:
+    """Return about how many points a regular grid on the simplex has, however many that are."""
+    exponent = lgamma(resolution + coordinates) - lgamma(coordinates) - lgamma(resolution + 1)
+    return exp(min(exponent, 2.0 * _LARGE))
+
+
+def too_large(study: StudyFile) -> Demand | None:
+    """Return the first key of a grid that asks for more than fits, if there is one."""
+    return next((each for each in _demands(study) if not each.fits), None)
+
+
+def _demands(study: StudyFile) -> Iterator[Demand]:
+    world = study.world
+    regimes = len(world.means) if isinstance(world, GivenWorld) else max(world.regimes)
+    assets = max(world.assets) if isinstance(world, RandomWorld) else 1
+    if isinstance(world, GivenWorld):
+        assets = max(map(len, world.means), default=1)
+    if isinstance(world, RandomWorld):
+        yield Demand(("world", "assets"), assets, "covariances in every regime", lambda u: float(regimes) * u * u)
+    if not isinstance(world, GivenWorld):
+        yield Demand(
+            ("world", "regimes"), regimes, "regimes with their covariances", lambda x: float(x) * (x + assets**2)
+        )
+    yield from _laws(study, regimes, assets)
+    resolutions = study.candidates.resolution
+    for kind in study.candidates.kind if resolutions else ():
+        n = regimes if kind == "decoys" else assets
+        for resolution in resolutions or ():
+            place = ("candidates", "resolution")
+            yield Demand(place, resolution, f"a grid of {kind}", lambda r, n=n: points(n, r) * (regimes + assets))
+    for place, maker in enumerate(study.decision_makers):
+        draws = getattr(maker, "draws", None)
+        if draws is not None:
+            where = ("decision_makers", place, "draws")
+            yield Demand(
+                where, draws, "draws of noisy weights", lambda n: float(n) * assets * _fewest_beliefs(study, regimes)
+            )
+
+
+def _laws(study: StudyFile, regimes: int, assets: int) -> Iterator[Demand]:
+    """What the law of beliefs asks for: its grid, its path, and the chances of every candidate under every belief."""
+    steps = getattr(study.beliefs, "steps", ())
+    for each in steps:
+        yield Demand(("beliefs", "steps"), each, "a path of observations", lambda n: float(n) * (regimes + assets))
+    if study.beliefs.kind != "grid":  # of a simulated path no more points can be met than it has steps
+        return
+    grids = study.candidates.resolution
+    candidates = points(regimes, max(grids)) if grids and "decoys" in study.candidates.kind else _CANDIDATES
+    mixes = any(maker.name in _MIX_ALL for maker in study.decision_makers)
+    beside, table = (
+        (candidates, "chances of every candidate") if mixes else (_EACH, "decisions with what explains them")
+    )
+    for resolution in study.beliefs.resolution:
+        place = ("beliefs", "resolution")
+        yield Demand(
+            place, resolution, f"{table} under every belief of the grid", lambda r: points(regimes, r) * beside
+        )
+
+
+def _fewest_beliefs(study: StudyFile, regimes: int) -> float:
+    beliefs = study.beliefs
+    return points(regimes, min(beliefs.resolution)) if beliefs.kind == "grid" else 1.0
+
+
+def too_many(plan: PlanFile, total: int) -> str | None:
+    """Return why a study has more tasks than any machine does, which a slip of the keyboard asks for; None if it has not."""
+    if total <= MOST_TASKS:
+        return None
+    made_of = ""
+    if isinstance(plan, StudyFile):
+        shape = StudyGrid(plan).shape
+        made_of = (
+            f" (settings {prod(shape[:4]):,} x repeats {plan.repeats:,} x decision makers with budgets {shape[5]:,} x "
+            f"adversaries {shape[6]:,})"
+        )
+    return f"{total:,} tasks{made_of}, expected at most {MOST_TASKS:,}"

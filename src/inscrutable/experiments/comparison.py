@@ -324,7 +324,7 @@ def makers_of(names: Iterable[str], setting: Setting | None = None) -> dict[str,
             if not kind.suits(setting):
                 return None
             limit = setting.budget(regret) if kind.takes_budget(chosen) else None
-            return behave(setting, chosen, limit, seed=lambda: np.random.default_rng(0))
+            return behave(setting, chosen, limit, regret=regret, seed=lambda: np.random.default_rng(0))
 
         return made
 

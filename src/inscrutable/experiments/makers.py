@@ -355,7 +355,13 @@ MAKERS: Mapping[str, type[MakerSection]] = {
 
 
 def behave(
-    setting: Setting, chosen: Chosen, limit: Budget | None, *, each: bool = False, seed: Seed
+    setting: Setting,
+    chosen: Chosen,
+    limit: Budget | None,
+    *,
+    regret: float | None = None,
+    each: bool = False,
+    seed: Seed,
 ) -> Behaviour | None:
     """Return what a decision maker does when it spends a budget; None where it does not suit the setting.
 
@@ -363,6 +369,7 @@ def behave(
         setting: What it decides on.
         chosen: Its keys, the name among them.
         limit: A budget per belief; None for one that takes none.
+        regret: What the budget allows on average, in the cost's unit, where that is known.
         each: Whether the budget is to hold at every belief. Else what it allows on average is spent in expectation, to
             `SAME_SPENDING`, by one with a budget per belief by scaling that; who finds nothing more to buy spends less.
         seed: The stream of random numbers.
@@ -371,7 +378,7 @@ def behave(
     if limit is None:
         promise = Budget.regret(0.0) if kind.takes is Takes.NOTHING else None
         return behaviour_of(setting, kind.make(setting, chosen, chosen.get(kind.parameter), seed), promise)
-    asked = setting.mean_limit(limit)
+    asked = setting.mean_limit(limit) if regret is None else regret
 
     def of_budget(budget: Budget) -> Behaviour:
         return behaviour_of(setting, kind.make(setting, chosen, budget, seed), budget if kind.promises else None)

@@ -112,12 +112,15 @@ def holds(entry: dict[str, Any]) -> str:
     if entry.get("type") == "array":
         if "minLength" in entry:  # one or several
             return f"{holds(entry['items'])}; or a list"
+        if "prefixItems" in entry:
+            of = entry["prefixItems"][0]
+            return f"two numbers{limits(of)}, least and largest"
         of = entry["items"]
         depth = 1
         while of.get("type") == "array":
             of, depth = of["items"], depth + 1
         shape = {
-            1: f"two numbers{limits(of)}, least and largest",
+            1: f"a list of numbers{limits(of)}",
             2: "a matrix",
             3: "a list of matrices",
         }

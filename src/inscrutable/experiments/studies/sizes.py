@@ -90,19 +90,22 @@ def _demands(study: StudyFile) -> Iterator[Demand]:
             ("world", "regimes"), regimes, "regimes with their covariances", lambda x: float(x) * (x + assets**2)
         )
     yield from _laws(study, regimes, assets)
-    resolutions = study.candidates.resolution
-    for kind in study.candidates.kind if resolutions else ():
+    for kind in study.candidates.kind:
         n = regimes if kind == "decoys" else assets
-        for resolution in resolutions or ():
-            place = ("candidates", "resolution")
-            yield Demand(place, resolution, f"a grid of {kind}", lambda r, n=n: points(n, r) * (regimes + assets))
-    for place, maker in enumerate(study.decision_makers):
+        for resolution in study.candidates.resolution or ():
+            yield _grid_of(kind, n, resolution, regimes + assets)
+    for number, maker in enumerate(study.decision_makers):
         draws = getattr(maker, "draws", None)
         if draws is not None:
-            where = ("decision_makers", place, "draws")
+            where = ("decision_makers", number, "draws")
             yield Demand(
-                where, draws, "draws of noisy weights", lambda n: float(n) * assets * _fewest_beliefs(study, regimes)
+                where, draws, "draws of noisy weights", lambda d: float(d) * assets * _fewest_beliefs(study, regimes)
             )
+
+
+def _grid_of(kind: str, coordinates: int, resolution: int, width: int) -> Demand:
+    place = ("candidates", "resolution")
+    return Demand(place, resolution, f"a grid of {kind}", lambda r: points(coordinates, r) * width)
 
 
 def _laws(study: StudyFile, regimes: int, assets: int) -> Iterator[Demand]:

@@ -17,7 +17,7 @@ from inscrutable.privacy import Detectability, Leakage, detectability, leakage
 Chosen = Mapping[str, Any]
 
 
-class Reading(NamedTuple):
+class ObserverReading(NamedTuple):
     """What an observer makes of single decisions."""
 
     error: float  # root mean square, Euclidean, in units of belief
@@ -74,7 +74,7 @@ class Observed:
         promise = self.behaviour.promise
         return Budget.regret(self.played.worst_regret) if promise is None else promise
 
-    def read_by(self, chosen: Chosen) -> Reading:
+    def read_by(self, chosen: Chosen) -> ObserverReading:
         """Return what an observer, by name and keys, makes of single decisions."""
         return OBSERVERS[chosen["name"]].read(self, chosen)
 
@@ -88,11 +88,11 @@ class ObserverSection(Section):
         raise NotImplementedError
 
     @classmethod
-    def read(cls, observed: Observed, chosen: Chosen) -> Reading:
+    def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
         actions, joint = observed.behaviour.mechanism.actions, observed.joint
         guesses = guesses_of(cls.adversary(observed, chosen), actions, joint)
-        return Reading(guess_error(joint, guesses), top_state_share(joint, guesses))
+        return ObserverReading(guess_error(joint, guesses), top_state_share(joint, guesses))
 
 
 class Naive(ObserverSection):
@@ -101,12 +101,12 @@ class Naive(ObserverSection):
     name: Literal["naive"]
 
     @classmethod
-    def read(cls, observed: Observed, chosen: Chosen) -> Reading:
+    def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
         excuses = observed.detectability.excuses if observed.detects else None
         actions, joint = observed.behaviour.mechanism.actions, observed.joint
         guesses = guesses_of(NaiveAdversary(observed.setting.problem), actions, joint, excuses)
-        return Reading(guess_error(joint, guesses), top_state_share(joint, guesses))
+        return ObserverReading(guess_error(joint, guesses), top_state_share(joint, guesses))
 
 
 class NearOptimal(ObserverSection):
@@ -139,9 +139,9 @@ class Bayesian(ObserverSection):
     name: Literal["bayesian"]
 
     @classmethod
-    def read(cls, observed: Observed, chosen: Chosen) -> Reading:
+    def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
-        return Reading(observed.leakage.bayes_error, observed.leakage.top_state_accuracy)
+        return ObserverReading(observed.leakage.bayes_error, observed.leakage.top_state_accuracy)
 
 
 OBSERVERS: Mapping[str, type[ObserverSection]] = {

@@ -56,7 +56,7 @@ class ComparisonFile(ComparisonSettings, PlanFile):
         return self
 
 
-class MakersAtBudgets:
+class ComparedPairs:
     """The tasks: decision makers, each at its budgets."""
 
     def __init__(self, plan: ComparisonFile, data_hash: str | None = None) -> None:
@@ -83,11 +83,11 @@ class MakersAtBudgets:
 class ComparisonRunner(TaskRunner):
     """Does the decision makers of a comparison."""
 
-    grid: MakersAtBudgets
+    grid: ComparedPairs
 
     def __init__(self, work: Work) -> None:
         plan = ComparisonFile.model_validate_json(work.study)
-        self.grid = MakersAtBudgets(plan, work.data_hash)
+        self.grid = ComparedPairs(plan, work.data_hash)
         self.tasks = tasks_on(plan, market_from(json.loads(work.worlds)))
 
     def figures(self, task: Task) -> dict[str, float]:
@@ -148,5 +148,5 @@ def _hash(plan: ComparisonFile, base: Path) -> str | None:
         ) from None
 
 
-COMPARISON = Kind(ComparisonFile, MakersAtBudgets, ComparisonRunner, _hash, _market)
+COMPARISON = Kind(ComparisonFile, ComparedPairs, ComparisonRunner, _hash, _market)
 """Studies of decision makers at equal expected regret."""

@@ -202,7 +202,9 @@ def test_one_belief_leaves_nothing_to_hide(market: tuple[MarkowitzProblem, Prior
     assert found.prior_error == 0.0
     assert found.silence_regret == pytest.approx(0.0, abs=1e-15)
     for row in found.rows:
-        assert row.bayes_error == row.mutual_information == 0.0
+        assert [row.bayes_error, row.mutual_information] == pytest.approx(
+            [0.0, 0.0], abs=1e-15
+        )  # sums of probabilities
         assert row.top_state_accuracy == 1.0
     assert "Nothing can be hidden" in found.summary()
     assert len(short_table(found)) == len(found.rows)

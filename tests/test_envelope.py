@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from inscrutable import MarkowitzProblem, MaximalObfuscation, NonExistence, action_grid, decoy_grid, privacy_frontier
 from inscrutable.decision_makers.envelope import (
+    best_mixture,
     concave_envelope,
     mixture_by_linear_programme,
-    mixture_on_envelope,
     undominated,
 )
 from inscrutable.errors import InputError
@@ -35,7 +35,7 @@ def points(draw_ties, rng, n):
 def test_envelope_and_programme_equal_all_pairs(seed, n, ties, limit):
     regrets, privacies = points(ties, np.random.default_rng(seed), n)
     expected = enumeration.upper_concave_envelope(regrets, privacies, limit)
-    found = mixture_on_envelope(regrets, privacies, concave_envelope(regrets, privacies), limit)
+    found = best_mixture(regrets, privacies, limit)
     solved = mixture_by_linear_programme(regrets, privacies, limit)
     if np.isneginf(expected):
         assert found is None
@@ -72,9 +72,8 @@ def test_a_step_straight_up_and_points_on_a_line():
 
 def test_the_price_is_the_dual_of_the_budget():
     regrets, privacies = np.array([0.0, 1.0, 3.0]), np.array([0.0, 2.0, 3.0])
-    hull = concave_envelope(regrets, privacies)
     for limit, price in [(0.5, 2.0), (2.0, 0.5), (5.0, 0.0)]:
-        assert mixture_on_envelope(regrets, privacies, hull, limit).price == pytest.approx(price)
+        assert best_mixture(regrets, privacies, limit).price == pytest.approx(price)
         assert mixture_by_linear_programme(regrets, privacies, limit).price == pytest.approx(price)
 
 

@@ -454,8 +454,9 @@ maker.decide_many(beliefs[:5000])
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 mixed = maker.decide_many(beliefs)
 after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-arrays = [*vars(mixed).values(), *vars(mixed.played).values()]
-arrays += [*vars(mixed.played.singles).values(), *vars(mixed.played.singles.played.singles).values()]
+made = mixed.table.actions.__self__
+arrays = [*vars(mixed.table).values(), *vars(made).values()]
+arrays += [*vars(made.singles.table).values(), *vars(made.singles.table.actions.func.__self__).values()]
 held = {{id(a): a.nbytes for a in arrays if isinstance(a, np.ndarray)}}
 assert len(mixed) == 60_000
 print(after - before, sum(held.values()) / 1024)

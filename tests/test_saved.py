@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ import pytest
 from inscrutable import (
     CounterAdversarialDecisionMaker,
     Decision,
+    Decisions,
     Frontier,
     GlobalSearch,
     InputError,
@@ -55,6 +59,106 @@ def test_mixtures_and_frontiers_round_trip(problem, tmp_path):
     assert same(MixedDecision.load(tmp_path / "0.npz").probabilities, mixed.probabilities)
     assert same(MixedDecisions.load(tmp_path / "1.npz")[1].actions, many[1].actions)
     assert Frontier.load(tmp_path / "2.npz").randomized(0.01) == frontier.randomized(0.01)
+
+
+DATA = Path(__file__).parent / "data"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        (Decision, "decision"),
+        (Decisions, "decisions"),
+        (MixedDecision, "mixed_decision"),
+        (MixedDecisions, "mixed_decisions"),
+    ],
+)
+def test_files_of_version_0_1_load(kind, name, tmp_path):
+    """Two states, three assets: a proved decision, two that miss nothing, a lottery, and two of them."""
+    found = kind.load(DATA / f"{name}_0_1.npz")
+    many = hasattr(found, "__len__")
+    assert found.is_loaded
+    assert "privacies were not judged again" in repr(found)
+    means, covariances = [[0.2, 0.0, 0.1], [0.0, 0.2, 0.1]], [np.eye(3), np.diag([1.0, 2.0, 1.0])]
+    known = MarkowitzProblem(means, covariances, 1.0).optimal_cost([[0.5, 0.5], [0.9, 0.1]] if many else [0.5, 0.5])
+    assert found.optimal_cost == pytest.approx(known, abs=1e-12)
+    actions = found.actions if hasattr(found, "actions") else found.action
+    assert actions.sum(axis=-1) == pytest.approx(1.0, abs=1e-12)
+    if many:
+        assert found[1].optimal_cost == found.optimal_cost[1]
+        assert np.array_equal(found[1].summary(), kind.load(DATA / f"{name}_0_1.npz")[1].summary())
+    found.save(tmp_path / "again.npz")
+    assert kind.load(tmp_path / "again.npz").summary() == found.summary()
+
+
+def forge(path: Path, target: Path, change: dict[str, object]) -> None:
+    """Write a saved result with other values in some of its fields; functions change what is there."""
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    described = json.loads(str(arrays["description"]))
+    fields = described["result"]["fields"]
+    for name, value in change.items():
+        if callable(value) and "array" in (fields[name] if isinstance(fields[name], dict) else ()):
+            arrays[fields[name]["array"]] = value(arrays[fields[name]["array"]].copy())
+        else:
+            fields[name] = value(fields[name]) if callable(value) else value
+    np.savez(target, **{**arrays, "description": np.array(json.dumps(described))})
+
+
+def first(value: float) -> Callable[[np.ndarray], np.ndarray]:
+    def changed(array: np.ndarray) -> np.ndarray:
+        array.flat[0] = value
+        return array
+
+    return changed
+
+
+STATUS = {"member": "PROVED", "of": "DecisionStatus"}
+FORGED = [
+    ("single", {"status": STATUS}, "called proved"),
+    ("single", {"status": {"member": "OPTIMAL", "of": "DecisionStatus"}}, "called optimal"),
+    ("single", {"status": {"member": "BRILLIANT", "of": "DecisionStatus"}}, "unknown DecisionStatus 'BRILLIANT'"),
+    ("single", {"regret": 0.0}, "not the optimal cost and the regret together"),
+    ("single", {"cost": {"float": "nan"}}, "not the optimal cost and the regret together"),
+    ("single", {"optimal_cost": {"float": "inf"}}, "not finite"),
+    ("single", {"privacy": 0.9, "privacy_bound": 0.8}, "a bound below its privacy: 0.8"),
+    ("singles", {"regret": first(-1.0)}, "a negative regret: -1"),
+    ("singles", {"cost": first(7.0)}, "decision 0 has a cost that is not the optimal cost and the regret together: 7"),
+    ("lottery", {"probabilities": first(0.9)}, "do not sum to 1"),
+    ("lottery", {"expected_privacy": 0.99}, "an expected privacy that its decisions do not have: 0.99"),
+    ("lottery", {"expected_cost": 0.0}, "not the optimal cost and the regret together"),
+    ("lotteries", {"probabilities": first(-0.5)}, "a negative probability"),
+    ("lotteries", {"regrets": lambda array: array[:, :1]}, "the other columns"),
+]
+
+
+@pytest.mark.parametrize(("which", "change", "said"), FORGED)
+def test_files_that_contradict_themselves_are_refused(problem, tmp_path, which, change, said):
+    single, mixed = CounterAdversarialDecisionMaker(problem), ProbabilisticDecisionMaker(problem)
+    belief, beliefs = [0.2, 0.3, 0.5], [[0.2, 0.3, 0.5], [0.6, 0.3, 0.1]]
+    asked = {
+        "single": lambda: single.decide(belief),
+        "singles": lambda: single.decide_many(beliefs),
+        "lottery": lambda: mixed.decide(belief),
+        "lotteries": lambda: mixed.decide_many(beliefs),
+    }
+    found = asked[which]()
+    found.save(tmp_path / "true.npz")
+    forge(tmp_path / "true.npz", tmp_path / "same.npz", {})
+    assert type(found).load(tmp_path / "same.npz").summary() == found.summary()
+    forge(tmp_path / "true.npz", tmp_path / "forged.npz", change)
+    with pytest.raises(InputError, match=re.escape(said)):
+        type(found).load(tmp_path / "forged.npz")
+
+
+def test_what_is_proved_of_a_lottery_is_not_said_of_one_draw(problem, tmp_path):
+    mixed = ProbabilisticDecisionMaker(problem, certify=0.01).decide_many([[0.2, 0.3, 0.5]])
+    assert {each.name for each in mixed.status} <= {"PROVED", "GAP_REACHED"}
+    rng = np.random.default_rng(0)
+    for drawn in (mixed.sample(rng=rng)[0], mixed[0].sample(rng=rng)):
+        assert drawn.status.name == "DRAWN"
+        drawn.save(tmp_path / "drawn.npz")
+        assert Decision.load(tmp_path / "drawn.npz").summary() == drawn.summary()
 
 
 def test_calls_of_proofs_round_trip_and_older_files_have_none(problem, tmp_path):

@@ -135,7 +135,7 @@ def test_budgets_are_served_together_as_alone():
     for b in range(3):
         alone = stream_singles(atlas, beliefs, Aims(beliefs, 1.0, budgets[b : b + 1]))
         np.testing.assert_array_equal(together.privacy[:, b], alone.privacy[:, 0])
-        np.testing.assert_array_equal(together.actions(slice(None), b), alone.actions(slice(None), 0))
+        np.testing.assert_array_equal(together.actions(b, slice(None)), alone.actions(0, slice(None)))
 
 
 def test_candidates_far_apart_are_left_to_the_search_by_faces():

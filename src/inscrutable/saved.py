@@ -30,12 +30,31 @@ class Saved:
     What a subclass names in `_derived` are cached properties: they are saved like fields, and loaded instead of computed.
     """
 
-    _known: ClassVar[dict[str, type]] = {}
+    _known: ClassVar[dict[str, Any]] = {}
     _derived: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         Saved._known[cls.__name__] = cls
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether the result was read from a file, where only what can be found from its own numbers was checked."""
+        return "_is_loaded" in vars(self)
+
+    def _parts(self) -> dict[str, Any]:
+        """What is saved, by name."""
+        declared: Any = self
+        kept = [f.name for f in dataclasses.fields(declared) if f.metadata.get("saved", True)]
+        return {name: getattr(self, name) for name in (*kept, *self._derived)}
+
+    @classmethod
+    def _made(cls, parts: dict[str, Any]) -> Self:
+        """Return the result from what was saved; raise `InputError` where it contradicts itself."""
+        derived = {name: parts[name] for name in cls._derived if name in parts}
+        found = cls(**{name: value for name, value in parts.items() if name not in derived})
+        vars(found).update(derived)
+        return found
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the result to `path` as npz, whole or not at all; raise `InputError` where it cannot be written."""
@@ -83,9 +102,8 @@ def _encode(value: Any, arrays: dict[str, Any]) -> Any:
     if isinstance(value, tuple):
         return {"tuple": [_encode(item, arrays) for item in value]}
     if isinstance(value, Saved):
-        declared: Any = value
-        kept = [f.name for f in dataclasses.fields(declared) if f.metadata.get("saved", True)] + list(value._derived)
-        return {"record": type(value).__name__, "fields": {n: _encode(getattr(value, n), arrays) for n in kept}}
+        parts = {name: _encode(part, arrays) for name, part in value._parts().items()}
+        return {"record": type(value).__name__, "fields": parts}
     plain = value.item() if isinstance(value, np.generic) else value
     if isinstance(plain, float) and not np.isfinite(plain):
         return {"float": repr(plain)}
@@ -102,14 +120,16 @@ def _decode(value: Any, stored: Any) -> Any:
 
         return csr_array(tuple(_decode(part, stored) for part in value["sparse"]), shape=tuple(value["of"]))
     if "member" in value:
-        return Saved._known[value["of"]][value["member"]]  # type: ignore[index]
+        kind: Any = Saved._known[value["of"]]
+        if value["member"] not in kind.__members__:
+            raise InputError(f"it has the unknown {value['of']} {value['member']!r}")
+        return kind[value["member"]]
     if "tuple" in value:
         return tuple(_decode(item, stored) for item in value["tuple"])
     if "float" in value:
         return float(value["float"])
-    kind: Any = Saved._known[value["record"]]
-    known = {name: _decode(item, stored) for name, item in value["fields"].items()}
-    derived = {name: known.pop(name) for name in kind._derived if name in known}
-    found = kind(**known)
-    vars(found).update(derived)
+    found: Saved = Saved._known[value["record"]]._made(
+        {name: _decode(item, stored) for name, item in value["fields"].items()}
+    )
+    vars(found)["_is_loaded"] = True
     return found

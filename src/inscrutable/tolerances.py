@@ -292,6 +292,9 @@ apart at one per cent."""
 PROVED = 1e-6
 """A bound this little above the privacy, in units of belief, proves it: what the polish itself leaves."""
 
+RECOMPUTED = 1e-9
+"""What sums of a saved result may differ by from what is recomputed, as a share of the costs: other orders of addition."""
+
 NO_REGRET = 1e-12
 """Regret, as a share of the mean over beliefs and candidates, that counts as none: a difference of two costs rounds to it.
 A smaller budget allows the candidates of least regret alone."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.decision_makers.arguments import checked_measure
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.frontier_points import RatedPoints, distance_points, goal_points, scored_points
+from inscrutable.decision_makers.frontier_points import FrontierPoints, distance_points, goal_points, scored_points
 from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
@@ -132,7 +132,7 @@ def privacy_frontier(
 
 def _judged(
     problem: DecisionProblem, own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates
-) -> RatedPoints:
+) -> FrontierPoints:
     if type(measure) in (MaximalObfuscation, DesiredObfuscation):
         return distance_points(own, belief, measure, candidates)
     if is_streamed(measure):

@@ -10,7 +10,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.distinct import distinct_of
-from inscrutable.decision_makers.envelope import concave_envelope, undominated
+from inscrutable.decision_makers.envelope import RatedPoints, concave_envelope, undominated
 from inscrutable.decision_makers.indicators import table_of
 from inscrutable.decision_makers.results import Decision
 from inscrutable.decision_makers.scores import score
@@ -32,48 +32,42 @@ class Points(NamedTuple):
     privacies: Array
     number: np.ndarray
 
-    def pick(self, which: np.ndarray) -> Points:
-        """Return some of the points."""
-        return Points(*(part[which] for part in self))
 
-
-class RatedPoints:
+class FrontierPoints(RatedPoints):
     """Points under one belief whose privacies are upper bounds until the set of a decision is judged itself."""
 
     def __init__(self, points: Points, exact: np.ndarray, judge: Callable[[int], float]) -> None:
-        self._points, self._exact, self._judge = points, exact, judge
+        self.regrets, self.privacies, self.number = points
+        self.exact, self._judge = exact, judge
+
+    def refine(self, place: int) -> None:
+        """Judge the set of a point."""
+        self.privacies[place], self.exact[place] = self._judge(int(self.number[place])), True
 
     def undominated(self) -> Points:
         """Return the points that no cheaper one matches, by rising regret."""
-        return self._settled(undominated)
+        return self._pick(self.settled(undominated))
 
     def envelope(self) -> Points:
         """Return the corners of the concave envelope, by rising regret."""
-        return self._settled(concave_envelope)
+        return self._pick(self.settled(concave_envelope))
 
-    def _settled(self, shape: Callable[[Array, Array], np.ndarray]) -> Points:
-        while True:
-            chosen = shape(self._points.regrets, self._points.privacies)
-            unsure = chosen[~self._exact[chosen]]
-            if not unsure.size:
-                return self._points.pick(chosen)
-            for place in unsure:
-                self._points.privacies[place] = self._judge(int(self._points.number[place]))
-            self._exact[unsure] = True
+    def _pick(self, which: np.ndarray) -> Points:
+        return Points(self.regrets[which], self.privacies[which], self.number[which])
 
 
 def goal_points(
     problem: DecisionProblem, own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates
-) -> RatedPoints:
+) -> FrontierPoints:
     """Return the one point of a goal that is met or missed: the cheapest decision that meets it, the optimal one last."""
     table = table_of(problem, measure, candidates)
     found, regrets = table.cheapest(belief[None], np.array([own.optimal_cost]), np.array([np.inf]))
     index = np.append(table.number[found[found >= 0]], len(candidates))
     points = Points(np.append(regrets[found >= 0], own.regret), np.append(np.zeros(len(index) - 1), own.privacy), index)
-    return RatedPoints(points, np.ones(len(index), dtype=bool), lambda _: 0.0)
+    return FrontierPoints(points, np.ones(len(index), dtype=bool), lambda _: 0.0)
 
 
-def distance_points(own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates) -> RatedPoints:
+def distance_points(own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates) -> FrontierPoints:
     """Return the candidates that can be on the frontier of a measure that is ± a distance, and the optimal decision."""
     from inscrutable.kernels.frontier import LARGER, contenders, rate
     from inscrutable.kernels.threads import in_chunks
@@ -103,10 +97,10 @@ def distance_points(own: Decision, belief: Array, measure: PrivacyMeasure, candi
         np.append(table.number[chosen], len(candidates)),
     )
     exact = np.append(table.kind[chosen] < LARGER, True)
-    return RatedPoints(points, exact, lambda index: float(measure(belief, candidates.sets[index])))
+    return FrontierPoints(points, exact, lambda index: float(measure(belief, candidates.sets[index])))
 
 
-def scored_points(own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates) -> RatedPoints:
+def scored_points(own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates) -> FrontierPoints:
     """Return all candidates under any other measure, and the optimal decision."""
     scores = score(belief, own.optimal_cost, candidates, measure, "exclude")
     points = Points(
@@ -115,7 +109,7 @@ def scored_points(own: Decision, belief: Array, measure: PrivacyMeasure, candida
         np.arange(len(candidates) + 1),
     )
     exact = np.append(scores.exact, True)
-    return RatedPoints(points, exact, lambda index: float(measure(belief, candidates.sets[index])))
+    return FrontierPoints(points, exact, lambda index: float(measure(belief, candidates.sets[index])))
 
 
 def _distances(problem: QuadraticProblem, actions: Array, point: Array) -> Array:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +14,10 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.indicators import Indicator, IndicatorTable, table_of
 from inscrutable.decision_makers.linear_goals import cheapest_unexplained
+from inscrutable.decision_makers.result_table import ResultTable, known
 from inscrutable.decision_makers.results import (
     Decisions,
     DecisionStatus,
-    Kept,
     MixedDecisions,
     Progress,
 )
@@ -45,38 +46,25 @@ class Met:
     def decisions(self) -> Decisions:
         """Return single decisions."""
         kinds = {_OWN: DecisionStatus.OPTIMAL, _NOTHING: DecisionStatus.NO_AFFORDABLE_PRIVACY}
-        return Decisions(
-            self.optimal_costs + self.regrets,
-            self.optimal_costs,
-            self.regrets,
-            self._privacies,
-            np.zeros(len(self.source)),
-            self.decoys,
-            tuple(kinds.get(int(code), DecisionStatus.BEST_CANDIDATE) for code in self.source),
-            Kept(self.problem, self.actions),
-        )
+        return Decisions(self._table(kinds))
 
     def lotteries(self) -> MixedDecisions:
         """Return lotteries of one atom: among equal privacies nothing is cheaper than the cheapest decision."""
         kinds = {_POLISHED: DecisionStatus.POLISHED, _NOTHING: DecisionStatus.NO_AFFORDABLE_PRIVACY}
-        count, privacies = len(self.source), self._privacies
-        return MixedDecisions(
-            np.ones((count, 1)),
-            self.regrets[:, None],
-            privacies[:, None],
-            self.optimal_costs + self.regrets,
-            privacies,
-            self.optimal_costs,
-            np.zeros(count),
-            np.zeros(count),
-            self.decoys[:, None],
-            tuple(kinds.get(int(code), DecisionStatus.BEST_CANDIDATE) for code in self.source),
-            Kept(self.problem, self.actions[:, None]),
-        )
+        return MixedDecisions(replace(self._table(kinds), price=np.zeros(len(self.source))))
 
-    @property
-    def _privacies(self) -> Array:
-        return np.where(self.source == _NOTHING, -np.inf, 0.0)
+    def _table(self, kinds: Mapping[int, DecisionStatus]) -> ResultTable:
+        return ResultTable(
+            self.problem,
+            known(self.actions[:, None]),
+            np.ones((len(self.source), 1)),
+            self.regrets[:, None],
+            np.where(self.source == _NOTHING, -np.inf, 0.0)[:, None],
+            self.decoys[:, None],
+            self.optimal_costs,
+            np.zeros(len(self.source)),
+            tuple(kinds.get(int(code), DecisionStatus.BEST_CANDIDATE) for code in self.source),
+        )
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.counter_adversarial import Case, best_decisions, shows_nothing
-from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme, mixture_on_envelope
+from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.indicated import Hiding
 from inscrutable.decision_makers.indicators import is_streamed
@@ -165,8 +165,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
                 both.refine(int(index))
             mixture = mixture_by_linear_programme(both.regrets, both.privacies, limit)
         else:
-            hull = both.exact_envelope()
-            mixture = mixture_on_envelope(both.regrets, both.privacies, hull, limit)
+            mixture = both.mixture(limit)
         if mixture is None:
             return self._lottery(both, Mixture(np.array([m]), np.ones(1), 0.0), optimal_cost, _NOTHING)
         if shows_nothing(scores.measure, scores.belief, float(both.privacies[mixture.indices].max())):

@@ -1,22 +1,23 @@
-"""What a decision maker returns: frozen, able to print and to check itself."""
+"""What a decision maker returns: rows of one table, able to print and to check themselves."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from inscrutable import validation
 from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.decision_makers.result_table import ResultTable, known
+from inscrutable.decision_makers.statuses import DecisionStatus as DecisionStatus
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import DecisionProblem
-from inscrutable.saved import Saved, saved_choice
+from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
 Progress = Callable[[int, int], None]
@@ -24,76 +25,6 @@ Progress = Callable[[int, int], None]
 
 _MOST_SHOWN = 12
 """Atoms of a lottery that a summary lists."""
-
-
-class Played(Protocol):
-    """What was played: `actions(step)` gives one step's decisions, `actions(slice(None))` all of them."""
-
-    @property
-    def problem(self) -> DecisionProblem:
-        """The decision problem."""
-
-    def actions(self, step: int | slice) -> Array:
-        """Return the decisions of a step or of many."""
-
-
-@dataclass(frozen=True, eq=False)
-class Kept:
-    """Decisions kept as they are."""
-
-    problem: DecisionProblem
-    values: Array
-
-    def actions(self, step: int | slice) -> Array:
-        """Return the decisions of a step or of many."""
-        return np.asarray(self.values[step])
-
-
-@dataclass(frozen=True, eq=False)
-class Picked:
-    """One atom of each lottery."""
-
-    lotteries: Played
-    chosen: np.ndarray
-
-    @property
-    def problem(self) -> DecisionProblem:
-        """The decision problem."""
-        return self.lotteries.problem
-
-    def actions(self, step: int | slice) -> Array:
-        """Return the decisions of a step or of many."""
-        found, chosen = self.lotteries.actions(step), self.chosen[step]
-        return np.asarray(found[chosen] if found.ndim == 2 else found[np.arange(len(found)), chosen])
-
-
-@saved_choice
-class DecisionStatus(Enum):
-    """How a decision came about; the text says what to do about it.
-
-    Example:
-        >>> DecisionStatus.OPTIMAL.value
-        'optimal: the decision of least cost'
-    """
-
-    OPTIMAL = "optimal: the decision of least cost"
-    POLISHED = "best candidate, polished by a local search: no proof that nothing better exists"
-    PROVED = "proved: no affordable decision is more private"
-    GAP_REACHED = "proved within the gap asked for: a smaller gap, or a finer search, may find a little more"
-    BOUNDED = (
-        "best bound after the limit of oracle calls, or where only less than min_slack of something mixed in would reach it: "
-        "allow more calls or a smaller min_slack, or play on with the bound as it stands"
-    )
-    BEST_CANDIDATE = "best of the candidates: more of them may find better"
-    LOCAL_OPTIMUM = "local optimum of a local search: more starts may find better"
-    NO_AFFORDABLE_PRIVACY = (
-        "nothing affordable reaches the goal, so the optimal is played: raise the budget; cheapest_privacy says how far"
-    )
-    NO_PLAUSIBLE_START = "no affordable start that a belief explains was found: use the global search"
-    RULE_OF_THUMB = "a rule of thumb: nothing was searched, so the privacy is whatever the rule leaves"
-    UNBOUNDED = (
-        "unexplained decisions count as infinitely private and are affordable: the paper's letter has no optimum"
-    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,13 +75,23 @@ class Decision(Saved):
     def __post_init__(self) -> None:
         _own(self, action=_as_met(self.problem, self.action), decoy=self.decoy)
 
+    @property
+    def _is_unexplained(self) -> bool:
+        return self.problem is None and "belief_set" not in vars(self)
+
     @cached_property
     def belief_set(self) -> BeliefSet:
         """Π(ū), what the observer reconstructs."""
         return _set_of(self.problem, self.action)
 
+    @classmethod
+    def _made(cls, parts: dict[str, Any]) -> Self:
+        found = super()._made(parts)
+        stack([found], None).table.check(parts)
+        return found
+
     def __repr__(self) -> str:
-        return self.summary()
+        return _printed(self)
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
@@ -160,7 +101,7 @@ class Decision(Saved):
                 f"action        {_numbers(self.action)}",
                 f"cost          {self.cost:.6g}, {self.regret:.3g} above the optimal {self.optimal_cost:.6g}{share}",
                 f"privacy       {self.privacy:.4f} (at most {self.privacy_bound:.4f})",
-                f"observer sees {_describe(self.belief_set)}",
+                f"observer sees {'what the file does not say' if self._is_unexplained else _describe(self.belief_set)}",
                 f"status        {self.status.value}",
             ]
         )
@@ -239,25 +180,19 @@ class MixedDecision(Saved):
         """
         source = np.random.default_rng() if rng is None else validation.generator(rng)
         index = int(source.choice(len(self.probabilities), p=self.probabilities))
-        regret = float(self.regrets[index])
-        drawn = Decision(
-            self.actions[index],
-            self.optimal_cost + regret,
-            self.optimal_cost,
-            regret,
-            float(self.privacies[index]),
-            max(self.privacy_bound, float(self.privacies[index])),
-            self.decoys[index],
-            self.status,
-            self.problem,
-            oracle_calls=self.oracle_calls,
-        )
+        drawn = _decision(stack_mixed([self], self.problem).table.one_of_each(np.array([index])), 0)
         if "belief_sets" in vars(self):
             vars(drawn)["belief_set"] = self.belief_sets[index]
         return drawn
 
+    @classmethod
+    def _made(cls, parts: dict[str, Any]) -> Self:
+        found = super()._made(parts)
+        stack_mixed([found], None).table.check(parts)
+        return found
+
     def __repr__(self) -> str:
-        return self.summary()
+        return _printed(self)
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
@@ -280,8 +215,46 @@ class MixedDecision(Saved):
         return "\n".join([*lines, f"status            {self.status.value}"])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Decisions(Saved):
+def _column(name: str, *which: int) -> Any:
+    """A column of the table behind many results, whole or of one atom."""
+    return property(
+        lambda many: getattr(many.table, name)[(slice(None), *which)] if which else getattr(many.table, name)
+    )
+
+
+class _Many(Saved):
+    """The rows of a table, and what all have."""
+
+    _saved: ClassVar[tuple[str, ...]] = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
+
+    optimal_cost: Array = _column("optimal_cost")
+    privacy_bound: Array = _column("privacy_bound")
+    status: tuple[DecisionStatus, ...] = _column("status")
+    price: Array = _column("price")
+    oracle_calls: np.ndarray = _column("oracle_calls")
+
+    def __init__(self, table: ResultTable) -> None:
+        self.table = table
+
+    def _parts(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in (*_Many._saved, *self._saved, *self._derived)}
+
+    def __len__(self) -> int:
+        return len(self.table.status)
+
+    def _summary(self, kind: str, of: str) -> str:
+        regret, privacy, width = self.table.regret, self.table.privacy, len(of) + 9
+        return "\n".join(
+            [
+                f"{len(self)} {kind}",
+                f"{of + 'regret':{width}}mean {regret.mean():.3g}, largest {regret.max():.3g}",
+                f"{of + 'privacy':{width}}mean {privacy.mean():.4f}, least {privacy.min():.4f}",
+                *(f"{count:6d} × {status.value}" for status, count in Counter(self.table.status).most_common()),
+            ]
+        )
+
+
+class Decisions(_Many):
     """`Decision` for T beliefs: the same fields with a leading T; belief sets and statuses as tuples.
 
     Source: the paper, Approach 1 at every step.
@@ -295,72 +268,43 @@ class Decisions(Saved):
         (2, 2)
     """
 
-    cost: Array
-    optimal_cost: Array
-    regret: Array
-    privacy: Array
-    privacy_bound: Array
-    decoy: Array
-    status: tuple[DecisionStatus, ...]
-    played: Played | None = field(default=None, metadata={"saved": False})
-    price: Array | None = None
-    oracle_calls: np.ndarray | None = None  # (T,); None becomes zeros
-    _derived: ClassVar[tuple[str, ...]] = ("action", "belief_set")
+    _saved = ("cost", "regret", "privacy", "decoy")
+    _derived = ("action", "belief_set")
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "oracle_calls", _counts(self.oracle_calls, len(self.status)))
+    regret: Array = _column("regrets", 0)
+    privacy: Array = _column("privacies", 0)
+    decoy: Array = _column("decoys", 0)
+    cost: Array = _column("cost")
+    action: Array = _column("points", 0)
 
-    @cached_property
-    def action(self) -> Array:
-        """ū of every step, shape (T,U), made at first use."""
-        played = _known(self.played)
-        return _as_met(played.problem, played.actions(slice(None)))
+    @classmethod
+    def _made(cls, parts: dict[str, Any]) -> Self:
+        atoms = (parts[name][:, None] for name in ("regret", "privacy", "decoy", "action"))
+        found = cls(_read(parts, np.ones((len(parts["regret"]), 1)), *atoms))
+        vars(found)["belief_set"] = parts["belief_set"]
+        return found
 
     @cached_property
     def belief_set(self) -> tuple[BeliefSet, ...]:
         """Π(ū) of every step, made at first use."""
-        problem = _known(self.played).problem
-        return tuple(_set_of(problem, action) for action in self.action)
-
-    def __len__(self) -> int:
-        return len(self.status)
+        return tuple(_set_of(self.table.problem, action) for action in self.action)
 
     def __repr__(self) -> str:
-        return self.summary()
+        return _printed(self)
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
-        return "\n".join(
-            [
-                f"{len(self)} decisions",
-                f"regret   mean {self.regret.mean():.3g}, largest {self.regret.max():.3g}",
-                f"privacy  mean {self.privacy.mean():.4f}, least {self.privacy.min():.4f}",
-                *_counted_statuses(self.status),
-            ]
-        )
+        return self._summary("decisions", "")
 
     def __getitem__(self, step: int) -> Decision:
         """Return the decision of one step."""
-        found = Decision(
-            self.action[step] if self.played is None else self.played.actions(step),
-            float(self.cost[step]),
-            float(self.optimal_cost[step]),
-            float(self.regret[step]),
-            float(self.privacy[step]),
-            float(self.privacy_bound[step]),
-            self.decoy[step],
-            self.status[step],
-            None if self.played is None else self.played.problem,
-            float("nan") if self.price is None else float(self.price[step]),
-            int(_counts(self.oracle_calls, len(self))[step]),
-        )
+        found = _decision(self.table, step)
         if "belief_set" in vars(self):
             vars(found)["belief_set"] = self.belief_set[step]
         return found
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class MixedDecisions(Saved):
+class MixedDecisions(_Many):
     """`MixedDecision` for T beliefs: its fields with a leading T, atoms padded with probability 0.
 
     Belief sets of a step's atoms are in `mixed[step]`.
@@ -377,54 +321,35 @@ class MixedDecisions(Saved):
         (2, (2, 2))
     """
 
-    probabilities: Array  # (T, k)
-    regrets: Array  # (T, k)
-    privacies: Array  # (T, k)
-    expected_cost: Array
-    expected_privacy: Array
-    optimal_cost: Array
-    privacy_bound: Array
-    price: Array
-    decoys: Array  # (T, k, X)
-    status: tuple[DecisionStatus, ...]
-    played: Played | None = field(default=None, metadata={"saved": False})
-    oracle_calls: np.ndarray | None = None  # (T,); None becomes zeros
-    _derived: ClassVar[tuple[str, ...]] = ("actions",)
+    _saved = ("probabilities", "regrets", "privacies", "decoys", "expected_cost", "expected_privacy")
+    _derived = ("actions",)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "oracle_calls", _counts(self.oracle_calls, len(self.status)))
+    probabilities: Array = _column("probabilities")
+    regrets: Array = _column("regrets")
+    privacies: Array = _column("privacies")
+    decoys: Array = _column("decoys")
+    expected_cost: Array = _column("cost")
+    expected_privacy: Array = _column("privacy")
+    actions: Array = _column("points")
 
-    @cached_property
-    def actions(self) -> Array:
-        """The atoms of every step, shape (T,k,U), made at first use."""
-        played = _known(self.played)
-        return _as_met(played.problem, played.actions(slice(None)))
-
-    def __len__(self) -> int:
-        return len(self.status)
+    @classmethod
+    def _made(cls, parts: dict[str, Any]) -> Self:
+        return cls(
+            _read(parts, *(parts[name] for name in ("probabilities", "regrets", "privacies", "decoys", "actions")))
+        )
 
     def __repr__(self) -> str:
-        return self.summary()
+        return _printed(self)
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
-        regrets = self.expected_cost - self.optimal_cost
-        privacy = self.expected_privacy
-        return "\n".join(
-            [
-                f"{len(self)} lotteries",
-                f"expected regret   mean {regrets.mean():.3g}, largest {regrets.max():.3g}",
-                f"expected privacy  mean {privacy.mean():.4f}, least {privacy.min():.4f}",
-                *_counted_statuses(self.status),
-            ]
-        )
+        return self._summary("lotteries", "expected ")
 
     def __getitem__(self, step: int) -> MixedDecision:
         """Return the mixture of one step, without its padding."""
-        kept = self.probabilities[step] > 0
-        actions = self.actions[step] if self.played is None else self.played.actions(step)
+        table, kept = self.table, self.probabilities[step] > 0
         return MixedDecision(
-            actions[kept],
+            table.shown(step)[kept],
             self.probabilities[step][kept],
             self.regrets[step][kept],
             self.privacies[step][kept],
@@ -435,31 +360,85 @@ class MixedDecisions(Saved):
             float(self.price[step]),
             self.decoys[step][kept],
             self.status[step],
-            None if self.played is None else self.played.problem,
-            int(_counts(self.oracle_calls, len(self))[step]),
+            table.problem,
+            int(self.oracle_calls[step]),
         )
 
     def sample(self, *, rng: np.random.Generator | None = None) -> Decisions:
         """Return one drawn decision per step; `rng` None draws from the operating system's entropy."""
         source = np.random.default_rng() if rng is None else validation.generator(rng)
-        chosen = _drawn(self.probabilities, source)
-        rows = np.arange(len(self))
-        regret, privacy = self.regrets[rows, chosen], self.privacies[rows, chosen]
-        played = None if self.played is None else Picked(self.played, chosen)
-        drawn = Decisions(
-            self.optimal_cost + regret,
-            self.optimal_cost.copy(),
-            regret,
-            privacy,
-            np.maximum(self.privacy_bound, privacy),
-            self.decoys[rows, chosen],
-            self.status,
-            played,
-            oracle_calls=self.oracle_calls,
-        )
-        if played is None:
-            vars(drawn)["action"] = self.actions[rows, chosen]
-        return drawn
+        return Decisions(self.table.one_of_each(_drawn(self.probabilities, source)))
+
+
+def _read(parts: dict[str, Any], probabilities: Array, *atoms: Array) -> ResultTable:
+    """The table of a saved result, checked; atoms are regrets, privacies, decoys and decisions."""
+    columns: Any
+    *columns, actions = atoms
+    names = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
+    table = ResultTable(None, known(actions), probabilities, *columns, *(parts.get(name) for name in names))
+    table.check(parts)
+    return table
+
+
+def _decision(table: ResultTable, step: int) -> Decision:
+    """The single decision of a row."""
+    optimal_cost, regret = float(table.optimal_cost[step]), float(table.regrets[step, 0])
+    return Decision(
+        table.shown(step)[0],
+        optimal_cost + regret,
+        optimal_cost,
+        regret,
+        float(table.privacies[step, 0]),
+        float(table.privacy_bound[step]),
+        table.decoys[step, 0],
+        table.status[step],
+        table.problem,
+        float(table.price[step]),
+        int(table.oracle_calls[step]),
+    )
+
+
+def stack(decisions: Sequence[Decision], problem: DecisionProblem | None) -> Decisions:
+    """Return single decisions as one result with a leading T."""
+
+    def column(name: str) -> Array:
+        return np.array([getattr(each, name) for each in decisions])
+
+    atoms = [column(name)[:, None] for name in ("regret", "privacy", "decoy")]
+    return Decisions(_table(decisions, problem, column("action")[:, None], np.ones((len(decisions), 1)), *atoms))
+
+
+def stack_mixed(decisions: Sequence[MixedDecision], problem: DecisionProblem | None) -> MixedDecisions:
+    """Return single mixtures as one result with a leading T, atoms padded to the largest number."""
+    width = max(len(each.probabilities) for each in decisions)
+
+    def padded(name: str, **how: Any) -> Array:
+        values = (getattr(each, name) for each in decisions)
+        return np.array([np.pad(v, [(0, width - len(v)), *[(0, 0)] * (v.ndim - 1)], **how) for v in values])
+
+    atoms = [padded(name, mode="edge") for name in ("regrets", "privacies", "decoys")]
+    return MixedDecisions(_table(decisions, problem, padded("actions", mode="edge"), padded("probabilities"), *atoms))
+
+
+def _table(decisions: Sequence[Any], problem: DecisionProblem | None, actions: Array, *columns: Any) -> ResultTable:
+    points = actions if problem is None else problem.as_points(actions)
+    names = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
+    optimal_cost, bound, status, price, calls = ([getattr(each, name) for each in decisions] for name in names)
+    rest: Any = (*columns, np.array(optimal_cost), np.array(bound), tuple(status), np.array(price), np.array(calls))
+    return ResultTable(problem, known(points), *rest)
+
+
+def _printed(result: Decision | MixedDecision | Decisions | MixedDecisions) -> str:
+    note = "\nread from a file: its sums agree; privacies were not judged again, as a file holds neither problem nor belief"
+    return result.summary() + (note if result.is_loaded else "")
+
+
+def counted(beliefs: Array, progress: Progress | None) -> Iterator[tuple[int, Array]]:
+    """Yield (step, belief) over beliefs (T,X) and report each step when it is done."""
+    for step, belief in enumerate(beliefs):
+        yield step, belief
+        if progress is not None:
+            progress(step + 1, len(beliefs))
 
 
 def _drawn(probabilities: Array, source: np.random.Generator) -> np.ndarray:
@@ -468,16 +447,6 @@ def _drawn(probabilities: Array, source: np.random.Generator) -> np.ndarray:
     places = (source.random(len(edges))[:, None] * edges[:, -1:] >= edges).sum(axis=1)
     last = probabilities.shape[1] - 1 - (probabilities[:, ::-1] > 0).argmax(axis=1)
     return np.asarray(np.minimum(places, last))
-
-
-def _counts(calls: np.ndarray | None, n_steps: int) -> np.ndarray:
-    return np.zeros(n_steps, dtype=np.int64) if calls is None else calls
-
-
-def _known(played: Played | None) -> Played:
-    if played is None:
-        raise InputError("this result was made without its decisions")
-    return played
 
 
 def _set_of(problem: DecisionProblem | None, action: Array) -> BeliefSet:
@@ -495,61 +464,6 @@ def _own(result: object, **values: Array) -> None:
 def _as_met(problem: DecisionProblem | None, actions: Array) -> Array:
     """Decisions as a reader meets them; of a problem without coordinates, whole numbers."""
     return actions if problem is None else problem.as_actions(np.asarray(actions))
-
-
-def counted(beliefs: Array, progress: Progress | None) -> Iterator[tuple[int, Array]]:
-    """Yield (step, belief) over beliefs (T,X) and report each step when it is done."""
-    for step, belief in enumerate(beliefs):
-        yield step, belief
-        if progress is not None:
-            progress(step + 1, len(beliefs))
-
-
-def stack(decisions: list[Decision], problem: DecisionProblem) -> Decisions:
-    """Return single decisions as one result with a leading T."""
-    return Decisions(
-        np.array([d.cost for d in decisions]),
-        np.array([d.optimal_cost for d in decisions]),
-        np.array([d.regret for d in decisions]),
-        np.array([d.privacy for d in decisions]),
-        np.array([d.privacy_bound for d in decisions]),
-        np.array([d.decoy for d in decisions]),
-        tuple(d.status for d in decisions),
-        Kept(problem, np.array([problem.as_points(d.action) for d in decisions])),
-        np.array([d.price for d in decisions]),
-        np.array([d.oracle_calls for d in decisions]),
-    )
-
-
-def stack_mixed(decisions: list[MixedDecision], problem: DecisionProblem) -> MixedDecisions:
-    """Return single mixtures as one result with a leading T, atoms padded to the largest number."""
-    most = max(len(d.probabilities) for d in decisions)
-
-    def padded(values: Array) -> Array:
-        extra = most - len(values)
-        return np.concatenate([values, np.repeat(values[:1], extra, axis=0)]) if extra else values
-
-    def zero_padded(values: Array) -> Array:
-        return np.concatenate([values, np.zeros(most - len(values))])
-
-    return MixedDecisions(
-        np.array([zero_padded(d.probabilities) for d in decisions]),
-        np.array([padded(d.regrets) for d in decisions]),
-        np.array([padded(d.privacies) for d in decisions]),
-        np.array([d.expected_cost for d in decisions]),
-        np.array([d.expected_privacy for d in decisions]),
-        np.array([d.optimal_cost for d in decisions]),
-        np.array([d.privacy_bound for d in decisions]),
-        np.array([d.price for d in decisions]),
-        np.array([padded(d.decoys) for d in decisions]),
-        tuple(d.status for d in decisions),
-        Kept(problem, np.array([padded(problem.as_points(d.actions)) for d in decisions])),
-        np.array([d.oracle_calls for d in decisions]),
-    )
-
-
-def _counted_statuses(statuses: tuple[DecisionStatus, ...]) -> list[str]:
-    return [f"{count:6d} × {status.value}" for status, count in Counter(statuses).most_common()]
 
 
 def _numbers(values: Array) -> str:

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.envelope import concave_envelope
+from inscrutable.decision_makers.envelope import RatedPoints
 from inscrutable.errors import InputError
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.validation import Array
 
 
 @dataclass(eq=False)
-class Scores:
+class Scores(RatedPoints):
     """Candidates under one belief; `privacies` are upper bounds until `refine` makes them exact."""
 
     belief: Array
@@ -25,39 +25,14 @@ class Scores:
     exact: np.ndarray
     on_empty: str = "exclude"
 
-    def refine(self, index: int) -> None:
+    def refine(self, place: int) -> None:
         """Judge one candidate, and all that are the same decision, by the set itself."""
         sets = self.candidates.sets
-        same = np.flatnonzero(sets.distinct == sets.distinct[index])
+        same = np.flatnonzero(sets.distinct == sets.distinct[place])
         self.privacies[same] = np.where(
-            np.isneginf(self.privacies[same]), -np.inf, self.measure(self.belief, sets[index])
+            np.isneginf(self.privacies[same]), -np.inf, self.measure(self.belief, sets[place])
         )
         self.exact[same] = True
-
-    def best(self, limit: float) -> int | None:
-        """Return the most private candidate with a regret of at most `limit`, the cheapest among equals."""
-        affordable = np.flatnonzero((self.regrets <= limit) & ~np.isneginf(self.privacies))
-        while affordable.size:
-            top = self.privacies[affordable].max()
-            if np.isneginf(top):
-                return None
-            equal = affordable[self.privacies[affordable] == top]
-            index = int(equal[self.regrets[equal].argmin()])
-            if self.exact[index]:
-                return index
-            self.refine(index)
-        return None
-
-    def exact_envelope(self) -> np.ndarray:
-        """Return the corners of the concave envelope, by rising regret, each judged exactly."""
-        while True:
-            chosen = concave_envelope(self.regrets, self.privacies)
-            open_ones = chosen[~self.exact[chosen]]
-            if not open_ones.size:
-                return chosen
-            for index in open_ones:
-                if not self.exact[index]:
-                    self.refine(int(index))
 
 
 def score(belief: Array, optimal_cost: float, candidates: Candidates, measure: PrivacyMeasure, on_empty: str) -> Scores:

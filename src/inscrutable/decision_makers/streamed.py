@@ -6,6 +6,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.counter_adversarial import Case, best_decisions
+from inscrutable.decision_makers.result_table import ResultTable, expected
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, MixedDecisions, Progress
 from inscrutable.decision_makers.search.atlas import atlas_of
 from inscrutable.decision_makers.search.streaming import KNOWN, Aims, Lotteries, farthest_corners, stream_lotteries
@@ -24,39 +25,30 @@ def stream(case: Case, beliefs: Array, progress: Progress | None = None) -> Mixe
     found = stream_lotteries(atlas, beliefs, aims, singles=singles)
     # What is climbed from the single decision may miss a pair of atoms that is better still.
     without = stream_lotteries(atlas, beliefs, aims)
-    found.take(_privacies(without) > _privacies(found), without)
+    better = expected(without.probabilities, without.privacies) > expected(found.probabilities, found.privacies)
+    found.take(better, without)
     return _results(found, aims, singles)
 
 
 def _results(found: Lotteries, aims: Aims, singles: Decisions) -> MixedDecisions:
     points, sign = aims.points, aims.sign
-    privacy, regret = _privacies(found), _expected(found.probabilities, found.regrets)
     alone = found.probabilities[:, 1] <= 0.0
     best = np.where(alone, found.privacies[:, 0], np.maximum(found.privacies[:, 0], found.privacies[:, 1]))
     known = np.array([status is DecisionStatus.POLISHED for status in singles.status])
     polished = ((found.index == POLISHED) | ((found.index == KNOWN) & known[:, None])).any(axis=1)
-    bounds = farthest_corners(points) if sign > 0 else np.zeros(len(privacy))
     nothing = best <= tolerances.NO_PRIVACY if sign > 0 else np.isneginf(best)
     codes = np.where(nothing, 0, np.where(polished, 1, 2))
     return MixedDecisions(
-        found.probabilities,
-        found.regrets,
-        found.privacies,
-        found.optimal_costs + regret,
-        privacy,
-        found.optimal_costs,
-        np.maximum(bounds, privacy),
-        found.prices,
-        found.decoys.copy(),  # decisions are made from those that are kept
-        tuple(_KINDS[codes]),
-        found,
+        ResultTable(
+            found.problem,
+            found.actions,
+            found.probabilities,
+            found.regrets,
+            found.privacies,
+            found.decoys.copy(),  # decisions are made from those that are kept
+            found.optimal_costs,
+            farthest_corners(points) if sign > 0 else np.zeros(len(codes)),
+            tuple(_KINDS[codes]),
+            found.prices,
+        )
     )
-
-
-def _privacies(found: Lotteries) -> Array:
-    return _expected(found.probabilities, found.privacies)
-
-
-def _expected(probabilities: Array, values: Array) -> Array:
-    """Σ_l p_l v_l of lotteries (T,2): two columns are added faster than rows of two."""
-    return np.asarray(probabilities[:, 0] * values[:, 0] + probabilities[:, 1] * values[:, 1])

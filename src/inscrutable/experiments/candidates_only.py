@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import Candidates
-from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_envelope
+from inscrutable.decision_makers.envelope import best_mixture, concave_envelope
 from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
@@ -50,10 +50,10 @@ class CandidateDecisionMaker:
 
     def _mix(self, scores: Scores, limit: float, actions: Array, shares: Array) -> None:
         """Write the best lottery over; the optimal decision stands where the row of actions has it already."""
-        corners = scores.exact_envelope()
+        corners = scores.settled(concave_envelope)
         regrets = np.concatenate([[0.0], scores.regrets[corners]])
         privacies = np.concatenate([[0.0], scores.privacies[corners]])
-        mixed = mixture_on_envelope(regrets, privacies, concave_envelope(regrets, privacies), limit)
+        mixed = best_mixture(regrets, privacies, limit)
         if mixed is None:
             return
         for place, (index, share) in enumerate(zip(mixed.indices, mixed.probabilities, strict=True)):

@@ -10,6 +10,7 @@ from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.distinct import Distinct, distinct_of
+from inscrutable.decision_makers.result_table import ResultTable, chosen_from
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.privacy import MaximalObfuscation
@@ -96,19 +97,6 @@ def rounding_of(optimal_costs: Array) -> Array:
     return np.asarray(tolerances.NO_REGRET * np.maximum(np.abs(optimal_costs), tolerances.TINY))
 
 
-@dataclass(frozen=True, eq=False)
-class _Chosen:
-    """Decisions kept as places among points."""
-
-    problem: DecisionProblem
-    points: Array
-    places: np.ndarray
-
-    def actions(self, step: int | slice) -> Array:
-        """Return the decisions of a step or of many."""
-        return np.asarray(self.points[self.places[step]])
-
-
 def without_small(rows: Array, regrets: Array, least: float = tolerances.RARELY_PLAYED) -> Array:
     """Return rows of probabilities (T,m) without tiny atoms; what they held goes to the row's cheapest atom.
 
@@ -132,19 +120,12 @@ def lotteries(
     costs = np.einsum("tx,tax->ta", beliefs, columns.found.costs[places])
     regrets = np.maximum(costs - optimal_costs[:, None], 0.0)
     privacies = columns.privacies(beliefs, places)
-    expected = (probabilities * np.where(probabilities > 0, privacies, 0.0)).sum(axis=1)
     corners = np.sqrt(((beliefs[:, None, :] - np.eye(beliefs.shape[1])) ** 2).sum(axis=2)).max(axis=1)
     decoys = columns.found.start[places] + 0.5 * columns.found.along[places]
+    actions = chosen_from(columns.points, places)
+    statuses = (status,) * len(rows)
     return MixedDecisions(
-        probabilities,
-        regrets,
-        privacies,
-        optimal_costs + (probabilities * regrets).sum(axis=1),
-        expected,
-        optimal_costs,
-        np.maximum(corners, expected),
-        np.full(len(rows), np.nan),
-        decoys,
-        (status,) * len(rows),
-        _Chosen(columns.problem, columns.points, places),
+        ResultTable(
+            columns.problem, actions, probabilities, regrets, privacies, decoys, optimal_costs, corners, statuses
+        )
     )

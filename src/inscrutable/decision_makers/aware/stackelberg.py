@@ -11,10 +11,10 @@ from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.base import AwareDecisionMaker, PriorTable, checked_options
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places, lotteries, rounding_of, without_small
-from inscrutable.decision_makers.aware.row_envelopes import row_envelopes
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.decision_makers.aware.stackelberg_solver import largest_error
 from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.envelope import best_mixtures
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, Progress
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.problems import DecisionProblem
@@ -224,4 +224,4 @@ def _budgeted(table: PriorTable, limits: Array) -> tuple[np.ndarray, Array]:
 
 def _answers(table: PriorTable, gains: Array, limits: Array) -> Array:
     allowed, costs = _budgeted(table, limits)
-    return row_envelopes(costs, gains, np.ones(len(limits)), allowed).rows(gains.shape[1])
+    return best_mixtures(costs, gains, np.ones(len(limits)), allowed).rows(gains.shape[1])

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inscrutable.decision_makers.aware.row_envelopes import Envelopes, row_envelopes
+from inscrutable.decision_makers.envelope import Mixtures, best_mixtures
 from inscrutable.validation import Array
 
 _CENTRING_STEPS = 60
@@ -53,9 +53,9 @@ class Game:
         played, means = self.moments(rows)
         return self.spread - float(played @ (means**2).sum(axis=1))
 
-    def bound(self, estimates: Array) -> Envelopes:
+    def bound(self, estimates: Array) -> Mixtures:
         """Return the rows' best answers to fixed estimates: Σ p values bounds every error."""
-        return row_envelopes(self.costs, self.gains(estimates), np.ones(len(self.weights)), self.allowed)
+        return best_mixtures(self.costs, self.gains(estimates), np.ones(len(self.weights)), self.allowed)
 
 
 def centred_start(game: Game, centre: Array) -> tuple[Array, Array, Array]:

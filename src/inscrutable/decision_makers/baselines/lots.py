@@ -9,6 +9,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.consistent_sets import LARGER, ConsistentSets
 from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.result_table import ResultTable, chosen_from
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
@@ -28,30 +29,22 @@ class Lots:
     optimal_costs: Array  # (T,)
     statuses: tuple[DecisionStatus, ...]
 
-    def actions(self, step: int | slice) -> Array:
-        """Return the atoms of a step (k,U) or of many (T,k,U)."""
-        return np.asarray(self.candidates.actions[self.numbers[step]])
-
     def results(self) -> MixedDecisions:
         """Return the lotteries as a result, with what an observer makes of each atom at face value."""
         sets, measure = self.candidates.sets, MaximalObfuscation()
         privacies = np.array([_distances(sets, *each) for each in zip(self.numbers, self.beliefs, strict=True)])
-        drawn = self.shares > 0
-        # Nothing explains some decisions: their privacy is infinite, and zero times that is no number.
-        expected = np.where(drawn, self.shares * np.where(drawn, privacies, 0.0), 0.0).sum(axis=1)
-        bounds = np.array([measure.upper_bound(belief) for belief in self.beliefs])
         return MixedDecisions(
-            self.shares,
-            self.regrets,
-            privacies,
-            self.optimal_costs + (self.shares * self.regrets).sum(axis=1),
-            expected,
-            self.optimal_costs,
-            np.maximum(bounds, expected),
-            np.full(len(self.beliefs), np.nan),
-            _explanations(sets)[self.numbers],
-            self.statuses,
-            self,
+            ResultTable(
+                self.problem,
+                chosen_from(self.candidates.actions, self.numbers),
+                self.shares,
+                self.regrets,
+                privacies,
+                _explanations(sets)[self.numbers],
+                self.optimal_costs,
+                np.array([measure.upper_bound(belief) for belief in self.beliefs]),
+                self.statuses,
+            )
         )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.envelope import Mixture, concave_envelope, mixture_on_envelope
+from inscrutable.decision_makers.envelope import Mixture, best_mixture
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certificate import Prover
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision
@@ -32,8 +32,7 @@ class Atoms:
         self.met: set[int] = set()
 
     def _mixture(self, limit: float) -> Mixture:
-        hull = concave_envelope(self.regrets, self.privacies)
-        mixture = mixture_on_envelope(self.regrets, self.privacies, hull, limit)
+        mixture = best_mixture(self.regrets, self.privacies, limit)
         assert mixture is not None  # the optimal decision costs nothing
         return mixture
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_envelope
+from inscrutable.decision_makers.envelope import best_mixture
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.atoms import Atoms
 from inscrutable.decision_makers.proofs.certificate import Prover, Question
@@ -160,7 +160,7 @@ class Proofs:
         limit, choices = self.budget.limit(found.optimal_cost), self._choices(belief, measure)
         regrets = np.array([each.regret for each in choices])
         privacies = np.array([each.privacy for each in choices])
-        mixture = mixture_on_envelope(regrets, privacies, concave_envelope(regrets, privacies), limit)
+        mixture = best_mixture(regrets, privacies, limit)
         value = found.expected_privacy
         if mixture is not None:
             value = float(mixture.probabilities @ privacies[mixture.indices])

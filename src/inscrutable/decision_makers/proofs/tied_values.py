@@ -11,13 +11,12 @@ target nothing is better than the decisions of whole cells.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from heapq import heapify, heappop, heapreplace
 from typing import NamedTuple
 
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.envelope import concave_envelope, mixture_on_envelope
+from inscrutable.decision_makers.envelope import RatedPoints, concave_envelope
 from inscrutable.decision_makers.proofs.face_programmes import FaceProgrammes
 from inscrutable.decision_makers.proofs.subdivision import Subdivision
 from inscrutable.geometry.polytopes import nearest_in_hull
@@ -32,7 +31,7 @@ class Supremum(NamedTuple):
     places: list[int]
 
 
-class TiedValues:
+class TiedValues(RatedPoints):
     """Regrets and privacies of what is tied at every corner, or optimal on every cell, under one belief."""
 
     def __init__(self, cells: Subdivision, faces: FaceProgrammes | None, belief: Array, reference: Reference) -> None:
@@ -64,17 +63,7 @@ class TiedValues:
         rounding = -self._rounding if self.reference.sign > 0 else self._rounding
         if limit > 0:  # without a budget only what costs nothing is affordable, whatever is lost in rounding
             rounding += self._noise
-        inside = np.flatnonzero(self.regrets < limit + rounding)
-        heap = [(-float(self.privacies[place]), int(place)) for place in inside]
-        heapify(heap)
-        while heap:
-            place = heap[0][1]
-            if self.exact[place]:
-                heappop(heap)
-                yield place
-            else:
-                self.refine(place)
-                heapreplace(heap, (-float(self.privacies[place]), place))
+        return self.falling(float(np.nextafter(limit + rounding, -np.inf)))
 
     def single(self, limit: float) -> float:
         """Return the supremum over single decisions of a regret of at most `limit`."""
@@ -86,17 +75,11 @@ class TiedValues:
         """Return the supremum over lotteries of an expected regret of at most `limit`."""
         if limit <= self._rounding:
             return Supremum(self.single(limit), [])
-        while True:
-            hull = concave_envelope(self.regrets, self.privacies)
-            rough = hull[~self.exact[hull]]
-            if not rough.size:
-                break
-            for place in rough:
-                self.refine(int(place))
-        mixture = mixture_on_envelope(self.regrets, self.privacies, hull, limit)
+        hull = self.settled(concave_envelope)
+        mixture = self.mixture(limit)
         assert mixture is not None  # the optimal decision costs nothing
-        used = [int(place) for place in mixture.indices]
-        others = [int(place) for place in hull if int(place) not in used]
+        used = mixture.indices.tolist()
+        others = [place for place in hull.tolist() if place not in used]
         return Supremum(float(mixture.probabilities @ self.privacies[mixture.indices]), used + others)
 
     def tight(self, place: int) -> np.ndarray | None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries.consistent_sets import consistent_sets
+from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
 from inscrutable.decision_makers.search.atlas import Atlas
 from inscrutable.decision_makers.search.face_search import Found, most_private, rules_for, within
@@ -55,37 +57,16 @@ class Singles:
         """The decision problem."""
         return self.atlas.asked
 
-    def actions(self, step: int | slice, budget: int) -> Array:
-        """Return the decision of one step, (U,), or of many, (T,U), under one of the budgets."""
-        return self.atlas.decisions(self._variables(step, budget))
-
-    def _variables(self, step: int | slice, budget: int) -> Array:
-        """The same in the variables of the problem's form."""
-        index, face = self.index[step, budget].reshape(-1), self.face[step, budget].reshape(-1)
-        decoys = self.decoy[step, budget].reshape(-1, self.decoy.shape[-1])
-        found = decisions_at(self.atlas, index, face, decoys)
+    def actions(self, budget: int, rows: Any) -> Array:
+        """Return the decision of a row, (1,U), or of some, (n,1,U), under one of the budgets."""
+        index, face = self.index[rows, budget], self.face[rows, budget].reshape(-1)
+        decoys = self.decoy[rows, budget].reshape(-1, self.decoy.shape[-1])
+        found = decisions_at(self.atlas, index.reshape(-1), face, decoys)
         if self.kept:
-            steps = np.arange(len(self.index))[step].reshape(-1)
-            for i in np.flatnonzero(index == _KEPT):
+            steps = np.arange(len(self.index))[rows].reshape(-1)
+            for i in np.flatnonzero(index.reshape(-1) == _KEPT):
                 found[i] = self.kept[int(steps[i]), budget]
-        return found if isinstance(step, slice) else np.asarray(found[0])
-
-
-@dataclass(frozen=True, eq=False)
-class UnderBudget:
-    """The decisions of one of the budgets, as results keep them."""
-
-    singles: Singles
-    budget: int = 0
-
-    @property
-    def problem(self) -> DecisionProblem:
-        """The decision problem."""
-        return self.singles.problem
-
-    def actions(self, step: int | slice) -> Array:
-        """Return the decisions of a step or of many."""
-        return self.singles.actions(step, self.budget)
+        return self.atlas.decisions(found).reshape(*index.shape, 1, self.problem.n_actions)
 
 
 def stream_singles(atlas: Atlas, beliefs: Array, aims: Aims, *, progress: Progress | None = None) -> Singles | None:
@@ -190,17 +171,18 @@ _KINDS = np.array([DecisionStatus.POLISHED, DecisionStatus.NO_AFFORDABLE_PRIVACY
 def decisions_of(found: Singles, budget: int = 0) -> Decisions:
     """Return what was found under one of the budgets as a result."""
     points, sign = found.aims.points, found.aims.sign
-    privacy, regret = found.privacy[:, budget], found.regret[:, budget]
-    bounds = farthest_corners(points) if sign > 0 else np.zeros(len(privacy))
     codes = np.where(found.index[:, budget] == OWN, 1 if sign > 0 else 2, 0)
     return Decisions(
-        found.optimal_costs + regret,
-        found.optimal_costs.copy(),
-        regret.copy(),
-        privacy.copy(),
-        np.maximum(bounds, privacy),
-        found.decoy[:, budget].copy(),  # decisions are made from those that are kept
-        tuple(_KINDS[codes]),
-        UnderBudget(found, budget),
-        found.price[:, budget].copy(),
+        ResultTable(
+            found.problem,
+            partial(found.actions, budget),
+            np.ones((len(codes), 1)),
+            found.regret[:, budget, None],
+            found.privacy[:, budget, None],
+            found.decoy[:, budget, None].copy(),  # decisions are made from those that are kept
+            found.optimal_costs,
+            farthest_corners(points) if sign > 0 else np.zeros(len(codes)),
+            tuple(_KINDS[codes]),
+            found.price[:, budget],
+        )
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,15 +52,15 @@ class Lotteries:
         """The decision problem."""
         return self.atlas.asked
 
-    def actions(self, step: int | slice) -> Array:
-        """Return the atoms of one step, shape (2,U), or of many, shape (T,2,U)."""
+    def actions(self, step: Any) -> Array:
+        """Return the atoms of one step, shape (2,U), or of many, shape (n,2,U)."""
         index, face, decoys = self.index[step], self.face[step], self.decoys[step]
         flat = (index.reshape(-1), face.reshape(-1), decoys.reshape(-1, decoys.shape[-1]))
         found = self.atlas.decisions(decisions_at(self.atlas, *flat)).reshape(*index.shape, self.problem.n_actions)
         known = index == KNOWN
         if known.any():
-            single = self.singles.played.actions(step)  # type: ignore[union-attr]
-            found[known] = np.broadcast_to(single[..., None, :], found.shape)[known]
+            assert self.singles is not None
+            found[known] = np.broadcast_to(self.singles.table.points_at(step), found.shape)[known]
         return found
 
     def take(self, steps: np.ndarray, other: Lotteries) -> None:

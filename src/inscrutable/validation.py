@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import tolerances
+from inscrutable.axes import Axis, Names, ordered
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis, Names, ordered
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ Axes = Sequence[Axis | None]
 
 
 def real_array(value: Any, name: str, axes: Axes | None = None) -> Array:
-    """Return `value` as a float array of its own, labelled axes in the order that `axes` say (see `labels.ordered`)."""
+    """Return `value` as a float array of its own, labelled axes in the order that `axes` say (see `axes.ordered`)."""
     plain = ordered(value, name, axes)
     try:
         return np.array(plain, dtype=np.float64)

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, ordered
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis, ordered
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law, top_states
 from inscrutable.saved import Saved, saved_choice

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.adversaries.plausibility import planes_below
+from inscrutable.axes import Names
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
-from inscrutable.labels import Names
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 

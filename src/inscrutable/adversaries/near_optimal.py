@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.plausibility import MOST_PLANES, nearest_explanation
+from inscrutable.axes import Names
 from inscrutable.errors import InputError, SolverError
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.hulls import onto_simplex, sum_zero_basis
@@ -25,7 +26,6 @@ from inscrutable.geometry.polytopes import (
     reduce_polytope,
     sample_polytope,
 )
-from inscrutable.labels import Names
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 

@@ -13,10 +13,10 @@ from inscrutable.adversaries.consistent_sets import LARGER, consistent_sets
 from inscrutable.adversaries.inverse import consistent_beliefs
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.adversaries.plausibility import nearest_explanations
+from inscrutable.axes import ordered
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
-from inscrutable.labels import ordered
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem

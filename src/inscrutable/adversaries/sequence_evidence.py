@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.sequence_results import SequenceStatus
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
-from inscrutable.labels import Axis
 from inscrutable.mechanisms import Mechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import Emission

@@ -20,8 +20,8 @@ from inscrutable.adversaries.sequence_evidence import (
     state_evidence,
 )
 from inscrutable.adversaries.sequence_results import InferredBeliefs
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis
 from inscrutable.mechanisms import Mechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, Emission, HiddenMarkovModel

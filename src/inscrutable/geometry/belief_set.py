@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, Names, ordered
 from inscrutable.errors import InputError, SolverError
 from inscrutable.geometry.hulls import affine_hulls, described_sets, members_of_sets
 from inscrutable.geometry.polytopes import (
@@ -20,7 +21,6 @@ from inscrutable.geometry.polytopes import (
     reduce_polytope,
     sample_polytope,
 )
-from inscrutable.labels import Axis, Names, ordered
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.saved import Saved
 from inscrutable.validation import Array

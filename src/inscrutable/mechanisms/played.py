@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, ordered
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis, ordered
 from inscrutable.mechanisms.priors import Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem

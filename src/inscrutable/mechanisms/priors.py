@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import validation
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.geometry import simplex_grid
-from inscrutable.labels import Axis
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel

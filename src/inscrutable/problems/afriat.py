@@ -18,8 +18,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, Names
 from inscrutable.errors import InputError, ModelError, SolverError
-from inscrutable.labels import Axis, Names
 from inscrutable.linear_programmes import Rows, minimise
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, Names, ordered
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis, Names, ordered
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.forms import LinearForm, QuadraticForm, SmoothForm
 from inscrutable.validation import Array

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.cones import StationarityRows, stationarity_rows
-from inscrutable.labels import Axis, Names, axis_labels
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems.conflicts import RowConflict, row_conflict
 from inscrutable.validation import Array

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError, SolverError
-from inscrutable.labels import Axis
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region

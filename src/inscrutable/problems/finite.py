@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, ordered
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis, ordered
 from inscrutable.problems.constraints import simplex
 from inscrutable.problems.linear import LinearProblem
 from inscrutable.validation import Array

@@ -5,8 +5,8 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis
 from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
 from inscrutable.problems.quadratic import QuadraticProblem, check_positive_semidefinite
 

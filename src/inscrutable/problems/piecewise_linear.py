@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.forms import Lift, LinearForm, SmoothForm

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError
-from inscrutable.labels import Axis, Names, axis_labels
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.validation import Array
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.morton import morton_order
-from inscrutable.labels import Axis
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.copied_coordinates import Merged, merged_copies

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import tolerances, validation
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
-from inscrutable.labels import Axis
 from inscrutable.validation import Array
 from inscrutable.worlds.observations import Labels, real_rows, symbols
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import validation
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
-from inscrutable.labels import Axis
 from inscrutable.validation import Array
 from inscrutable.worlds.emissions import Emission, cumulative, emission_from_dict, frozen
 

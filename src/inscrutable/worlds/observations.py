@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inscrutable import validation
+from inscrutable.axes import Axis
 from inscrutable.errors import InputError
-from inscrutable.labels import Axis
 from inscrutable.validation import Array
 
 Labels = tuple[Hashable, ...]

@@ -1,0 +1,154 @@
+"""Axes of arrays whose places have labels: labelled input is put in one order, or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from inscrutable.errors import InputError
+
+Names = tuple[Hashable, ...]
+_PLAIN = {int, float, bool, str, type(None), np.ndarray, np.float64, np.int64}
+"""Types that carry no labels; a long list is judged by the types in it."""
+_SIDES = ("index", "columns")
+
+
+class Axis:
+    """What is known of the labels along one axis of the arrays that a call or an object takes.
+
+    Labelled input is put in the order of `names`. Where none are known, an axis that `learns` takes those of the first
+    labelled input, to which what follows is aligned; any other accepts only labels that number the places themselves:
+    0, 1, … or "regime 1", "regime 2", …. An array without labels goes by position.
+
+    Args:
+        what: What a label stands for, in messages.
+        names: The labels in their order, or None.
+        learns: Whether the first labelled input may set the order.
+
+    Example:
+        >>> assets = Axis("asset", learns=True)
+        >>> assets.order(("Oil", "Food"), "means"), assets.order(("Food", "Oil"), "covariances"), assets.names
+        (None, [1, 0], ('Oil', 'Food'))
+    """
+
+    def __init__(self, what: str, names: Names | None = None, *, learns: bool = False) -> None:
+        self.what, self.names, self._learns = what, names, learns
+
+    def order(self, found: Names, name: str) -> list[int] | None:
+        """Return the places of labels in the order to take them in, None where they stay.
+
+        Raises:
+            InputError: A label occurs twice, is missing or unknown, or nothing says in which order they belong.
+        """
+        place = {label: k for k, label in enumerate(found)}
+        if len(place) < len(found):
+            twice = next(label for label in found if found.count(label) > 1)
+            raise InputError(
+                f"{name} has the {self.what} label {twice!r} {found.count(twice)} times; labels must differ"
+            )
+        names = self.names or self._numbering(found)
+        if names is None and self._learns:
+            names = self.names = found
+        if names == found or (self.names is None and len(found) <= 1):
+            return None
+        if names is None:
+            raise InputError(
+                f"{name} has the {self.what} labels {_few(found)}, but nothing says in which order they belong: build the "
+                "object from labelled tables, or give the numbers alone (to_numpy()) in its order"
+            )
+        if found == tuple(range(len(names))):
+            return None
+        if place.keys() != set(names):
+            missing = [label for label in names if label not in place]
+            extra = [label for label in found if label not in set(names)]
+            said = [
+                f"{word}: {_few(these)}" for word, these in (("missing", missing), ("not expected", extra)) if these
+            ]
+            raise InputError(f"{name} has other {self.what} labels than expected, {_few(names)}; {'; '.join(said)}")
+        return [place[label] for label in names]
+
+    @staticmethod
+    def _numbering(found: Names) -> Names | None:
+        """Labels that number the places, in their order; what pandas and this library write where nobody gave names."""
+        for names in (tuple(range(len(found))), tuple(f"regime {i + 1}" for i in range(len(found)))):
+            if set(found) == set(names):
+                return names
+        return None
+
+
+def ordered(value: Any, name: str, axes: Sequence[Axis | None] | None) -> Any:
+    """Return labelled input as plain arrays in the order that the axes say; anything else as it is.
+
+    Args:
+        value: A Series, a DataFrame, a mapping from labels, or lists of them: labelled along each of their axes.
+        name: Of the input, in messages.
+        axes: The last axes of the value; None, and those before, may have any labels. Without a list no axis may be
+            labelled but by numbers of places.
+
+    Raises:
+        InputError: As `Axis.order`.
+    """
+    if type(value) is np.ndarray or not _is_labelled(value):
+        return value
+    depth = _depth(value)
+    given = [Axis("row" if k < depth - 1 else "entry") for k in range(depth)] if axes is None else list(axes)
+    return _ordered(value, name, ([None] * depth + given)[-depth:])
+
+
+def _ordered(value: Any, name: str, axes: Sequence[Axis | None]) -> Any:
+    if not axes or type(value) is np.ndarray or not _is_labelled(value):
+        return value
+    if isinstance(value, Mapping):
+        rows = [_ordered(row, f"{name}[{key!r}]", axes[1:]) for key, row in value.items()]
+        return _taken(_stacked(rows, name), tuple(value), 0, name, axes[0])
+    if isinstance(value, (list, tuple)):
+        return _stacked([_ordered(row, f"{name}[{i}]", axes[1:]) for i, row in enumerate(value)], name)
+    labels = [getattr(value, side, None) for side in _SIDES]
+    array = value.to_numpy()
+    for k, found in enumerate(labels[: array.ndim] if array.ndim == len(axes) else []):
+        array = array if found is None else _taken(array, tuple(found), k, name, axes[k])
+    return array
+
+
+def _taken(array: Any, found: Names, k: int, name: str, axis: Axis | None) -> Any:
+    order = None if axis is None else axis.order(found, name)
+    return array if order is None else np.take(array, order, axis=k)
+
+
+def _stacked(rows: list[Any], name: str) -> Any:
+    try:
+        return np.array(rows)
+    except ValueError as error:
+        raise InputError(f"{name} must be numbers: {error}") from None
+
+
+def _is_labelled(value: Any) -> bool:
+    if isinstance(value, (list, tuple)):
+        return not set(map(type, value)) <= _PLAIN and any(map(_is_labelled, value))
+    return isinstance(value, Mapping) or (hasattr(value, "to_numpy") and any(hasattr(value, side) for side in _SIDES))
+
+
+def _depth(value: Any) -> int:
+    if isinstance(value, Mapping):
+        return 1 + max(map(_depth, value.values()), default=0)
+    if isinstance(value, (list, tuple)):
+        return 1 + max(map(_depth, value), default=0)
+    return int(np.ndim(value))
+
+
+def axis_labels(value: Any, k: int) -> Names | None:
+    """Return the labels that a table carries along an axis, None where it has none or they are 0, 1, …."""
+    if isinstance(value, Mapping):
+        found: Any = tuple(value)
+    else:
+        found = getattr(value, _SIDES[k], None) if hasattr(value, "to_numpy") else None
+    if found is None or tuple(found) == tuple(range(len(found))):
+        return None
+    return tuple(found)
+
+
+def _few(labels: Iterable[Any], most: int = 8) -> str:
+    held = [str(label) for label in labels]
+    return ", ".join(held[:most]) + (f", … ({len(held)} in all)" if len(held) > most else "")

@@ -13,6 +13,7 @@ import pytest
 from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
+    Decisions,
     DesiredObfuscation,
     InputError,
     NonExistence,
@@ -416,7 +417,8 @@ def test_the_increase_relative_to_nothing(increase: object, optimal: object, exp
 def test_optimal_costs_of_zero_give_no_nan(found: Backtest, spent: float) -> None:
     def at_zero(record: Record) -> Record:
         nothing = np.zeros(DECISIONS)
-        return Record(replace(record.decisions, optimal_cost=nothing, regret=nothing + spent))
+        table = record.decisions.table
+        return Record(Decisions(replace(table, optimal_cost=nothing, regrets=np.full_like(table.regrets, spent))))
 
     records = {name: at_zero(record) for name, record in found.episode.records.items()}
     shifted = replace(found, episode=replace(found.episode, records=records))

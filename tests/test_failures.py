@@ -61,6 +61,10 @@ def unbounded():
     return maker.decide(BELIEF).status
 
 
+def proved_lottery(problem):
+    return ProbabilisticDecisionMaker(problem, budget=Budget.regret(0.01), certify=0.2).decide(BELIEF)
+
+
 ENDS = {
     DecisionStatus.OPTIMAL: lambda: OriginalDecisionMaker(market()).decide(BELIEF).status,
     DecisionStatus.POLISHED: lambda: hidden(market()),
@@ -76,6 +80,7 @@ ENDS = {
         market(5), regret=1e-9, method=LocalSearch(n_starts=1, rng=np.random.default_rng(0))
     ),
     DecisionStatus.UNBOUNDED: unbounded,
+    DecisionStatus.DRAWN: lambda: proved_lottery(market()).sample(rng=np.random.default_rng(0)).status,
     DecisionStatus.RULE_OF_THUMB: lambda: CoinDecisionMaker(market(), 0.5).decide(BELIEF).status,
 }
 

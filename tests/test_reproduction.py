@@ -210,7 +210,7 @@ def test_verdicts_follow_the_findings(small: Reproduction) -> None:
     ("change", "message"),
     [
         ({"seed": -1}, "seed"),
-        ({"budget": 0.0}, "budget must be above 0"),
+        ({"budget": 0.0}, "budget: should be greater than 0, got 0.0"),
         ({"steps": 1}, "steps"),
         ({"markets": 1}, "markets"),
         ({"law": MarketLaw(regimes=4)}, "3 regimes and 3 assets, the law has 4 and 3"),
@@ -226,10 +226,10 @@ def test_bad_settings(change: dict[str, object], message: str) -> None:
     [
         ({"resolution": 1}, "resolution"),
         ({"simulations": 1}, "simulations"),
-        ({"budgets": (1.0, 0.1)}, "budgets must be at least 2 rising numbers"),
-        ({"budgets": (0.0, 0.1)}, "budgets must be above 0"),
-        ({"starts": (2, 5)}, "starts must begin with 1"),
-        ({"sample_resolutions": ()}, "sample_resolutions must be at least 1 rising"),
+        ({"budgets": (1.0, 0.1)}, "budgets: should be numbers that rise, got "),
+        ({"budgets": (0.0, 0.1)}, "budgets.0: should be greater than 0, got 0.0"),
+        ({"starts": (2, 5)}, "starts should begin with 1, the paper's, got "),
+        ({"sample_resolutions": ()}, "sample_resolutions: should have at least 1 entry, got "),
     ],
 )
 def test_bad_effort(change: dict[str, object], message: str) -> None:

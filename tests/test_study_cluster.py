@@ -16,6 +16,7 @@ import pytest
 from inscrutable import Study, run_study
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies.executors import lost_row, on_cluster
+from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.tasks import FAILED, Work
 from study_runs import SMALL, environment, table
 
@@ -89,7 +90,7 @@ def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(executors, "_WAIT", 0.3)
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        on_cluster("tcp://127.0.0.1:9")(Work("", None, ""), [], lambda rows: None)
+        on_cluster("tcp://127.0.0.1:9")(Work(GridRunner, "", None, ""), [], lambda rows: None)
 
 
 def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -100,7 +101,7 @@ def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_pa
 
 
 def test_a_task_that_takes_its_workers_down_is_a_failed_row() -> None:
-    row = lost_row(Work(Study.of(SMALL).plan.model_dump_json(), None, "[]"), 3)
+    row = lost_row(Work(GridRunner, Study.of(SMALL).plan.model_dump_json(), None, "[]"), 3)
     assert (row.number, row.status, row.figures) == (3, FAILED, "{}")
     assert "workers doing this task were lost" in row.error
     assert row.task == Study.of(SMALL).grid.task(3).key

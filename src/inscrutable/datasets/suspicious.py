@@ -48,7 +48,7 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
         >>> moves = np.random.default_rng(0).normal(0.01, 0.04, size=(60, 2))
         >>> moves[10, 0] = 12.0
         >>> suspicious_entries(pd.DataFrame(moves, index=months, columns=["A", "B"]))
-        ('A on 2020-11-30: a return of +1200%, where a usual move is 4.7%',)
+        ('A on 2020-11-30: a return of +1200%, where a usual move is 4.1%',)
     """
     values = returns.to_numpy(dtype=np.float64)
     centred = values - np.median(values, axis=0)

@@ -35,7 +35,7 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
 def rising(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return numbers that rise, or raise `ValueError`."""
     if any(later <= earlier for earlier, later in pairwise(values)):
-        raise ValueError(f"should be numbers that rise, got {values}")
+        raise ValueError("should be numbers that rise")
     return values
 
 
@@ -79,7 +79,9 @@ def first_mistake(error: ValidationError) -> str:
     first, *others = error.errors(include_url=False)
     more = f" (and {len(others)} more)" if others else ""
     where = ".".join(map(str, first["loc"]))
-    return f"{where + ': ' if where else ''}{expected(first)}, got {shortened(first['input'])}{more}"
+    if not where:  # of several keys together: the message has its own numbers
+        return f"{expected(first)}{more}"
+    return f"{where}: {expected(first)}, got {shortened(first['input'])}{more}"
 
 
 def expected(problem: Any) -> str:

@@ -98,12 +98,21 @@ class QuadraticProblem(DecisionProblem):
         return bent_alike(self.hessians, np.eye(self.n_actions), self.constraints.A_eq)
 
     def quadratic_form(self) -> QuadraticForm | None:
-        """Return H_i, g_i, r_i and C."""
+        """Return H_i, g_i, r_i and C; None of a class that states other costs or slopes than these."""
+        if not self._has_these_costs:
+            return None
         return QuadraticForm(self.hessians, self.linear, self.constants, self.constraints)
 
     def linear_form(self) -> LinearForm | None:
         """Return g_i and C where no cost bends."""
-        return None if self.hessians.any() else LinearForm(self.linear, self.constraints)
+        flat = self._has_these_costs and not self.hessians.any()
+        return LinearForm(self.linear, self.constraints) if flat else None
+
+    @property
+    def _has_these_costs(self) -> bool:
+        """Whether the costs are those of the arrays, not of a derived class that states its own."""
+        stated = ("state_costs", "cost_gradients")
+        return all(getattr(type(self), name) is getattr(QuadraticProblem, name) for name in stated)
 
     @cached_property
     def _layout(self) -> Layout:

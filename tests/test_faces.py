@@ -28,6 +28,24 @@ def quadratic(rng, n_states, region):
     return QuadraticProblem(factors @ factors.transpose(0, 2, 1), linear, constants, constraints=region)
 
 
+@pytest.mark.parametrize(
+    ("region", "rows"),
+    [
+        (simplex(4) & box(np.zeros(4), np.array([2e-4, 1.0, 1.0, 1.0])), [0, 8]),  # both bounds of one weight
+        (simplex(3), [0, 1, 2]),  # nothing is held
+        (simplex(4) & Polyhedron([[1.0, 1.0, 0.0, 0.0], [-1.0, -1.0, 0.0, 0.0]], [0.6, -0.5]), [4, 5]),
+    ],
+)
+def test_a_face_whose_rows_contradict_each_other_has_no_decision(region, rows):
+    """Decisions halfway between opposite bounds were searched as if they were on both."""
+    problem = quadratic(np.random.default_rng(0), 3, region)
+    tight = np.zeros(len(region.b_ub), dtype=bool)
+    tight[rows] = True
+    face = face_programme(problem, tight)
+    assert (face.rows @ np.append(face.place, 1.0) < 0.0).all()
+    assert (face_programme(problem, np.zeros_like(tight)).rows[:3, :, -1] == np.eye(3)).all()
+
+
 # --- stationarity rows --------------------------------------------------------------------------------------------------
 
 

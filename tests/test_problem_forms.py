@@ -26,7 +26,7 @@ from inscrutable import (
     with_transaction_costs,
 )
 
-_RECOMPUTED = 1e-4  # on the border of the simplex a search takes beliefs for explaining that lie so much beside the set
+_RECOMPUTED = 1e-7  # between the stated privacy of a decision and the distance of its consistent set
 GOALS = [MaximalObfuscation(), DesiredObfuscation([0.2, 0.2, 0.6])]
 
 

@@ -93,8 +93,16 @@ def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramm
     slacks = rows[n_set_rows:]
     slacks[:, :, :k] = -(chart.project(falling) / lengths[:, None])[:, None]
     slacks[:, :, k] = ((region.b_ub[loose] - falling @ origin) / lengths - region.played_slack)[:, None]
+    if _contradict(region, tight, origin):  # opposite bounds, met halfway: the face is empty, so no row of it holds
+        rows[:, :, :k], rows[:, :, k] = 0.0, -1.0
     told = np.flatnonzero(tight & ~problem.idle_rows)
     return FaceProgramme(tight, origin, chart.span, curves, rows, n_set_rows, scale, region.coordinate_bounds, told)
+
+
+def _contradict(region: Polyhedron, tight: np.ndarray, origin: Array) -> bool:
+    """Whether not even the point of least squares has the rows `tight` tight and the equalities met."""
+    off = [region.slacks(origin)[tight], (region.A_eq @ origin - region.b_eq) / np.abs(region.A_eq).max(axis=1)]
+    return bool(np.abs(np.concatenate(off)).max(initial=0.0) > tolerances.FEASIBILITY * max(1.0, np.abs(origin).max()))
 
 
 class _Chart(NamedTuple):

@@ -19,6 +19,7 @@ from inscrutable import (
     LinearProgramme,
     MarkowitzProblem,
     ModelError,
+    NaiveAdversary,
     Polyhedron,
     ProbabilisticDecisionMaker,
     QuadraticProblem,
@@ -314,14 +315,18 @@ def test_default_candidates_are_about_five_thousand(n_states):
 
 
 def test_choices_in_many_states_are_decided_at_once(fresh_rng):
-    """What explains one of six choices in 25 states has tens of thousands of corners: decoys and decisions need none."""
+    """What explains one of six choices in 25 states has tens of thousands of corners: neither decoys, decisions nor
+    observers' estimates need them."""
     CounterAdversarialDecisionMaker(FiniteProblem(fresh_rng.uniform(size=(4, 3)))).decide(np.full(4, 0.25))  # compiled
     problem = FiniteProblem(fresh_rng.uniform(size=(25, 6)))
     belief = fresh_rng.dirichlet(np.ones(25))
     started = time.process_time()
     decision = CounterAdversarialDecisionMaker(problem, budget=0.3).decide(belief)
     candidates = decoy_grid(problem, 1)
+    estimates = NaiveAdversary(problem).estimates(candidates.actions)
     assert time.process_time() - started < 1.0
+    for action, estimate in zip(candidates.actions, estimates, strict=True):
+        assert consistent_beliefs(problem, action).contains(estimate)
     assert consistent_beliefs(problem, decision.action).contains(decision.decoy)
     for action, decoy in zip(candidates.actions, candidates.decoys, strict=True):
         expected = decoy @ problem.costs

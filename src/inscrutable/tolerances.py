@@ -61,6 +61,10 @@ the belief; below it a residual of `STATIONARITY` would move the belief by more 
 ON_FACE = 1e-9
 """A coordinate or multiplier below this, relative to its scale, counts as zero in a belief set."""
 
+UNEVEN = 1e-3
+"""A state whose costs are below this share of the largest is uneven: what it says of a belief is then resolved to `ON_FACE`
+over this only, 1e-6."""
+
 POLYGON_WIDTH = 1e-7
 """A polygon narrower than this is handed to the linear programmes that decide whether it is a segment or empty."""
 

@@ -61,7 +61,7 @@ class SetObserver(ABC):
 class NaiveAdversary(SetObserver):
     """An observer who takes every decision for optimal: the paper's.
 
-    Formula: Π(u) = {π : u minimises π·s}; the estimate is the mean of its corners.
+    Formula: Π(u) = {π : u minimises π·s}; the estimate is the mean of its corners (see `BeliefSet.center`).
 
     Args:
         problem: The decision problem that the observer knows.

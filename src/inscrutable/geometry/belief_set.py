@@ -25,6 +25,8 @@ from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
+_MOST_LISTED = 9  # dimensions up to which a set's corners are listed in milliseconds; in eleven it takes a second
+
 
 @dataclass(frozen=True, eq=False)
 class BeliefSet(Saved):
@@ -95,13 +97,15 @@ class BeliefSet(Saved):
 
     @cached_property
     def _even_corners(self) -> Array:
-        """The corners (V,X), found where each state is measured in a unit of its own; none where that finds nothing.
+        """The corners (V,X) where costs of states lie decades apart, each state measured in a unit of its own; else none.
 
         P π = 0 and Q π ≥ 0 are (P/d)(d π) = 0 and (Q/d)(d π) ≥ 0: what a state of small costs says is then not lost beside
         the rounding of costs that are decades larger.
         """
         sizes = np.abs(np.vstack([self.equalities, self.inequalities])).max(axis=0, initial=0.0)
-        units = np.where(sizes > tolerances.ON_FACE, sizes, sizes.max())
+        units = np.where(sizes > tolerances.ON_FACE, sizes, sizes.max(initial=0.0))
+        if self.n_states - 1 > _MOST_LISTED or (units >= tolerances.UNEVEN * units.max(initial=0.0)).all():
+            return np.zeros((0, self.n_states))
         corners = BeliefSet(self.equalities / units, self.inequalities / units, self.tolerance).vertices() / units
         return np.asarray(corners / corners.sum(axis=1, keepdims=True))
 
@@ -119,7 +123,7 @@ class BeliefSet(Saved):
     def residual(self) -> float:
         """Smallest KKT residual over all beliefs: largest coordinate, relative to the gradient's scale."""
         if self._shape is not None:
-            return float(self.violation(self._shape.vertices.mean(axis=0)))
+            return float(self.violation(self._shape.interior_point))
         return smallest_violation(self.equalities, self.inequalities)
 
     @cached_property
@@ -155,12 +159,15 @@ class BeliefSet(Saved):
             return np.full(self.n_states, np.nan)
         if self.violation(point) <= self.tolerance:
             return point
-        try:
+        if not len(self._even_corners):
             return nearest_point(self._shape, point)
+        found = nearest_in_hull(self._even_corners, point)
+        try:
+            other = nearest_point(self._shape, point)
         except SolverError:
-            if not len(self._even_corners):
-                raise
-            return nearest_in_hull(self._even_corners, point)
+            return found
+        # Rounding may cut off a part of the set in either units, another one in each.
+        return other if np.linalg.norm(other - point) < np.linalg.norm(found - point) else found
 
     def distance(self, belief: ArrayLike) -> float:
         """Return min over members of the Euclidean distance to `belief` (X,); infinite where the set is empty."""
@@ -194,12 +201,17 @@ class BeliefSet(Saved):
         return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
 
     def center(self) -> Array:
-        """Return the mean of the corners, shape (X,); NaN where the set is empty."""
-        return np.full(self.n_states, np.nan) if self._shape is None else np.asarray(self.vertices().mean(axis=0))
+        """Return the mean of the corners, shape (X,); NaN where the set is empty.
+
+        Of a set of more than nine dimensions, whose corners are too many to be listed, it is the `interior_point`.
+        """
+        if self._shape is None or self.dimension > _MOST_LISTED:
+            return self.interior_point()
+        return np.asarray(self.vertices().mean(axis=0))
 
     def interior_point(self) -> Array:
         """Return a member (X,) that is on no border it could be off, by one linear programme at most; NaN where the set is
-        empty. Unlike `center` it needs no corners, which are many where states are."""
+        empty. It needs no corners, which are many where states are."""
         if self._shape is None:
             return np.full(self.n_states, np.nan)
         return np.maximum(self._shape.interior_point, 0.0)

@@ -127,6 +127,7 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "StackelbergDecisionMaker": lambda: ins.StackelbergDecisionMaker(NAMED, 0.01, **KNOWN),
     "DelayedDecisionMaker": lambda: ins.DelayedDecisionMaker(NAMED, 1),
     "PartialDecisionMaker": lambda: ins.PartialDecisionMaker(NAMED, 0.5),
+    "KeptDecisionMaker": lambda: ins.KeptDecisionMaker(ins.OriginalDecisionMaker(NAMED)),
 }
 
 
@@ -261,6 +262,16 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
     ("Prior beliefs", BELIEFS, lambda v: ins.Prior(v, pd.Series([0.2, 0.3, 0.5], MONTHS)).mean),
     ("Prior weights", pd.Series([0.2, 0.3, 0.5], MONTHS), lambda v: ins.Prior(BELIEFS.to_numpy(), v).mean[:1] * 0),
     ("Mechanism", BELIEFS, lambda v: ins.Mechanism(v, [[1.0]], np.ones((3, 1)), np.zeros((3, 1))).beliefs),
+    (
+        "MemoryMechanism",
+        BELIEFS,
+        lambda v: ins.MemoryMechanism(v, [[1.0]], np.ones((3, 1, 1, 1)), [1.0], np.zeros((3, 1))).beliefs,
+    ),
+    (
+        "PartialDecisionMaker holdings",
+        HOLDINGS,
+        lambda v: np.sort(ins.PartialDecisionMaker(NAMED, 0.5).memory_mechanism([BELIEF], v).actions, axis=0),
+    ),
     ("mechanism", BELIEFS, lambda v: np.sort(ins.mechanism(ins.OriginalDecisionMaker(NAMED), v).beliefs, axis=0)),
     ("HiddenMarkovModel transition", STEADY, lambda v: law(ins.HiddenMarkovModel(v, SENSOR, INITIAL))),
     ("HiddenMarkovModel initial", INITIAL, lambda v: law(ins.HiddenMarkovModel(STEADY, SENSOR, v))),
@@ -317,7 +328,7 @@ NO_ARRAYS = """
     ActionExplanation Adversary AffordableBeliefs Budget Calibration CalibrationStatus CheapestPrivacy CostStatus
     Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
-    LinearProgramme LocalSearch MixedDecision MixedDecisions ModelError PathLeakage Posterior PosteriorStatus
+    LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathLeakage Posterior PosteriorStatus
     PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus SolverError Study Trajectory
     UnionBeliefs action_grid check_adversary check_decision_maker check_decision_problem check_emission
     check_privacy_measure compare decoy_grid detectability leakage load_ieee_30_bus long_short path_leakage

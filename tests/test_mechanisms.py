@@ -189,10 +189,10 @@ def test_input_is_checked():
     [
         ({"probabilities": np.ones((2, 2))}, "row 0 sums to 2, expected 1"),
         ({"probabilities": [[1.5, -0.5], [0.5, 0.5]]}, r"-0.5 at index \[0, 1\]"),
-        ({"probabilities": np.ones((2, 1))}, r"need probabilities and regrets of shape \(2, 2\), got \(2, 1\)"),
+        ({"probabilities": np.ones((2, 1))}, r"need probabilities of shape \(2, 2\), got \(2, 1\)"),
         ({"probabilities": sparse.csr_array(np.diag([1.0, 0.5]))}, "row 1 sums to 0.5, expected 1"),
         ({"probabilities": sparse.csr_array([[1.5, -0.5], [0.5, 0.5]])}, "at least 0"),
-        ({"regrets": np.zeros((1, 2))}, r"got \(2, 2\) and \(1, 2\)"),
+        ({"regrets": np.zeros((1, 2))}, r"need regrets of shape \(2, 2\), got \(1, 2\)"),
         ({"regrets": [[0.0, 0.0], [0.0, -1.0]]}, r"at least 0, got -1 at index \[1, 1\]"),
         ({"regrets": [[0.0, 0.0], [0.0, np.nan]]}, "every entry must be finite"),
         ({"actions": [[0.0], [np.inf]]}, "every entry must be finite"),

@@ -64,6 +64,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers.baselines import DelayedDecisionMaker as DelayedDecisionMaker
     from inscrutable.decision_makers.baselines import DirichletDecisionMaker as DirichletDecisionMaker
     from inscrutable.decision_makers.baselines import ExponentialDecisionMaker as ExponentialDecisionMaker
+    from inscrutable.decision_makers.baselines import KeptDecisionMaker as KeptDecisionMaker
     from inscrutable.decision_makers.baselines import PartialDecisionMaker as PartialDecisionMaker
     from inscrutable.decision_makers.baselines import RoundingDecisionMaker as RoundingDecisionMaker
     from inscrutable.decision_makers.baselines import UniformDecisionMaker as UniformDecisionMaker
@@ -88,6 +89,8 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.geometry import BeliefSet as BeliefSet
     from inscrutable.geometry import simplex_grid as simplex_grid
     from inscrutable.mechanisms import Mechanism as Mechanism
+    from inscrutable.mechanisms import MechanismRule as MechanismRule
+    from inscrutable.mechanisms import MemoryMechanism as MemoryMechanism
     from inscrutable.mechanisms import Prior as Prior
     from inscrutable.mechanisms import filtered_prior as filtered_prior
     from inscrutable.mechanisms import mechanism as mechanism

@@ -2,7 +2,8 @@
 
 A particle is a private belief π_n and a joint weight a_n(x) over states, so the state is never drawn. Of a sensor with
 symbols every successor T(π_n,y) is followed, with weight Σ_x B[x',y] P[x,x'] a_n(x); of any other sensor observations are
-drawn from the observer's own prediction. Whatever was seen then weighs the candidates, and what exceeds the number of
+drawn from the observer's own prediction. Given the path of beliefs, the memory is independent of the state: each particle has
+a law of it, which is followed exactly. Whatever was seen then weighs the candidates, and what exceeds the number of
 particles is thinned without bias and without doubles.
 """
 
@@ -12,12 +13,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from inscrutable.adversaries.agent_steps import AgentModel, scaled_likelihoods
 from inscrutable.adversaries.belief_points import BeliefPoints, PointMixture
-from inscrutable.adversaries.sequence_evidence import UNSEEN, Evidence, impossible_step, played_shares
+from inscrutable.adversaries.decision_tables import UNSEEN, DecisionTables, KnownRule
+from inscrutable.adversaries.sequence_evidence import Evidence, impossible_step
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
-from inscrutable.mechanisms import Mechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 
@@ -31,6 +33,17 @@ class Cloud(NamedTuple):
     joint: Array  # (N, X), sums to one
     likelihoods: Array  # (N, X): of this step's observation and evidence, up to a factor of the particle's own
     parents: np.ndarray  # (N,) particles of the step before
+
+
+class Remembered(NamedTuple):
+    """What the agent remembers, given each particle's path."""
+
+    law: Array  # (N, A)
+    memories: np.ndarray  # (A,)
+
+    def of(self, particles: np.ndarray) -> Remembered:
+        """Return what is remembered on the paths of some particles, or of their children."""
+        return Remembered(self.law[particles], self.memories)
 
 
 @dataclass
@@ -54,30 +67,49 @@ class BeliefParticles:
         self,
         world: HiddenMarkovModel,
         agent: AgentModel,
-        mechanism: Mechanism,
+        rule: KnownRule,
         points: BeliefPoints,
         n_particles: int,
     ) -> None:
-        self._world, self._agent, self._mechanism, self._points = world, agent, mechanism, points
+        self._world, self._agent, self._rule, self._points = world, agent, rule, points
         self._n_particles = n_particles
 
-    def run(self, evidence: Evidence, rng: np.random.Generator, *, smooth: bool) -> InferredBeliefs:
-        """Filter a sequence, and smooth it if asked."""
-        known = played_shares(self._mechanism, evidence.columns)
+    def run(
+        self,
+        evidence: Evidence,
+        rng: np.random.Generator,
+        *,
+        smooth: bool,
+        tables: list[DecisionTables] | None = None,
+    ) -> tuple[InferredBeliefs, list[DecisionTables]]:
+        """Filter a sequence, and smooth it if asked; `tables` are known where others than this observer's law made them."""
+        used: list[DecisionTables] = []
         track = _empty_track(len(evidence), self._world.n_states, len(self._points))
         clouds: list[Cloud] = []
         cloud = None
+        initial = self._rule.initial if evidence.told is None else np.eye(len(self._rule.initial))[evidence.told[0]]
+        held = Remembered(initial[None, initial > 0], np.flatnonzero(initial))
         for t in range(len(evidence)):
             cloud = self._candidates(cloud, evidence.states[t], rng)
             if not cloud.joint.sum() > 0:
                 raise impossible_step(t)
-            cloud = self._weighed(cloud, evidence, t, known, track)
-            cloud = _thinned(cloud, self._n_particles, rng)
+            held = held.of(cloud.parents)
+            mixture, before = self._points.mixed(cloud.beliefs), cloud.joint.sum(axis=1)
+            track.errors[t] = float(before @ mixture.errors / before.sum())
+            known = (
+                tables[t]
+                if tables is not None
+                else self._rule.at(self._on_points(before, mixture), evidence.is_seen(t))
+            )
+            used.append(known)
+            cloud, held = self._weighed(cloud, held, mixture, evidence, t, known, track)
+            cloud, alive = _thinned(cloud, self._n_particles, rng)
+            held = held.of(alive)
             if smooth:
                 clouds.append(cloud)
         if smooth:
             self._smooth(clouds, track)
-        return InferredBeliefs(
+        found = InferredBeliefs(
             self._points.points,
             track.weights,
             track.mean,
@@ -89,6 +121,7 @@ class BeliefParticles:
             track.errors,
             self._n_particles,
         )
+        return found, used
 
     def _candidates(self, cloud: Cloud | None, seen: Array, rng: np.random.Generator) -> Cloud:
         predicted = self._world.initial[None] if cloud is None else cloud.joint @ self._world.transition
@@ -129,30 +162,48 @@ class BeliefParticles:
         before = None if cloud is None else cloud.beliefs[parents]
         return Cloud(self._agent.next_paired(before, reported), joint, likelihoods * seen, parents)
 
-    def _weighed(self, cloud: Cloud, evidence: Evidence, t: int, known: dict[int, Array], track: _Track) -> Cloud:
-        column = int(evidence.columns[t])
-        mixture = self._points.mixed(cloud.beliefs)
+    def _weighed(
+        self,
+        cloud: Cloud,
+        held: Remembered,
+        mixture: PointMixture,
+        evidence: Evidence,
+        t: int,
+        known: DecisionTables,
+        track: _Track,
+    ) -> tuple[Cloud, Remembered]:
+        column, moved = known.column(evidence.points[t], evidence.nearest)
+        told = None if evidence.told is None else int(evidence.told[t + 1])
         before = cloud.joint.sum(axis=1)
-        track.errors[t] = float(before @ mixture.errors / before.sum())
-        shares = mixture.averaged(known[column])
-        total = float(before @ shares)
+        later = _played(known, column, told, mixture, held)
+        total = float(before @ later.law.sum(axis=1))
         with np.errstate(divide="ignore"):
             track.logs[t] = np.log(total) + evidence.offsets[t]
-        track.statuses.append(evidence.status(t, total))
+        track.statuses.append(evidence.status(column, moved, total))
         if not total > 0:
-            shares, total = mixture.averaged(known[UNSEEN]), float(before.sum())
+            later = _played(known, UNSEEN, told, mixture, held)
+            total = float(before @ later.law.sum(axis=1))
+        if not total > 0:  # a memory that cannot follow is taken all the same
+            later = Remembered(np.ones((len(before), 1)), np.array([told]))
+            total = float(before.sum())
+        shares = later.law.sum(axis=1)
         joint = cloud.joint * (shares / total)[:, None]
         weights = joint.sum(axis=1)
         track.size[t] = 1.0 / (weights**2).sum()
         self._record(track, t, cloud.beliefs, weights, mixture)
         track.states[t] = joint.sum(axis=0)
-        return cloud._replace(joint=joint)
+        law = np.divide(later.law, shares[:, None], out=np.zeros_like(later.law), where=shares[:, None] > 0)
+        return cloud._replace(joint=joint), Remembered(law, later.memories)
+
+    def _on_points(self, weights: Array, mixture: PointMixture) -> Array:
+        """Weights (N,) of particles as those of the points that stand for them, shape (B,)."""
+        spread_out = (weights[:, None] * mixture.shares).reshape(-1)
+        return np.asarray(np.bincount(mixture.places.reshape(-1), spread_out, minlength=len(self._points)))
 
     def _record(self, track: _Track, t: int, beliefs: Array, weights: Array, mixture: PointMixture) -> None:
         track.mean[t] = weights @ beliefs
         track.spread[t] = np.sqrt(weights @ ((beliefs - track.mean[t]) ** 2).sum(axis=1))
-        spread_out = (weights[:, None] * mixture.shares).reshape(-1)
-        track.weights[t] = np.bincount(mixture.places.reshape(-1), spread_out, minlength=len(self._points))
+        track.weights[t] = self._on_points(weights, mixture)
 
     def _smooth(self, clouds: list[Cloud], track: _Track) -> None:
         """Follow every last particle back to its ancestors; the state is smoothed along each of these paths exactly.
@@ -187,8 +238,30 @@ def _empty_track(n_steps: int, n_states: int, n_points: int) -> _Track:
     )
 
 
-def _thinned(cloud: Cloud, n_particles: int, rng: np.random.Generator) -> Cloud:
-    """Keep `n_particles` at most: heavy ones as they are, of the others a systematic sample of equal weights.
+def _played(
+    known: DecisionTables, column: int, told: int | None, mixture: PointMixture, held: Remembered
+) -> Remembered:
+    """Σ_n K(u,n'|π,n) times the law of n, for each particle's π as a mixture of points and its law of the memory."""
+    count, width = len(held.memories), mixture.places.shape[1]
+    entries = known.entries(np.full(count, column), held.memories)
+    after, place = np.unique(entries.after if told is None else np.array([told]), return_inverse=True)
+    some = np.ones(len(entries.after), dtype=bool) if told is None else entries.after == told
+    target = place.reshape(-1) if told is None else np.zeros(int(some.sum()), dtype=np.intp)
+    n_points = len(known.mechanism.beliefs)
+    table = sparse.csr_array(
+        (entries.share[some], (entries.belief[some] * count + entries.column[some], target)),
+        shape=(n_points * count, len(after)),
+    )
+    weights = (mixture.shares[:, :, None] * held.law[:, None]).reshape(-1)
+    places = (mixture.places[:, :, None] * count + np.arange(count)).reshape(-1)
+    rows = np.repeat(np.arange(len(held.law)), width * count)
+    spread_out = sparse.csr_array((weights, (rows, places)), shape=(len(held.law), n_points * count))
+    found = np.asarray((spread_out @ table).toarray())
+    return Remembered(found, after)
+
+
+def _thinned(cloud: Cloud, n_particles: int, rng: np.random.Generator) -> tuple[Cloud, np.ndarray]:
+    """Keep `n_particles` at most, and say which: heavy ones as they are, of the others a systematic sample of equal weights.
 
     A particle of weight w stays with probability min(1, c w) and then has weight max(w, 1/c), where Σ min(1, c w) is the
     number kept (Fearnhead and Clifford, On-line Inference for Hidden Markov Models via Particle Filters, 2003).
@@ -206,7 +279,7 @@ def _thinned(cloud: Cloud, n_particles: int, rng: np.random.Generator) -> Cloud:
         joint /= joint.sum()
     else:
         joint = cloud.joint[alive]
-    return Cloud(cloud.beliefs[alive], joint, cloud.likelihoods[alive], cloud.parents[alive])
+    return Cloud(cloud.beliefs[alive], joint, cloud.likelihoods[alive], cloud.parents[alive]), alive
 
 
 def _inclusion(weights: Array, n_kept: int) -> Array:

@@ -1,8 +1,7 @@
-"""The inverse filter and smoother on a grid of beliefs: forward and backward passes over (state, private belief).
+"""The inverse filter and smoother on a grid of beliefs: forward and backward passes over (state, private belief, memory).
 
-α_0(x,b) = p_0(x) Σ_y B[x,y] W_0[y,b],   α_{t+1}(x',b') = Σ_y B[x',y] Σ_b W_y[b,b'] Σ_x P[x,x'] α_t(x,b),
-each times what was seen of the state and K(u_t|π_b), then normalised. Row (y,b) of W holds the mixture of points that
-stands for the agent's next belief T(π_b,y). The sums over y are taken once, in one sparse matrix.
+α_t before a decision is moved ahead by `BeliefMoves`; the decision u_t then weighs and moves the memory:
+α(x,b,n') = Σ_n K(u_t,n'|π_b,n) α(x,b,n), times what was seen of the state. Only memories of positive weight are carried.
 
 Points that stand for the beliefs between them may all be excluded by a decision that the agent's own belief does play. Where
 the law so far is interpolated, each point that was still possible then counts as the nearest one that plays the decision, if
@@ -17,17 +16,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
 from scipy.spatial import cKDTree
 
 from inscrutable import tolerances
-from inscrutable.adversaries.agent_steps import AgentModel
-from inscrutable.adversaries.belief_points import BeliefPoints, PointMixture
-from inscrutable.adversaries.sequence_evidence import UNSEEN, Evidence, impossible_step, played_shares
+from inscrutable.adversaries.belief_moves import BeliefMoves
+from inscrutable.adversaries.decision_tables import UNSEEN, DecisionTables, Entries, KnownRule
+from inscrutable.adversaries.sequence_evidence import Evidence, impossible_step
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
-from inscrutable.mechanisms import Mechanism
 from inscrutable.validation import Array
-from inscrutable.worlds import HiddenMarkovModel
 
 _CELLS = 4.0
 """Largest interpolation errors by which a possible point may lie from one that plays the decision: they are neighbours."""
@@ -36,126 +32,240 @@ _BELIEVED = 0.5
 """Share of the law that a decision read with a tolerance gets."""
 
 
+class Laws(NamedTuple):
+    """Joint laws of state, belief and memory, of L observers side by side; a column is one observer's law with one memory."""
+
+    weights: Array  # (X, B, C)
+    observer: np.ndarray  # (C,), ascending from 0 to L−1
+    memory: np.ndarray  # (C,)
+
+    def totals(self) -> Array:
+        """Return the weight of each law, shape (L,)."""
+        return np.asarray(np.bincount(self.observer, weights=self.weights.sum(axis=(0, 1))))
+
+    def of_belief(self) -> Array:
+        """Return the laws over beliefs, shape (L,B)."""
+        starts = np.flatnonzero(np.diff(self.observer, prepend=-1))
+        return np.asarray(np.add.reduceat(self.weights.sum(axis=0), starts, axis=1).T)
+
+    def of_state(self) -> Array:
+        """Return the laws over states, shape (L,X)."""
+        starts = np.flatnonzero(np.diff(self.observer, prepend=-1))
+        return np.asarray(np.add.reduceat(self.weights.sum(axis=1), starts, axis=1).T)
+
+    def divided(self, totals: Array) -> Laws:
+        """Return each law divided by a number of its own (L,)."""
+        return self._replace(weights=self.weights / totals[self.observer])
+
+    def repeated(self, numbers: np.ndarray) -> Laws:
+        """Return the laws of some observers, perhaps several times."""
+        first, last = (np.searchsorted(self.observer, numbers, side=side) for side in ("left", "right"))
+        columns = np.repeat(first - np.cumsum(last - first) + last - first, last - first) + np.arange(
+            (last - first).sum()
+        )
+        return Laws(self.weights[:, :, columns], np.repeat(np.arange(len(numbers)), last - first), self.memory[columns])
+
+
+def side_by_side(laws: list[Laws]) -> Laws:
+    """Return several groups of observers as one."""
+    before = np.cumsum([0, *(each.observer[-1] + 1 for each in laws[:-1])])
+    return Laws(
+        np.concatenate([each.weights for each in laws], axis=2),
+        np.concatenate([each.observer + first for each, first in zip(laws, before, strict=True)]),
+        np.concatenate([each.memory for each in laws]),
+    )
+
+
 class DecisionReading(NamedTuple):
-    """How a decision weighs the points: as K(u_t|·) at the point itself, or at another one that stands in for it."""
+    """How decisions weigh the points and move the memory, entry by entry: (b,c) → (b',c') with a share."""
 
-    shares: Array  # (B,), of the point or of its stand-in; ones where the decision was passed over
-    places: np.ndarray | None = None  # (B,), the stand-ins; None: every point is read as itself
-    error: float = 0.0  # expected distance of the stand-ins
-    kept: float = 0.0  # weight of the law as it was, beside that of what was read
+    source: np.ndarray  # (n,), b·C + c
+    target: np.ndarray  # (n,), b'·C' + c'
+    share: Array  # (n,)
+    n_before: int  # C
+    observer: np.ndarray  # (C',)
+    memory: np.ndarray  # (C',)
+    error: float = 0.0  # expected distance of points from those that stand in for them
+    is_widened: bool = False  # whether others stand in for points
 
-    def moved(self, law: Array) -> Array:
-        """Return a law (X,B) times the shares, with what each point holds at its stand-in."""
-        weighed = law * self.shares
-        if self.places is None:
-            return weighed
-        found = np.zeros_like(weighed)
-        for i, row in enumerate(weighed):
-            found[i] = np.bincount(self.places, weights=row, minlength=len(row))
-        return found + self.kept * law
+    def moved(self, laws: Laws) -> Laws:
+        """Return laws with what each point and memory holds where the decision puts it."""
+        n_points = laws.weights.shape[1]
+        found = np.empty((len(laws.weights), n_points * len(self.memory)))
+        for row, held in zip(found, laws.weights.reshape(len(found), -1), strict=True):
+            row[:] = np.bincount(self.target, weights=held[self.source] * self.share, minlength=found.shape[1])
+        return Laws(found.reshape(len(found), n_points, -1), self.observer, self.memory)
 
     def back(self, later: Array) -> Array:
-        """Return likelihoods (X,B) of what comes later, times the shares, as each point has them by its stand-in."""
-        return np.asarray((later if self.places is None else later[:, self.places]) * self.shares + self.kept * later)
+        """Return likelihoods (X,B,C) of what comes later, before the decision, from those (X,B,C') after it."""
+        n_points = later.shape[1]
+        found = np.empty((len(later), n_points * self.n_before))
+        for row, held in zip(found, later.reshape(len(later), -1), strict=True):
+            row[:] = np.bincount(self.source, weights=held[self.target] * self.share, minlength=found.shape[1])
+        return found.reshape(len(later), n_points, -1)
+
+
+def read_decisions(
+    tables: DecisionTables, laws: Laws, columns: np.ndarray, told: np.ndarray | None = None
+) -> DecisionReading:
+    """Return how one decision of each observer (L,) is read, perhaps with the memory that was told after it (L,)."""
+    entries = tables.entries(columns[laws.observer], laws.memory)
+    if told is not None:
+        some = entries.after == told[laws.observer[entries.column]]
+        entries = Entries(*(each[some] for each in entries))
+    keys, place = np.unique(laws.observer[entries.column] * tables.n_memories + entries.after, return_inverse=True)
+    count = len(laws.memory)
+    return DecisionReading(
+        entries.belief * count + entries.column,
+        entries.belief * len(keys) + place.reshape(-1),
+        entries.share,
+        count,
+        *np.divmod(keys, tables.n_memories),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class ForwardPass:
-    """Filtered laws (T,X,B) with what made them: the readings used, the errors made, the statuses."""
+    """What a forward pass found at every step, and for the smoother the laws with what made them."""
 
-    laws: Array
-    readings: list[DecisionReading]
+    beliefs: Array  # (T, B)
+    states: Array  # (T, X)
     log_likelihood: Array
     errors: Array
     statuses: tuple[SequenceStatus, ...]
+    laws: list[Laws]
+    readings: list[DecisionReading]
 
 
 class InverseFilter:
-    """The grid of a mechanism's beliefs, and how the agent moves on it: made once, used for any sequence."""
+    """The observer's filter on the beliefs of a known rule: made once, used for any sequence."""
 
-    def __init__(self, world: HiddenMarkovModel, agent: AgentModel, mechanism: Mechanism, points: BeliefPoints) -> None:
-        self._mechanism, self._points = mechanism, points
-        self._transition = world.transition
-        reports = np.asarray(world.emission.probabilities)  # type: ignore[attr-defined]  # (X, Y)
-        self._reports = reports
-        n_states, n_symbols = reports.shape
-        first = points.mixed(agent.first(agent.symbols()).reshape(-1, n_states))
-        self._start = (world.initial[:, None] * reports) @ _as_rows(first, len(points)).toarray()
-        self._start_error = float(((world.initial @ reports) * first.errors).sum())
-        later = points.mixed(agent.next(points.points, agent.symbols()).reshape(-1, n_states))
-        rows = _as_rows(later, len(points))  # row b·Y + y
-        self.errors = later.errors.reshape(len(points), n_symbols)
-        moves = [_summed(rows, share, len(points)) for share in reports]
-        self._forward = sparse.csr_array(sparse.block_diag([move.T for move in moves], format="csr"))
-        self._backward = sparse.csr_array(sparse.block_diag(moves, format="csr"))
+    def __init__(self, moves: BeliefMoves, rule: KnownRule) -> None:
+        self.moves, self.rule = moves, rule
 
-    def forward(self, evidence: Evidence) -> ForwardPass:
-        """Filter a sequence."""
-        n_steps, shape = len(evidence), self._start.shape
-        known = played_shares(self._mechanism, evidence.columns)
-        laws, used, statuses = np.empty((n_steps, *shape)), [], []
+    def predicted(self, laws: Laws | None, told: int | None = None) -> tuple[Laws, Array]:
+        """Return the laws before a decision, and the expected distances (L,) of the belief from the points."""
+        if laws is not None:
+            weights, errors = self.moves.ahead(laws.weights)
+            return laws._replace(weights=weights), np.asarray(
+                np.bincount(laws.observer, weights=errors), dtype=np.float64
+            )
+        initial = self.rule.initial if told is None else np.eye(len(self.rule.initial))[told]
+        memory = np.flatnonzero(initial)
+        first = Laws(self.moves.start[:, :, None] * initial[memory], np.zeros(len(memory), dtype=np.intp), memory)
+        return first, np.array([self.moves.start_error])
+
+    def forward(
+        self, evidence: Evidence, *, tables: list[DecisionTables] | None = None, keep: bool = False
+    ) -> tuple[ForwardPass, list[DecisionTables]]:
+        """Filter a sequence; `tables` are known where others than this observer's law made them."""
+        n_steps, first = len(evidence), None if evidence.told is None else int(evidence.told[0])
+        beliefs, states = np.empty((n_steps, len(self.moves.points))), np.empty((n_steps, len(self.moves.start)))
         logs, errors = np.empty(n_steps), np.empty(n_steps)
-        errors[0] = self._start_error
-        predicted = self._start
+        laws: Laws | None = None
+        kept, readings, statuses, used = [], [], [], []
         for t in range(n_steps):
-            if t:
-                moved = self._transition.T @ laws[t - 1]
-                errors[t] = float(((self._reports.T @ moved) * self.errors.T).sum())
-                predicted = (self._forward @ moved.reshape(-1)).reshape(shape)
-            seen = predicted * evidence.states[t][:, None]
-            whole = float(seen.sum())
-            if not whole > 0:
+            predicted, error = self.predicted(laws, first)
+            errors[t] = error[0]
+            seen = predicted._replace(weights=predicted.weights * evidence.states[t][:, None, None])
+            if not seen.weights.sum() > 0:
                 raise impossible_step(t)
-            reading = DecisionReading(known[int(evidence.columns[t])])
-            law = reading.moved(seen)
-            status = evidence.status(t, float(law.sum()))
-            if status is SequenceStatus.CONTRADICTED and errors[: t + 1].max() > tolerances.SAME_BELIEF:
-                widened = self._widened(seen, reading.shares)
-                if widened is not None:
-                    reading, status = widened, SequenceStatus.WIDENED
-                    law, errors[t] = reading.moved(seen), errors[t] + reading.error
-            total = float(law.sum())
+            known = tables[t] if tables is not None else self.rule.at(seen.of_belief()[0], evidence.is_seen(t))
+            column, moved = known.column(evidence.points[t], evidence.nearest)
+            told = None if evidence.told is None else evidence.told[t + 1 : t + 2]
+            laws, reading, total = self.read(known, seen, column, told, error=float(errors[: t + 1].max()))
             with np.errstate(divide="ignore"):
                 logs[t] = np.log(total) + evidence.offsets[t]
-            statuses.append(status)
-            used.append(reading if total > 0 else DecisionReading(known[UNSEEN]))
-            laws[t] = law / total if total > 0 else seen / whole
-        return ForwardPass(laws, used, logs, errors, tuple(statuses))
+            errors[t] += reading.error
+            beliefs[t], states[t] = laws.of_belief()[0], laws.of_state()[0]
+            status = evidence.status(column, moved, total)
+            statuses.append(SequenceStatus.WIDENED if reading.is_widened else status)
+            used.append(known)
+            if keep:
+                kept.append(laws)
+                readings.append(reading)
+        return ForwardPass(beliefs, states, logs, errors, tuple(statuses), kept, readings), used
 
-    def _widened(self, seen: Array, shares: Array) -> DecisionReading | None:
+    def read(
+        self, tables: DecisionTables, seen: Laws, column: int, told: np.ndarray | None, *, error: float
+    ) -> tuple[Laws, DecisionReading, float]:
+        """Return one observer's law after a decision, scaled to one, how it was read, and its probability.
+
+        A decision of probability 0 is read with a tolerance where the law so far has an `error`, or passed over.
+        """
+        reading = read_decisions(tables, seen, np.array([column]), told)
+        law = reading.moved(seen)
+        if column >= 0 and error > tolerances.SAME_BELIEF and not law.weights.sum() > 0:
+            widened = self._widened(tables, seen, column, told)
+            if widened is not None:
+                reading, law = widened, widened.moved(seen)
+        total = float(law.weights.sum())
+        if not total > 0:
+            reading = _passed_over(tables, seen, told)
+            law = reading.moved(seen)
+        return law.divided(law.totals()), reading, total
+
+    def _widened(
+        self, tables: DecisionTables, seen: Laws, column: int, told: np.ndarray | None
+    ) -> DecisionReading | None:
         """Read possible points as the nearest one that plays the decision, where that is nearest of all, or nearly so.
 
         None where it is too far for the grid to be the reason. The weights add up to what the stand-ins have.
         """
-        points, mass = self._points.points, seen.sum(axis=0)
-        plays = np.flatnonzero(shares > 0)
-        gaps, place = cKDTree(points[plays]).query(points)
-        gaps = np.asarray(gaps)
-        least, step = float(gaps[mass > 0].min()), float(self.errors.max())
+        points, mass, count = self.moves.points, seen.weights.sum(axis=0), len(seen.memory)
+        plain = read_decisions(tables, seen, np.array([column]), told)
+        shares = np.bincount(plain.source, weights=plain.share, minlength=mass.size).reshape(mass.shape)
+        gaps, stand_in = np.full(mass.shape, np.inf), np.zeros(mass.shape, dtype=np.intp)
+        for c in np.flatnonzero((shares > 0).any(axis=0)):
+            plays = np.flatnonzero(shares[:, c] > 0)
+            gaps[:, c], place = cKDTree(points[plays]).query(points)
+            stand_in[:, c] = plays[place]
+        least, step = float(gaps[mass > 0].min()), float(self.moves.errors.max())
         if least > _CELLS * step:
             return None
-        stand_in = plays[place]
-        weights = np.where(gaps <= least + step, shares[stand_in], 0.0)
-        held = mass * weights
+        near = np.where(gaps <= least + step, np.take_along_axis(shares, stand_in, axis=0), 0.0)
+        held = mass * near
         total = float(held.sum())
         kept = (1.0 - _BELIEVED) * total / float(mass.sum())
-        return DecisionReading(_BELIEVED * weights, stand_in, float(held @ gaps) / total, kept)
+        aside = read_decisions(tables, seen, np.array([UNSEEN]), told)
+        after, place = np.unique(np.concatenate([plain.memory, aside.memory]), return_inverse=True)
+        # Every point and memory that was read as a stand-in moves as that does.
+        moved = np.flatnonzero(near.reshape(-1) > 0)
+        as_if = stand_in.reshape(-1)[moved] * count + moved % count
+        order = np.argsort(plain.source, kind="stable")
+        first, last = (np.searchsorted(plain.source[order], as_if, side=side) for side in ("left", "right"))
+        entry = order[np.concatenate([np.arange(*each) for each in zip(first, last, strict=True)])]
+        gap = np.where(np.isfinite(gaps), gaps, 0.0)
+        return DecisionReading(
+            np.concatenate([np.repeat(moved, last - first), aside.source]),
+            np.concatenate(
+                [_columns(plain, place, 0, len(after))[entry], _columns(aside, place, len(plain.memory), len(after))]
+            ),
+            np.concatenate([_BELIEVED * plain.share[entry], kept * aside.share]),
+            count,
+            np.zeros(len(after), dtype=np.intp),
+            after,
+            float((held * gap).sum()) / total,
+            True,
+        )
 
-    def smoothed(self, evidence: Evidence, passed: ForwardPass) -> Array:
-        """Return the laws (T,X,B) given the whole sequence."""
-        laws = passed.laws.copy()
-        later = np.ones(laws.shape[1:])
+    def smoothed(self, evidence: Evidence, passed: ForwardPass) -> list[Laws]:
+        """Return the laws given the whole sequence."""
+        laws = list(passed.laws)
+        later = np.ones(laws[-1].weights.shape)
         for t in range(len(evidence) - 2, -1, -1):
-            later = passed.readings[t + 1].back(later) * evidence.states[t + 1][:, None]
-            later = self._transition @ (self._backward @ later.reshape(-1)).reshape(later.shape)
+            later = passed.readings[t + 1].back(later) * evidence.states[t + 1][:, None, None]
+            later = self.moves.back(later)
             later /= later.max()
-            laws[t] *= later
-            laws[t] /= laws[t].sum()
+            weights = laws[t].weights * later
+            laws[t] = laws[t]._replace(weights=weights / weights.sum())
         return laws
 
-    def result(self, laws: Array, passed: ForwardPass) -> InferredBeliefs:
-        """Return laws (T,X,B) as a result."""
-        weights, points = laws.sum(axis=1), self._points.points
+    def result(self, passed: ForwardPass, laws: list[Laws] | None = None) -> InferredBeliefs:
+        """Return a forward pass as a result, with smoothed laws where they are given."""
+        points = self.moves.points
+        weights = passed.beliefs if laws is None else np.array([each.of_belief()[0] for each in laws])
+        states = passed.states if laws is None else np.array([each.of_state()[0] for each in laws])
         mean = weights @ points
         spread = np.zeros(len(weights))
         for i, column in enumerate(points.T):
@@ -165,7 +275,7 @@ class InverseFilter:
             weights,
             mean,
             np.sqrt(spread),
-            laws.sum(axis=2),
+            mean if self.moves.of_chain else states,
             passed.log_likelihood,
             passed.statuses,
             1.0 / (weights**2).sum(axis=1),
@@ -173,16 +283,17 @@ class InverseFilter:
         )
 
 
-def _as_rows(mixture: PointMixture, n_points: int) -> sparse.csr_array:
-    """A sparse matrix (N,B) with one mixture a row."""
-    count, width = mixture.places.shape
-    rows = np.repeat(np.arange(count), width)
-    shares = mixture.shares.reshape(-1)
-    some = shares > 0
-    return sparse.csr_array((shares[some], (rows[some], mixture.places.reshape(-1)[some])), shape=(count, n_points))
+def _columns(reading: DecisionReading, place: np.ndarray, start: int, count: int) -> np.ndarray:
+    """The targets of a reading of one observer where its memories are listed among others."""
+    belief, column = np.divmod(reading.target, len(reading.memory))
+    return np.asarray(belief * count + place.reshape(-1)[start + column])
 
 
-def _summed(rows: sparse.csr_array, shares: Array, n_points: int) -> sparse.csr_array:
-    """Σ_y shares_y W_y for rows (B·Y,B) of W."""
-    weights = sparse.kron(sparse.eye_array(n_points), shares[None], format="csr")
-    return sparse.csr_array(weights @ rows)
+def _passed_over(tables: DecisionTables, seen: Laws, told: np.ndarray | None) -> DecisionReading:
+    """Read nothing; where the told memory cannot follow, it is taken all the same."""
+    reading = read_decisions(tables, seen, np.array([UNSEEN]), told)
+    if told is None or reading.moved(seen).weights.sum() > 0:
+        return reading
+    count = len(seen.memory)
+    source = np.arange(seen.weights.shape[1] * count)
+    return DecisionReading(source, source // count, np.ones(len(source)), count, np.zeros(1, dtype=np.intp), told)

@@ -2,70 +2,64 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
-from scipy.spatial import cKDTree
 
-from inscrutable import tolerances, validation
+from inscrutable import validation
+from inscrutable.adversaries.decision_tables import NEVER_PLAYED, UNSEEN
 from inscrutable.adversaries.sequence_results import SequenceStatus
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
-from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms.memory import MemoryMechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import Emission
-
-UNSEEN, NEVER_PLAYED = -1, -2
+from inscrutable.worlds.observations import symbols
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """T steps of evidence.
 
-    `columns` (T,) are the decisions' numbers in the mechanism, or `UNSEEN`, `NEVER_PLAYED`; `states` (T,X) what else was
-    seen, as a likelihood with largest entry one, whose logarithm is `offsets` (T,).
+    `states` is what else was seen, as a likelihood with largest entry one, whose logarithm is `offsets`.
     """
 
-    columns: np.ndarray
-    moved: np.ndarray  # (T,) whether the nearest decision stands in
-    states: Array
-    offsets: Array
+    points: Array  # (T,U) decisions, NaN where none was seen
+    nearest: bool  # whether the nearest decision that is played stands in for one that is not
+    told: np.ndarray | None  # (T+1,) a public memory, before the first decision and after each
+    states: Array  # (T,X)
+    offsets: Array  # (T,)
 
     def __len__(self) -> int:
-        return len(self.columns)
+        return len(self.points)
 
-    def status(self, step: int, total: float) -> SequenceStatus:
-        """Return what a step's decision told, given its probability."""
-        if self.columns[step] == UNSEEN:
+    def is_seen(self, step: int) -> bool:
+        """Whether the decision of a step was seen."""
+        return not np.isnan(self.points[step, 0])
+
+    def without_states(self) -> Evidence:
+        """Return what the decisions alone tell."""
+        return replace(self, states=np.ones_like(self.states), offsets=np.zeros_like(self.offsets))
+
+    def status(self, column: int, moved: bool, total: float) -> SequenceStatus:
+        """Return what a decision told, given its number, whether the nearest stood in for it, and its probability."""
+        if column == UNSEEN:
             return SequenceStatus.UNSEEN
-        if self.columns[step] == NEVER_PLAYED:
+        if column == NEVER_PLAYED:
             return SequenceStatus.NEVER_PLAYED
         if not total > 0:
             return SequenceStatus.CONTRADICTED
-        return SequenceStatus.NEAREST if self.moved[step] else SequenceStatus.USED
+        return SequenceStatus.NEAREST if moved else SequenceStatus.USED
 
 
-def decision_columns(
-    mechanism: Mechanism, actions: ArrayLike, nearest: bool, steps: Axis
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the column (T,) of each decision in the mechanism, and whether the nearest played one stands in for it."""
-    listed = np.asarray(mechanism.actions, dtype=np.float64)
-    given = _rows(actions, listed, steps)
-    unseen = np.asarray(np.isnan(given).all(axis=1))
-    played = np.flatnonzero(np.asarray(mechanism.observed.sum(axis=0)) > 0)
-    tree = cKDTree(listed.reshape(len(listed), -1)[played])
-    gaps, place = tree.query(np.where(unseen[:, None], 0.0, given), p=np.inf)
-    if nearest:
-        place = tree.query(np.where(unseen[:, None], 0.0, given))[1]
-    far: np.ndarray = np.asarray(gaps) > tolerances.SAME_ACTION
-    columns = np.where(unseen, UNSEEN, np.where(far & (not nearest), NEVER_PLAYED, played[place]))
-    return columns, far & nearest & ~unseen
+def decision_points(actions: ArrayLike, like: Any, steps: Axis) -> Array:
+    """Return decisions (T,U), NaN where none was seen, given as those of a mechanism; raise `InputError` otherwise.
 
-
-def _rows(actions: ArrayLike, listed: Array, steps: Axis) -> Array:
+    `like` is None where the mechanism's are not known yet.
+    """
+    listed = np.asarray(actions if like is None else like, dtype=np.float64)
     given = validation.real_array(actions, "actions", (steps, Axis("asset"))[: listed.ndim])
     expected = "(T,)" if listed.ndim == 1 else f"(T,{listed.shape[1]})"
     if given.ndim != listed.ndim or given.shape[1:] != listed.shape[1:] or not len(given):
@@ -77,6 +71,11 @@ def _rows(actions: ArrayLike, listed: Array, steps: Axis) -> Array:
             f"actions row {bad[0]} is {rows[bad[0]].tolist()}: finite, or NaN throughout where no decision was seen"
         )
     return rows
+
+
+def unseen_points(n_steps: int) -> Array:
+    """Return what stands for decisions that were not seen, shape (T,1)."""
+    return np.full((n_steps, 1), np.nan)
 
 
 def state_evidence(
@@ -116,13 +115,21 @@ def checked_sensor(sensor: Any, n_states: int) -> Emission | None:
     return sensor
 
 
-def played_shares(mechanism: Mechanism, columns: np.ndarray) -> dict[int, Array]:
-    """Return K(u|π_b), shape (B,), for each column that occurs; ones where nothing was seen."""
-    by_column: Any = sparse.csc_array(mechanism.observed)
-    found = {UNSEEN: np.ones(len(mechanism.beliefs)), NEVER_PLAYED: np.zeros(len(mechanism.beliefs))}
-    for column in np.unique(columns[columns >= 0]):
-        found[int(column)] = np.asarray(by_column[:, [int(column)]].toarray()).reshape(-1)
-    return found
+def told_memories(memories: Any, n_steps: int, mechanism: Any) -> np.ndarray | None:
+    """Return a public memory (T+1,), before the first decision and after each; None where the memory is not told."""
+    if memories is None:
+        if getattr(mechanism, "is_public", False):
+            raise InputError(
+                "the mechanism's memory is public: pass it as `memories`, before the first decision and after each"
+            )
+        return None
+    if not isinstance(mechanism, MemoryMechanism):
+        raise InputError("memories were given, but the mechanism has none")
+    told = symbols(memories, mechanism.n_memories, "memories")
+    _check_length(len(told) - 1, n_steps, "memories, without the first one,")
+    if not mechanism.initial[told[0]] > 0:
+        raise InputError(f"memories begin with {told[0]}, which the mechanism never begins with")
+    return told
 
 
 def _check_length(length: int, n_steps: int, name: str) -> None:

@@ -9,20 +9,25 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.agent_steps import AgentModel
+from inscrutable.adversaries.belief_moves import moves_of
 from inscrutable.adversaries.belief_particles import BeliefParticles
 from inscrutable.adversaries.belief_points import BeliefPoints
+from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule, checked_rule
 from inscrutable.adversaries.inverse_filter import InverseFilter
 from inscrutable.adversaries.sequence_evidence import (
-    UNSEEN,
     Evidence,
     checked_sensor,
-    decision_columns,
+    decision_points,
     state_evidence,
+    told_memories,
+    unseen_points,
 )
 from inscrutable.adversaries.sequence_results import InferredBeliefs
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, Emission, HiddenMarkovModel
 from inscrutable.worlds.observations import in_rows, symbols
@@ -42,8 +47,10 @@ class SequentialAdversary:
     mixes, because the beliefs that a grid adds then often contradict what is played.
 
     Args:
-        world: The world as the adversary knows it.
-        mechanism: What the agent plays under which belief.
+        world: The world as the adversary knows it; or a `BeliefChain` on the mechanism's beliefs.
+        mechanism: What the agent plays under which belief: K(u|π); a `MemoryMechanism`, whose law of the memory is followed as
+            well; or a `MechanismRule`, such as `SequentialDecisionMaker`, which makes K_t of what one holds at step t who
+            has seen the decisions before it and nothing else.
         agent_world: The world as the agent has it in its own filter; None: the same. An observation that it rules out
             leaves the agent with its prediction.
         sensor: The adversary's own sensor on the same states, an `Emission`; what it reports goes into `observations`.
@@ -74,8 +81,8 @@ class SequentialAdversary:
 
     def __init__(
         self,
-        world: HiddenMarkovModel,
-        mechanism: Mechanism,
+        world: HiddenMarkovModel | BeliefChain,
+        mechanism: Mechanism | MemoryMechanism | MechanismRule,
         *,
         agent_world: HiddenMarkovModel | None = None,
         sensor: Emission | None = None,
@@ -83,18 +90,32 @@ class SequentialAdversary:
         n_particles: int = 0,
         rng: np.random.Generator | None = None,
     ) -> None:
-        self.world, self.mechanism = world, _checked_mechanism(mechanism, world)
+        rule = checked_rule(mechanism)
+        self.world, self.mechanism = world, mechanism
         self.agent_world = world if agent_world is None else agent_world
-        self.sensor = checked_sensor(sensor, world.n_states)
+        self.sensor = checked_sensor(sensor, rule.beliefs.shape[1])
         self.n_particles = validation.count(n_particles, "n_particles", least=0)
         self._rng = None if not self.n_particles else validation.generator(rng)
         if interpolation not in ("linear", "nearest"):
             raise InputError(f"interpolation must be 'linear' or 'nearest', got {interpolation!r}")
-        _check_worlds(world, self.agent_world, needs_symbols=not self.n_particles)
-        agent = AgentModel(self.agent_world)
-        points = BeliefPoints(self.mechanism.beliefs, linear=interpolation == "linear")
-        self._grid = None if self.n_particles else InverseFilter(world, agent, self.mechanism, points)
-        self._particles = BeliefParticles(world, agent, self.mechanism, points, self.n_particles)
+        points = BeliefPoints(rule.beliefs, linear=interpolation == "linear")
+        self._reader = self._made(world, self.agent_world, rule, points)
+        same = self.agent_world is world
+        self._agents_own = self._reader if same else self._made(self.agent_world, self.agent_world, rule, points)
+        self._rule = rule
+
+    def _made(
+        self, world: Any, agent_world: Any, rule: KnownRule, points: BeliefPoints
+    ) -> InverseFilter | BeliefParticles:
+        """What reads sequences in a world: a grid of beliefs, or particles."""
+        if isinstance(world, BeliefChain):
+            if agent_world is not world or self.sensor is not None or self.n_particles:
+                raise InputError("a chain of beliefs has no states: it takes no agent_world, sensor or n_particles")
+            return InverseFilter(moves_of(world, points), rule)
+        _check_worlds(world, agent_world, rule.beliefs.shape[1], needs_symbols=not self.n_particles)
+        if self.n_particles:
+            return BeliefParticles(world, AgentModel(agent_world), rule, points, self.n_particles)
+        return InverseFilter(moves_of(world, points, agent_world), rule)
 
     @property
     def interpolation_error(self) -> Array:
@@ -103,14 +124,14 @@ class SequentialAdversary:
         Raises:
             InputError: The adversary works by particles; the error is then in the result alone.
         """
-        if self._grid is None:
+        if isinstance(self._reader, BeliefParticles):
             raise InputError("particles have no fixed interpolation error: see the result's `interpolation_error`")
-        return self._grid.errors
+        return self._reader.moves.errors
 
     @property
     def is_exact(self) -> bool:
         """Whether every successor of every belief of the mechanism is one of its beliefs; a result knows of its own steps."""
-        return self._grid is not None and bool(self._grid.errors.max() <= tolerances.SAME_BELIEF)
+        return not self.n_particles and bool(self.interpolation_error.max() <= tolerances.SAME_BELIEF)
 
     def filter(
         self,
@@ -118,6 +139,7 @@ class SequentialAdversary:
         *,
         states: ArrayLike | None = None,
         observations: Any = None,
+        memories: ArrayLike | None = None,
         nearest: bool = False,
     ) -> InferredBeliefs:
         """Return what the adversary holds of each belief from the decisions up to it.
@@ -126,6 +148,7 @@ class SequentialAdversary:
             actions: u_0..u_{T-1}, shape (T,U), or (T,) choices; a row of NaN where no decision was seen.
             states: x_0..x_{T-1}, where the adversary knows them.
             observations: What its own sensor reported, T of them. Labelled rows are put in the order of the decisions'.
+            memories: What the agent remembered before the first decision and after each, T+1 numbers, where that is public.
             nearest: Whether a decision that the mechanism never plays counts as the nearest one that it plays;
                 otherwise it is passed over, with a status.
 
@@ -133,7 +156,7 @@ class SequentialAdversary:
             InputError: Shapes or lengths disagree.
             ModelError: States or observations are impossible in the adversary's world.
         """
-        return self._inferred(actions, states, observations, nearest, smooth=False)
+        return self._inferred(actions, states, observations, memories, nearest, smooth=False)
 
     def smooth(
         self,
@@ -141,65 +164,92 @@ class SequentialAdversary:
         *,
         states: ArrayLike | None = None,
         observations: Any = None,
+        memories: ArrayLike | None = None,
         nearest: bool = False,
     ) -> InferredBeliefs:
         """Return what the adversary holds of each belief from all decisions, later ones included; arguments as `filter`.
 
         Particles are followed back to their ancestors, of which few are left far from the end: `effective_size` says.
         """
-        return self._inferred(actions, states, observations, nearest, smooth=True)
+        return self._inferred(actions, states, observations, memories, nearest, smooth=True)
 
     def unseen(self, n_steps: int, *, states: ArrayLike | None = None, observations: Any = None) -> InferredBeliefs:
         """Return what the adversary holds of `n_steps` beliefs without seeing a decision: the ceiling of its error."""
-        count = validation.count(n_steps, "n_steps")
-        nothing = np.full(count, UNSEEN), np.zeros(count, dtype=bool), Axis("step", learns=True)
-        return self._run(*nothing, states, observations, smooth=False)
+        steps = Axis("step", learns=True)
+        return self._run(
+            unseen_points(validation.count(n_steps, "n_steps")),
+            None,
+            steps,
+            states,
+            observations,
+            nearest=False,
+            smooth=False,
+        )
 
     def _inferred(
-        self, actions: ArrayLike, states: ArrayLike | None, observations: Any, nearest: bool, *, smooth: bool
+        self,
+        actions: ArrayLike,
+        states: ArrayLike | None,
+        observations: Any,
+        memories: ArrayLike | None,
+        nearest: bool,
+        *,
+        smooth: bool,
     ) -> InferredBeliefs:
         steps = Axis("step", learns=True)
-        columns, moved = decision_columns(self.mechanism, actions, nearest, steps)
-        return self._run(columns, moved, steps, states, observations, smooth=smooth)
+        points = decision_points(actions, getattr(self.mechanism, "actions", None), steps)
+        told = told_memories(memories, len(points), self.mechanism)
+        return self._run(points, told, steps, states, observations, nearest=nearest, smooth=smooth)
 
     def _run(
         self,
-        columns: np.ndarray,
-        moved: np.ndarray,
+        points: Array,
+        told: np.ndarray | None,
         steps: Axis,
         states: ArrayLike | None,
         observations: Any,
         *,
+        nearest: bool,
         smooth: bool,
     ) -> InferredBeliefs:
-        known = None if states is None else symbols(states, self.world.n_states, "states", steps)
-        seen, offsets = state_evidence(
-            len(columns), self.world.n_states, self.sensor, known, in_rows(observations, steps)
-        )
-        evidence = Evidence(columns, moved, seen, offsets)
-        if self._grid is None:
+        if isinstance(self.world, BeliefChain) and states is not None:
+            raise InputError("a chain of beliefs has no states")
+        n_states = 1 if isinstance(self.world, BeliefChain) else self.world.n_states
+        known = None if states is None else symbols(states, n_states, "states", steps)
+        seen, offsets = state_evidence(len(points), n_states, self.sensor, known, in_rows(observations, steps))
+        evidence = Evidence(points, nearest, told, seen, offsets)
+        alone = evidence.without_states()
+        if self._rule.is_fixed or (self._agents_own is self._reader and (alone.states == seen).all()):
+            return self._read(self._reader, evidence, None, smooth=smooth)[0]
+        # The rule goes by what one holds who sees the decisions alone, in the world as the agent has it.
+        tables = self._read(self._agents_own, alone, None, smooth=False)[1]
+        return self._read(self._reader, evidence, tables, smooth=smooth)[0]
+
+    def _read(
+        self,
+        reader: InverseFilter | BeliefParticles,
+        evidence: Evidence,
+        tables: list[DecisionTables] | None,
+        *,
+        smooth: bool,
+    ) -> tuple[InferredBeliefs, list[DecisionTables]]:
+        """Return the result with the decisions of every step."""
+        if isinstance(reader, BeliefParticles):
             assert self._rng is not None
-            return self._particles.run(evidence, self._rng, smooth=smooth)
-        passed = self._grid.forward(evidence)
-        laws = self._grid.smoothed(evidence, passed) if smooth else passed.laws
-        return self._grid.result(laws, passed)
+            return reader.run(evidence, self._rng, smooth=smooth, tables=tables)
+        passed, used = reader.forward(evidence, tables=tables, keep=smooth)
+        return reader.result(passed, reader.smoothed(evidence, passed) if smooth else None), used
 
     def __repr__(self) -> str:
-        by = f"{self.n_particles} particles" if self.n_particles else f"{len(self.mechanism.beliefs)} beliefs"
+        by = f"{self.n_particles} particles" if self.n_particles else f"{len(self._rule.beliefs)} beliefs"
         return f"SequentialAdversary({self.world!r}, by {by})"
 
 
-def _checked_mechanism(mechanism: Any, world: Any) -> Mechanism:
+def _check_worlds(world: Any, agent_world: Any, n_states: int, *, needs_symbols: bool) -> None:
     if not isinstance(world, HiddenMarkovModel):
-        raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
-    if not isinstance(mechanism, Mechanism):
-        raise InputError(f"a Mechanism is needed, such as mechanism(decision_maker, beliefs), got {mechanism!r}")
-    if mechanism.beliefs.shape[1] != world.n_states:
-        raise InputError(f"the mechanism has {mechanism.beliefs.shape[1]} states, the world {world.n_states}")
-    return mechanism
-
-
-def _check_worlds(world: HiddenMarkovModel, agent_world: Any, *, needs_symbols: bool) -> None:
+        raise InputError(f"world must be a HiddenMarkovModel or a BeliefChain, got {world!r}")
+    if world.n_states != n_states:
+        raise InputError(f"the mechanism has {n_states} states, the world {world.n_states}")
     if not isinstance(agent_world, HiddenMarkovModel) or agent_world.n_states != world.n_states:
         raise InputError(f"agent_world must be a HiddenMarkovModel of {world.n_states} states, got {agent_world!r}")
     sensors = world.emission, agent_world.emission

@@ -15,6 +15,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import Prior, grid_visits, predicted
+from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
 
@@ -73,14 +74,19 @@ class BeliefChain:
         The mechanism must be on the prior's beliefs, in their order; otherwise `InputError` is raised.
         """
         known = mechanism.beliefs
-        if known.shape != self.prior.beliefs.shape or np.abs(known - self.prior.beliefs).max() > tolerances.SAME_BELIEF:
-            raise InputError("the mechanism must be on the beliefs of the chain's prior, in their order")
+        self.checked_beliefs(known)
         if validation.count(n_steps, "n_steps", least=0) == 0:
             return mechanism
         table = mechanism.probabilities
         for _ in range(n_steps):
             table = self.reversed @ table
         return Mechanism(known, mechanism.actions, table, mechanism.regrets)
+
+    def checked_beliefs(self, beliefs: Array) -> None:
+        """Raise `InputError` unless a mechanism's beliefs are those of the prior, in their order."""
+        known = self.prior.beliefs
+        if beliefs.shape != known.shape or np.abs(beliefs - known).max() > tolerances.SAME_BELIEF:
+            raise InputError("the mechanism must be on the beliefs of the chain's prior, in their order")
 
     def histories(self, n_steps: int, n_draws: int, *, rng: np.random.Generator) -> np.ndarray:
         """Return sampled pasts of every belief as places among the beliefs, shape (n_steps+1, B, n_draws).

@@ -76,32 +76,18 @@ class Mechanism(Saved):
     regrets: Array
 
     def __post_init__(self) -> None:
-        held_rows, played = Axis("belief", learns=True), Axis("action", learns=True)
-        table = (held_rows, played)
-        beliefs = validation.stochastic_rows(self.beliefs, "mechanism beliefs", axes=(held_rows, Axis("state")))
-        given = (played, Axis("asset"))[: np.ndim(self.actions)]
-        actions = np.asarray(ordered(self.actions, "mechanism actions", given))
-        if actions.dtype.kind not in "iu":
-            actions = validation.finite_array(actions, "mechanism actions", ndim=2)
-        elif actions.ndim not in (1, 2):
-            raise InputError(f"mechanism actions must be of shape (M,) or (M,U), got {actions.shape}")
-        regrets = validation.finite_array(self.regrets, "mechanism regrets", ndim=2, axes=table)
-        shape = (len(beliefs), len(actions))
-        if not all(shape):
-            raise InputError(f"a mechanism needs a belief and an action at least, got {shape[0]} and {shape[1]}")
+        table = Axis("belief", learns=True), Axis("action", learns=True)
+        beliefs, actions, regrets = checked_costs(self.beliefs, self.actions, self.regrets, table)
         held: Any = self.probabilities
         if not sparse.issparse(held):
             held = np.asarray(ordered(held, "mechanism probabilities", table))
-        if held.shape != shape or regrets.shape != shape:
+        if held.shape != regrets.shape:
             raise InputError(
-                f"{shape[0]} beliefs and {shape[1]} actions need probabilities and regrets of shape {shape}, "
-                f"got {held.shape} and {regrets.shape}"
+                f"{len(beliefs)} beliefs and {len(actions)} actions need probabilities of shape {regrets.shape}, "
+                f"got {held.shape}"
             )
-        if regrets.min() < 0:
-            b, m = np.unravel_index(int(regrets.argmin()), shape)
-            raise InputError(f"regrets must be at least 0, got {regrets[b, m]:g} at index [{b}, {m}]")
         if sparse.issparse(held):
-            held = _stochastic_table(sparse.csr_array(held))  # type: ignore[call-overload]
+            held = stochastic_table(sparse.csr_array(held))  # type: ignore[call-overload]
         else:
             held = validation.stochastic_rows(held, "mechanism probabilities")
         for name, value in (("beliefs", beliefs), ("actions", actions), ("probabilities", held), ("regrets", regrets)):
@@ -116,9 +102,8 @@ class Mechanism(Saved):
     @cached_property
     def observed(self) -> Any:
         """K as an observer sees it: decisions that cannot be told apart have their probabilities at the first, shape (B,M)."""
-        count = len(self.actions)
-        first = first_same(np.asarray(self.actions, dtype=np.float64).reshape(count, -1))
-        if (first == np.arange(count)).all():
+        first, count = merged(self.actions), len(self.actions)
+        if first is None:
             return self.probabilities
         merging = sparse.csr_array((np.ones(count), (np.arange(count), first)), shape=(count, count))
         return sparse.csr_array(self.sparse @ merging)
@@ -148,7 +133,41 @@ class Mechanism(Saved):
         )
 
 
-def _stochastic_table(table: Any) -> Any:
+def checked_costs(
+    beliefs: ArrayLike, actions: ArrayLike, regrets: ArrayLike, axes: tuple[Axis, Axis]
+) -> tuple[Array, Any, Array]:
+    """Return the beliefs, decisions and regrets of a mechanism in one order; raise `InputError` where they cannot be.
+
+    `axes` are those of the regrets, and learn the labels.
+    """
+    belief_axis, action_axis = axes
+    held = validation.stochastic_rows(beliefs, "mechanism beliefs", axes=(belief_axis, Axis("state")))
+    given = (action_axis, Axis("asset"))[: np.ndim(actions)]
+    played = np.asarray(ordered(actions, "mechanism actions", given))
+    if played.dtype.kind not in "iu":
+        played = validation.finite_array(played, "mechanism actions", ndim=2)
+    elif played.ndim not in (1, 2):
+        raise InputError(f"mechanism actions must be of shape (M,) or (M,U), got {played.shape}")
+    costs = validation.finite_array(regrets, "mechanism regrets", ndim=2, axes=axes)
+    shape = (len(held), len(played))
+    if not all(shape):
+        raise InputError(f"a mechanism needs a belief and an action at least, got {shape[0]} and {shape[1]}")
+    if costs.shape != shape:
+        raise InputError(f"{shape[0]} beliefs and {shape[1]} actions need regrets of shape {shape}, got {costs.shape}")
+    if costs.min() < 0:
+        b, m = np.unravel_index(int(costs.argmin()), shape)
+        raise InputError(f"regrets must be at least 0, got {costs[b, m]:g} at index [{b}, {m}]")
+    return held, played, costs
+
+
+def merged(actions: Any) -> np.ndarray | None:
+    """Return, for each decision of (M,) or (M,U), the first it cannot be told from; None where all differ."""
+    count = len(actions)
+    first = first_same(np.asarray(actions, dtype=np.float64).reshape(count, -1))
+    return None if (first == np.arange(count)).all() else first
+
+
+def stochastic_table(table: Any) -> Any:
     """A sparse array whose rows are probability vectors, renormalised within the tolerance as plain ones are."""
     if not np.isfinite(table.data).all() or table.data.min(initial=0.0) < -tolerances.TRANSITION_SUM:
         raise InputError("mechanism probabilities must be finite and at least 0")
@@ -212,9 +231,14 @@ def mechanism(
     table = sparse.csr_array((share, (row, place)), shape=(len(held), len(kept)))
     table.sum_duplicates()
     actions = everything[kept]
-    regrets = np.maximum(held @ problem.state_costs(actions).T - problem.optimal_cost(held)[:, None], 0.0)
+    regrets = regrets_of(problem, held, actions)
     probabilities = table if len(held) * len(kept) > _MOST_DENSE else table.toarray()
     return Mechanism(held, problem.as_actions(actions), probabilities, regrets)
+
+
+def regrets_of(problem: DecisionProblem, beliefs: Array, points: Array) -> Array:
+    """Return ρ(π_b, u_m) of decisions given as points (M,U), shape (B,M)."""
+    return np.asarray(np.maximum(beliefs @ problem.state_costs(points).T - problem.optimal_cost(beliefs)[:, None], 0.0))
 
 
 def _listed(problem: DecisionProblem, candidates: Any) -> Array:

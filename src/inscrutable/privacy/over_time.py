@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
 from scipy.spatial import cKDTree
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries import SequentialAdversary
+from inscrutable.adversaries.belief_moves import moves_of
+from inscrutable.adversaries.belief_points import BeliefPoints
+from inscrutable.adversaries.decision_tables import checked_rule
+from inscrutable.adversaries.inverse_filter import InverseFilter
 from inscrutable.errors import InputError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
-from inscrutable.mechanisms.drawing import RowDraws
-from inscrutable.mechanisms.matching import checked_mechanism
+from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
+from inscrutable.privacy.path_figures import PathDraws, PathFigures, enumerated, sampled, unseen_beliefs
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
@@ -48,7 +49,7 @@ class PathLeakage(Saved):
             little wider than the agent's own.
         interpolation_error: Largest expected distance, over steps and paths, of the agent's belief from the points of the
             mechanism that stand for it; 0 where all is exact but for the sampling.
-        n_draws: Sampled paths.
+        n_draws: Sampled paths; 0 where every sequence of decisions was followed, so that nothing is left to chance.
 
     Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
     on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
@@ -89,7 +90,8 @@ class PathLeakage(Saved):
 
     def summary(self) -> str:
         """Return a line for the first, the middle and the last step, with 95 % intervals."""
-        lines = [f"{len(self)} decisions on a belief that moves, {self.n_draws} sampled paths"]
+        how = f"{self.n_draws} sampled paths" if self.n_draws else "every sequence of decisions"
+        lines = [f"{len(self)} decisions on a belief that moves, {how}"]
         for t in dict.fromkeys([0, len(self) // 2, len(self) - 1]):
             lines.append(
                 f"after {t + 1:4d}: {self.cumulative[t]:.4f} ± {_SIDE * self.cumulative_se[t]:.4f} bits of all beliefs so far, "
@@ -102,20 +104,9 @@ class PathLeakage(Saved):
         return "\n".join(lines)
 
 
-class _Paths(NamedTuple):
-    """Figures of D sampled paths at T steps, each (D,T), with what is known without sampling."""
-
-    added: Array
-    belief: Array
-    state: Array
-    squared: Array
-    prior_error: Array  # (T,)
-    interpolation_error: float = 0.0
-
-
 def path_leakage(
     world: HiddenMarkovModel | BeliefChain,
-    mechanism: Mechanism,
+    mechanism: Mechanism | MemoryMechanism | MechanismRule,
     n_steps: int,
     *,
     rng: np.random.Generator,
@@ -128,17 +119,19 @@ def path_leakage(
     Args:
         world: The world whose observations the agent filters, with a `CategoricalEmission`; or a `BeliefChain` on the
             mechanism's beliefs, such as `filtered_chain` makes of any world.
-        mechanism: K(u|π), drawn afresh at every step. In a world exact on all `reachable_beliefs`, on other beliefs with the
-            error stated: the agent then decides as at the nearest of them.
+        mechanism: K(u|π), drawn afresh at every step; a `MemoryMechanism`, whose memory counts as seen where it is public; or a
+            `MechanismRule`, which makes K_t of what the observer holds. In a world exact on all `reachable_beliefs`, on
+            other beliefs with the error stated: the agent then decides as at the nearest of them.
         n_steps: T, at least 1.
         rng: The source of paths and decisions.
-        n_draws: Sampled paths, at least 10.
+        n_draws: Sampled paths, at least 10. Where the decisions leave no more different laws than that, and the observer
+            knows the memory, all of them are followed instead, and the figures are exact.
 
     Raises:
         InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs.
 
-    Cost: in a world `n_draws` runs of `SequentialAdversary.filter`, equal sequences once; on a chain of B beliefs
-        T·n_draws·B² multiplications, or as many as its entries.
+    Cost: T·n_draws steps of the filter, equal sequences once: B² multiplications each on a chain of B beliefs, or as many
+        as its entries; of a rule as many mechanisms.
 
     Source: see `PathLeakage`.
 
@@ -153,18 +146,36 @@ def path_leakage(
     """
     count = validation.count(n_steps, "n_steps")
     draws, source = validation.count(n_draws, "n_draws", least=_LEAST_DRAWS), validation.generator(rng)
-    played = checked_mechanism(mechanism)
+    rule = checked_rule(mechanism)
+    if not isinstance(world, BeliefChain) and not (
+        isinstance(world, HiddenMarkovModel) and isinstance(world.emission, CategoricalEmission)
+    ):
+        raise InputError(
+            f"a world with a CategoricalEmission is needed, or a BeliefChain such as filtered_chain makes, got {world!r}"
+        )
+    reader = InverseFilter(moves_of(world, BeliefPoints(rule.beliefs)), rule)
+    unseen = unseen_beliefs(reader, count)
+    found = enumerated(reader, unseen, count, draws)
+    if found is None:
+        found = sampled(reader, unseen, _paths(world, reader, count, draws, source), source)
+    return _averaged(found, unseen.spread)
+
+
+def _paths(
+    world: HiddenMarkovModel | BeliefChain, reader: InverseFilter, n_steps: int, n_draws: int, rng: np.random.Generator
+) -> PathDraws:
+    """Sampled paths of beliefs."""
     if isinstance(world, BeliefChain):
-        found = _on_chain(world, world.lagged(played, 0), count, draws, source)
-    else:
-        found = _in_world(world, played, count, draws, source)
-    return _averaged(found)
+        return PathDraws(world.paths(n_steps, n_draws, rng=rng), None)
+    held = [filter_beliefs(world, world.sample(n_steps, rng=rng).observations).beliefs for _ in range(n_draws)]
+    beliefs = np.stack(held, axis=1)
+    return PathDraws(np.asarray(cKDTree(reader.moves.points).query(beliefs)[1]), beliefs)
 
 
-def _averaged(found: _Paths) -> PathLeakage:
-    """The figures of sampled paths as means with their standard errors."""
+def _averaged(found: PathFigures, prior_error: Array) -> PathLeakage:
+    """The figures of paths as means with their standard errors, which are 0 where no path was sampled."""
     (added, total, belief, state, squared), errors = _averages(
-        [found.added, found.added.cumsum(axis=1), found.belief, found.state, found.squared]
+        [found.added, found.added.cumsum(axis=1), found.belief, found.state, found.squared], found.is_sampled
     )
     root = np.sqrt(squared)
     return PathLeakage(
@@ -178,76 +189,15 @@ def _averaged(found: _Paths) -> PathLeakage:
         belief_information_se=errors[2],
         state_information_se=errors[3],
         error_se=np.divide(errors[4], 2.0 * root, out=np.zeros_like(root), where=root > 0),
-        prior_error=found.prior_error,
+        prior_error=prior_error,
         interpolation_error=found.interpolation_error,
-        n_draws=len(found.added),
+        n_draws=len(found.added) if found.is_sampled else 0,
     )
 
 
-def _averages(figures: list[Array]) -> tuple[list[Array], list[Array]]:
+def _averages(figures: list[Array], is_sampled: bool) -> tuple[list[Array], list[Array]]:
     """Means (T,) of figures (D,T), none of which is below zero, and their standard errors."""
     means = [np.maximum(each.mean(axis=0), 0.0) for each in figures]
+    if not is_sampled:
+        return means, [np.zeros_like(each) for each in means]
     return means, [each.std(axis=0, ddof=1) / np.sqrt(len(each)) for each in figures]
-
-
-def _on_chain(chain: BeliefChain, mechanism: Mechanism, n_steps: int, n_draws: int, rng: np.random.Generator) -> _Paths:
-    """Paths of a chain, whose law is followed exactly."""
-    weights, beliefs = chain.prior.weights, chain.prior.beliefs
-    places = chain.paths(n_steps, n_draws, rng=rng)
-    table = sparse.csr_array(mechanism.observed)
-    columns = RowDraws(table)(places, rng)
-    by_action = sparse.csr_array(table.T)
-    found = np.empty((4, n_draws, n_steps))
-    law = np.tile(weights, (n_draws, 1))
-    middle = weights @ beliefs
-    for t, (place, column) in enumerate(zip(places, columns, strict=True)):
-        predicted = law if t == 0 else np.asarray(law @ chain.transition)
-        law = predicted * by_action[column].toarray()
-        chance = law.sum(axis=1)
-        law /= chance[:, None]
-        mean = law @ beliefs
-        found[0, :, t] = np.log2(np.asarray(table[place, column])) - np.log2(chance)
-        found[1, :, t] = _divergence(law, weights)
-        found[2, :, t] = _divergence(mean, middle)
-        found[3, :, t] = _spread(law, beliefs - middle)
-    return _Paths(found[0], found[1], found[2], found[3], np.full(n_steps, chain.prior.error))
-
-
-def _in_world(
-    world: HiddenMarkovModel, mechanism: Mechanism, n_steps: int, n_draws: int, rng: np.random.Generator
-) -> _Paths:
-    """Paths of a world, whose observer filters on the mechanism's beliefs."""
-    if not isinstance(world, HiddenMarkovModel) or not isinstance(world.emission, CategoricalEmission):
-        raise InputError(
-            f"a world with a CategoricalEmission is needed, or a BeliefChain such as filtered_chain makes, got {world!r}"
-        )
-    adversary = SequentialAdversary(world, mechanism)
-    held = [filter_beliefs(world, world.sample(n_steps, rng=rng).observations).beliefs for _ in range(n_draws)]
-    places = np.asarray(cKDTree(mechanism.beliefs).query(np.array(held))[1])  # (D, T)
-    table = sparse.csr_array(mechanism.observed)
-    columns = RowDraws(table)(places, rng)
-    unseen = adversary.unseen(n_steps)
-    found, worst = np.empty((4, n_draws, n_steps)), float(unseen.interpolation_error.max())
-    own = np.log2(np.asarray(table[places.ravel(), columns.ravel()])).reshape(columns.shape)
-    sequences, which = np.unique(columns, axis=0, return_inverse=True)
-    for number, sequence in enumerate(sequences):
-        seen = adversary.filter(np.asarray(mechanism.actions)[sequence])
-        chance = seen.log_likelihood / np.log(2.0)
-        worst = max(worst, float(seen.interpolation_error.max()))
-        for d in np.flatnonzero(which.reshape(-1) == number):
-            found[0, d] = np.where(np.isfinite(chance), own[d] - chance, 0.0)
-            found[3, d] = seen.spread**2 if seen.is_exact else seen.errors_of(held[d]) ** 2
-            found[1, d] = _divergence(seen.weights, unseen.weights)
-            found[2, d] = _divergence(seen.states, unseen.states)
-    return _Paths(found[0], found[1], found[2], found[3], unseen.spread, worst)
-
-
-def _divergence(law: Array, prior: Array) -> Array:
-    """Σ p log2(p/q) along the last axis, in bits."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(law > 0, law * np.log2(law / prior), 0.0).sum(axis=-1))
-
-
-def _spread(law: Any, points: Array) -> Array:
-    """E‖π − E π‖² under laws (D,B) of points (B,X)."""
-    return np.asarray(np.maximum(law @ (points**2).sum(axis=1) - ((law @ points) ** 2).sum(axis=1), 0.0))

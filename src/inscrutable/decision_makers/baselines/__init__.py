@@ -4,6 +4,7 @@ from inscrutable.decision_makers.baselines.calibration import Calibration, Calib
 from inscrutable.decision_makers.baselines.coin import CoinDecisionMaker
 from inscrutable.decision_makers.baselines.dirichlet import DirichletDecisionMaker
 from inscrutable.decision_makers.baselines.exponential import ExponentialDecisionMaker
+from inscrutable.decision_makers.baselines.kept import KeptDecisionMaker
 from inscrutable.decision_makers.baselines.path import DelayedDecisionMaker, PartialDecisionMaker
 from inscrutable.decision_makers.baselines.rounding import RoundingDecisionMaker
 from inscrutable.decision_makers.baselines.uniform import UniformDecisionMaker
@@ -15,6 +16,7 @@ __all__ = [
     "DelayedDecisionMaker",
     "DirichletDecisionMaker",
     "ExponentialDecisionMaker",
+    "KeptDecisionMaker",
     "PartialDecisionMaker",
     "RoundingDecisionMaker",
     "UniformDecisionMaker",

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.spatial import cKDTree
 
 from inscrutable import validation
 from inscrutable.decision_makers.baselines.rule import PathRule, checked_fraction, repeated
 from inscrutable.errors import InputError
+from inscrutable.mechanisms.memory import MemoryMechanism
+from inscrutable.mechanisms.played import regrets_of
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -87,6 +91,36 @@ class PartialDecisionMaker(PathRule):
     def _points(self, beliefs: Array) -> Array:
         optimal = np.atleast_2d(self.problem.solve_points(beliefs))
         return partial_trades(optimal, self._started(optimal), self.fraction)
+
+    def memory_mechanism(self, beliefs: ArrayLike, holdings: ArrayLike) -> MemoryMechanism:
+        """Return the rule on beliefs (B,X) as a mechanism whose memory is what is held, one of finitely many holdings.
+
+        Formula: u_t is the one of `holdings` nearest to u_{t−1} + f (u*(π_t) − u_{t−1}); a trade that stays nearer to what is
+        held is not made.
+
+        Memory 0 stands for no decision yet, memory 1 + m for the m-th holding. It counts as private, but the decisions tell it.
+
+        Args:
+            beliefs: π_b, shape (B,X).
+            holdings: Feasible decisions, shape (M,U).
+
+        Raises:
+            InputError: A belief or a holding is malformed.
+
+        Cost: B·M nearest neighbours.
+        """
+        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
+        points = np.atleast_2d(self.problem.check_actions(holdings))
+        optimal = np.atleast_2d(self.problem.solve_points(held))[:, None]
+        start = optimal if self.start is None else np.broadcast_to(self.start, optimal.shape)
+        before = np.concatenate([start, np.broadcast_to(points, (len(held), *points.shape))], axis=1)
+        _, nearest = cKDTree(points).query((1.0 - self.fraction) * before + self.fraction * optimal)
+        count = len(points) + 1
+        rows, after = np.arange(len(held) * count), np.asarray(nearest).reshape(-1)
+        shape = (len(rows), len(points) * count)
+        table = sparse.csr_array((np.ones(len(rows)), (rows, after * count + 1 + after)), shape=shape)
+        regrets = regrets_of(self.problem, held, points)
+        return MemoryMechanism(held, self.problem.as_actions(points), table, np.eye(count)[0], regrets)
 
 
 def partial_trades(targets: Array, start: Array, fraction: float) -> Array:

@@ -1,0 +1,117 @@
+"""What each decision of a mechanism tells of the belief and of the memory, as sparse tables made once."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from inscrutable import tolerances
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms.drawing import RowDraws
+from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism, with_memory
+from inscrutable.validation import Array
+
+UNSEEN, NEVER_PLAYED = -1, -2
+"""Stand for the number of a decision that was not seen, or that is never played."""
+
+
+class Entries(NamedTuple):
+    """K(u, n'|π_b, n_c) for the decision u that was seen, entry by entry where it is not 0."""
+
+    column: np.ndarray  # (n,), c: which of the memories asked for
+    belief: np.ndarray  # (n,), b
+    after: np.ndarray  # (n,), n'
+    share: Array  # (n,)
+
+
+class DecisionTables:
+    """The decisions of a mechanism: which is which, and what each tells.
+
+    Attributes:
+        mechanism: The mechanism.
+        n_memories: N.
+        played: The numbers of decisions that are ever played, ascending.
+    """
+
+    def __init__(self, mechanism: MemoryMechanism) -> None:
+        self.mechanism, self.n_memories = mechanism, mechanism.n_memories
+        count, n_actions, n_beliefs = mechanism.n_memories, len(mechanism.actions), len(mechanism.beliefs)
+        held = mechanism.observed.tocoo()
+        (belief, before), (action, after) = np.divmod(held.row, count), np.divmod(held.col, count)
+        # Row u·N + n holds (b, n'); after those of decisions come N that hold the sums over u, and N empty ones.
+        rows = np.concatenate([action * count + before, n_actions * count + before])
+        places = np.tile(belief * count + after, 2)
+        shape = ((n_actions + 2) * count, n_beliefs * count)
+        self._rows = sparse.csr_array((np.tile(held.data, 2), (rows, places)), shape=shape)
+        self._rows.sum_duplicates()
+        self._n_actions = n_actions
+        self.played = np.unique(action[held.data > 0])
+        points = np.asarray(mechanism.actions, dtype=np.float64).reshape(n_actions, -1)
+        self._tree = cKDTree(points[self.played])
+
+    @cached_property
+    def draws(self) -> RowDraws:
+        """Draws (u, n') as u·N + n' for rows b·N + n."""
+        return RowDraws(self.mechanism.observed)
+
+    def column(self, point: Array, nearest: bool) -> tuple[int, bool]:
+        """Return the number of a decision (U,), and whether the nearest that is played stands in for it; NaN is unseen."""
+        if np.isnan(point[0]):
+            return UNSEEN, False
+        if len(point) != self._tree.m:
+            raise InputError(f"the decision has {len(point)} entries, the mechanism's have {self._tree.m}")
+        gap, place = self._tree.query(point, p=np.inf)
+        if gap <= tolerances.SAME_ACTION:
+            return int(self.played[place]), False
+        return (int(self.played[self._tree.query(point)[1]]), True) if nearest else (NEVER_PLAYED, False)
+
+    def entries(self, columns: np.ndarray, memories: np.ndarray) -> Entries:
+        """Return what decisions (C,) tell where the memories before them are (C,)."""
+        numbers = np.where(columns >= 0, columns, self._n_actions - 1 - columns)
+        found: Any = self._rows[numbers * self.n_memories + memories]
+        belief, after = np.divmod(found.indices, self.n_memories)
+        return Entries(np.repeat(np.arange(len(columns)), np.diff(found.indptr)), belief, after, found.data)
+
+
+class KnownRule:
+    """What the agent plays at every step: the same mechanism always, or the one that a rule makes of the observer's law."""
+
+    def __init__(self, given: Mechanism | MemoryMechanism | MechanismRule) -> None:
+        self.given = given
+        self.beliefs = np.asarray(given.beliefs, dtype=np.float64)
+        self.is_fixed = isinstance(given, (Mechanism, MemoryMechanism))
+        played = given if self.is_fixed else _silent(self.beliefs)
+        self._tables = DecisionTables(with_memory(played))  # type: ignore[arg-type]
+        self.initial = self._tables.mechanism.initial
+        self.is_public = self._tables.mechanism.is_public
+
+    def at(self, law: Array, seen: bool = True) -> DecisionTables:
+        """Return the decisions of a step at which the observer holds the law (B,); of no use to a rule where none is seen."""
+        if self.is_fixed or not seen:
+            return self._tables
+        made = self.given.mechanism_for(Prior(self.beliefs, law / law.sum()))  # type: ignore[union-attr]
+        if not isinstance(made, Mechanism):
+            raise InputError(f"the rule's mechanism_for must return a Mechanism, got {made!r}")
+        shape = self.beliefs.shape
+        if made.beliefs.shape != shape or np.abs(made.beliefs - self.beliefs).max() > tolerances.SAME_BELIEF:
+            raise InputError("the rule's mechanism_for must return a Mechanism on the law's beliefs, in their order")
+        return DecisionTables(with_memory(made))
+
+
+def checked_rule(given: Any) -> KnownRule:
+    """Return a mechanism, with memory or without, or a rule; raise `InputError` for anything else."""
+    if not isinstance(given, (Mechanism, MemoryMechanism, MechanismRule)):
+        raise InputError(
+            "expected a Mechanism, as mechanism(decision_maker, beliefs) makes it, a MemoryMechanism, or a rule with "
+            f"`beliefs` and `mechanism_for`, got {given!r}"
+        )
+    return KnownRule(given)
+
+
+def _silent(beliefs: Array) -> Mechanism:
+    return Mechanism(beliefs, np.zeros((1, 1)), np.ones((len(beliefs), 1)), np.zeros((len(beliefs), 1)))

@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 from inscrutable import reproduce
-from inscrutable.experiments.calibrated import SAME_SPENDING
 from inscrutable.experiments.comparison import ComparisonSettings
 from inscrutable.experiments.comparison_study import compared, comparison_study
 from inscrutable.experiments.reproduction import ReproductionSettings
@@ -35,15 +34,17 @@ def assert_same(found: pd.DataFrame, wanted: pd.DataFrame, *, rtol: float, atol:
 
 
 def test_a_comparison_has_the_figures_it_had() -> None:
-    """Expected regrets are equal to `SAME_SPENDING`, so figures may move by as much as a budget moves them."""
+    """To 1e-3. Of the PDM's lotteries, which are equally private, others were found since: what else is made of them moves
+    by 1.5e-3."""
     settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 10), draws=100)
     study = comparison_study(settings, market="paper", resolution=6, seed=0)
     found, _ = compared(study, None, say=lambda text: None, progress=lambda done, total: None)
     wanted = golden("compare")
     frame = found.frame().set_index("maker")
     counted = ["n_actions"]  # moves with the last digits of a budget
-    np.testing.assert_allclose(frame["expected_regret"], wanted["expected_regret"], rtol=3 * SAME_SPENDING, atol=1e-12)
-    assert_same(frame.drop(columns=counted), wanted.drop(columns=counted), rtol=0.03, atol=0.01)
+    frame, wanted = frame.drop(columns=counted), wanted.drop(columns=counted)
+    assert_same(frame.drop("PDM"), wanted.drop("PDM"), rtol=1e-3, atol=1e-9)
+    assert_same(frame.loc[["PDM"]], wanted.loc[["PDM"]], rtol=2e-3, atol=1e-9)
 
 
 def test_a_reproduction_has_the_claims_it_had() -> None:

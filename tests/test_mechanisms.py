@@ -24,6 +24,7 @@ from inscrutable import (
     OriginalDecisionMaker,
     Prior,
     ProbabilisticDecisionMaker,
+    RoundingDecisionMaker,
     box,
     decoy_grid,
     filter_beliefs,
@@ -55,6 +56,15 @@ def problems():
         "finite": FiniteProblem(rng.random((3, 4))),
         "linear": LinearProblem(rng.normal(size=(3, 2)), box(np.zeros(2), np.ones(2))),
     }
+
+
+def test_a_rule_is_listed_as_it_decides(fresh_rng):
+    problem = MarkowitzProblem(*markets.random_market(fresh_rng, 3, 4))
+    beliefs = fresh_rng.dirichlet(np.ones(3), 7)
+    for chooser in (OriginalDecisionMaker(problem), RoundingDecisionMaker(problem, 0.2)):
+        points, numbers, shares = chooser.table(beliefs)
+        assert np.array_equal(points[numbers[:, 0]], chooser.decide_many(beliefs).action)
+        assert (shares == 1).all()
 
 
 @pytest.mark.parametrize("maker", MAKERS)

@@ -559,7 +559,13 @@ def test_a_study_on_a_file_of_returns_needs_it_no_more_once_begun(tmp_path: Path
             SMALL
             | {
                 "repeats": 2,
-                "world": {"kind": "fitted", "data": "r.csv", "regimes": 2, "restarts": 2},
+                "world": {
+                    "kind": "fitted",
+                    "data": "r.csv",
+                    "regimes": 2,
+                    "restarts": 2,
+                    "covariance": ["sample", "factor:1"],
+                },
                 "beliefs": {"kind": "stationary", "resolution": 5},
             }
         )
@@ -567,7 +573,11 @@ def test_a_study_on_a_file_of_returns_needs_it_no_more_once_begun(tmp_path: Path
     study = run_study(tmp_path / "s.toml", tmp_path / "out", limit=3)
     assert study.data_hash == json.loads((tmp_path / "out" / "manifest.json").read_text())["data_sha256"]
     (tmp_path / "r.csv").unlink()
-    assert resume_study(tmp_path / "out").status().failed == 0
+    done = resume_study(tmp_path / "out")
+    assert done.status().failed == 0
+    worlds = done.frame().groupby("world.covariance")["error"].mean()
+    assert set(worlds.index) == {"sample", "factor:1"}
+    assert worlds["sample"] != worlds["factor:1"], "each is fitted by its own estimate"
 
 
 def test_a_table_is_written_whole_or_refused(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:

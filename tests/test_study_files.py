@@ -153,6 +153,7 @@ def test_a_misspelt_name_is_answered_with_the_nearest(
         (HEAD + '[world]\nkind = "fitted"\ndata = "no.csv"\n', 5, "cannot be read"),
         (HEAD + '[world]\nkind = "fitted"\ntrain_until = "soon"\n', 3, "such as 1989-12 or 1989-12-31, got 'soon'"),
         (HEAD + '[world]\nkind = "fitted"\nprices = true\n', 3, "holds returns"),
+        (HEAD + '[world]\nkind = "fitted"\ncovariance = "factor:0"\n', 5, 'should be "sample", "ledoit-wolf" or'),
         (HEAD + '[world]\nkind = "fitted"\ndata = "\\u0000"\n', 5, "cannot be read"),
         (HEAD + TWO_FARMS + '[problem]\nkind = "dispatch"\nwind_buses = [1, 99]\n', 7, "has bus 99, expected 0 to 29"),
         (HEAD + '[world]\nkind = "given"\nmeans = [[1.0], [2.0, 3.0]]\ncovariances = []\n', 3, "same length"),

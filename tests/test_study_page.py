@@ -15,6 +15,7 @@ from scipy import stats
 
 import browser
 from inscrutable import InputError, Study, cli, run_study
+from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.studies.grid import Variant
 from inscrutable.experiments.studies.means import StudyMeans, labels, means_of
 from inscrutable.experiments.studies.ranking import ranking
@@ -328,3 +329,28 @@ def test_costs_that_are_the_same_rank_as_they_are(tmp_path: Path) -> None:
     verdict = " ".join(Reader(write_page(study, tmp_path / "report.html")).inside["p"])
     assert "times as much" not in verdict
     assert "about" not in verdict.split("Decision makers rank")[0]
+
+
+def test_a_protection_is_judged_as_by_the_other_verbs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """At equal costs, against means that pandas takes; who spends nothing, or is not measured whole, is not judged."""
+    budgets = {"unit": "silence", "hold": "mean", "values": [0.2, 0.9]}
+    makers = ["ODM", "PDM", "coin", "exponential"]
+    study = costly_rule(tmp_path, decision_makers=makers, budgets=budgets, measures=["error", "top_state"], repeats=2)
+    rows = study.frame()
+    rows = (
+        rows[(rows.budget == 0.2) | rows.budget.isna()].groupby(["adversary", "decision_maker"]).mean(numeric_only=True)
+    )
+    asked = Requirement(rows.prior_error.iloc[0], rows.prior_top_state.iloc[0])
+    wanted = asked.text(without="any decision", state="state", cases="the cases")
+    for observer in ("naive", "bayesian"):
+        own = rows.loc[observer]
+        told = asked.judge([Reached(name, own.error[name], own.top_state[name]) for name in makers[1:]])
+        wanted += f"{';' if observer == 'naive' else ':'} against the {observer} observer, {told}"
+    assert cli.main(["study", "report", str(tmp_path)]) == 0
+    line = " ".join(capsys.readouterr().out.split())
+    assert study.protection() is not None
+    for part in re.split("[:;] against the ", wanted):
+        assert part in line
+        assert part in " ".join(Reader(tmp_path / "report.html").inside["p"])
+    assert costly_rule(tmp_path / "bare", decision_makers=["ODM"], measures=["error", "top_state"]).protection() is None
+    assert costly_rule(tmp_path / "half", decision_makers=["coin"], measures=["error"]).protection() is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
@@ -51,6 +52,19 @@ class OriginalDecisionMaker(Described):
             ],
             self.problem,
         )
+
+    def table(self, beliefs: ArrayLike) -> tuple[Array, np.ndarray, Array]:
+        """Return the optimal decisions for beliefs (T,X) as points (T,U), the number of each belief's own and its share 1.
+
+        The same as `decide_many`, without what an observer makes of each decision.
+        """
+        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
+        return certain(np.atleast_2d(self.problem.solve_points(held)))
+
+
+def certain(points: Array) -> tuple[Array, np.ndarray, Array]:
+    """Return points (T,U) as the table of one who draws nothing: the number of each, (T,1), and its share 1, (T,1)."""
+    return points, np.arange(len(points))[:, None], np.ones((len(points), 1))
 
 
 def decision_for(

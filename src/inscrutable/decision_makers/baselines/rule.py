@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.decision_makers.described import Described
-from inscrutable.decision_makers.original import decision_for
+from inscrutable.decision_makers.original import certain, decision_for
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.errors import InputError
 from inscrutable.privacy import MaximalObfuscation
@@ -39,13 +39,23 @@ class RuleDecisionMaker(Described, ABC):
 
         Privacy is the paper's measure (e), against the naive observer.
         """
-        held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
+        held = self._held(beliefs)
         points, measure, status = self._points(held), MaximalObfuscation(), DecisionStatus.RULE_OF_THUMB
         decided = [
             decision_for(self.problem, belief, points[step], measure, status)
             for step, belief in counted(held, progress)
         ]
         return stack(decided, self.problem)
+
+    def table(self, beliefs: ArrayLike) -> tuple[Array, np.ndarray, Array]:
+        """Return the decisions for beliefs (T,X) as points (T,U), the number of each belief's own and its share 1, (T,1).
+
+        The same as `decide_many`, without what an observer makes of each decision.
+        """
+        return certain(self._points(self._held(beliefs)))
+
+    def _held(self, beliefs: ArrayLike) -> Array:
+        return validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
 
 
 class PathRule(RuleDecisionMaker):

@@ -29,7 +29,8 @@ def _hash(plan: StudyFile, base: Path) -> str | None:
 
 def _check(plan: StudyFile, base: Path) -> None:
     if isinstance(plan.world, FittedWorldSection):
-        training_of(plan.world, max(plan.world.regimes), base)
+        for covariance in plan.world.covariance or (None,):
+            training_of(plan.world, max(plan.world.regimes), covariance, base)
 
 
 def _fitted(plan: StudyFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
@@ -41,7 +42,7 @@ def _fitted(plan: StudyFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]
     for place, choice in enumerate(grid.worlds):
         assert choice.data is not None
         rng = grid.stream("fit", (place, 0, 0, 0, 0, 0, 0), ("world",))
-        found.append(fitted_world(plan.world, choice.data["regimes"], base, rng=rng))
+        found.append(fitted_world(plan.world, choice.data, base, rng=rng))
     return found
 
 

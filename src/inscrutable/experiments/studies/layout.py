@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from inscrutable.errors import InputError
 from inscrutable.experiments import makers, observers
 from inscrutable.experiments.measures import MEASURES
 from inscrutable.experiments.sections import (
@@ -27,6 +28,7 @@ from inscrutable.experiments.sections import (
     Section,
     Several,
 )
+from inscrutable.worlds.covariances import covariance_rule
 
 
 def _named(value: Any) -> Any:
@@ -36,6 +38,13 @@ def _named(value: Any) -> Any:
 
 def _markowitz_unless_told(value: Any) -> Any:
     return {"kind": "markowitz", **value} if isinstance(value, dict) else value
+
+
+def _covariance(name: str) -> str:
+    try:
+        return covariance_rule(name, 1, 1, 1).name
+    except InputError:
+        raise ValueError('should be "sample", "ledoit-wolf" or "factor:K" such as "factor:3"') from None
 
 
 class GivenWorld(Section):
@@ -61,13 +70,18 @@ class RandomWorld(Section):
 
 
 class FittedWorldSection(Section):
-    """Regimes fitted to returns: the embedded ones, or a CSV beside the study file."""
+    """Regimes fitted to returns: the embedded ones, or a CSV beside the study file.
+
+    Their covariances are "sample", "ledoit-wolf" (shrunk) or "factor:K"; left out, they are those of the sample where there
+    are ten rows per regime and asset, else shrunk.
+    """
 
     kind: Literal["fitted"]
     data: str = "industries"
     prices: bool = False
     regimes: Grid[AtLeastTwo] = (3,)
     train_until: str | None = None
+    covariance: Grid[Annotated[str, AfterValidator(_covariance)]] | None = None
     restarts: Count | None = None
 
 
@@ -142,6 +156,8 @@ Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], Be
 Measure: Any = Literal[tuple(MEASURES)]
 PAID = "expected_regret"
 """What every grid measures, asked for or not: without it nobody could say whether two decision makers cost the same."""
+JUDGED, WITHOUT = ("error", "top_state"), ("prior_error", "prior_top_state")
+"""Measures that say together whether a protection holds, and those that they are held against: measured beside them."""
 
 
 class BudgetSection(Section):
@@ -168,13 +184,16 @@ class StudyFile(PlanFile):
     decision_makers: Several[Maker]
     budgets: BudgetSection = BudgetSection()
     adversaries: Several[Observer] = (observers.Naive(name="naive"),)
-    measures: Grid[Measure] = ("error", "top_state", "naive_privacy", "expected_regret", "mutual_information")
+    measures: Grid[Measure] = (*JUDGED, "naive_privacy", PAID, "mutual_information", *WITHOUT)
 
     @model_validator(mode="before")
     @classmethod
     def _pays(cls, data: Any) -> Any:
-        """Add what is paid to the measures asked for."""
+        """Add what is paid to the measures asked for, and what is known without a decision where a protection is judged."""
         asked = data.get("measures") if isinstance(data, dict) else None
         if isinstance(asked, str):
             asked = [asked]
-        return data | {"measures": [*asked, PAID]} if isinstance(asked, (list, tuple)) and PAID not in asked else data
+        if not isinstance(asked, (list, tuple)):
+            return data
+        beside = (PAID, *(WITHOUT if all(name in asked for name in JUDGED) else ()))
+        return data | {"measures": [*asked, *(name for name in beside if name not in asked)]}

@@ -68,6 +68,21 @@ class StudyMeans:
         """The place of a figure by its name."""
         return {figure.name: place for place, figure in enumerate(self.figures)}
 
+    @cached_property
+    def amounts(self) -> list[float]:
+        """The budgets that plays spend, in order."""
+        return list(dict.fromkeys(each for each in self.budgets if each is not None))
+
+    @property
+    def middle_budget(self) -> float | None:
+        """The budget that verdicts speak of, the lower of two middle ones; None without any."""
+        return self.amounts[(len(self.amounts) - 1) // 2] if self.amounts else None
+
+    def first_setting(self, places: Sequence[int] | None = None) -> int:
+        """Return which of some settings, or of all, verdicts speak of: the first that has figures, else the first."""
+        held = range(len(self.settings)) if places is None else places
+        return int(self.count[list(held)].any(axis=(1, 2)).argmax())
+
     def frame(self) -> pd.DataFrame:
         """Return one row per setting, play and figure that has a number."""
         s, p, f = np.nonzero(self.count)

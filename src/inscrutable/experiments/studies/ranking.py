@@ -1,4 +1,4 @@
-"""Who hides best at one expected regret: what decision makers spend at the same budget may differ many times over."""
+"""Who hides best at one expected regret, and whose protection holds there: at one budget costs may differ many times over."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.measures import MEASURES
-from inscrutable.experiments.studies.layout import PAID
+from inscrutable.experiments.studies.layout import JUDGED, PAID, WITHOUT
 from inscrutable.experiments.studies.means import StudyMeans
 from inscrutable.validation import Array
 
@@ -33,6 +34,11 @@ class Ranking:
     spenders: tuple[int, ...]
     spent: tuple[float, ...]
     regret: float | None = None
+
+    @property
+    def by_play(self) -> dict[int, float]:
+        """The figure of each that is ranked."""
+        return dict(zip(self.plays, self.values, strict=True))
 
     @property
     def is_known(self) -> bool:
@@ -78,6 +84,32 @@ def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) 
     return Ranking(
         tuple(order), tuple(values[p] for p in order), spenders, tuple(float(paid[p]) for p in spenders), regret
     )
+
+
+def protection(means: StudyMeans, setting: int, budget: float | None) -> str | None:
+    """Return whose protection holds at a budget against each observer, with the numbers reached and asked for.
+
+    Costs are made equal as in `ranking`; who spends nothing is not judged. None where errors and namings were not measured,
+    nobody spends anything, or there is nothing to hide.
+    """
+    error_without, chance = (_known(means, setting, name) for name in WITHOUT)
+    if not error_without > 0 or np.isnan(chance):
+        return None
+    asked, paid, parts = Requirement(error_without, min(chance, 1.0)), _paid(means, setting), []
+    hides = _spends(paid) | np.isnan(paid)
+    for observer in dict.fromkeys(figure.observer for figure in means.figures):
+        judged = [means.place.get(f"{name}, {observer}") for name in JUDGED]
+        error, named = ({} if place is None else ranking(means, setting, budget, place).by_play for place in judged)
+        reached = [Reached(means.makers[p], error[p], named[p]) for p in sorted(error) if p in named and hides[p]]
+        parts += [f"against the {observer} observer, {asked.judge(reached)}"] if reached else []
+    said = asked.text(without="any decision", state="state", cases="the cases")
+    return f"a protection holds against an observer {said}: {'; '.join(parts)}" if parts else None
+
+
+def _known(means: StudyMeans, setting: int, measure: str) -> float:
+    """A figure that is the same for every play; NaN where it was not measured."""
+    found = means.mean[setting, :, means.place[measure]] if measure in means.place else np.array([])
+    return float(next(iter(found[~np.isnan(found)]), np.nan))
 
 
 def times_the_least(means: StudyMeans, setting: int, budget: float | None) -> Array:

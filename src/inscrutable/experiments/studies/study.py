@@ -20,6 +20,7 @@ from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.kinds import kind_named, kind_of
 from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import means_of
+from inscrutable.experiments.studies.ranking import protection
 from inscrutable.experiments.studies.reading import StudySource, checked_study, read_study
 from inscrutable.experiments.studies.store import opened, speaking
 from inscrutable.experiments.studies.tasks import DONE, FAILED, TaskGrid
@@ -177,6 +178,20 @@ class Study:
             InputError: It was not run, its store is damaged, or it is no grid.
         """
         return means_of(*self.gridded()).frame()
+
+    def protection(self) -> str | None:
+        """Return whose protection holds against each observer, at the middle budget of the first setting that has figures.
+
+        None where nothing is to be hidden, `error` and `top_state` were not measured, or it is no grid.
+
+        Raises:
+            InputError: It was not run, or its store is damaged.
+        """
+        if not isinstance(self.grid, StudyGrid):
+            return None
+        found = means_of(self.grid, self.frame())
+        held = protection(found, found.first_setting(), found.middle_budget)
+        return None if held is None else f"At the middle budget, {held}."
 
     def gridded(self) -> tuple[StudyGrid, pd.DataFrame]:
         """Return its grid and its rows; raise `InputError` for a study of another kind."""

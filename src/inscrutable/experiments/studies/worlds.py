@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -86,16 +87,16 @@ def hash_of_data(section: FittedWorldSection, folder: Path) -> str:
 
 
 def fitted_world(
-    section: FittedWorldSection, regimes: int, folder: Path, *, rng: np.random.Generator
+    section: FittedWorldSection, chosen: Mapping[str, Any], folder: Path, *, rng: np.random.Generator
 ) -> dict[str, Any]:
     """Return a world fitted to returns as plain data, as `HiddenMarkovModel.to_dict` gives it."""
     restarts = _RESTARTS if section.restarts is None else section.restarts
-    return fit_gaussian_hmm(
-        training_of(section, regimes, folder), regimes, rng=rng, n_restarts=restarts
-    ).world.to_dict()
+    regimes, covariance = chosen["regimes"], chosen.get("covariance")
+    training = training_of(section, regimes, covariance, folder)
+    return fit_gaussian_hmm(training, regimes, rng=rng, n_restarts=restarts, covariance=covariance).world.to_dict()
 
 
-def training_of(section: FittedWorldSection, regimes: int, folder: Path) -> pd.DataFrame:
+def training_of(section: FittedWorldSection, regimes: int, covariance: str | None, folder: Path) -> pd.DataFrame:
     """Return the returns that a world is fitted to, or raise what is wrong with them or with their last date."""
     path = data_file(section, folder)
     if path is None:
@@ -105,7 +106,7 @@ def training_of(section: FittedWorldSection, regimes: int, folder: Path) -> pd.D
     else:
         table = datasets.read_returns(path, prices=section.prices)
         middle = f"{table.index[(len(table) - 1) // 2]:%Y-%m-%d}"
-    settings = BacktestSettings(regimes, train_until=section.train_until or middle)
+    settings = BacktestSettings(regimes, train_until=section.train_until or middle, covariance=covariance)
     return checked_market(table, settings, None).training
 
 

@@ -12,7 +12,7 @@ from inscrutable.experiments.measures import HEADLINES, MEASURES, OF_OBSERVERS
 from inscrutable.experiments.studies import Study
 from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of
-from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, ranking, times_the_least
+from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
@@ -73,6 +73,7 @@ _NOTES = (
     "spends, between what a decision maker does there and the optimal decision, or what it does at a smaller budget "
     '(“about”); those without a budget are compared with the middle one. `hold = "mean"` in [budgets] makes all that take a '
     "budget spend the same.",
+    "A protection is judged at the same equal regret, where `error` and `top_state` are measured: both parts must hold.",
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian knows "
     "how decisions are made.",
 )
@@ -99,8 +100,7 @@ def title_of(figure: Figure) -> str:
 def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTable:
     rows = []
     repeats = file_of(study).repeats
-    budgets = _budgets(means)
-    costs = times_the_least(means, setting, budgets[_middle(budgets)] if budgets else None)
+    costs = times_the_least(means, setting, means.middle_budget)
     differ = bool(np.nanmax(costs, initial=1.0) > 1.0 + SAME_COST)
     for place, (maker, budget) in enumerate(zip(means.makers, means.budgets, strict=True)):
         counts = means.count[setting, place]
@@ -130,33 +130,19 @@ def _number(value: float, digits: int = 3) -> str:
 
 
 def _sliders(means: StudyMeans, shown: Sequence[int], worth: str) -> list[PageSlider]:
-    budgets = _budgets(means)
+    middle = 0 if means.middle_budget is None else means.amounts.index(means.middle_budget)
     found = [
         PageSlider("figure", "Figure", [title_of(each) for each in means.figures], _first_figure(means)),
-        PageSlider("budget", "Budget", [worth.format(each) for each in budgets], _middle(budgets)),
-        PageSlider("setting", "Setting", [means.settings[place] for place in shown], _first_setting(means, shown)),
+        PageSlider("budget", "Budget", [worth.format(each) for each in means.amounts], middle),
+        PageSlider("setting", "Setting", [means.settings[place] for place in shown], means.first_setting(shown)),
     ]
     return [each for each in found if len(each.texts) > 1]
-
-
-def _budgets(means: StudyMeans) -> list[float]:
-    return list(dict.fromkeys(each for each in means.budgets if each is not None))
-
-
-def _middle(budgets: Sequence[float]) -> int:
-    """The lower of two middle ones."""
-    return max(0, len(budgets) - 1) // 2
 
 
 def _first_figure(means: StudyMeans) -> int:
     """The figure shown at first: what the verdict speaks of."""
     figures = _headline(means)
     return figures[0] if figures else 0
-
-
-def _first_setting(means: StudyMeans, places: Sequence[int]) -> int:
-    """The first of some settings that has figures, else the first: what the verdict speaks of."""
-    return int(means.count[list(places)].any(axis=(1, 2)).argmax())
 
 
 def _drawn(means: StudyMeans) -> list[PageFigure]:
@@ -187,19 +173,18 @@ def _cost(means: StudyMeans) -> int | None:
 def page_data(means: StudyMeans, shown: Sequence[int]) -> dict[str, Any]:
     """Return what the script reads, rounded: by setting, play and figure [mean, half width, five quantiles]."""
     names = list(dict.fromkeys(means.makers))
-    budgets = _budgets(means)
     cost = _cost(means)
     return {
         "makers": names,
         "looks": {name: look._asdict() for name, look in _looks(names).items()},
-        "budgets": budgets,
+        "budgets": means.amounts,
         "figures": [title_of(each) for each in means.figures],
         "errors": [each.measure == "error" for each in means.figures],
         "cost": cost,
         "paid": "budget" if cost is None else title_of(means.figures[cost]),
         "prior": means.place.get("prior_error"),
         "plays": [
-            [names.index(maker), None if budget is None else budgets.index(budget)]
+            [names.index(maker), None if budget is None else means.amounts.index(budget)]
             for maker, budget in zip(means.makers, means.budgets, strict=True)
         ],
         "cells": [[[_numbers(means, s, p, f) for f in _all(means)] for p in range(len(means.makers))] for s in shown],
@@ -245,15 +230,19 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     places = _headline(means)
     if not places:
         return [f"{study.status().done} tasks have figures; the table has their means."]
-    setting = _first_setting(means, range(len(means.settings)))
-    budgets = _budgets(means)
-    budget = budgets[_middle(budgets)] if budgets else None
+    setting, budget = means.first_setting(), means.middle_budget
     at = [] if budget is None else [f"at a budget of {_WORTH[file_of(study).budgets.unit].format(budget)}"]
     at += [f"in the setting {means.settings[setting]}"] if means.settings[setting] else []
     found = {place: ranking(means, setting, budget, place) for place in places}
+    holds = protection(means, setting, budget)
+    told = [[*at, holds]] if holds else []
     at += _costs_told(means, found[places[0]])
-    text = ", ".join([*at, "; ".join(filter(None, (_ranked(means, setting, *each) for each in found.items())))])
-    return [f"{text[0].upper()}{text[1:]}.", *_elsewhere(means, found[places[0]], budget, places[0])]
+    told.insert(0, [*at, "; ".join(filter(None, (_ranked(means, setting, *each) for each in found.items())))])
+    texts = [", ".join(each) for each in told]
+    return [
+        *(f"{text[0].upper()}{text[1:]}." for text in texts),
+        *_elsewhere(means, found[places[0]], budget, places[0]),
+    ]
 
 
 def _costs_told(means: StudyMeans, found: Ranking) -> list[str]:

@@ -227,22 +227,6 @@ def test_trials_are_judged_as_defined(kind, seed, n_states, size):
         np.testing.assert_allclose(found.slopes, expected.slopes, rtol=1e-12, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
-@given(SEEDS, st.integers(1, 4), st.integers(1, 5))
-def test_affordable_shares_are_as_defined_and_affordable(seed, n_states, size):
-    rng = np.random.default_rng(seed)
-    problem = market(rng, n_states, size, "plain")
-    belief = rng.dirichlet(np.ones(n_states))
-    optimal = problem.solve(belief)
-    away = np.vstack([rng.dirichlet(np.ones(size), 6) - optimal, np.zeros(size)])
-    most = float(problem.state_costs(optimal) @ belief) + 10.0 ** rng.uniform(-4, 1)
-    judges = (judge_for(problem, belief, MaximalObfuscation()), DefinedJudge(problem, belief, MaximalObfuscation()))
-    found, expected = (judge.affordable_shares(optimal, away, most, 30) for judge in judges)
-    np.testing.assert_allclose(found, expected, atol=1e-8)
-    assert found[-1] == 1.0
-    assert np.all(problem.state_costs(optimal + found[:, None] * away) @ belief <= most + 1e-12)
-
-
 def test_what_is_not_a_number_is_unexplained_and_inadmissible():
     problem = market(np.random.default_rng(0), 2, 3, "plain")
     found = judge_for(problem, np.array([0.3, 0.7]), MaximalObfuscation())(

@@ -15,13 +15,13 @@ from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.counter_adversarial import Case, best_decisions
 from inscrutable.decision_makers.frontier import privacy_frontier
 from inscrutable.decision_makers.hiding import candidates_for
+from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
 _WAYS = 8
-_HALVINGS = 30
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,16 +154,15 @@ class _Search:
         return float(self.problem.regret(self.belief, action))
 
     def _before(self, action: Array) -> tuple[float, Array]:
-        """The first decision on the ray to a belief that explains `action` that reaches the privacy, by halving."""
+        """The first decision on the ray to a belief that explains `action` that reaches the privacy."""
         beliefs = belief_set_of(self.problem, action)
         if beliefs.is_empty:
             return self._regret(action), action
-        target, low, high, best = beliefs.interior_point(), 0.0, 1.0, action
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            trial = self.problem.solve_points(self.belief + middle * (target - self.belief))
-            if self.reaches(trial):
-                high, best = middle, trial
-            else:
-                low = middle
+        target = beliefs.interior_point()
+
+        def trial(share: float) -> Array:
+            return self.problem.solve_points(self.belief + share * (target - self.belief))
+
+        share = first_met(lambda share: self.reaches(trial(share)))
+        best = trial(share) if share < 1.0 else action
         return self._regret(best), best

@@ -29,6 +29,7 @@ from inscrutable.decision_makers.search.polish import Trial, polish
 from inscrutable.decision_makers.search.singles import decisions_of, price_of, stream_singles
 from inscrutable.decision_makers.search.streaming import Aims
 from inscrutable.errors import InputError
+from inscrutable.geometry.crossings import first_met
 from inscrutable.kernels.climb import Aim
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
@@ -274,7 +275,7 @@ def _search_candidates(case: Case, belief: Array, optimal: Array, optimal_cost: 
         if index is not None and measure.is_indicator and not problem.is_discrete:
             action = _cheapest(problem, scores, index, optimal)
     else:
-        action, status = _most_private(Goal(problem, belief, limit, reference, optimal_cost), scores, index)
+        action, status = _most_private(Goal(problem, belief, limit, optimal_cost, reference), scores, index)
     own = decision_for(problem, belief, optimal, measure, DecisionStatus.OPTIMAL)
     if action is not None:
         chosen = decision_for(problem, belief, action, measure, status)
@@ -317,20 +318,10 @@ def _cheapest(problem: DecisionProblem, scores: Scores, index: int, optimal: Arr
 
 
 def _shortened(problem: DecisionProblem, scores: Scores, start: Array, along: Callable[[float], Array]) -> Array:
-    """Halve the way from the optimal decision (share 0) to `start` (share 1) as long as the goal is met."""
-    best, low, high = start, 0.0, 1.0
-    best_cost = float(problem.regret(scores.belief, start))
-    while high - low > tolerances.POLISH:
-        middle = 0.5 * (low + high)
-        trial = along(middle)
-        if not _meets(problem, scores, trial):
-            low = middle
-            continue
-        high = middle
-        cost = float(problem.regret(scores.belief, trial))
-        if cost <= best_cost:
-            best, best_cost = trial, cost
-    return best
+    """Where the way from the optimal decision (share 0) to `start` (share 1) first meets the goal, unless that costs more."""
+    share = first_met(lambda share: _meets(problem, scores, along(share)))
+    found, belief = along(share), scores.belief
+    return found if share < 1.0 and problem.regret(belief, found) <= problem.regret(belief, start) else start
 
 
 def _cheapest_at(problem: DecisionProblem, scores: Scores, best: Array) -> Array:

@@ -9,16 +9,17 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import minimize
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.decision_makers.candidates import random_actions
+from inscrutable.decision_makers.search.goal import Allowance
 from inscrutable.decision_makers.search.trials import judge_for
+from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _TRIES_A_START = 200
 _BLOCK = 16
-_HALVINGS = 30
 _UNEXPLAINED = 2.0
 _DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
 
@@ -61,6 +62,7 @@ class _Watched:
         self.judge = judge_for(problem, belief, measure)
         self.optimal = np.asarray(problem.solve(belief))
         self.optimal_cost = float(problem.state_costs(self.optimal) @ belief)
+        self.allowed = Allowance(problem, belief, limit, self.optimal_cost)
         equalities = problem.constraints.A_eq
         self.free = null_space(equalities) if len(equalities) else np.eye(self.optimal.size)
         self.forget()
@@ -128,10 +130,9 @@ def _affordable_start(watched: _Watched, rng: np.random.Generator) -> Array | No
     shares = rng.uniform(size=len(away))
     # One by one where judging a start takes a search of its own.
     block = 1 if watched.measure.searches_actions else _BLOCK
-    most = watched.optimal_cost + watched.limit
     for first in range(0, len(away), block):
         part = slice(first, first + block)
-        affordable = watched.judge.affordable_shares(watched.optimal, away[part], most, _HALVINGS) * shares[part]
+        affordable = watched.allowed.along_steps(watched.optimal, away[part], tolerances.POLISH) * shares[part]
         starts = watched.optimal + affordable[:, None] * away[part]
         explained = np.flatnonzero(watched.judge(starts).privacies > -np.inf)
         if explained.size:
@@ -143,16 +144,13 @@ def _affordable_start(watched: _Watched, rng: np.random.Generator) -> Array | No
 
 def _cheaper(watched: _Watched, reached: Array) -> Array:
     """The cheapest decision on the line to the optimal one that still meets an indicator measure."""
-    optimal = watched.optimal
-    low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        found = watched.judge((optimal + middle * (reached - optimal))[None])
-        if found.privacies[0] == 0.0 and found.admissible[0]:
-            high = middle
-        else:
-            low = middle
-    return np.asarray(optimal + high * (reached - optimal))
+    way = reached - watched.optimal
+
+    def meets(share: float) -> bool:
+        found = watched.judge((watched.optimal + share * way)[None])
+        return bool(found.privacies[0] == 0.0 and found.admissible[0])
+
+    return np.asarray(watched.optimal + first_met(meets) * way)
 
 
 class _Descent:

@@ -230,24 +230,3 @@ def judge_trials(
             judged.privacies[t] = np.nan
             answer = SOME
     return answer
-
-
-@kernel
-def affordable_shares(optimal: Any, away: Any, costs: Any, belief: Any, limit: float, halvings: int, out: Any) -> None:
-    """out = the longest shares of the steps `away` (n,U), at most one, whose cost is at most `limit`: it is convex."""
-    n_states, size = costs.linear.shape
-    table, slope, u = np.empty((size, n_states)), np.empty(size), np.empty(size)
-    for t in range(away.shape[0]):
-        low, high = 0.0, 1.0
-        middle = 1.0
-        for _ in range(halvings + 1):
-            for j in range(size):
-                u[j] = optimal[j] + middle * away[t, j]
-            if _costs_of(u, costs, belief, table, slope) <= limit:
-                low = middle
-            else:
-                high = middle
-            if low == high:
-                break
-            middle = 0.5 * (low + high)
-        out[t] = low

@@ -1,19 +1,72 @@
-"""What a search for one belief works on."""
+"""What a search for one belief works on, and how far the budget reaches on a way of decisions."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
 
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.geometry.crossings import farthest
 from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 
-class Goal(NamedTuple):
-    """What a search works on: a problem, a belief, an allowed regret and a distance to grow or shrink."""
+@dataclass(frozen=True)
+class Allowance:
+    """A problem, a belief and an allowed regret."""
 
     problem: DecisionProblem
     belief: Array
     limit: float
-    reference: Reference
     optimal_cost: float
+
+    def regrets(self, actions: Array) -> Array:
+        """Return ρ(π,u) of decisions (n,U), not cut off at zero."""
+        return np.asarray(self.problem.state_costs(actions) @ self.belief - self.optimal_cost)
+
+    def along_rays(self, optimal: Array, ends: Array, accuracy: float) -> tuple[Array, Array]:
+        """Return the longest affordable shares (n,) of the ways to beliefs (n,X), and the decisions there (n,U).
+
+        `accuracy` is the share of the root of the limit that may stay unspent.
+        """
+
+        def decided(which: np.ndarray, shares: Array) -> Array:
+            mixed = np.maximum(self.belief + shares[:, None] * (ends[which] - self.belief), 0.0)
+            return self.problem.solve_points(mixed / mixed.sum(axis=1, keepdims=True))
+
+        return self._along(decided, np.tile(optimal, (len(ends), 1)), accuracy)
+
+    def along_steps(self, start: Array, steps: Array, accuracy: float) -> Array:
+        """Return the longest affordable shares (n,) of steps (n,U) from an affordable decision (U,)."""
+
+        def moved(which: np.ndarray, shares: Array) -> Array:
+            return np.asarray(start + shares[:, None] * steps[which])
+
+        return self._along(moved, np.tile(start, (len(steps), 1)), accuracy)[0]
+
+    def _along(self, way: Callable[[np.ndarray, Array], Array], kept: Array, accuracy: float) -> tuple[Array, Array]:
+        """How far ways that begin at decisions `kept` (n,U) are affordable, and the last affordable decisions."""
+
+        def excess(which: np.ndarray, shares: Array) -> Array:
+            actions = way(which, shares)
+            values = self._excess(actions)
+            kept[which[values <= 0]] = actions[values <= 0]
+            return values
+
+        return farthest(excess, self._excess(kept), spare=accuracy * float(np.sqrt(self.limit))), kept
+
+    def _excess(self, actions: Array) -> Array:
+        """√ρ − √limit with the sign of ρ − limit to the last digit: both over the sum of the roots."""
+        regrets = self.regrets(actions)
+        roots = np.sqrt(np.maximum(regrets, 0.0)) + np.sqrt(self.limit)
+        return np.asarray((regrets - self.limit) / np.maximum(roots, tolerances.TINY))
+
+
+@dataclass(frozen=True)
+class Goal(Allowance):
+    """The same with a distance to grow or shrink."""
+
+    reference: Reference

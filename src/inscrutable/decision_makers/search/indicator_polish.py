@@ -11,12 +11,11 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.decision_makers.indicators import Indicator
+from inscrutable.geometry.crossings import Bracket, narrowed, side
 from inscrutable.privacy import NonUniqueness
 from inscrutable.validation import Array
 
-_PARTS = 2 ** int(np.ceil(-np.log2(tolerances.POLISH)))
-"""The way to the optimal decision is cut into so many parts."""
-_NEAR = 8
+_NEAR = 8.0 * tolerances.POLISH
 _DIRECTIONS = 300
 
 
@@ -62,57 +61,51 @@ class _Shortening:
         """Return the decisions where the ways stop to meet the goal, or those of the block where these cost less."""
         block = self._block
         everyone = np.arange(len(block.beliefs))
-        low, high = self._bracket()
-        left = everyone
-        while left.size:
-            middle = (low[left] + high[left]) // 2
-            meets = self._meets(left, middle)
-            high[left[meets]], low[left[~meets]] = middle[meets], middle[~meets]
-            left = left[high[left] - low[left] > 1]
-        found = self._trials(everyone, high)
-        keep = (high == _PARTS) | (self._regrets(everyone, found) > self._regrets(everyone, block.actions))
+        ends = self._bracket()
+        values = Bracket(np.full(everyone.size, -np.inf), np.full(everyone.size, np.inf))
+        shares = narrowed(lambda which, tried: side(self._meets(which, tried)), ends, values).inside
+        found = self._trials(everyone, shares)
+        keep = (shares == 1.0) | (self._regrets(everyone, found) > self._regrets(everyone, block.actions))
         for i in np.flatnonzero(~keep) if self._tests else ():
             keep[i] = not self._tests[i].reaches(found[i])
         found[keep] = block.actions[keep]
         return found
 
-    def _bracket(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where each way is first known to miss and to meet the goal; a decoy is no farther from its set than itself, so
+    def _bracket(self) -> Bracket:
+        """Where each way is first known to meet and to miss the goal; a decoy is no farther from its set than itself, so
         nothing nearer than the goal's distance can meet it, and a little beyond it most do."""
         block, by_corners = self._block, isinstance(self._goal.measure, NonUniqueness)
-        count = len(block.beliefs)
-        low, high = np.zeros(count, dtype=np.int64), np.full(count, _PARTS)
+        ends = Bracket(np.ones(len(block.beliefs)), np.zeros(len(block.beliefs)))
         away = block.members - block.beliefs
         length = np.abs(away).max(axis=1) if by_corners else np.sqrt((away**2).sum(axis=1))
         with np.errstate(divide="ignore", invalid="ignore"):
-            guess = _PARTS * (self._goal.least / length)
-        hopeful = np.flatnonzero(block.explained & (guess < _PARTS - _NEAR))
-        if not hopeful.size:
-            return low, high
-        beyond = np.ceil(guess[hopeful]).astype(np.int64) + _NEAR
-        before = np.maximum(beyond - 2 * _NEAR, 0)
-        fits = self._meets(hopeful, beyond)
-        fits &= (before == 0) | ~self._meets(hopeful, before)
-        low[hopeful[fits]], high[hopeful[fits]] = before[fits], beyond[fits]
-        return low, high
+            guess = self._goal.least / length
+        hopeful = np.flatnonzero(block.explained & (guess < 1.0 - _NEAR))
+        if hopeful.size:
+            beyond = guess[hopeful] + _NEAR
+            before = np.maximum(guess[hopeful] - _NEAR, 0.0)
+            fits = self._meets(hopeful, beyond)
+            fits &= (before == 0.0) | ~self._meets(hopeful, before)
+            ends.inside[hopeful[fits]], ends.outside[hopeful[fits]] = beyond[fits], before[fits]
+        return ends
 
-    def _trials(self, which: np.ndarray, parts: np.ndarray) -> Array:
-        part, shares = self._block.pick(which), (parts / _PARTS)[:, None]
-        trials: Array = part.optimal + shares * (part.actions - part.optimal)
+    def _trials(self, which: np.ndarray, shares: Array) -> Array:
+        part = self._block.pick(which)
+        trials: Array = part.optimal + shares[:, None] * (part.actions - part.optimal)
         if part.explained.any():
-            trials[part.explained] = self._goal.problem.solve_points(self._decoys(which, parts)[part.explained])
+            trials[part.explained] = self._goal.problem.solve_points(self._decoys(which, shares)[part.explained])
         return trials
 
-    def _decoys(self, which: np.ndarray, parts: np.ndarray) -> Array:
+    def _decoys(self, which: np.ndarray, shares: Array) -> Array:
         part = self._block.pick(which)
-        return np.asarray(part.beliefs + (parts / _PARTS)[:, None] * (part.members - part.beliefs))
+        return np.asarray(part.beliefs + shares[:, None] * (part.members - part.beliefs))
 
     def _regrets(self, which: np.ndarray, actions: Array) -> Array:
         return _regrets(self._goal, self._block.pick(which), actions)
 
-    def _meets(self, which: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        trials = self._trials(which, parts)
-        decoys = self._decoys(which, parts) if self._block.explained[which].all() else None
+    def _meets(self, which: np.ndarray, shares: Array) -> np.ndarray:
+        trials = self._trials(which, shares)
+        decoys = self._decoys(which, shares) if self._block.explained[which].all() else None
         meets = _admitted(self._goal, self._block.beliefs[which], trials, self._regrets(which, trials), decoys)
         for place in np.flatnonzero(meets) if self._tests else ():
             meets[place] = self._tests[which[place]].reaches(trials[place], proved=False)

@@ -240,7 +240,7 @@ def judge(goal: Goal, action: Array) -> Trial | None:
     problem = goal.problem
     if not problem.constraints.is_admissible(action):
         return None
-    if problem.state_costs(action) @ goal.belief - goal.optimal_cost > goal.limit:
+    if goal.regrets(action) > goal.limit:
         return None
     distance = consistent_sets(problem, action[None]).distances(goal.reference.point)[0]
     return Trial(action, goal.reference.sign * float(distance) + 0.0) if np.isfinite(distance) else None
@@ -249,7 +249,7 @@ def judge(goal: Goal, action: Array) -> Trial | None:
 def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
     """A shrinking search over the few free coordinates of a decision, judging the set's distance at every trial."""
     best = judge(goal, action)
-    if _regret(goal, action) > goal.limit:
+    if goal.regrets(action) > goal.limit:
         return None
     reach = _reach(goal, action, free)
     widths = np.maximum(reach[:, 1] - reach[:, 0], 0.0)
@@ -258,8 +258,8 @@ def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
     for round_number in range(_ZOOM_ROUNDS if free.shape[1] == 1 else 4 * _ZOOM_ROUNDS):
         steps = _pattern(free.shape[1], rng)
         offsets = reach[:, 0] + (steps + 1.0) / 2.0 * widths if round_number == 0 else steps * widths
-        trials = _affordable(goal, centre + offsets @ free.T)
-        found = _best_of(goal, trials)
+        trials = centre + offsets @ free.T
+        found = _best_of(goal, trials[goal.regrets(trials) <= goal.limit])
         if found is not None and (best is None or found.privacy > best.privacy):
             best = found
             centre = best.action
@@ -287,33 +287,10 @@ def _reach(goal: Goal, action: Array, free: Array) -> Array:
             steps = slack / speed
         reach[k, 1] = steps[moving & (speed > 0)].min(initial=1.0)
         reach[k, 0] = steps[moving & (speed < 0)].max(initial=-1.0)
-        for side in (0, 1):
-            reach[k, side] = _affordable_step(goal, action, direction, float(reach[k, side]))
-    return reach
-
-
-def _affordable_step(goal: Goal, action: Array, direction: Array, most: float) -> float:
-    """The longest step up to `most` that the budget affords: the cost is convex along it, so halving finds it."""
-    low, high = 0.0, most
-    if _regret(goal, action + most * direction) <= goal.limit:
-        return most
-    while abs(high - low) > tolerances.POLISH * abs(most):
-        middle = 0.5 * (low + high)
-        if _regret(goal, action + middle * direction) <= goal.limit:
-            low = middle
-        else:
-            high = middle
-    return low
-
-
-def _regret(goal: Goal, action: Array) -> float:
-    return float(goal.problem.state_costs(action) @ goal.belief) - goal.optimal_cost
-
-
-def _affordable(goal: Goal, trials: Array) -> Array:
-    """Drop trials that cost too much."""
-    own = goal.problem.state_costs(trials) @ goal.belief - goal.optimal_cost
-    return np.asarray(trials[own <= goal.limit])
+    steps = reach.T[:, :, None] * free.T
+    return np.asarray(
+        reach * goal.along_steps(action, steps.reshape(-1, action.size), tolerances.POLISH).reshape(2, -1).T
+    )
 
 
 def _best_of(goal: Goal, trials: Array) -> Trial | None:

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.decision_makers.search.goal import Allowance
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import resolution_for
 from inscrutable.geometry.hulls import sum_zero_basis
@@ -19,7 +20,6 @@ from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 _DIRECTIONS = 60
-_MOST_STEPS = 40
 
 
 @lru_cache(maxsize=32)
@@ -43,30 +43,9 @@ def _fixed_targets(n_states: int) -> Array:
 
 def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tuple[Array, Array]:
     """Return decoys (D,X) at the end of what `limit` affords on rays from the belief, and their decisions (D,U)."""
-    ends = ray_ends(belief)
-    optimal_cost = float(problem.optimal_cost(belief))
-    shares, decisions = np.ones(len(ends)), problem.solve_points(ends)
-    excess = problem.state_costs(decisions) @ belief - optimal_cost - limit
-    open_rays = np.flatnonzero(excess > 0)
-    low, high = np.zeros(len(ends)), np.ones(len(ends))
-    low_root, high_root = np.full(len(ends), -np.sqrt(limit)), np.sqrt(np.maximum(excess + limit, 0.0)) - np.sqrt(limit)
-    decisions[open_rays] = problem.solve_points(belief)
-    shares[open_rays] = 0.0
-    for step in range(_MOST_STEPS):
-        if not open_rays.size:
-            break
-        # √ρ is nearly linear along a ray: interpolate it, and halve now and then so that the bracket always closes.
-        linear = low_root[open_rays] / (low_root[open_rays] - high_root[open_rays])
-        inside = 0.5 if step % 4 == 3 else np.clip(linear, 0.02, 0.98)
-        share = low[open_rays] + inside * (high[open_rays] - low[open_rays])
-        trial = problem.solve_points(belief + share[:, None] * (ends[open_rays] - belief))
-        regret = np.maximum(problem.state_costs(trial) @ belief - optimal_cost, 0.0)
-        fits = regret <= limit
-        good, bad = open_rays[fits], open_rays[~fits]
-        low[good], shares[good], decisions[good] = share[fits], share[fits], trial[fits]
-        low_root[good] = np.sqrt(regret[fits]) - np.sqrt(limit)
-        high[bad], high_root[bad] = share[~fits], np.sqrt(regret[~fits]) - np.sqrt(limit)
-        open_rays = open_rays[high[open_rays] - low[open_rays] > tolerances.RAY_END * high[open_rays]]
+    ends, optimal = ray_ends(belief), problem.solve_points(belief)
+    allowed = Allowance(problem, belief, limit, float(problem.state_costs(optimal) @ belief))
+    shares, decisions = allowed.along_rays(optimal, ends, tolerances.RAY_END)
     return belief + shares[:, None] * (ends - belief), decisions
 
 

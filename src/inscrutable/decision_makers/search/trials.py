@@ -35,10 +35,6 @@ class Judge(Protocol):
     def __call__(self, trials: Array) -> Judgement:
         """Return the judgement of trials (n,U)."""
 
-    def affordable_shares(self, optimal: Array, away: Array, most: float, halvings: int) -> Array:
-        """Return the longest shares of the steps `away` (n,U) from `optimal`, at most one, that cost at most `most`, found
-        by halving: the cost is convex along them."""
-
 
 def judge_for(problem: DecisionProblem, belief: Array, measure: PrivacyMeasure) -> Judge:
     """Return what judges trials (n,U) under a belief (X,): a kernel for distances under quadratic costs, else NumPy."""
@@ -72,25 +68,10 @@ class DefinedJudge:
             privacies[sets.dimension < 0] = -np.inf
         return Judgement(
             np.where(outside <= self._far, privacies, -np.inf),
-            self._costs(trials),
+            np.asarray(problem.state_costs(trials) @ self._belief),
             np.einsum("x,nxu->nu", self._belief, problem.cost_gradients(trials)),
             problem.constraints.is_admissible(trials),
         )
-
-    def affordable_shares(self, optimal: Array, away: Array, most: float, halvings: int) -> Array:
-        """Return the longest shares of the steps `away` (n,U) from `optimal`, at most one, that cost at most `most`."""
-        low = np.zeros(len(away))
-        high = np.where(self._costs(optimal + away) <= most, 0.0, 1.0)
-        low[high == 0.0] = 1.0
-        for _ in range(halvings):
-            middle = 0.5 * (low + high)
-            fits = self._costs(optimal + middle[:, None] * away) <= most
-            low = np.where((high > low) & fits, middle, low)
-            high = np.where((high > low) & ~fits, middle, high)
-        return low
-
-    def _costs(self, trials: Array) -> Array:
-        return np.asarray(self._problem.state_costs(trials) @ self._belief)
 
 
 class QuadraticJudge:
@@ -105,9 +86,8 @@ class QuadraticJudge:
         parts = (problem.hessians, problem.linear, problem.constants)
         equal_scales = np.abs(region.A_eq).max(axis=1, initial=0.0)
         rows = (region.A_ub, region.b_ub, region.row_scale, region.A_eq, region.b_eq, equal_scales)
-        self._costs = kernel.Costs(*map(_own, parts))
         self._fixed = (
-            self._costs,
+            kernel.Costs(*map(_own, parts)),
             kernel.Region(*map(_own, rows)),
             kernel.Slack(region.observed_slack, tolerances.FEASIBILITY, float(region.min_slack)),
         )
@@ -123,7 +103,6 @@ class QuadraticJudge:
         )
         self._judged = kernel.Judged
         self._judge_trials, self._all = kernel.judge_trials, kernel.ALL
-        self._affordable_shares = kernel.affordable_shares
 
     def __call__(self, trials: Array) -> Judgement:
         """Return the judgement of trials (n,U)."""
@@ -141,13 +120,6 @@ class QuadraticJudge:
                 distance = belief_set_of(self._problem, held[index]).distance(self._point)
                 found.privacies[index] = self._goal.sign * distance if np.isfinite(distance) else -np.inf
         return found
-
-    def affordable_shares(self, optimal: Array, away: Array, most: float, halvings: int) -> Array:
-        """Return the longest shares of the steps `away` (n,U) from `optimal`, at most one, that cost at most `most`."""
-        shares = np.empty(len(away))
-        steps = np.ascontiguousarray(away)
-        self._affordable_shares(optimal, steps, self._costs, self._goal.belief, most, halvings, shares)
-        return shares
 
     def _learn(self, tight: np.ndarray) -> None:
         """Add a tight pattern to those the kernel knows."""

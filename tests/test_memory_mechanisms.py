@@ -30,6 +30,7 @@ from inscrutable import (
     simplex_grid,
 )
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
+from oracles.chain_paths import every_path
 
 EXACT = 1e-11
 
@@ -81,12 +82,8 @@ def paths_of_world(world: HiddenMarkovModel, beliefs: np.ndarray, n_steps: int) 
 
 
 def paths_of_chain(chain: BeliefChain, n_steps: int) -> Any:
-    transition = chain.transition.toarray()
-    for places in product(range(len(chain.prior)), repeat=n_steps):
-        chance = chain.prior.weights[places[0]]
-        for before, after in pairwise(places):
-            chance *= transition[before, after]
-        yield float(chance), (0,) * n_steps, places
+    for places, chance in every_path(chain, n_steps):
+        yield chance, (0,) * n_steps, tuple(places)
 
 
 def dense(plays: MemoryMechanism) -> np.ndarray:
@@ -305,13 +302,13 @@ def test_sampled_paths_agree_with_all_of_them(is_public: bool, fresh_rng: np.ran
 
 
 class Hedging:
-    """Plays the first decision with the observer's own probability of the first belief, mixed with the agent's."""
+    """Plays the first decision by the observer's mean, the agent's belief, and the decision before."""
 
     def __init__(self, beliefs: np.ndarray) -> None:
         self.beliefs = beliefs
 
-    def mechanism_for(self, law: Prior) -> Mechanism:
-        first = 0.5 * law.mean[0] + 0.5 * law.beliefs[:, 0]
+    def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
+        first = 0.4 * law.mean[0] + 0.4 * law.beliefs[:, 0] + 0.2 * (0.5 if before is None else before)
         table = np.column_stack([first, 1.0 - first])
         return Mechanism(law.beliefs, np.array([0, 1]), table, np.zeros_like(table))
 
@@ -326,7 +323,8 @@ def test_a_rule_goes_by_what_decisions_alone_tell(fresh_rng: np.random.Generator
         law = np.zeros(len(beliefs))
         for chance, _, places in paths:
             law[places[t]] += chance * np.prod([tables[s][places[s], actions[s]] for s in range(t)])
-        tables.append(rule.mechanism_for(Prior(beliefs, law / law.sum())).probabilities)
+        before = actions[t - 1] if t else None
+        tables.append(rule.mechanism_for(Prior(beliefs, law / law.sum()), before).probabilities)
 
     def told(keep: Any, likelihood: Any = lambda states: 1.0) -> np.ndarray:
         law = np.zeros(len(beliefs))
@@ -345,11 +343,11 @@ def test_a_rule_goes_by_what_decisions_alone_tell(fresh_rng: np.random.Generator
     np.testing.assert_allclose(particles.filter(actions).mean, adversary.filter(actions).mean, atol=EXACT)
     np.testing.assert_allclose(particles.smooth(actions).mean, adversary.smooth(actions).mean, atol=EXACT)
     other = random_world(fresh_rng, 2, 2)
+    # Under another world an outsider reads the same mechanism, which the agent made in its own.
     apart = SequentialAdversary(other, rule, agent_world=world).filter(actions)
-    for t, table in enumerate(tables):  # under its own world an outsider reads the same mechanisms
-        mine = SequentialAdversary(other, Mechanism(beliefs, [0, 1], table, np.zeros_like(table)), agent_world=world)
-        if t == 0:
-            np.testing.assert_allclose(apart.weights[0], mine.filter(actions).weights[0], atol=EXACT)
+    first = Mechanism(beliefs, np.array([0, 1]), tables[0], np.zeros_like(tables[0]))
+    alone = SequentialAdversary(other, first, agent_world=world).filter(actions[:1])
+    np.testing.assert_allclose(apart.weights[0], alone.weights[0], atol=EXACT)
     assert adversary.unseen(3).mean.shape == (3, 2)
     with pytest.raises(InputError, match="2 entries"):
         adversary.filter(np.zeros((3, 2)))
@@ -360,14 +358,14 @@ def test_what_a_rule_tells_along_paths_equals_enumeration(fresh_rng: np.random.G
     rule, transition = Hedging(chain.prior.beliefs), chain.transition.toarray()
     wanted = 0.0
 
-    def follow(law: np.ndarray, chance: float, step: int) -> None:
+    def follow(law: np.ndarray, chance: float, step: int, before: int | None = None) -> None:
         nonlocal wanted
-        table = rule.mechanism_for(Prior(rule.beliefs, law)).probabilities
+        table = rule.mechanism_for(Prior(rule.beliefs, law), before).probabilities
         played = law @ table
         wanted += chance * float((law[:, None] * table * np.log2(table / played)).sum())
         for u in range(2):
             if step + 1 < n_steps:
-                follow((law * table[:, u] / played[u]) @ transition, chance * played[u], step + 1)
+                follow((law * table[:, u] / played[u]) @ transition, chance * played[u], step + 1, u)
 
     follow(chain.prior.weights, 1.0, 0)
     found = path_leakage(chain, rule, n_steps, rng=fresh_rng)

@@ -86,7 +86,7 @@ class BeliefParticles:
         used: list[DecisionTables] = []
         track = _empty_track(len(evidence), self._world.n_states, len(self._points))
         clouds: list[Cloud] = []
-        cloud = None
+        cloud, last = None, None
         initial = self._rule.initial if evidence.told is None else np.eye(len(self._rule.initial))[evidence.told[0]]
         held = Remembered(initial[None, initial > 0], np.flatnonzero(initial))
         for t in range(len(evidence)):
@@ -99,9 +99,10 @@ class BeliefParticles:
             known = (
                 tables[t]
                 if tables is not None
-                else self._rule.at(self._on_points(before, mixture), evidence.is_seen(t))
+                else self._rule.at(self._on_points(before, mixture), last, seen=evidence.is_seen(t))
             )
             used.append(known)
+            last = known.action(known.column(evidence.points[t], evidence.nearest)[0])
             cloud, held = self._weighed(cloud, held, mixture, evidence, t, known, track)
             cloud, alive = _thinned(cloud, self._n_particles, rng)
             held = held.of(alive)

@@ -59,6 +59,10 @@ class DecisionTables:
         """Draws (u, n') as u·N + n' for rows b·N + n."""
         return RowDraws(self.mechanism.observed)
 
+    def action(self, column: int) -> Any:
+        """Return a decision by its number; None for one that was not seen, or is never played."""
+        return None if column < 0 else self.mechanism.actions[column]
+
     def column(self, point: Array, nearest: bool) -> tuple[int, bool]:
         """Return the number of a decision (U,), and whether the nearest that is played stands in for it; NaN is unseen."""
         if np.isnan(point[0]):
@@ -90,11 +94,14 @@ class KnownRule:
         self.initial = self._tables.mechanism.initial
         self.is_public = self._tables.mechanism.is_public
 
-    def at(self, law: Array, seen: bool = True) -> DecisionTables:
-        """Return the decisions of a step at which the observer holds the law (B,); of no use to a rule where none is seen."""
+    def at(self, law: Array, before: Any = None, *, seen: bool = True) -> DecisionTables:
+        """Return the decisions of a step at which the observer holds the law (B,) and saw a decision `before`, or None.
+
+        A rule is not asked where no decision of the step is `seen`.
+        """
         if self.is_fixed or not seen:
             return self._tables
-        made = self.given.mechanism_for(Prior(self.beliefs, law / law.sum()))  # type: ignore[union-attr]
+        made = self.given.mechanism_for(Prior(self.beliefs, law / law.sum()), before)  # type: ignore[union-attr]
         if not isinstance(made, Mechanism):
             raise InputError(f"the rule's mechanism_for must return a Mechanism, got {made!r}")
         shape = self.beliefs.shape

@@ -163,6 +163,7 @@ class InverseFilter:
         beliefs, states = np.empty((n_steps, len(self.moves.points))), np.empty((n_steps, len(self.moves.start)))
         logs, errors = np.empty(n_steps), np.empty(n_steps)
         laws: Laws | None = None
+        before = None
         kept, readings, statuses, used = [], [], [], []
         for t in range(n_steps):
             predicted, error = self.predicted(laws, first)
@@ -170,8 +171,11 @@ class InverseFilter:
             seen = predicted._replace(weights=predicted.weights * evidence.states[t][:, None, None])
             if not seen.weights.sum() > 0:
                 raise impossible_step(t)
-            known = tables[t] if tables is not None else self.rule.at(seen.of_belief()[0], evidence.is_seen(t))
+            known = (
+                tables[t] if tables is not None else self.rule.at(seen.of_belief()[0], before, seen=evidence.is_seen(t))
+            )
             column, moved = known.column(evidence.points[t], evidence.nearest)
+            before = known.action(column)
             told = None if evidence.told is None else evidence.told[t + 1 : t + 2]
             laws, reading, total = self.read(known, seen, column, told, error=float(errors[: t + 1].max()))
             with np.errstate(divide="ignore"):

@@ -20,7 +20,7 @@ from inscrutable.validation import Array
 
 @runtime_checkable
 class MechanismRule(Protocol):
-    """A rule that plays another mechanism for every law that the observer holds of the belief.
+    """A rule that plays another mechanism for every law that the observer holds of the belief, and ties as it did before.
 
     Source: Kerckhoffs' principle: the observer knows the rule, hence the mechanism of each step.
 
@@ -28,7 +28,7 @@ class MechanismRule(Protocol):
         >>> class Repeating:  # plays what the observer would play, whatever its own belief
         ...     beliefs = np.eye(2)
         ...
-        ...     def mechanism_for(self, law):
+        ...     def mechanism_for(self, law, before=None):
         ...         return Mechanism(law.beliefs, [0, 1], [law.mean, law.mean], 1.0 - np.eye(2))
         >>> isinstance(Repeating(), MechanismRule)
         True
@@ -38,8 +38,11 @@ class MechanismRule(Protocol):
     def beliefs(self) -> Array:
         """The beliefs on which it takes laws, shape (B,X)."""
 
-    def mechanism_for(self, law: Prior) -> Mechanism:
-        """Return what is played, on `law.beliefs` in their order, when the observer holds `law` before the decision."""
+    def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
+        """Return what is played, on `law.beliefs` in their order, when the observer holds `law` before the decision.
+
+        `before` is the decision of the step before, (U,) or a choice, to which ties may go; None where there is none.
+        """
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -83,21 +83,28 @@ def enumerated(reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, mos
     told = reader.rule.is_public
     laws = _told_starts(reader)[0] if told else reader.predicted(None)[0]
     chances = reader.rule.initial[laws.memory] if told else np.ones(1)
+    last: list[Any] = [None] * len(chances)
     for t in range(n_steps):
         laws = reader.predicted(laws)[0] if t else laws
         if len(laws.memory) > len(chances):
             return None
         grown: list[tuple[Laws, Array]] = []
-        count = 0
+        count, seen = 0, []
         for i, chance in enumerate(chances):
             one = laws.repeated(np.array([i]))
-            after = _every_decision(reader.rule.at(one.of_belief()[0]), one, told)
+            tables = reader.rule.at(one.of_belief()[0], last[i])
+            after = _every_decision(tables, one, told)
             if after is None or count + len(after[1]) > most:
                 return None
             found[0, t] += chance * after[2]
             grown.append((after[0], chance * after[1]))
             count += len(after[1])
-        laws, chances = _merged(side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]))
+            seen += [tables.action(column) for column in after[3]]
+        known = np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
+        laws, chances, kept = _merged(
+            side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]), known
+        )
+        last = [seen[k] for k in kept]
         found[1:, t] = [chances @ each for each in prior.figures(laws, t)[:3]]
     rows = found[:, None]
     return PathFigures(rows[0], rows[1], rows[2], rows[3], is_sampled=False)
@@ -109,8 +116,11 @@ def _told_starts(reader: InverseFilter) -> tuple[Laws, Array]:
     return side_by_side([each[0] for each in first]), np.concatenate([each[1] for each in first])
 
 
-def _every_decision(tables: DecisionTables, law: Laws, is_public: bool) -> tuple[Laws, Array, float] | None:
-    """Laws after every decision, their probabilities, and what the decision tells, in bits; None where memories differ."""
+def _every_decision(tables: DecisionTables, law: Laws, is_public: bool) -> tuple[Laws, Array, float, np.ndarray] | None:
+    """Laws after every decision, their probabilities, what the decision tells, in bits, and the decisions' numbers.
+
+    None where the observer would not know the memory.
+    """
     numbers = np.zeros(len(tables.played), dtype=np.intp)
     laws = law.repeated(numbers)
     reading = read_decisions(tables, laws, tables.played)
@@ -122,15 +132,15 @@ def _every_decision(tables: DecisionTables, law: Laws, is_public: bool) -> tuple
     joint = laws.weights.sum(axis=0).reshape(-1)[reading.source] * reading.share
     bits = float(joint @ np.log2(reading.share) - chance[some] @ np.log2(chance[some]))
     kept = Laws(after.weights[:, :, some] / chance[some], np.arange(len(some)), after.memory[some])
-    return kept, chance[some], max(bits, 0.0)
+    return kept, chance[some], max(bits, 0.0), tables.played[after.observer[some]]
 
 
-def _merged(laws: Laws, chances: Array) -> tuple[Laws, Array]:
-    """Laws that agree to `tolerances.REACHED_BELIEF`, memory included, as one."""
-    rows = np.column_stack([laws.weights.reshape(-1, len(chances)).T, laws.memory])
+def _merged(laws: Laws, chances: Array, last: Array) -> tuple[Laws, Array, np.ndarray]:
+    """Laws that agree to `tolerances.REACHED_BELIEF`, memory and last decision included, as one, with the first of each."""
+    rows = np.column_stack([laws.weights.reshape(-1, len(chances)).T, laws.memory, last])
     kept, place = np.unique(first_equal(rows, tolerances.REACHED_BELIEF), return_inverse=True)
     merged = Laws(laws.weights[:, :, kept], np.arange(len(kept)), laws.memory[kept])
-    return merged, np.asarray(np.bincount(place.reshape(-1), weights=chances))
+    return merged, np.asarray(np.bincount(place.reshape(-1), weights=chances)), kept
 
 
 def sampled(reader: InverseFilter, unseen: InferredBeliefs, draws: PathDraws, rng: np.random.Generator) -> PathFigures:
@@ -164,6 +174,7 @@ class _Sampling:
         # What the memory may be, given the path's own beliefs and decisions.
         own = np.eye(self._count)[self._memory] if self._public else np.tile(initial, (count, 1))
         self._own = sparse.csr_array(own)
+        self._last: list[Any] = []  # the decision that each observer of a rule saw before
 
     def run(self) -> PathFigures:
         """Follow the paths to their end."""
@@ -207,22 +218,27 @@ class _Sampling:
         grown: list[Laws] = []
         totals: list[Array] = []
         worst: list[Array] = []
+        last: list[Any] = []
         fixed = self._reader.rule.is_fixed
         groups = [np.arange(errors.shape[1])] if fixed else np.arange(errors.shape[1])[:, None]
         beliefs = None if fixed else laws.of_belief()
         for group in groups:
             mine = np.flatnonzero(np.isin(which, group)) if len(groups) > 1 else np.arange(len(which))
-            law = self._reader.moves.start[0] if beliefs is None else beliefs[group[0]]
-            tables = self._reader.rule.at(law)
+            if beliefs is None:
+                tables = self._reader.rule.at(self._reader.moves.start[0])
+            else:
+                tables = self._reader.rule.at(beliefs[group[0]], self._last[group[0]] if self._last else None)
             columns, own[mine] = self._played(tables, mine, t)
             keys = (which[mine], columns, self._memory[mine]) if self._public else (which[mine], columns)
             seen, place = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
             child[mine] = place.reshape(-1) + sum(len(each) for each in totals)
             told = seen[:, 2] if self._public else None
             found = self._read(tables, laws.repeated(seen[:, 0]), seen[:, 1], told, errors[:, seen[:, 0]])
+            last += [] if fixed else [tables.action(column) for column in seen[:, 1]]
             grown.append(found[0])
             totals.append(found[1])
             worst.append(found[2])
+        self._last = last
         return child, side_by_side(grown), np.concatenate(totals), np.concatenate(worst), own
 
     def _played(self, tables: DecisionTables, mine: np.ndarray, t: int) -> tuple[np.ndarray, Array]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances
 from inscrutable.errors import InputError
-from inscrutable.experiments.market_runs import GLOBAL, PAPER, MarketRun, PlayedSteps
+from inscrutable.experiments.market_runs import GLOBAL, PAPER, MarketRun, VariantRun
 from inscrutable.validation import Array
 
 MATERIAL = 0.01
@@ -48,20 +49,20 @@ class Claim:
     Args:
         key: A short name.
         text: The claim in the paper's words.
+        rule: Over which markets the bound must be met.
         quantity: What is measured in one market.
-        at_least: Whether the bound is from below.
+        measure: (market, what the variant did in it) → the quantity, one number or several that must all meet the bound.
         bound: The bound, in the quantity's unit.
-        rule: Over which markets it must be met.
-        measure: (market, variant) → the quantity, one number or several that must all meet the bound.
+        at_least: Whether the bound is from below.
     """
 
     key: str
     text: str
-    quantity: str
-    at_least: bool
-    bound: float
     rule: Rule
-    measure: Callable[[MarketRun, str], ArrayLike]
+    quantity: str
+    measure: Callable[[MarketRun, VariantRun], ArrayLike]
+    bound: float = 0.0
+    at_least: bool = True
 
     @property
     def criterion(self) -> str:
@@ -130,7 +131,9 @@ def _judge(claim: Claim, runs: Sequence[MarketRun]) -> JudgedClaim:
 def _finding(claim: Claim, runs: Sequence[MarketRun], variant: str) -> Finding:
     sign = 1.0 if claim.at_least else -1.0
     # One row per market, turned so that more is better.
-    values = sign * np.array([np.atleast_1d(np.asarray(claim.measure(run, variant), dtype=float)) for run in runs])
+    values = sign * np.array(
+        [np.atleast_1d(np.asarray(claim.measure(run, run.variants[variant]), dtype=float)) for run in runs]
+    )
     bound = sign * claim.bound
     share = float((values >= bound).all(axis=1).mean())
     if claim.rule is not Rule.ON_AVERAGE:
@@ -172,281 +175,221 @@ def saturation_budget(budgets: ArrayLike, privacies: ArrayLike) -> float:
     return float(shares[np.flatnonzero(values >= (1.0 - SATURATED) * values[-1])[0]])
 
 
-def _cdm(run: MarketRun, variant: str) -> PlayedSteps:
-    return run.variants[variant].cdm
-
-
-def _pdm(run: MarketRun, variant: str) -> PlayedSteps:
-    return run.variants[variant].pdm
-
-
 def _apart(first: Array, second: Array) -> Array:
     """The difference; one of rounding size counts as none, so that equal decisions found twice are no gain or loss."""
     difference = first - second
     return np.where(np.abs(difference) > tolerances.CLAIM_ROUNDING, difference, 0.0)
 
 
-def _more_private(run: MarketRun, variant: str) -> float:
-    return float(_apart(_pdm(run, variant).privacy, _cdm(run, variant).privacy).mean())
+def _more_private(run: MarketRun, did: VariantRun) -> float:
+    return float(_apart(did.pdm.privacy, did.cdm.privacy).mean())
 
 
-def _dearer(run: MarketRun, variant: str) -> float:
-    return float(_apart(_pdm(run, variant).increase, _cdm(run, variant).increase).mean())
+def _dearer(run: MarketRun, did: VariantRun) -> float:
+    return float(_apart(did.pdm.increase, did.cdm.increase).mean())
 
 
-def _more_private_by_budget(run: MarketRun, variant: str) -> Array:
-    found = run.variants[variant]
-    return _apart(found.pdm_curve.privacy, found.cdm_curve.privacy)
-
-
-def _gain_of_starts(run: MarketRun, variant: str) -> Array:
-    if variant == PAPER:
+def _gain_of_starts(run: MarketRun, did: VariantRun) -> Array:
+    if did is run.variants[PAPER]:
         return np.diff(run.starts)
     # What the local solver, given all its starts, finds beyond the global one.
-    return np.array([max(run.starts[-1] - run.variants[GLOBAL].cdm.privacy[0], 0.0)])
+    return np.array([max(run.starts[-1] - did.cdm.privacy[0], 0.0)])
 
 
-def _together(run: MarketRun, variant: str) -> float:
-    more, dearer = _more_private(run, variant), _dearer(run, variant)
-    return float(np.sign(more) * np.sign(dearer)) if abs(more) > tolerances.CLAIM_ROUNDING else 0.0
+def _together(run: MarketRun, did: VariantRun) -> float:
+    more, dearer = _more_private(run, did), _dearer(run, did)
+    return float(np.sign(more) * np.sign(dearer)) if abs(more) > _ROUNDING else 0.0
 
 
-def _over(played: Array, run: MarketRun) -> float:
-    return float(played.max() - run.budget)
-
-
-def _later(run: MarketRun, variant: str) -> float:
-    found = run.variants[variant]
-    reached = [saturation_budget(run.budgets, curve.privacy) for curve in (found.pdm_curve, found.cdm_curve)]
+def _later(run: MarketRun, did: VariantRun) -> float:
+    reached = [saturation_budget(run.budgets, curve.privacy) for curve in (did.pdm_curve, did.cdm_curve)]
     return float(np.log10(reached[0] / reached[1]))
 
 
-def _last_growth(privacy: Array) -> float:
-    return float((privacy[-1] - privacy[-2]) / max(abs(privacy[-1]), tolerances.CLAIM_ROUNDING))
+def _dearer_the_more_private(where: str, run: MarketRun, did: VariantRun) -> float:
+    """Over the steps or the budgets of one decision maker: "cdm", "pdm", "cdm_curve" or "pdm_curve"."""
+    found = getattr(did, where)
+    return rank_agreement(found.privacy, found.increase)
+
+
+def _least_privacy(where: str, run: MarketRun, did: VariantRun) -> float:
+    return float(getattr(did, where).privacy.min())
+
+
+def _rising(where: str, run: MarketRun, did: VariantRun) -> float:
+    return rank_agreement(getattr(did, where).privacy, run.budgets)
+
+
+def _last_growth(where: str, run: MarketRun, did: VariantRun) -> float:
+    privacy = getattr(did, where).privacy
+    return float((privacy[-1] - privacy[-2]) / max(abs(privacy[-1]), _ROUNDING))
 
 
 _ROUNDING = tolerances.CLAIM_ROUNDING
+_BOTH = (("CDM", "cdm", ""), ("PDM", "pdm", "expected "))
+_COST = "(c̄ − c*)/|c*|"
 
 CLAIMS: tuple[Claim, ...] = (
     Claim(
         "odm_exposed",
         "The ODM's privacy is always compromised (the distance is zero)",
+        Rule.ALWAYS,
         "largest privacy of the ODM over the steps",
-        False,
+        lambda run, did: run.odm.privacy.max(),
         tolerances.SAME_BELIEF,
-        Rule.ALWAYS,
-        lambda run, variant: run.odm.privacy.max(),
+        at_least=False,
     ),
-    Claim(
-        "cdm_outside",
-        "The CDM's private belief is never among those the adversary reconstructs",
-        "least privacy of the CDM over the steps",
-        True,
-        _ROUNDING,
-        Rule.ALWAYS,
-        lambda run, variant: _cdm(run, variant).privacy.min(),
-    ),
-    Claim(
-        "pdm_outside",
-        "The PDM's private belief is never among those the adversary reconstructs",
-        "least privacy of the PDM's sampled action over the steps",
-        True,
-        _ROUNDING,
-        Rule.ALWAYS,
-        lambda run, variant: _pdm(run, variant).privacy.min(),
+    *(
+        Claim(
+            f"{which}_outside",
+            f"The {who}'s private belief is never among those the adversary reconstructs",
+            Rule.ALWAYS,
+            f"least privacy of the {what} over the steps",
+            partial(_least_privacy, which),
+            _ROUNDING,
+        )
+        for who, which, what in (("CDM", "cdm", "CDM"), ("PDM", "pdm", "PDM's sampled action"))
     ),
     Claim(
         "sets_not_always_single",
         "The reconstructed sets often have a single element, but not always",
-        "largest dimension of a reconstructed set",
-        True,
-        1.0,
         Rule.SOMETIMES,
-        lambda run, variant: max(each.dimension.max() for each in (run.odm, _cdm(run, variant), _pdm(run, variant))),
+        "largest dimension of a reconstructed set",
+        lambda run, did: max(each.dimension.max() for each in (run.odm, did.cdm, did.pdm)),
+        1.0,
     ),
     Claim(
         "pdm_more_private",
         "The PDM is, on average, better at obfuscating its private belief than the CDM",
-        "mean privacy of the PDM's sampled action minus the CDM's, over the steps",
-        True,
-        0.0,
         Rule.ON_AVERAGE,
+        "mean privacy of the PDM's sampled action minus the CDM's, over the steps",
         _more_private,
     ),
     Claim(
         "pdm_more_private_at_every_budget",
         "The PDM has, on average, a higher privacy than the CDM for any cost budget",
-        "expected privacy of the PDM minus the CDM's, at every budget",
-        True,
-        0.0,
         Rule.ON_AVERAGE,
-        _more_private_by_budget,
+        "expected privacy of the PDM minus the CDM's, at every budget",
+        lambda run, did: _apart(did.pdm_curve.privacy, did.cdm_curve.privacy),
     ),
     Claim(
         "local_optima",
         "The CDM falls short because it may end in a local optimum",
-        "privacy gained by each increase of the number of starts (global solver: by starts beyond it)",
-        True,
-        MATERIAL,
         Rule.ON_AVERAGE,
+        "privacy gained by each increase of the number of starts (global solver: by starts beyond it)",
         _gain_of_starts,
+        MATERIAL,
     ),
     Claim(
         "hard_budget",
         "The CDM falls short because its budget is hard, the PDM's holds on average",
-        "expected privacy of a lottery minus that of the best single decision, same candidates",
-        True,
-        MATERIAL,
         Rule.ON_AVERAGE,
-        lambda run, variant: run.variants[variant].mixing_gain.mean(),
+        "expected privacy of a lottery minus that of the best single decision, same candidates",
+        lambda run, did: did.mixing_gain.mean(),
+        MATERIAL,
     ),
     Claim(
         "suboptimal_costs",
         "A suboptimal action costs no less than the optimal one",
-        "least (c̄ − c*)/|c*| of the CDM and the PDM over the steps",
-        True,
-        -_ROUNDING,
         Rule.ALWAYS,
-        lambda run, variant: min(_cdm(run, variant).increase.min(), _pdm(run, variant).increase.min()),
+        f"least {_COST} of the CDM and the PDM over the steps",
+        lambda run, did: min(did.cdm.increase.min(), did.pdm.increase.min()),
+        -_ROUNDING,
     ),
     Claim(
         "cdm_within_budget",
         "The CDM never violates the cost budget",
-        "largest (c̄ − c*)/|c*| of the CDM over the steps minus c_b",
-        False,
-        _ROUNDING,
         Rule.ALWAYS,
-        lambda run, variant: _over(_cdm(run, variant).increase, run),
+        f"largest {_COST} of the CDM over the steps minus c_b",
+        lambda run, did: did.cdm.increase.max() - run.budget,
+        _ROUNDING,
+        at_least=False,
     ),
     Claim(
         "pdm_within_budget_on_average",
         "The PDM does not violate the cost budget on average",
-        "largest expected (c̄ − c*)/|c*| of the PDM over the steps minus c_b",
-        False,
-        _ROUNDING,
         Rule.ALWAYS,
-        lambda run, variant: _over(_pdm(run, variant).expected_increase, run),
+        f"largest expected {_COST} of the PDM over the steps minus c_b",
+        lambda run, did: did.pdm.expected_increase.max() - run.budget,
+        _ROUNDING,
+        at_least=False,
     ),
     Claim(
         "pdm_over_budget_at_times",
         "A single action of the PDM may violate the cost budget",
-        "largest (c̄ − c*)/|c*| of the PDM's sampled action over the steps minus c_b",
-        True,
-        _ROUNDING,
         Rule.SOMETIMES,
-        lambda run, variant: _over(_pdm(run, variant).increase, run),
+        f"largest {_COST} of the PDM's sampled action over the steps minus c_b",
+        lambda run, did: did.pdm.increase.max() - run.budget,
+        _ROUNDING,
     ),
     Claim(
         "cdm_cheaper",
         "The CDM incurs, on average, a lower cost than the PDM",
-        "mean (c̄ − c*)/|c*| of the PDM's sampled action minus the CDM's, over the steps",
-        True,
-        0.0,
         Rule.ON_AVERAGE,
+        f"mean {_COST} of the PDM's sampled action minus the CDM's, over the steps",
         _dearer,
     ),
-    Claim(
-        "privacy_costs_cdm_steps",
-        "For the CDM a higher privacy level entails a higher cost (from step to step)",
-        "rank agreement τ of privacy and (c̄ − c*)/|c*| over the steps",
-        True,
-        _ROUNDING,
-        Rule.ON_AVERAGE,
-        lambda run, variant: rank_agreement(_cdm(run, variant).privacy, _cdm(run, variant).increase),
-    ),
-    Claim(
-        "privacy_costs_pdm_steps",
-        "For the PDM a higher privacy level entails a higher cost (from step to step)",
-        "rank agreement τ of the sampled action's privacy and (c̄ − c*)/|c*| over the steps",
-        True,
-        _ROUNDING,
-        Rule.ON_AVERAGE,
-        lambda run, variant: rank_agreement(_pdm(run, variant).privacy, _pdm(run, variant).increase),
-    ),
-    Claim(
-        "privacy_costs_cdm_budgets",
-        "For the CDM a higher privacy level entails a higher cost (from budget to budget)",
-        "rank agreement τ of privacy and (c̄ − c*)/|c*| over the budgets",
-        True,
-        _ROUNDING,
-        Rule.ON_AVERAGE,
-        lambda run, variant: rank_agreement(
-            run.variants[variant].cdm_curve.privacy, run.variants[variant].cdm_curve.increase
-        ),
-    ),
-    Claim(
-        "privacy_costs_pdm_budgets",
-        "For the PDM a higher privacy level entails a higher cost (from budget to budget)",
-        "rank agreement τ of expected privacy and expected (c̄ − c*)/|c*| over the budgets",
-        True,
-        _ROUNDING,
-        Rule.ON_AVERAGE,
-        lambda run, variant: rank_agreement(
-            run.variants[variant].pdm_curve.privacy, run.variants[variant].pdm_curve.increase
-        ),
+    *(
+        Claim(
+            f"privacy_costs_{which}_{over}s",
+            f"For the {which.upper()} a higher privacy level entails a higher cost (from {over} to {over})",
+            Rule.ON_AVERAGE,
+            f"rank agreement τ of {privacy} and {cost} over the {over}s",
+            partial(_dearer_the_more_private, which if over == "step" else f"{which}_curve"),
+            _ROUNDING,
+        )
+        for which, over, privacy, cost in (
+            ("cdm", "step", "privacy", _COST),
+            ("pdm", "step", "the sampled action's privacy", _COST),
+            ("cdm", "budget", "privacy", _COST),
+            ("pdm", "budget", "expected privacy", f"expected {_COST}"),
+        )
     ),
     Claim(
         "privacy_costs_between",
         "The PDM's higher cost is explained by its higher privacy",
+        Rule.ON_AVERAGE,
         "1 where the decision maker of higher mean privacy has the higher mean cost, −1 where the lower",
-        True,
-        _ROUNDING,
-        Rule.ON_AVERAGE,
         _together,
-    ),
-    Claim(
-        "privacy_grows_cdm",
-        "The CDM's privacy level increases with its cost budget",
-        "rank agreement τ of privacy and budget",
-        True,
         _ROUNDING,
-        Rule.ON_AVERAGE,
-        lambda run, variant: rank_agreement(run.variants[variant].cdm_curve.privacy, run.budgets),
     ),
-    Claim(
-        "privacy_grows_pdm",
-        "The PDM's privacy level increases with its cost budget",
-        "rank agreement τ of expected privacy and budget",
-        True,
-        _ROUNDING,
-        Rule.ON_AVERAGE,
-        lambda run, variant: rank_agreement(run.variants[variant].pdm_curve.privacy, run.budgets),
+    *(
+        Claim(
+            f"privacy_grows_{which}",
+            f"The {who}'s privacy level increases with its cost budget",
+            Rule.ON_AVERAGE,
+            f"rank agreement τ of {of}privacy and budget",
+            partial(_rising, f"{which}_curve"),
+            _ROUNDING,
+        )
+        for who, which, of in _BOTH
     ),
-    Claim(
-        "saturates_cdm",
-        "At a certain budget the CDM's privacy level saturates",
-        "growth of privacy from the second largest budget to the largest, as a share",
-        False,
-        SATURATED,
-        Rule.ON_AVERAGE,
-        lambda run, variant: _last_growth(run.variants[variant].cdm_curve.privacy),
-    ),
-    Claim(
-        "saturates_pdm",
-        "At a certain budget the PDM's privacy level saturates",
-        "growth of expected privacy from the second largest budget to the largest, as a share",
-        False,
-        SATURATED,
-        Rule.ON_AVERAGE,
-        lambda run, variant: _last_growth(run.variants[variant].pdm_curve.privacy),
+    *(
+        Claim(
+            f"saturates_{which}",
+            f"At a certain budget the {who}'s privacy level saturates",
+            Rule.ON_AVERAGE,
+            f"growth of {of}privacy from the second largest budget to the largest, as a share",
+            partial(_last_growth, f"{which}_curve"),
+            SATURATED,
+            at_least=False,
+        )
+        for who, which, of in _BOTH
     ),
     Claim(
         "pdm_saturates_later",
         "The PDM saturates at a higher budget than the CDM",
-        "log10 of the PDM's saturation budget over the CDM's",
-        True,
-        _ROUNDING,
         Rule.ON_AVERAGE,
+        "log10 of the PDM's saturation budget over the CDM's",
         _later,
+        _ROUNDING,
     ),
     Claim(
         "value_grows_with_samples",
         "The PDM tends to the solution over all distributions as the number of samples M grows",
-        "expected privacy gained by a grid four times finer",
-        True,
-        0.0,
         Rule.ON_AVERAGE,
-        lambda run, variant: run.variants[variant].refining_gain.mean(),
+        "expected privacy gained by a grid four times finer",
+        lambda run, did: did.refining_gain.mean(),
     ),
 )
 """The claims, in the paper's order of topics."""

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
+    LinearProgramme,
     LocalSearch,
     OriginalDecisionMaker,
     ProbabilisticDecisionMaker,
@@ -134,12 +135,13 @@ class CounterAdversarial(MakerSection):
 
 
 class Probabilistic(MakerSection):
-    """The most private lottery that is affordable in expectation, over all decisions or over candidates alone."""
+    """The most private lottery that is affordable in expectation: over all decisions, over candidates alone, or by the
+    paper's linear programme over candidates."""
 
     takes = Takes.EACH
     name: Literal["PDM"]
     goal: Grid[Goal] = ("maximal",)
-    method: Grid[Literal["global", "candidates"]] = ("global",)
+    method: Grid[Literal["global", "candidates", "programme"]] = ("global",)
     _knows = model_validator(mode="after")(_candidates_seek_distance)
 
     @staticmethod
@@ -147,8 +149,9 @@ class Probabilistic(MakerSection):
         """Return it with a budget per belief."""
         if chosen.get("method") == "candidates":
             return CandidateDecisionMaker(setting.problem, amount, setting.candidates, mixes=True)
+        method = LinearProgramme() if chosen.get("method") == "programme" else None
         goal = goal_of(chosen.get("goal", "maximal"))
-        return ProbabilisticDecisionMaker(setting.problem, goal, amount, candidates=setting.candidates)
+        return ProbabilisticDecisionMaker(setting.problem, goal, amount, candidates=setting.candidates, method=method)
 
 
 class Uniform(MakerSection):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,31 +12,29 @@ from pydantic import Field, model_validator
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import (
     Candidates,
-    CounterAdversarialDecisionMaker,
-    Decision,
-    Decisions,
-    Envelope,
     Frontier,
-    LinearProgramme,
     LocalSearch,
-    MixedDecisions,
-    OriginalDecisionMaker,
-    ProbabilisticDecisionMaker,
     action_grid,
     decoy_grid,
     privacy_frontier,
     random_candidates,
 )
 from inscrutable.decision_makers.local_search import privacies_by_start
-from inscrutable.experiments.episodes import relative_increase
-from inscrutable.experiments.random_markets import MarketLaw, random_market
+from inscrutable.experiments.episodes import DecisionMaker, Episode, Record, relative_increase, run_episode
+from inscrutable.experiments.makers import MAKERS
+from inscrutable.experiments.random_markets import Market, MarketLaw, random_market
 from inscrutable.experiments.sections import AtLeastTwo, Count, PlanFile, Positive, Rising
+from inscrutable.experiments.setting import Setting, path_prior
 from inscrutable.geometry.grids import grid_size, resolution_for
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
 PAPER, GLOBAL = "paper", "global"
+DECISION_MAKERS: Mapping[str, tuple[Mapping[str, Any], ...]] = {
+    PAPER: ({"name": "ODM"}, {"name": "CDM", "method": "local", "starts": 1}, {"name": "PDM", "method": "programme"}),
+    GLOBAL: ({"name": "ODM"}, {"name": "CDM"}, {"name": "PDM"}),
+}
 """The two variants: the paper's local CDM with the PDM's programme over an action grid, and the global ones on decoys."""
 
 CANDIDATE_KINDS = ("action grid", "random actions", "decoy grid")
@@ -176,42 +174,68 @@ class MarketRun:
     samples: Mapping[str, Array] | None
 
 
-def decision_makers(
-    problem: DecisionProblem, settings: ReproductionSettings, variant: str, rng: np.random.Generator
-) -> tuple[CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker]:
-    """Return the CDM and PDM of one variant; the local solver draws its starts from `rng`."""
-    budget = settings.budget
-    if variant == PAPER:
-        grid = action_grid(problem, settings.resolution)
-        return (
-            CounterAdversarialDecisionMaker(problem, budget=budget, method=LocalSearch(1, rng)),
-            ProbabilisticDecisionMaker(problem, budget=budget, candidates=grid, method=LinearProgramme()),
-        )
-    decoys = decoy_grid(problem, settings.resolution)
-    return (
-        CounterAdversarialDecisionMaker(problem, budget=budget, candidates=decoys),
-        ProbabilisticDecisionMaker(problem, budget=budget, candidates=decoys, method=Envelope()),
-    )
+@dataclass(frozen=True, eq=False)
+class VariantEpisode:
+    """One variant in a market: the episode, and the setting with the candidates that its PDM mixes."""
+
+    episode: Episode
+    setting: Setting
+
+    @property
+    def candidates(self) -> Candidates:
+        """What its PDM mixes."""
+        return self.setting.candidates
+
+
+class Walk(NamedTuple):
+    """A market, its beliefs, and its episode by variant."""
+
+    market: Market
+    beliefs: Array
+    episodes: Mapping[str, VariantEpisode]
+
+
+def walked(settings: ReproductionSettings, n_steps: int, streams: Sequence[np.random.Generator]) -> Walk:
+    """Return what ODM, CDM and PDM of both variants do at c_b in a market.
+
+    The streams draw the market, its beliefs, the local solver's starts, and what lotteries play.
+    """
+    draw, path, local, lottery = streams
+    market = random_market(settings.law, rng=draw)
+    problem, beliefs = market.problem, market.beliefs(n_steps, rng=path)
+    episodes = {}
+    for variant, chosen in DECISION_MAKERS.items():
+        setting = _setting(problem, beliefs, variant, settings.resolution)
+        makers = {each["name"]: _made(setting, each, settings.budget, local) for each in chosen}
+        episodes[variant] = VariantEpisode(run_episode(problem, beliefs, makers, rng=lottery), setting)
+    return Walk(market, beliefs, episodes)
+
+
+def _setting(problem: DecisionProblem, beliefs: Array, variant: str, resolution: int) -> Setting:
+    grid = action_grid if variant == PAPER else decoy_grid
+    return Setting(problem, path_prior(beliefs), grid(problem, resolution))
+
+
+def _made(setting: Setting, chosen: Mapping[str, Any], share: float, rng: np.random.Generator) -> DecisionMaker:
+    made: DecisionMaker = MAKERS[chosen["name"]].make(setting, chosen, Budget.relative(share), lambda: rng)
+    return made
 
 
 def run_market(settings: ReproductionSettings, seed: np.random.SeedSequence, count_samples: bool) -> MarketRun:
     """Return the record of one market drawn, walked and decided with the children of `seed`."""
-    draw, path, local, lottery, sampled = (np.random.default_rng(child) for child in seed.spawn(5))
-    market = random_market(settings.law, rng=draw)
-    problem, beliefs = market.problem, market.beliefs(settings.market_steps, rng=path)
-    makers = {name: decision_makers(problem, settings, name, local) for name in (PAPER, GLOBAL)}
-    single = {name: cdm.decide_many(beliefs) for name, (cdm, _) in makers.items()}
+    *streams, sampled = (np.random.default_rng(child) for child in seed.spawn(5))
+    market, beliefs, episodes = walked(settings, settings.market_steps, streams)
+    problem, local = market.problem, streams[2]
     variants = {}
-    for name, (_, pdm) in makers.items():
-        grid = action_grid if name == PAPER else decoy_grid
-        fine = _frontiers(problem, beliefs, pdm.candidates)
-        coarse = _frontiers(problem, beliefs, grid(problem, max(1, settings.resolution // COARSER)))
-        mixed = _at_budget(fine, settings.budget)
-        searched = _searched_curve(problem, single[PAPER][0], beliefs[:1], settings, local) if name == PAPER else None
-        variants[name] = VariantRun(
-            _played(single[name]),
-            _lottery(pdm.decide_many(beliefs), lottery),
-            _single_curve(fine[0], settings.budgets) if searched is None else searched,
+    for variant, walk in episodes.items():
+        coarser = _setting(problem, beliefs, variant, max(1, settings.resolution // COARSER)).candidates
+        fine, coarse = (_frontiers(problem, beliefs, each) for each in (walk.candidates, coarser))
+        mixed, cdm = _at_budget(fine, settings.budget), walk.episode.records["CDM"]
+        searched = variant == PAPER
+        variants[variant] = VariantRun(
+            _played(cdm),
+            _played(walk.episode.records["PDM"]),
+            _searched_curve(walk, settings, local) if searched else _single_curve(fine[0], settings.budgets),
             _mixed_curve(fine[0], settings.budgets),
             mixed - np.array([_single_curve(each, (settings.budget,)).privacy[0] for each in fine]),
             mixed - _at_budget(coarse, settings.budget),
@@ -219,15 +243,11 @@ def run_market(settings: ReproductionSettings, seed: np.random.SeedSequence, cou
     return MarketRun(
         settings.budget,
         settings.budgets,
-        _played(OriginalDecisionMaker(problem).decide_many(beliefs)),
+        _played(episodes[PAPER].episode.records["ODM"]),
         variants,
-        _best_of_starts(problem, beliefs[0], settings, float(single[PAPER].privacy[0]), local),
+        _best_of_starts(problem, beliefs[0], settings, float(variants[PAPER].cdm.privacy[0]), local),
         privacy_by_samples(problem, beliefs[0], settings, rng=sampled) if count_samples else None,
     )
-
-
-def _local(problem: DecisionProblem, beliefs: Array, share: float, rng: np.random.Generator) -> Decisions:
-    return CounterAdversarialDecisionMaker(problem, budget=share, method=LocalSearch(1, rng)).decide_many(beliefs)
 
 
 def _best_of_starts(
@@ -283,26 +303,20 @@ def _mixed_curve(frontier: Frontier, shares: tuple[float, ...]) -> BudgetCurve:
     return BudgetCurve(np.asarray(frontier.randomized(limits)), increase)
 
 
-def _searched_curve(
-    problem: DecisionProblem, known: Decision, first: Array, settings: ReproductionSettings, rng: np.random.Generator
-) -> BudgetCurve:
-    """The local solver anew at every budget; at c_b what it has already found."""
-    found = [known if share == settings.budget else _local(problem, first, share, rng)[0] for share in settings.budgets]
+def _searched_curve(walk: VariantEpisode, settings: ReproductionSettings, rng: np.random.Generator) -> BudgetCurve:
+    """The local solver anew at every budget, at the first step; at c_b what it has already found."""
+    first, local = walk.episode.beliefs[:1], DECISION_MAKERS[PAPER][1]
+    found = [
+        walk.episode.records["CDM"].decisions[0]
+        if share == settings.budget
+        else _made(walk.setting, local, share, rng).decide_many(first)[0]
+        for share in settings.budgets
+    ]
     costs, optimal = (np.array([getattr(each, name) for each in found]) for name in ("cost", "optimal_cost"))
     return BudgetCurve(np.array([each.privacy for each in found]), relative_increase(costs - optimal, optimal))
 
 
-def _increase(decisions: Decisions) -> Array:
-    return relative_increase(decisions.cost - decisions.optimal_cost, decisions.optimal_cost)
-
-
-def _played(decisions: Decisions) -> PlayedSteps:
-    dimension = np.array([found.dimension for found in decisions.belief_set])
-    increase = _increase(decisions)
-    return PlayedSteps(decisions.privacy, increase, decisions.privacy, increase, dimension)
-
-
-def _lottery(mixed: MixedDecisions, rng: np.random.Generator) -> PlayedSteps:
-    drawn = _played(mixed.sample(rng=rng))
-    expected = relative_increase(mixed.expected_cost - mixed.optimal_cost, mixed.optimal_cost)
-    return PlayedSteps(drawn.privacy, drawn.increase, mixed.expected_privacy, expected, drawn.dimension)
+def _played(record: Record) -> PlayedSteps:
+    dimension = np.array([found.dimension for found in record.decisions.belief_set])
+    expected = relative_increase(record.expected_regret, record.decisions.optimal_cost)
+    return PlayedSteps(record.decisions.privacy, record.relative_increase, record.expected_privacy, expected, dimension)

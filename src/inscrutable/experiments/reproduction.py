@@ -9,38 +9,19 @@ from math import comb
 
 import numpy as np
 
-from inscrutable.decision_makers import Candidates, OriginalDecisionMaker
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.claims import JudgedClaim, judge_claims
-from inscrutable.experiments.episodes import DecisionMaker, Episode, run_episode
-from inscrutable.experiments.market_runs import (
-    GLOBAL,
-    PAPER,
-    SIDES,
-    MarketRun,
-    decision_makers,
-)
+from inscrutable.experiments.episodes import Episode
+from inscrutable.experiments.market_runs import PAPER, SIDES, MarketRun, VariantEpisode, Walk, walked
 from inscrutable.experiments.market_runs import ReproductionSettings as ReproductionSettings
-from inscrutable.experiments.random_markets import Market, random_market
+from inscrutable.experiments.random_markets import Market
 from inscrutable.experiments.studies import Study
 from inscrutable.experiments.studies.reproduction_tasks import run_of
 from inscrutable.experiments.studies.tasks import Row
 from inscrutable.experiments.studies.whole import all_rows, rows_of_whole
 from inscrutable.files import PathLike
 from inscrutable.validation import Array
-
-
-@dataclass(frozen=True, eq=False)
-class VariantEpisode:
-    """One variant in the drawn market: the episode and the candidates its PDM mixes."""
-
-    episode: Episode
-    candidates: Candidates
-
-
-DrawnMarket = tuple[Market, Array, dict[str, VariantEpisode]]
-"""A market, its beliefs, and its episode by variant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,25 +129,16 @@ def reproduction_of(study: Study) -> Reproduction:
     return _judged(plan, rows, _drawn_market(plan))
 
 
-def _judged(settings: ReproductionSettings, rows: Sequence[Row], drawn: DrawnMarket) -> Reproduction:
+def _judged(settings: ReproductionSettings, rows: Sequence[Row], drawn: Walk) -> Reproduction:
     market, beliefs, episodes = drawn
     runs = tuple(run_of(settings, row) for row in rows)
     step = _telling_step(episodes[PAPER].episode)
     return Reproduction(settings, market, beliefs, step, episodes, runs, judge_claims(runs[: settings.markets]))
 
 
-def _drawn_market(settings: ReproductionSettings) -> DrawnMarket:
+def _drawn_market(settings: ReproductionSettings) -> Walk:
     (seed,) = np.random.SeedSequence(settings.seed).spawn(1)
-    draw, path, local, lottery = (np.random.default_rng(child) for child in seed.spawn(4))
-    market = random_market(settings.law, rng=draw)
-    beliefs = market.beliefs(settings.steps, rng=path)
-    episodes = {}
-    for variant in (PAPER, GLOBAL):
-        cdm, pdm = decision_makers(market.problem, settings, variant, local)
-        by_name: dict[str, DecisionMaker] = {"ODM": OriginalDecisionMaker(market.problem), "CDM": cdm, "PDM": pdm}
-        episode = run_episode(market.problem, beliefs, by_name, rng=lottery)
-        episodes[variant] = VariantEpisode(episode, pdm.candidates)
-    return market, beliefs, episodes
+    return walked(settings, settings.steps, [np.random.default_rng(child) for child in seed.spawn(4)])
 
 
 def _telling_step(episode: Episode) -> int:

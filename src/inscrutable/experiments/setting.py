@@ -102,6 +102,12 @@ class Setting:
         return float(self.prior.weights @ budget.limits(self.optimal_costs))
 
 
+def path_prior(beliefs: Array) -> Prior:
+    """Return the law of beliefs (T,X) of which each step weighs the same."""
+    points, met = np.unique(beliefs, axis=0, return_counts=True)
+    return Prior(points, met / met.sum())
+
+
 class Memory(Protocol):
     """How one who knows a rule with a memory reads its decisions, and what it publishes along a path."""
 

@@ -31,7 +31,7 @@ from inscrutable.experiments.sections import Count, Grid, PlanFile
 from inscrutable.experiments.setting import Setting
 from inscrutable.experiments.studies.flat import flat, unflat
 from inscrutable.experiments.studies.kind import Kind
-from inscrutable.experiments.studies.tasks import Row, Task, TaskGrid, TaskRunner, Work, canonical
+from inscrutable.experiments.studies.tasks import Listed, Row, Task, TaskGrid, TaskRunner, Work
 from inscrutable.files import reason
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import BeliefChain
@@ -56,38 +56,21 @@ class ComparisonFile(ComparisonSettings, PlanFile):
         return self
 
 
-class ComparedPairs:
-    """The tasks: decision makers, each at its budgets."""
-
-    def __init__(self, plan: ComparisonFile, data_hash: str | None = None) -> None:
-        self.plan = plan
-        self.pairs = pairs_of(plan.decision_makers, plan.budgets)
-        kept = ("market", "resolution", "repeats", "draws")
-        self._market = {name: value for name, value in plan.model_dump(mode="json").items() if name in kept}
-        self._market |= {} if data_hash is None else {"sha256": data_hash}
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    def task(self, number: int) -> Task:
-        """Return a decision maker at a budget."""
-        name, share = self.pairs[number]
-        parameters = {"decision_maker": name, "budget": share, "unit": self.plan.unit, **self._market}
-        return Task(number, (number,), canonical(parameters))
-
-    def task_seed(self, task: Task) -> np.random.SeedSequence:
-        """Return the seed of the sequences sampled for a task: a child of the study's by the task's number."""
-        return np.random.SeedSequence([self.plan.seed, len(self.plan.budgets)], spawn_key=(task.number,))
+def compared_pairs(plan: ComparisonFile, data_hash: str | None = None) -> Listed:
+    """Return the tasks: decision makers, each at its budgets."""
+    pairs = pairs_of(plan.decision_makers, plan.budgets)
+    kept = plan.model_dump(mode="json", include={"unit", "market", "resolution", "repeats", "draws"})
+    kept |= {} if data_hash is None else {"sha256": data_hash}
+    seed = [plan.seed, len(plan.budgets)]
+    return Listed(len(pairs), lambda k: {"decision_maker": pairs[k][0], "budget": pairs[k][1], **kept}, seed)
 
 
 class ComparisonRunner(TaskRunner):
     """Does the decision makers of a comparison."""
 
-    grid: ComparedPairs
-
     def __init__(self, work: Work) -> None:
         plan = ComparisonFile.model_validate_json(work.study)
-        self.grid = ComparedPairs(plan, work.data_hash)
+        self.grid = compared_pairs(plan, work.data_hash)
         self.tasks = tasks_on(plan, market_from(json.loads(work.worlds)))
 
     def figures(self, task: Task) -> dict[str, float]:
@@ -148,5 +131,5 @@ def _hash(plan: ComparisonFile, base: Path) -> str | None:
         ) from None
 
 
-COMPARISON = Kind(ComparisonFile, ComparedPairs, ComparisonRunner, _hash, _market)
+COMPARISON = Kind(ComparisonFile, compared_pairs, ComparisonRunner, _hash, _market)
 """Studies of decision makers at equal expected regret."""

@@ -15,7 +15,7 @@ from inscrutable.experiments.makers import behave
 from inscrutable.experiments.measures import figures_of
 from inscrutable.experiments.observers import Observed
 from inscrutable.experiments.random_markets import WARM_UP
-from inscrutable.experiments.setting import Setting
+from inscrutable.experiments.setting import Setting, path_prior
 from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid
 from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
 from inscrutable.experiments.studies.tasks import Task, TaskRunner, Work
@@ -95,8 +95,7 @@ class GridRunner(TaskRunner):
             return filtered_prior(regimes.world, section["resolution"], rng=rng)
         path = regimes.world.sample(WARM_UP + section["steps"], rng=rng)
         held = np.asarray(filter_beliefs(regimes.world, path.observations).beliefs)[WARM_UP:]
-        points, met = np.unique(held, axis=0, return_counts=True)
-        return Prior(points, met / met.sum())
+        return path_prior(held)
 
     def _candidates(self, place: int, problem: DecisionProblem) -> Candidates:
         section = self.grid.candidates[place].data

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
@@ -72,6 +72,34 @@ class TaskGrid(Protocol):
 
     def task_seed(self, task: Task) -> np.random.SeedSequence:
         """Return the child seed of a task."""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Tasks one after another, each with a child of one seed by its number.
+
+    Args:
+        count: How many.
+        named: Returns the parameters of a task, by its number.
+        entropy: What the seeds are children of.
+        first: The child of the first task.
+    """
+
+    count: int
+    named: Callable[[int], dict[str, Any]]
+    entropy: int | Sequence[int]
+    first: int = 0
+
+    def __len__(self) -> int:
+        return self.count
+
+    def task(self, number: int) -> Task:
+        """Return a task by its place."""
+        return Task(number, (number,), canonical(self.named(number)))
+
+    def task_seed(self, task: Task) -> np.random.SeedSequence:
+        """Return the child seed of a task."""
+        return np.random.SeedSequence(self.entropy, spawn_key=(self.first + task.number,))
 
 
 class Work(NamedTuple):

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -34,27 +35,6 @@ class Variant:
         return cls(data, canonical(data))
 
 
-class MakersAtBudgets(Sequence[tuple[Variant, Variant]]):
-    """Decision makers with the budgets they take, one after another."""
-
-    def __init__(self, makers: Sequence[Variant], budgets: Sequence[Variant]) -> None:
-        nothing = Variant.of(None)
-        self._pairs = [
-            (maker, budget) for maker in makers for budget in (budgets if _takes_budget(maker) else (nothing,))
-        ]
-
-    def __len__(self) -> int:
-        return len(self._pairs)
-
-    def __getitem__(self, place: Any) -> Any:
-        return self._pairs[place]
-
-
-def _takes_budget(maker: Variant) -> bool:
-    assert maker.data is not None
-    return MAKERS[maker.data["name"]].takes_budget(maker.data)
-
-
 class StudyGrid:
     """All tasks of a study, in order: markets outermost, then decision makers with budgets, then adversaries.
 
@@ -69,7 +49,13 @@ class StudyGrid:
         self.problems = variants(study.problem)
         self.beliefs = variants(study.beliefs)
         self.candidates = variants(study.candidates)
-        self.plays = MakersAtBudgets(_joined(study.decision_makers), _budgets(study.budgets))
+        budgets, nothing = _budgets(study.budgets), Variant.of(None)
+        makers = [(maker, maker.data or {}) for maker in _joined(study.decision_makers)]
+        self.plays = [
+            (maker, budget)
+            for maker, chosen in makers
+            for budget in (budgets if MAKERS[chosen["name"]].takes_budget(chosen) else (nothing,))
+        ]
         self.adversaries = _joined(study.adversaries)
 
     @cached_property
@@ -86,18 +72,12 @@ class StudyGrid:
         )
 
     def __len__(self) -> int:
-        total = 1
-        for size in self.shape:
-            total *= size
-        return total
+        return prod(self.shape)
 
     def task(self, number: int) -> Task:
         """Return a task by its place in the order of the grid."""
-        places = [0] * len(self.shape)
-        rest = number
-        for part in reversed(range(len(self.shape))):
-            rest, places[part] = divmod(rest, self.shape[part])
-        return Task(number, tuple(places), self._text(places))
+        places = tuple(int(place) for place in np.unravel_index(number, self.shape))
+        return Task(number, places, joined_text(self.parts(places)))
 
     def task_seed(self, task: Task) -> np.random.SeedSequence:
         """Return the child seed of a task, which its identity decides."""
@@ -116,9 +96,6 @@ class StudyGrid:
             "repeat": str(places[4]),
             "world": self.worlds[places[0]].text,
         }
-
-    def _text(self, places: Sequence[int]) -> str:
-        return joined_text(self.parts(places))
 
     def seed(self, text: str) -> np.random.SeedSequence:
         """Return the child seed of whatever a text identifies."""

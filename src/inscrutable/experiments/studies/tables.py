@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,33 +21,49 @@ _SHORT = {"decision_maker": "name", "adversary": "name", "budget": "amount"}
 
 def table_of(grid: StudyGrid, rows: Iterable[Row], *, durations: bool) -> pd.DataFrame:
     """Return rows in the order of the grid: identity, what varies, status, figures, and why it failed."""
-    varying = _varying(grid)
-    names = ["task", *_SHORT, "repeat", *(f"{part}.{key}" for part, key in varying), "seed", "status"]
-    measures = list(grid.study.measures)
-    names += [*measures, *(["duration"] if durations else []), "failure"]
-    cells: list[list[Any]] = []
-    numbers: list[int] = []
-    for row in rows:
-        parameters, figures = json.loads(row.parameters), json.loads(row.figures)
-        numbers.append(row.number)
-        cells.append(
-            [
-                row.task,
-                *(_entry(parameters, part, key) for part, key in _SHORT.items()),
-                parameters["repeat"],
-                *(_entry(parameters, part, key) for part, key in varying),
-                row.seed,
-                row.status,
-                *(_figure(figures.get(name)) for name in measures),
-                *([row.duration] if durations else []),
-                row.error,
-            ]
-        )
-    return pd.DataFrame(cells, index=pd.Index(numbers, name="number", dtype="int64"), columns=names)
+    shown = {
+        **{part: (part, key) for part, key in _SHORT.items()},
+        "repeat": ("repeat", None),
+        **{f"{part}.{key}": (part, key) for part, key in _varying(grid)},
+    }
+    return plain_table(rows, shown, grid.study.measures, durations=durations)
 
 
-def _entry(parameters: dict[str, Any], part: str, key: str) -> Any:
-    return (parameters[part] or {}).get(key)
+def plain_table(
+    rows: Iterable[Row],
+    shown: Mapping[str, tuple[str, str | None]] | None = None,
+    measures: Sequence[str] | None = None,
+    *,
+    durations: bool,
+) -> pd.DataFrame:
+    """Return rows of any kind in order: identity, parameters, seed, status, figures, why it failed.
+
+    Args:
+        rows: The rows.
+        shown: Columns of parameters: the part of them, and its entry where it has some; None shows every part.
+        measures: The figures; None is every one that a row has.
+        durations: Whether to add the seconds that each task took.
+    """
+    held = list(rows)
+    index = pd.Index([row.number for row in held], name="number", dtype="int64")
+    told: Any = [json.loads(row.parameters) for row in held]
+    if shown is not None:
+        told = {name: [_entry(each[part], key) for each in told] for name, (part, key) in shown.items()}
+    figures = [{name: _figure(each) for name, each in json.loads(row.figures).items()} for row in held]
+    columns = None if measures is None else list(measures)
+    parts: list[Any] = [
+        pd.DataFrame({"task": [row.task for row in held]}, index=index),
+        pd.DataFrame(told, index=index),
+        pd.DataFrame({"seed": [row.seed for row in held], "status": [row.status for row in held]}, index=index),
+        pd.DataFrame(figures, index=index, columns=columns, dtype="float64"),
+        *([pd.DataFrame({"duration": [row.duration for row in held]}, index=index)] if durations else []),
+        pd.DataFrame({"failure": [row.error for row in held]}, index=index),
+    ]
+    return pd.concat(parts, axis=1)
+
+
+def _entry(part: Any, key: str | None) -> Any:
+    return part if key is None else (part or {}).get(key)
 
 
 def _figure(value: float | str | None) -> float:
@@ -75,23 +91,6 @@ def _varying(grid: StudyGrid) -> list[tuple[str, str]]:
             if _SHORT.get(part) != key and len({json.dumps(each[key]) for each in data if key in each}) > 1
         ]
     return found
-
-
-def plain_table(rows: Iterable[Row], *, durations: bool) -> pd.DataFrame:
-    """Return rows of any kind in order: identity, parameters, seed, status, every figure that a row has, why it failed."""
-    held = list(rows)
-    parameters = [json.loads(row.parameters) for row in held]
-    figures = [json.loads(row.figures) for row in held]
-    index = pd.Index([row.number for row in held], name="number", dtype="int64")
-    parts = [
-        pd.DataFrame({"task": [row.task for row in held]}, index=index),
-        pd.DataFrame(parameters, index=index),
-        pd.DataFrame({"seed": [row.seed for row in held], "status": [row.status for row in held]}, index=index),
-        pd.DataFrame([{name: _figure(each) for name, each in found.items()} for found in figures], index=index),
-        *([pd.DataFrame({"duration": [row.duration for row in held]}, index=index)] if durations else []),
-        pd.DataFrame({"failure": [row.error for row in held]}, index=index),
-    ]
-    return pd.concat(parts, axis=1)
 
 
 def write_rows(frame: pd.DataFrame, path: Path) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import closing
 from importlib import resources
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from inscrutable.datasets import output_folder
@@ -20,7 +21,6 @@ from inscrutable.experiments.studies.runner import (
     executor,
     facts_of,
     versions,
-    work_of,
 )
 from inscrutable.experiments.studies.store import STORE, created, locked, opened
 from inscrutable.experiments.studies.study import Study
@@ -75,18 +75,8 @@ def all_rows(
     """
     execute = executor(jobs, None)
     if folder is None:
-        facts, rows = facts_of(study), []
-        count = _Counter(progress, study.n_tasks)
-
-        def keep(batch: list[Row]) -> None:
-            rows.extend(batch)
-            count.upto(len(rows))
-            check_done(batch)
-
-        worlds = json.loads(facts["worlds"])
-        prepared(worlds)
-        execute(work_of(study, facts["worlds"]), range(study.n_tasks), keep)
-        return sorted(rows), worlds
+        with TemporaryDirectory() as kept:
+            return all_rows(study, kept, jobs=jobs, prepared=prepared, progress=progress)
     place = output_folder(folder)
     with locked(place):
         if not _can_go_on(study, place, again=again):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import minimize
 
-from inscrutable import tolerances, validation
+from inscrutable import validation
 from inscrutable.decision_makers.candidates import random_actions
 from inscrutable.decision_makers.search.goal import Allowance
 from inscrutable.decision_makers.search.trials import judge_for
@@ -21,6 +21,11 @@ from inscrutable.validation import Array
 _TRIES_A_START = 200
 _BLOCK = 16
 _UNEXPLAINED = 2.0
+_STEP = 2.0**-30
+"""Starts end on multiples of this share of the way to the budget's end: where the solver arrives may hang on the last digits
+of its start, which no change of the root finder should move."""
+_ACCURACY = 2.0**-45
+"""Of these ends, so that one in thirty thousand is rounded to another multiple."""
 _DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
 
 
@@ -132,7 +137,8 @@ def _affordable_start(watched: _Watched, rng: np.random.Generator) -> Array | No
     block = 1 if watched.measure.searches_actions else _BLOCK
     for first in range(0, len(away), block):
         part = slice(first, first + block)
-        affordable = watched.allowed.along_steps(watched.optimal, away[part], tolerances.POLISH) * shares[part]
+        reach = watched.allowed.along_steps(watched.optimal, away[part], _ACCURACY)
+        affordable = np.floor(reach / _STEP) * _STEP * shares[part]
         starts = watched.optimal + affordable[:, None] * away[part]
         explained = np.flatnonzero(watched.judge(starts).privacies > -np.inf)
         if explained.size:

@@ -312,8 +312,9 @@ def _searched_curve(walk: VariantEpisode, settings: ReproductionSettings, rng: n
         else _made(walk.setting, local, share, rng).decide_many(first)[0]
         for share in settings.budgets
     ]
-    costs, optimal = (np.array([getattr(each, name) for each in found]) for name in ("cost", "optimal_cost"))
-    return BudgetCurve(np.array([each.privacy for each in found]), relative_increase(costs - optimal, optimal))
+    names = ("privacy", "cost", "optimal_cost")
+    privacies, costs, optimal = (np.array([getattr(each, name) for each in found]) for name in names)
+    return BudgetCurve(privacies, relative_increase(costs - optimal, optimal))
 
 
 def _played(record: Record) -> PlayedSteps:

@@ -77,7 +77,9 @@ def narrowed(
     return Bracket(*x)
 
 
-def farthest(f: Callable[[np.ndarray, Array], Array], start: Array, *, spare: float = 0.0) -> Array:
+def farthest(
+    f: Callable[[np.ndarray, Array], Array], start: Array, *, spare: float = 0.0, width: float = tolerances.POLISH
+) -> Array:
     """Return the largest x in [0, 1] found with f ≤ 0, as `narrowed` leaves them: one where f(1) ≤ 0.
 
     `start` (n,) is f(0), at most 0.
@@ -87,7 +89,8 @@ def farthest(f: Callable[[np.ndarray, Array], Array], start: Array, *, spare: fl
     open_ends = np.flatnonzero(at_one > 0.0)
     values = Bracket(start[open_ends], at_one[open_ends])
     ends = Bracket(np.zeros(open_ends.size), np.ones(open_ends.size))
-    shares[open_ends] = narrowed(lambda which, x: f(open_ends[which], x), ends, values, spare=spare).inside
+    found = narrowed(lambda which, x: f(open_ends[which], x), ends, values, spare=spare, width=width)
+    shares[open_ends] = found.inside
     return shares
 
 

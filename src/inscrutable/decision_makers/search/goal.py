@@ -45,9 +45,15 @@ class Allowance:
         def moved(which: np.ndarray, shares: Array) -> Array:
             return np.asarray(start + shares[:, None] * steps[which])
 
-        return self._along(moved, np.tile(start, (len(steps), 1)), accuracy)[0]
+        return self._along(moved, np.tile(start, (len(steps), 1)), accuracy, min(accuracy, tolerances.POLISH))[0]
 
-    def _along(self, way: Callable[[np.ndarray, Array], Array], kept: Array, accuracy: float) -> tuple[Array, Array]:
+    def _along(
+        self,
+        way: Callable[[np.ndarray, Array], Array],
+        kept: Array,
+        accuracy: float,
+        width: float = tolerances.POLISH,
+    ) -> tuple[Array, Array]:
         """How far ways that begin at decisions `kept` (n,U) are affordable, and the last affordable decisions."""
 
         def excess(which: np.ndarray, shares: Array) -> Array:
@@ -56,7 +62,8 @@ class Allowance:
             kept[which[values <= 0]] = actions[values <= 0]
             return values
 
-        return farthest(excess, self._excess(kept), spare=accuracy * float(np.sqrt(self.limit))), kept
+        spare = accuracy * float(np.sqrt(self.limit))
+        return farthest(excess, self._excess(kept), spare=spare, width=width), kept
 
     def _excess(self, actions: Array) -> Array:
         """√ρ − √limit with the sign of ρ − limit to the last digit: both over the sum of the roots."""

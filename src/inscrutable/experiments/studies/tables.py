@@ -51,7 +51,7 @@ def plain_table(
         told = {name: [_entry(each[part], key) for each in told] for name, (part, key) in shown.items()}
     figures = [{name: _figure(each) for name, each in json.loads(row.figures).items()} for row in held]
     columns = None if measures is None else list(measures)
-    parts: list[Any] = [
+    parts: list[pd.DataFrame] = [
         pd.DataFrame({"task": [row.task for row in held]}, index=index),
         pd.DataFrame(told, index=index),
         pd.DataFrame({"seed": [row.seed for row in held], "status": [row.status for row in held]}, index=index),

@@ -24,6 +24,7 @@ from inscrutable.experiments.sections import Count, NonNegative, Rising, Section
 from inscrutable.experiments.setting import Behaviour, Setting
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.joint import top_states
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved
 
@@ -258,8 +259,7 @@ class ComparisonTasks:
     @cached_property
     def budgets(self) -> tuple[float, ...]:
         """Expected regrets, in the cost's unit."""
-        setting = self.setting
-        unit = {"silence": setting.silence_regret, "cost": setting.mean_cost, "regret": 1.0}[self.settings.unit]
+        unit = self.setting.unit(self.settings.unit)
         return tuple(unit * share for share in self.settings.budgets)
 
     @cached_property
@@ -278,7 +278,6 @@ class ComparisonTasks:
     def comparison(self, rows: Sequence[ComparisonRow]) -> Comparison:
         """Return the comparison that rows make, in the order of the tasks."""
         setting, prior = self.setting, self.setting.prior
-        top = (prior.beliefs >= prior.beliefs.max(axis=1, keepdims=True)).astype(np.float64)
         return Comparison(
             rows=tuple(rows),
             left_out=tuple(name for name in self.makers if all(row.maker != name for row in rows)),
@@ -290,7 +289,7 @@ class ComparisonTasks:
             n_candidates=len(setting.candidates.distinct),
             prior_entropy=prior.entropy,
             prior_error=prior.error,
-            prior_top_state=min(float((prior.weights @ top).max()), 1.0),
+            prior_top_state=min(float((prior.weights @ top_states(prior.beliefs)).max()), 1.0),
             silence_regret=setting.silence_regret,
             mean_cost=setting.mean_cost,
             per_belief_unit="|c*|" if setting.is_relative else "regret",

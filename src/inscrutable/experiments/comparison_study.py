@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from inscrutable.errors import InputError
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings
 from inscrutable.experiments.studies.comparison_tasks import ComparisonFile, comparison_from, market_from
 from inscrutable.experiments.studies.study import Study
@@ -48,10 +47,7 @@ def comparison_of(study: Study) -> tuple[Comparison, str]:
     Raises:
         InputError: The study is of another kind, was not run, or is not finished.
     """
-    plan = study.plan
-    if not isinstance(plan, ComparisonFile):
-        raise InputError(f"{plan.name} is no comparison")
-    return _whole(plan, *rows_of_whole(study))
+    return _whole(*rows_of_whole(study, ComparisonFile, "comparison"))
 
 
 def _whole(plan: ComparisonFile, rows: Sequence[Row], worlds: Sequence[dict[str, Any]]) -> tuple[Comparison, str]:

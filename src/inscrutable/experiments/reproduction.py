@@ -10,7 +10,6 @@ from math import comb
 import numpy as np
 
 from inscrutable.decision_makers.results import Progress
-from inscrutable.errors import InputError
 from inscrutable.experiments.claims import JudgedClaim, judge_claims
 from inscrutable.experiments.episodes import Episode
 from inscrutable.experiments.market_runs import PAPER, SIDES, MarketRun, VariantEpisode, Walk, walked
@@ -122,10 +121,7 @@ def reproduction_of(study: Study) -> Reproduction:
 
     Cost: about a second.
     """
-    plan = study.plan
-    if not isinstance(plan, ReproductionSettings):
-        raise InputError(f"{plan.name} is no study of the paper's numerical section")
-    rows, _ = rows_of_whole(study)
+    plan, rows, _ = rows_of_whole(study, ReproductionSettings, "study of the paper's numerical section")
     return _judged(plan, rows, _drawn_market(plan))
 
 

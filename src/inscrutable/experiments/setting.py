@@ -94,8 +94,11 @@ class Setting:
 
     def budget_of(self, chosen: Mapping[str, Any]) -> Budget:
         """Return the budget per belief that a study's section means by an amount and a unit."""
-        unit = {"relative": 1.0, "regret": 1.0, "silence": self.silence_regret, "cost": self.mean_cost}[chosen["unit"]]
-        return Budget(unit * chosen["amount"], chosen["unit"] == "relative")
+        return Budget(self.unit(chosen["unit"]) * chosen["amount"], chosen["unit"] == "relative")
+
+    def unit(self, name: str) -> float:
+        """Return what amounts are counted in, in the cost's unit; of one that is relative to |c*|, 1."""
+        return {"silence": self.silence_regret, "cost": self.mean_cost}.get(name, 1.0)
 
     def mean_limit(self, budget: Budget) -> float:
         """Return what a budget per belief allows on average, in the cost's unit."""

@@ -24,7 +24,7 @@ class Kind:
         runner: Does them.
         data_hash: Returns the hash of the data that a file names, from the file and its folder; None without any.
         prepared: Returns what is computed once for all processes, as plain data, from the file and its folder.
-        table: Returns rows as a table.
+        table: Returns rows as a table, from the tasks and the rows, with the seconds that each took or without.
         check: Raises what is wrong with the data that a file names, from the file and its folder.
     """
 
@@ -32,8 +32,6 @@ class Kind:
     grid: Callable[[Any, str | None], TaskGrid]
     runner: type[TaskRunner]
     data_hash: Callable[[Any, Path], str | None] = lambda plan, base: None
-    prepared: Callable[[Any, Path, TaskGrid], list[dict[str, Any]]] = lambda plan, base, grid: []
-    table: Callable[[TaskGrid, Iterable[Row], bool], pd.DataFrame] = lambda grid, rows, durations: plain_table(
-        rows, durations=durations
-    )
+    prepared: Callable[[Any, Path, Any], list[dict[str, Any]]] = lambda plan, base, grid: []
+    table: Callable[[Any, Iterable[Row], bool], pd.DataFrame] = plain_table
     check: Callable[[Any, Path], None] = lambda plan, base: None

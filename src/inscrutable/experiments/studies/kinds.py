@@ -5,11 +5,9 @@ A file names its kind; it can name none but these, so that a study file stays pl
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from inscrutable.experiments.sections import PlanFile
 from inscrutable.experiments.studies.comparison_tasks import COMPARISON
@@ -19,7 +17,6 @@ from inscrutable.experiments.studies.kind import Kind
 from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
 from inscrutable.experiments.studies.reproduction_tasks import REPRODUCTION
 from inscrutable.experiments.studies.tables import table_of
-from inscrutable.experiments.studies.tasks import Row, TaskGrid
 from inscrutable.experiments.studies.worlds import fitted_world, hash_of_data, training_of
 
 
@@ -33,11 +30,10 @@ def _check(plan: StudyFile, base: Path) -> None:
             training_of(plan.world, max(plan.world.regimes), covariance, base)
 
 
-def _fitted(plan: StudyFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
+def _fitted(plan: StudyFile, base: Path, grid: StudyGrid) -> list[dict[str, Any]]:
     """The worlds that are fitted to data, once and here, so that all machines work with the same digits."""
     if not isinstance(plan.world, FittedWorldSection):
         return []
-    assert isinstance(grid, StudyGrid)
     found = []
     for place, choice in enumerate(grid.worlds):
         assert choice.data is not None
@@ -46,12 +42,7 @@ def _fitted(plan: StudyFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]
     return found
 
 
-def _table(grid: TaskGrid, rows: Iterable[Row], durations: bool) -> pd.DataFrame:
-    assert isinstance(grid, StudyGrid)
-    return table_of(grid, rows, durations=durations)
-
-
-GRID = Kind(StudyFile, StudyGrid, GridRunner, _hash, _fitted, _table, _check)
+GRID = Kind(StudyFile, StudyGrid, GridRunner, _hash, _fitted, table_of, _check)
 """Every combination of what a file's lists hold."""
 
 OTHER_KINDS: Mapping[str, Kind] = {"reproduction": REPRODUCTION, "comparison": COMPARISON}

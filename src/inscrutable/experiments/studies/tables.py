@@ -12,37 +12,38 @@ import pandas as pd
 from inscrutable.datasets import write_table
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies.grid import StudyGrid, Variant
-from inscrutable.experiments.studies.tasks import Row
+from inscrutable.experiments.studies.tasks import Row, TaskGrid
 from inscrutable.files import whole_file
 
 _SHORT = {"decision_maker": "name", "adversary": "name", "budget": "amount"}
 """Parts that have a column of their own: the entry that it shows."""
 
 
-def table_of(grid: StudyGrid, rows: Iterable[Row], *, durations: bool) -> pd.DataFrame:
+def table_of(grid: StudyGrid, rows: Iterable[Row], durations: bool) -> pd.DataFrame:
     """Return rows in the order of the grid: identity, what varies, status, figures, and why it failed."""
     shown = {
         **{part: (part, key) for part, key in _SHORT.items()},
         "repeat": ("repeat", None),
         **{f"{part}.{key}": (part, key) for part, key in _varying(grid)},
     }
-    return plain_table(rows, shown, grid.study.measures, durations=durations)
+    return plain_table(grid, rows, durations, shown, grid.study.measures)
 
 
 def plain_table(
+    grid: TaskGrid,
     rows: Iterable[Row],
+    durations: bool,
     shown: Mapping[str, tuple[str, str | None]] | None = None,
     measures: Sequence[str] | None = None,
-    *,
-    durations: bool,
 ) -> pd.DataFrame:
     """Return rows of any kind in order: identity, parameters, seed, status, figures, why it failed.
 
     Args:
+        grid: The tasks.
         rows: The rows.
+        durations: Whether to add the seconds that each task took.
         shown: Columns of parameters: the part of them, and its entry where it has some; None shows every part.
         measures: The figures; None is every one that a row has.
-        durations: Whether to add the seconds that each task took.
     """
     held = list(rows)
     index = pd.Index([row.number for row in held], name="number", dtype="int64")

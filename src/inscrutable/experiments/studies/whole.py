@@ -10,10 +10,11 @@ from contextlib import closing
 from importlib import resources
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeVar
 
 from inscrutable.datasets import output_folder
 from inscrutable.errors import InputError, ModelError, SolverError
+from inscrutable.experiments.sections import PlanFile
 from inscrutable.experiments.studies.runner import (
     MANIFEST,
     StudyProgress,
@@ -31,6 +32,7 @@ BEFORE = "before.sqlite"
 """Where the rows of an unfinished run go when another is begun in its folder."""
 _LOGGER = logging.getLogger(__name__)
 
+_Plan = TypeVar("_Plan", bound=PlanFile)
 Counted = Callable[[int, int], None]
 """Takes (tasks done, tasks in all)."""
 
@@ -98,12 +100,14 @@ def all_rows(
             return rows, worlds
 
 
-def rows_of_whole(study: Study) -> tuple[list[Row], list[dict[str, Any]]]:
-    """Return the rows of a finished study in order, and what was prepared for them.
+def rows_of_whole(study: Study, layout: type[_Plan], what: str) -> tuple[_Plan, list[Row], list[dict[str, Any]]]:
+    """Return the file of a finished study of one kind, its rows in order, and what was prepared for them.
 
     Raises:
-        InputError: The study was not run, or some of its tasks have no figures.
+        InputError: The study is of another kind than `what` says, was not run, or some of its tasks have no figures.
     """
+    if not isinstance(study.plan, layout):
+        raise InputError(f"{study.plan.name} is no {what}")
     status = study.status()
     if status.done < status.total:
         missing = " and ".join(
@@ -118,7 +122,7 @@ def rows_of_whole(study: Study) -> tuple[list[Row], list[dict[str, Any]]]:
         )
     assert study.folder is not None
     with closing(opened(study.folder)) as store:
-        return list(store.rows()), json.loads(store.fact("worlds") or "[]")
+        return study.plan, list(store.rows()), json.loads(store.fact("worlds") or "[]")
 
 
 def check_done(rows: list[Row]) -> None:

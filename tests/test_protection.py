@@ -27,7 +27,6 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.experiments.calibrated import SAME_SPENDING
 from inscrutable.experiments.comparison import makers_of
 from inscrutable.experiments.setting import Setting
 from inscrutable.mechanisms.chains import resting_chain
@@ -110,7 +109,7 @@ def compared_shares(problem: MarkowitzProblem, prior: Prior, candidates: Candida
     for name, make in makers_of(("Dirichlet noise", "delay", "partial trades")).items():
         play = make(setting, regret)
         assert play is not None, name
-        assert leakage(play.mechanism, prior).expected_regret <= regret * (1 + SAME_SPENDING), name
+        assert leakage(play.mechanism, prior).expected_regret <= regret, name
         found[name] = leakage(play.mechanism if play.memory is None else play.memory(1), prior).error_share
         assert found[name] <= 1 + 1e-9, name
     return found

@@ -29,11 +29,10 @@ from inscrutable.decision_makers.baselines import (
     RoundingDecisionMaker,
     UniformDecisionMaker,
 )
-from inscrutable.experiments.calibrated import scaled_to
 from inscrutable.experiments.candidates_only import CandidateDecisionMaker
 from inscrutable.experiments.memory_rules import delayed, partly
 from inscrutable.experiments.sections import Count, Grid, NonNegative, Positive, Probability, Section
-from inscrutable.experiments.setting import Behaviour, Seed, Setting, behaviour_of, spent
+from inscrutable.experiments.setting import Behaviour, Seed, Setting, behaviour_of, scaled_to, spent
 from inscrutable.privacy import (
     DesiredObfuscation,
     Infeasibility,
@@ -374,7 +373,8 @@ def behave(
         limit: A budget per belief; None for one that takes none.
         regret: What the budget allows on average, in the cost's unit, where that is known.
         each: Whether the budget is to hold at every belief. Else what it allows on average is spent in expectation, to
-            `SAME_SPENDING`, by one with a budget per belief by scaling that; who finds nothing more to buy spends less.
+            `tolerances.CALIBRATED` from below, by one with a budget per belief by scaling that; who finds nothing more to buy
+            spends less.
         seed: The stream of random numbers.
     """
     kind = MAKERS[chosen["name"]]

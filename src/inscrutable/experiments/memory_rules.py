@@ -21,8 +21,7 @@ from scipy.spatial import cKDTree
 
 from inscrutable.decision_makers.baselines.path import DelayedDecisionMaker, PartialDecisionMaker, partial_trades
 from inscrutable.decision_makers.baselines.rule import PathRule
-from inscrutable.experiments.calibrated import scaled_to
-from inscrutable.experiments.setting import Behaviour, Setting, spent
+from inscrutable.experiments.setting import Behaviour, Setting, scaled_to, spent
 from inscrutable.mechanisms import Mechanism, mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.problems import DecisionProblem

@@ -11,6 +11,7 @@ import numpy as np
 
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import Candidates, OriginalDecisionMaker, decoy_grid
+from inscrutable.decision_makers.baselines.calibration import spending
 from inscrutable.errors import InputError
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior, mechanism
@@ -145,6 +146,11 @@ def behaviour_of(setting: Setting, decision_maker: PlaysMany, promise: Budget | 
     return Behaviour(
         known if isinstance(known, Mechanism) else mechanism(decision_maker, setting.prior.beliefs), promise
     )
+
+
+def scaled_to(setting: Setting, tried: Callable[[float], Behaviour], regret: float) -> Behaviour:
+    """Return the trial whose expected regret is the one asked for, or the nearest below it; it grows with the amount."""
+    return spending(tried, lambda behaviour: spent(setting, behaviour), regret)
 
 
 def spent(setting: Setting, behaviour: Behaviour) -> float:

@@ -13,7 +13,6 @@ import pandas as pd
 
 from inscrutable import __version__
 from inscrutable.datasets import output_folder, write_json, write_table
-from inscrutable.experiments.calibrated import SAME_SPENDING
 from inscrutable.experiments.comparison import COMPARED, Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.experiments.comparison_watchers import GAMMA_RANGE, N_PATHS, PATH_STEPS
@@ -130,8 +129,8 @@ def notes_of(comparison: Comparison) -> list[str]:
     """Return the definitions that the table rests on."""
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
-        "All decision makers of one budget are made to spend the same expected regret under the prior, to "
-        f"{SAME_SPENDING:.1%}; budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy "
+        "All decision makers of one budget are made to spend the same expected regret under the prior, to a millionth from "
+        f"below; budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy "
         "or comes in steps, as rounding and delay do, spends less; the first column says what.",
         _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate, in units of belief. naive: takes decisions for "

@@ -6,18 +6,23 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
+from inscrutable.geometry.crossings import Bracket, narrowed
 from inscrutable.mechanisms import Prior, mechanism
 
-_MOST_TRIALS = 80
 _SCAN = 7
 """Values between the ends that are tried where the ends lie on the same side of the target."""
+_LONGEST_STEP = float(np.log(4.0))
+"""Of the logarithm of an amount, where the first trial says little of the right one."""
+_MOST_IDLE = 3
+"""Steps running that change nothing: beyond hundreds of times the amount nothing more is taken to be spent."""
+Made = TypeVar("Made")
 
 
 class CalibrationStatus(Enum):
@@ -88,8 +93,8 @@ def calibrate(
     a prior, and the mean of ρ(π_t,u_t) along a path.
 
     R may rise or fall in a. The ends are tried, and seven values between them where both lie on one side of the target; a
-    bracket is then narrowed to a crossing, by secants and halvings of the parameter (of its logarithm where `low` is above
-    0). Where R is not monotone this is one crossing of several; a jump ends at its lower side.
+    bracket is then narrowed to a crossing, in the logarithm of the parameter where `low` is above 0. Where R is not
+    monotone this is one crossing of several; a jump ends at its lower side.
 
     Args:
         make: Parameter → decision maker, such as `lambda p: CoinDecisionMaker(problem, p)`. Give it candidates made once,
@@ -109,7 +114,7 @@ def calibrate(
 
     Cost: some ten to forty decision makers, each on all beliefs.
 
-    Source: bisection with secant steps (the Illinois rule of Dowell and Jarratt, 1971).
+    Source: secants and halvings (Anderson and Björck, BIT 13, 1973).
 
     Example:
         >>> from inscrutable import CoinDecisionMaker, FiniteProblem, uniform_prior
@@ -123,10 +128,33 @@ def calibrate(
         raise InputError(f"low must be below high, got {low:g} and {high:g}")
     if not callable(make):
         raise InputError(f"make must give a decision maker for a number, got {make!r}")
-    search = _Search(make, prior, target, low, high)
-    status = search.run()
-    found = search.best
-    return Calibration(found.decision_maker, found.parameter, found.regret, target, status, search.n_trials)
+
+    def made(parameter: float) -> tuple[Any, float]:
+        maker = make(parameter)
+        return maker, expected_regret(maker, prior)
+
+    search = _Search(made, target, low, high)
+    status, found = search.between_ends(), search.best
+    return Calibration(found.made, found.parameter, found.regret, target, status, search.n_trials)
+
+
+def spending(make: Callable[[float], Made], regret_of: Callable[[Made], float], regret: float) -> Made:
+    """Return what is made from the amount, about `regret` at first, at which the expected regret comes nearest from below.
+
+    The regret must grow with the amount from nothing. It is reached as by `calibrate`, or the nearest below stands: where
+    single decisions leap over it, or a larger amount is not spent.
+    """
+
+    def made(amount: float) -> tuple[Made, float]:
+        found = make(amount)
+        return found, regret_of(found)
+
+    if regret <= 0.0:
+        return make(regret)
+    search = _Search(made, regret, np.finfo(float).tiny, np.inf)
+    search.from_guess(float(np.log(regret)))
+    found: Made = search.best.made
+    return found
 
 
 def expected_regret(decision_maker: Any, prior: Prior | ArrayLike) -> float:
@@ -142,31 +170,28 @@ def expected_regret(decision_maker: Any, prior: Prior | ArrayLike) -> float:
     return float(np.mean(decision_maker.decide_many(prior).regret))
 
 
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    decision_maker: Any
+class _Trial(NamedTuple):
+    made: Any
     parameter: float
     place: float  # the parameter, or its logarithm
     regret: float
 
 
 class _Search:
-    def __init__(
-        self, make: Callable[[float], Any], prior: Prior | ArrayLike, target: float, low: float, high: float
-    ) -> None:
-        self.make, self.prior, self.target = make, prior, target
+    def __init__(self, make: Callable[[float], tuple[Any, float]], target: float, low: float, high: float) -> None:
+        self.make, self.target = make, target
         self.is_log = low > 0
         self.ends = (low, high)
         self.n_trials = 0
         self.best: _Trial
 
-    def run(self) -> CalibrationStatus:
-        """Search the range for the target; the best trial is kept in `best`."""
-        first, last = (self._tried(end, self._place(end)) for end in self.ends)
-        trials = [first, last]
+    def between_ends(self) -> CalibrationStatus:
+        """Search the whole range for the target; the best trial is kept in `best`."""
+        places = np.log(self.ends) if self.is_log else self.ends
+        trials = [self._at(float(place)) for place in places]
+        first, last = trials
         if self._is_below(first) == self._is_below(last) and not self._is_reached():
-            places = np.linspace(first.place, last.place, _SCAN + 2)[1:-1]
-            trials[1:1] = [self._at(place) for place in places]
+            trials[1:1] = [self._at(float(place)) for place in np.linspace(places[0], places[1], _SCAN + 2)[1:-1]]
         for one, other in pairwise(trials):
             if self._is_below(one) != self._is_below(other):
                 self._narrow(one, other)
@@ -175,39 +200,37 @@ class _Search:
             return CalibrationStatus.REACHED
         return CalibrationStatus.ALL_CHEAPER if self._is_below(first) else CalibrationStatus.ALL_DEARER
 
+    def from_guess(self, place: float) -> None:
+        """Step from a place towards the target, as if the regret grew with the parameter, each time counting double, and
+        narrow what lies between. After a step that changed nothing the next is a long one."""
+        trial, weight, idle = self._at(place), 1.0, 0
+        aim = self.target * (1.0 - 0.5 * tolerances.CALIBRATED)  # the middle of what counts as reached
+        while not self._is_reached() and idle < _MOST_IDLE:
+            missing = abs(np.log(aim / trial.regret)) if trial.regret > 0 and not idle else np.inf
+            step = weight * min(float(missing), _LONGEST_STEP)
+            ahead = self._at(trial.place + (step if self._is_below(trial) else -step))
+            if self._is_below(ahead) != self._is_below(trial):
+                self._narrow(trial, ahead)
+                return
+            weight *= 2.0
+            idle = idle + 1 if abs(ahead.regret - trial.regret) <= tolerances.CALIBRATED * self.target else 0
+            trial = ahead
+
     def _narrow(self, one: _Trial, other: _Trial) -> None:
         """Narrow a bracket until the target is reached or nothing lies between its ends."""
-        aim = self.target * (1.0 - 0.5 * tolerances.CALIBRATED)  # the middle of what counts as reached
-        weights = [1.0, 1.0]
-        ends = [one, other]
-        for round_ in range(_MOST_TRIALS):
-            if self._is_reached():
-                return
-            gaps = [weight * (end.regret - aim) for weight, end in zip(weights, ends, strict=True)]
-            share = gaps[0] / (gaps[0] - gaps[1])
-            if round_ % 3 == 2 or not 0 < share < 1:
-                share = 0.5
-            place = ends[0].place + share * (ends[1].place - ends[0].place)
-            if place in (ends[0].place, ends[1].place):
-                place = 0.5 * (ends[0].place + ends[1].place)
-                if place in (ends[0].place, ends[1].place):
-                    return
-            trial = self._at(place)
-            moved = 0 if self._is_below(trial) == self._is_below(ends[0]) else 1
-            ends[moved], weights[moved] = trial, 1.0
-            weights[1 - moved] *= 0.5  # an end that stays counts less: the next secant leans towards it
+        ends = (one, other) if self._is_below(one) else (other, one)
+        narrowed(
+            lambda _, place: np.array([self._at(float(place[0])).regret - self.target]),
+            Bracket(*(np.array([end.place]) for end in ends)),
+            Bracket(*(np.array([end.regret - self.target]) for end in ends)),
+            spare=tolerances.CALIBRATED * self.target,
+            width=tolerances.CALIBRATED if self.is_log else 2.0 * float(np.spacing(max(np.abs(self.ends)))),
+        )
 
     def _at(self, place: float) -> _Trial:
-        low, high = self.ends
-        parameter = float(np.clip(np.exp(place) if self.is_log else place, low, high))
-        return self._tried(parameter, place)
-
-    def _place(self, parameter: float) -> float:
-        return float(np.log(parameter)) if self.is_log else parameter
-
-    def _tried(self, parameter: float, place: float) -> _Trial:
-        maker = self.make(parameter)
-        trial = _Trial(maker, parameter, float(place), expected_regret(maker, self.prior))
+        parameter = float(np.clip(np.exp(place) if self.is_log else place, *self.ends))
+        made, regret = self.make(parameter)
+        trial = _Trial(made, parameter, place, regret)
         if self.n_trials == 0 or self._rank(trial) > self._rank(self.best):
             self.best = trial
         self.n_trials += 1

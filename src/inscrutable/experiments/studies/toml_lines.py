@@ -1,22 +1,20 @@
 """Where in a TOML text a key stands, so that a message can name the line.
 
-The text has been parsed before, so it is known to be TOML; this walks over it once more and keeps line numbers.
+The text has been parsed before, so it is known to be TOML; this goes over its marks once more and counts lines.
 """
 
 from __future__ import annotations
 
 import re
 import tomllib
-from bisect import bisect_left
 
 Place = tuple[str | int, ...]
 
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
-_QUOTED = re.compile(r'"(?:\\.|[^"\\\n])*"|' + r"'[^'\n]*'")
-_STRING = re.compile(r'"""(?:\\.|[^\\])*?"{3,5}' + r"|'''.*?'{3,5}" + r'|"(?:\\.|[^"\\\n])*"' + r"|'[^'\n]*'", re.S)
-_SCALAR = re.compile(r"[^\s,\]}#]+(?: \d\d:[^\s,\]}#]+)?")
-_BLANK = re.compile(r"[ \t]*")
-_BLANKS = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_TOKEN = re.compile(
+    r'(?P<text>"""(?:\\.|[^\\])*?"{3,5}|' + r"'''.*?'{3,5}" + r'|"(?:\\.|[^"\\\n])*"|' + r"'[^'\n]*')"
+    r"|(?P<mark>[\n\[\]{}=,.])|(?P<bare>[^\s\[\]{}=,.#\"']+)|#[^\n]*",
+    re.S,
+)
 
 
 def key_lines(text: str) -> dict[Place, int]:
@@ -29,110 +27,78 @@ def key_lines(text: str) -> dict[Place, int]:
         >>> key_lines('a = 1\\n[[b]]\\nc = [2,\\n 3]')
         {('a',): 1, ('b',): 2, ('b', 0): 2, ('b', 0, 'c'): 3, ('b', 0, 'c', 0): 3, ('b', 0, 'c', 1): 4}
     """
-    return _Walk(text).run()
+    found, line = _Places(), 1
+    for token in _TOKEN.finditer(text):
+        if token.lastgroup is not None:
+            for place in found.after(token.lastgroup, token[0]):
+                found.lines.setdefault(place, line)
+        line += token[0].count("\n")
+    return found.lines
 
 
-class _Walk:
-    def __init__(self, text: str) -> None:
-        self.text = text.replace("\r\n", "\n")
-        self._breaks = [found.start() for found in re.finditer("\n", self.text)]
-        self.at = 0
+class _Places:
+    """Which places the tokens of a text open, one token after another."""
+
+    def __init__(self) -> None:
         self.lines: dict[Place, int] = {}
-        self.counts: dict[Place, int] = {}
+        self._tables: dict[Place, int] = {}  # how many an array of tables has
+        self._table: Place = ()
+        self._brackets = 0  # of a header, before its name
+        self._keys: Place = ()  # those before the next = or ]
+        self._value: Place | None = None  # what is given a value just now
+        self._open: list[tuple[str, Place]] = []  # arrays and inline tables
+        self._counts: list[int] = []  # commas in each
 
-    def run(self) -> dict[Place, int]:
-        table: Place = ()
-        self._skip(_BLANKS)
-        while self.at < len(self.text):
-            if self.text.startswith("[[", self.at):
-                table = self._header(2)
-            elif self.text[self.at] == "[":
-                table = self._header(1)
-            else:
-                self._pair(table)
-            self._skip(_BLANKS)
-        return self.lines
+    def after(self, kind: str, got: str) -> list[Place]:
+        """Return the places that a token opens."""
+        array = self._value is None and bool(self._open) and self._open[-1][0] == "["
+        entry: Place = (*self._open[-1][1], self._counts[-1]) if array else self._value or ()
+        if got == "\n":
+            self._value = self._value if self._open else None
+        elif got in ("[", "{") and (array or self._value is not None):
+            self._open.append((got, entry))
+            self._counts.append(0)
+            self._value = None
+        elif got in ("]", "}") and self._open:
+            self._open.pop()
+            self._counts.pop()
+            self._value = None
+            return []
+        elif got == "," and self._open:
+            self._counts[-1] += 1
+            self._value = None
+            return []
+        elif not array and self._value is None:
+            return self._named(kind, got)
+        return [entry] if array and got != "\n" else []
 
-    def _header(self, brackets: int) -> Place:
-        """The place that a [table] or [[array of tables]] opens."""
-        self.at += brackets
-        keys = self._keys()
-        place = self._entered(keys[:-1])
-        last: Place = (*place, keys[-1])
-        self._note(last)
-        if brackets == 2:
-            number = self.counts.get(last, 0)
-            self.counts[last] = number + 1
-            last = (*last, number)
-            self._note(last)
-        self.at += brackets
-        return last
+    def _named(self, kind: str, got: str) -> list[Place]:
+        """The same among keys and headers."""
+        within = self._open[-1][1] if self._open else self._table
+        if got == "[":
+            self._brackets += 1
+        elif got == "]":
+            return self._header() if self._keys else []
+        elif got == "=":
+            self._value, self._keys = (*within, *self._keys), ()
+        elif kind != "mark":
+            self._keys = (*self._keys, tomllib.loads(f"x = {got}")["x"] if kind == "text" else got)
+            return [] if self._brackets else [(*within, *self._keys)]
+        return []
 
-    def _entered(self, keys: list[str]) -> Place:
-        """A place of tables, the latest one wherever there is an array of them."""
+    def _header(self) -> list[Place]:
+        """What a [table] or [[array of tables]] opens; on the way the latest table, wherever there is an array of them."""
+        places: list[Place] = []
         place: Place = ()
-        for key in keys:
+        for key in self._keys:
+            if place in self._tables:
+                place = (*place, self._tables[place] - 1)
             place = (*place, key)
-            self._note(place)
-            if place in self.counts:
-                place = (*place, self.counts[place] - 1)
-        return place
-
-    def _pair(self, table: Place) -> None:
-        place = table
-        for key in self._keys():
-            place = (*place, key)
-            self._note(place)
-        self.at += 1  # the equals sign
-        self._skip(_BLANK)
-        self._value(place)
-
-    def _keys(self) -> list[str]:
-        keys = []
-        while True:
-            self._skip(_BLANK)
-            quoted = _QUOTED.match(self.text, self.at)
-            found = quoted or _BARE.match(self.text, self.at)
-            assert found is not None
-            self.at = found.end()
-            keys.append(tomllib.loads(f"x = {found[0]}")["x"] if quoted else found[0])
-            self._skip(_BLANK)
-            if not self.text.startswith(".", self.at):
-                return keys
-            self.at += 1
-
-    def _value(self, place: Place) -> None:
-        opening = self.text[self.at]
-        if opening == "[":
-            self._entries(place, "]")
-        elif opening == "{":
-            self._entries(place, "}")
-        else:
-            self._skip(_STRING if opening in "\"'" else _SCALAR)
-
-    def _entries(self, place: Place, closing: str) -> None:
-        """The entries of an array or of an inline table."""
-        self.at += 1
-        number = 0
-        while True:
-            self._skip(_BLANKS)
-            if self.text[self.at] == closing:
-                self.at += 1
-                return
-            if self.text[self.at] == ",":
-                self.at += 1
-            elif closing == "}":
-                self._pair(place)
-            else:
-                entry = (*place, number)
-                number += 1
-                self._note(entry)
-                self._value(entry)
-
-    def _note(self, place: Place) -> None:
-        self.lines.setdefault(place, bisect_left(self._breaks, self.at) + 1)
-
-    def _skip(self, pattern: re.Pattern[str]) -> None:
-        found = pattern.match(self.text, self.at)
-        if found is not None:
-            self.at = found.end()
+            places.append(place)
+        if self._brackets == 2:
+            number = self._tables.get(place, 0)
+            self._tables[place] = number + 1
+            place = (*place, number)
+            places.append(place)
+        self._table, self._keys, self._brackets = place, (), 0
+        return places

@@ -88,10 +88,12 @@ def test_what_is_followed_equals_every_path(n_late: int) -> None:
     chain = uneven_chain()
     played = some_mechanism(chain)
     sequences = list(product(range(3), repeat=3))
-    over_time, alone, named = followed(chain, played, np.array(sequences).T, n_late)
+    over_time, alone, named, surprise = followed(chain, played, np.array(sequences).T, n_late)
     for d, seen in enumerate(sequences):
         for t in range(3):
-            error, _, naming = hidden(chain, played, seen[: t + 1], n_late)
+            error, chance, naming = hidden(chain, played, seen[: t + 1], n_late)
+            before = hidden(chain, played, seen[:t], n_late)[1] if t else 1.0
+            assert surprise[t, d] == pytest.approx(-np.log2(chance / before), abs=1e-12)
             assert over_time[t, d] == pytest.approx(error, abs=1e-12)
             assert named[t, d] == pytest.approx(naming, abs=1e-12)
             assert alone[t, d] == pytest.approx(hidden(chain, played, seen[t : t + 1], n_late)[0], abs=1e-12)
@@ -113,6 +115,17 @@ def test_the_error_over_time_is_that_of_all_paths(monkeypatch: pytest.MonkeyPatc
     wanted = np.sqrt((squared[1] + squared[2]) / 2)  # the later half
     assert 0 < found.error_se < 0.002
     assert abs(found.error - wanted) <= 5 * found.error_se
+    table = np.asarray(played.probabilities)
+    own = float(chain.prior.weights @ -(table * np.log2(table)).sum(axis=1))
+    told = [
+        -sum(
+            chance * np.log2(chance)
+            for chance in (hidden(chain, played, seen, 0)[1] for seen in product(range(3), repeat=n))
+        )
+        for n in (1, 2, 3)
+    ]
+    assert abs(found.bits - ((told[2] - told[0]) / 2 - own)) <= 5 * found.bits_se
+    assert 0 < found.bits_se < 0.01
     assert wanted < bayes - 0.01
 
 

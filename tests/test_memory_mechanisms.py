@@ -353,6 +353,20 @@ def test_a_rule_goes_by_what_decisions_alone_tell(fresh_rng: np.random.Generator
         adversary.filter(np.zeros((3, 2)))
 
 
+def test_a_rule_may_take_another_chain_for_true(fresh_rng: np.random.Generator) -> None:
+    chain = random_chain(fresh_rng, 3)
+    rule, still, actions = Hedging(chain.prior.beliefs), resting_chain(chain.prior, 1.0), [0, 1, 1, 0]
+    found = SequentialAdversary(still, rule, agent_world=chain).filter(actions)
+    law, public, before = chain.prior.weights, chain.prior.weights, None
+    for t, u in enumerate(actions):
+        shares = rule.mechanism_for(Prior(rule.beliefs, public), before).probabilities[:, u]
+        law, public, before = law * shares / (law @ shares), public * shares / (public @ shares), u
+        np.testing.assert_allclose(found.weights[t], law, atol=EXACT)
+        public = public @ chain.transition.toarray()
+    with pytest.raises(InputError, match="agent_world must be a BeliefChain"):
+        SequentialAdversary(chain, rule, agent_world=random_world(fresh_rng, 3, 2))
+
+
 def test_what_a_rule_tells_along_paths_equals_enumeration(fresh_rng: np.random.Generator) -> None:
     chain, n_steps = random_chain(fresh_rng, 3), 3
     rule, transition = Hedging(chain.prior.beliefs), chain.transition.toarray()

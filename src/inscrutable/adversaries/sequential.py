@@ -52,7 +52,7 @@ class SequentialAdversary:
             well; or a `MechanismRule`, such as `SequentialDecisionMaker`, which makes K_t of what one holds at step t who
             has seen the decisions before it and nothing else.
         agent_world: The world as the agent has it in its own filter; None: the same. An observation that it rules out
-            leaves the agent with its prediction.
+            leaves the agent with its prediction. Of a chain the one that a rule takes for true.
         sensor: The adversary's own sensor on the same states, an `Emission`; what it reports goes into `observations`.
         interpolation: "linear", or "nearest": each belief is moved to the nearest of the mechanism's. From five states on
             always the latter.
@@ -84,7 +84,7 @@ class SequentialAdversary:
         world: HiddenMarkovModel | BeliefChain,
         mechanism: Mechanism | MemoryMechanism | MechanismRule,
         *,
-        agent_world: HiddenMarkovModel | None = None,
+        agent_world: HiddenMarkovModel | BeliefChain | None = None,
         sensor: Emission | None = None,
         interpolation: str = "linear",
         n_particles: int = 0,
@@ -109,8 +109,10 @@ class SequentialAdversary:
     ) -> InverseFilter | BeliefParticles:
         """What reads sequences in a world: a grid of beliefs, or particles."""
         if isinstance(world, BeliefChain):
-            if agent_world is not world or self.sensor is not None or self.n_particles:
-                raise InputError("a chain of beliefs has no states: it takes no agent_world, sensor or n_particles")
+            if self.sensor is not None or self.n_particles:
+                raise InputError("a chain of beliefs has no states: it takes no sensor or n_particles")
+            if not isinstance(agent_world, BeliefChain):
+                raise InputError(f"agent_world must be a BeliefChain, as the world is, got {agent_world!r}")
             return InverseFilter(moves_of(world, points), rule)
         _check_worlds(world, agent_world, rule.beliefs.shape[1], needs_symbols=not self.n_particles)
         if self.n_particles:

@@ -119,6 +119,11 @@ class Comparison(Saved):
         return any(np.isfinite(row.path_error) for row in self.rows)
 
     @property
+    def ceilings(self) -> dict[float, float]:
+        """Errors over time that no rule exceeds, by expected regret, where they were found."""
+        return {row.budget: row.path_ceiling for row in self.rows if np.isfinite(row.path_ceiling)}
+
+    @property
     def is_learned(self) -> bool:
         """Whether the cost has a risk aversion, so that an observer can lack it."""
         return any(np.isfinite(row.learned_holds) for row in self.rows)
@@ -136,13 +141,16 @@ class Comparison(Saved):
 
     def _flat(self, row: ComparisonRow) -> dict[str, object]:
         values: dict[str, object] = {
-            each.name: getattr(row, each.name) for each in fields(row) if not each.name.startswith("repeated_")
+            each.name: getattr(row, each.name)
+            for each in fields(row)
+            if not each.name.startswith("repeated_") and each.name != "told_errors"
         }
         for s, n in enumerate(self.repeats):
             values[f"bayes_error_after_{n}"] = float(row.repeated_errors[s])
             values[f"bayes_error_after_{n}_se"] = float(row.repeated_error_se[s])
             values[f"information_after_{n}"] = float(row.repeated_information[s])
             values[f"top_state_after_{n}"] = float(row.repeated_top_state[s])
+            values[f"bayes_error_after_{n}_told"] = float(row.told_errors[s])
         return values
 
     def header(self) -> str:

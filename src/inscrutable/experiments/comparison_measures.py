@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from inscrutable.experiments.comparison_watchers import Learned, Watched, learned, watched
+from inscrutable.experiments.comparison_watchers import Learned, learned, watched
 from inscrutable.experiments.measures import value_of
 from inscrutable.experiments.observers import Observed
-from inscrutable.experiments.setting import Behaviour
+from inscrutable.experiments.setting import Behaviour, Repeated, Watched
 from inscrutable.mechanisms import Prior
 from inscrutable.privacy import leakage, repeated_leakage
 from inscrutable.saved import Saved
@@ -51,11 +51,19 @@ class ComparisonRow(Saved):
         repeated_error_se: Their standard errors, shape (S,); 0 where exact.
         repeated_information: Bits after each number of repeated decisions, shape (S,).
         repeated_top_state: How often the most likely state is then named, shape (S,).
+        told_errors: Bayes error after each of these numbers where the rule knows that the belief stays, as the observer does,
+            shape (S,); of others than the sequential rule the same.
+        told_regret: The expected regret that the sequential rule then has, at the same prices; NaN for others.
         strength: Steps of a delay, or the fraction traded; NaN for others.
         path_error: Of one who knows the mechanism and how the belief moves, and follows it from decision to decision; NaN
             where that is not known. Its ceiling is the prior's error too.
         path_error_se: Its standard error, over independent paths.
         path_top_state: How often that one names a most likely state.
+        path_bits: What a decision tells that one beyond those before it, in bits.
+        path_bits_se: Its standard error, over independent paths.
+        path_ceiling: An error over time that no rule of the same expected regret exceeds; NaN but for the sequential rule.
+        path_error_half: The error over time where beliefs stay half as long as the sequential rule takes them to.
+        path_error_double: The same where they stay twice as long.
         learned_low: Least risk aversion that explains every decision of a path to one who knows all of the cost but that, and
             takes decisions for optimal; NaN where none explains them all, and for costs without one.
         learned_high: The greatest.
@@ -90,10 +98,17 @@ class ComparisonRow(Saved):
     repeated_error_se: Array
     repeated_information: Array
     repeated_top_state: Array
+    told_errors: Array
+    told_regret: float = float("nan")
     strength: float = float("nan")
     path_error: float = float("nan")
     path_error_se: float = float("nan")
     path_top_state: float = float("nan")
+    path_bits: float = float("nan")
+    path_bits_se: float = float("nan")
+    path_ceiling: float = float("nan")
+    path_error_half: float = float("nan")
+    path_error_double: float = float("nan")
     learned_low: float = float("nan")
     learned_high: float = float("nan")
     learned_holds: float = float("nan")
@@ -106,7 +121,11 @@ def measured(
     """Return every measure of a mechanism; `repeats` are the numbers of repeated decisions and the sampled sequences."""
     setting, behaviour = observed.setting, observed.behaviour
     again = _repeated(setting.prior, behaviour, repeats, rng)
+    told = again if behaviour.play is None else behaviour.play.repeated(repeats[0], told=True)
     of_mechanism: dict[str, Any] = {each: value_of(observed, each) for each in _OF_MECHANISM}
+    if behaviour.play is not None and observed.played.expected_regret > 0:
+        for each in ("expected_regret", "cost_share", "silence_share"):
+            of_mechanism[each] *= behaviour.play.regret / observed.played.expected_regret
     readings = {
         each: observed.read_by({"name": each}) for each in ("naive", "near-optimal", "budget-aware", "bayesian")
     }
@@ -127,7 +146,9 @@ def measured(
         n_actions=observed.played.n_actions,
         strength=behaviour.strength,
         **of_mechanism,
-        **_prefixed("repeated", again),
+        **_prefixed("repeated", again, without=("regret",)),
+        told_errors=told.errors,
+        told_regret=told.regret,
         **_prefixed("path", path),
         **_prefixed("learned", learner),
     )
@@ -139,28 +160,21 @@ _OF_MECHANISM = (
 )
 
 
-def _prefixed(name: str, figures: _Repeated | Watched | Learned) -> dict[str, Any]:
-    return {f"{name}_{key}": value for key, value in figures._asdict().items()}
-
-
-class _Repeated(NamedTuple):
-    """Figures after each number of decisions on one belief, each (S,)."""
-
-    errors: Array
-    error_se: Array
-    information: Array
-    top_state: Array
+def _prefixed(name: str, figures: Repeated | Watched | Learned, without: tuple[str, ...] = ()) -> dict[str, Any]:
+    return {f"{name}_{key}": value for key, value in figures._asdict().items() if key not in without}
 
 
 def _repeated(
     prior: Prior, behaviour: Behaviour, repeats: tuple[tuple[int, ...], int], rng: np.random.Generator
-) -> _Repeated:
+) -> Repeated:
     steps, n_draws = repeats
+    if behaviour.play is not None:
+        return behaviour.play.repeated(steps, told=False)
     if behaviour.memory is None:
         found = repeated_leakage(behaviour.mechanism, prior, steps, rng=rng, n_draws=n_draws)
-        return _Repeated(found.bayes_error, found.error_se, found.mutual_information, found.top_state_accuracy)
+        return Repeated(found.bayes_error, found.error_se, found.mutual_information, found.top_state_accuracy)
     read = [leakage(behaviour.memory(n), prior) for n in steps]
-    return _Repeated(
+    return Repeated(
         np.array([each.bayes_error for each in read]),
         np.zeros(len(steps)),
         np.array([each.mutual_information for each in read]),

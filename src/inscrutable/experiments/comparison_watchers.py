@@ -19,7 +19,7 @@ from scipy import sparse
 from inscrutable.adversaries import CostLearningAdversary, LearnedCost, NaiveAdversary, NearOptimalAdversary
 from inscrutable.experiments.guesses import guess_error
 from inscrutable.experiments.memory_rules import PAST
-from inscrutable.experiments.setting import Behaviour, Setting
+from inscrutable.experiments.setting import Behaviour, Setting, Watched
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.drawing import RowDraws
@@ -42,17 +42,6 @@ _DENSE = 0.1
 """Share of entries above zero from which a table is multiplied as a plain one."""
 
 
-class Watched(NamedTuple):
-    """Error of one who follows the belief over time, with its standard error, and how often a most likely state is named.
-
-    NaN where it is not known how the belief moves.
-    """
-
-    error: float = float("nan")
-    error_se: float = float("nan")
-    top_state: float = float("nan")
-
-
 class Learned(NamedTuple):
     """What one concludes who learns the risk aversion; all NaN where there is none, the interval where none explains."""
 
@@ -71,25 +60,43 @@ def watched(setting: Setting, behaviour: Behaviour, bayes_error: float, rng: np.
     chain = setting.chain
     if chain is None:
         return Watched()
+    if behaviour.play is not None:
+        return behaviour.play.watched
     decided, n_late = (behaviour.mechanism, 0) if behaviour.memory is None else behaviour.memory.decided
     drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting, PATH_STEPS, N_PATHS), rng)
-    over_time, alone, named = (
+    over_time, alone, named, surprise = (
         each[PATH_STEPS // 2 :].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late)
     )
+    # What a decision adds is the surprise that it is, less the one that is left where the belief is known.
+    own = float(chain.prior.weights @ _entropies(decided.observed))
+    bits_se = float(surprise.std(ddof=1)) / np.sqrt(len(surprise))
     squared, spread = (float(each[0]) for each in adjusted_means(over_time, alone - bayes_error**2))
     error = float(np.sqrt(max(squared, 0.0)))
-    return Watched(error, spread / (2.0 * error) if error > 0 else 0.0, min(float(named.mean()), 1.0))
+    return Watched(
+        error,
+        spread / (2.0 * error) if error > 0 else 0.0,
+        min(float(named.mean()), 1.0),
+        max(float(surprise.mean()) - own, 0.0),
+        bits_se,
+    )
+
+
+def _entropies(table: Any) -> Array:
+    """H(K(·|π_b)) of every belief, shape (B,), in bits."""
+    rows = sparse.csr_array(table)
+    rows.data = -rows.data * np.log2(rows.data)
+    return np.asarray(rows.sum(axis=1)).reshape(-1)
 
 
 def followed(
     chain: BeliefChain, mechanism: Mechanism, columns: np.ndarray, n_late: int = 0
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Return the square error that one expects who saw all decisions so far, and one who saw the last alone.
 
-    The third are the first one's chances of naming a most likely state.
+    The third are the first one's chances of naming a most likely state, the fourth how much each decision surprised, in bits.
 
-    Formula: E[‖π_t − E[π_t|u_0..u_t]‖² | u_0..u_t], E[‖π_t − E[π_t|u_t]‖² | u_t], and
-    max_i P(i is a most likely state of π_t | u_0..u_t).
+    Formula: E[‖π_t − E[π_t|u_0..u_t]‖² | u_0..u_t], E[‖π_t − E[π_t|u_t]‖² | u_t],
+    max_i P(i is a most likely state of π_t | u_0..u_t), and −log2 P(u_t | u_0..u_{t−1}).
 
     Args:
         chain: How the belief moves.
@@ -114,13 +121,14 @@ def followed(
     shares = np.ascontiguousarray(sparse.csc_array(mechanism.observed)[:, used].toarray().T)
     place = place.reshape(columns.shape)
     law = np.tile(chain.prior.weights, (columns.shape[1], 1))
-    found, named = np.empty(columns.shape), np.empty(columns.shape)
+    found, named, surprise = np.empty((3, *columns.shape))
     for t, seen in enumerate(place):
         law = (law if t == 0 else np.asarray(law @ step)) * shares[seen]
-        law /= law.sum(axis=1, keepdims=True)
-        found[t], named[t] = expected(law), (law @ top).max(axis=1)
+        chance = law.sum(axis=1, keepdims=True)
+        law /= chance
+        found[t], named[t], surprise[t] = expected(law), (law @ top).max(axis=1), -np.log2(chance[:, 0])
     alone = shares * chain.prior.weights
-    return found, expected(alone / alone.sum(axis=1, keepdims=True))[place], named
+    return found, expected(alone / alone.sum(axis=1, keepdims=True))[place], named, surprise
 
 
 def learned(
@@ -169,6 +177,8 @@ def _guesses(setting: Setting, behaviour: Behaviour, joint: Joint, parameter: fl
 def _published(setting: Setting, behaviour: Behaviour, rng: np.random.Generator) -> Array:
     """The decisions (T,U) published along a path of the belief, by one who has decided for so long that the start is past."""
     path = _paths(setting, PAST + PATH_STEPS, 1)[:, 0]
+    if behaviour.play is not None:
+        return behaviour.play.published(path)[PAST:]
     if behaviour.memory is not None:
         return behaviour.memory.published(path)[PAST:]
     drawn = RowDraws(behaviour.mechanism.sparse)(path[PAST:], rng)

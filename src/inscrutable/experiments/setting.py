@@ -126,6 +126,47 @@ class Memory(Protocol):
         """Return the decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""
 
 
+class Watched(NamedTuple):
+    """What is hidden from one who knows the rule and follows the belief through every decision; NaN where that is not known."""
+
+    error: float = float("nan")  # root mean square
+    error_se: float = float("nan")
+    top_state: float = float("nan")  # how often that one names a most likely state
+    bits: float = float("nan")  # what a decision adds
+    bits_se: float = float("nan")
+    ceiling: float = float("nan")  # an error that no rule of the same regret exceeds
+    error_half: float = float("nan")  # where beliefs stay half as long as the rule takes them to
+    error_double: float = float("nan")  # where they stay twice as long
+
+
+class Repeated(NamedTuple):
+    """Figures after each number of decisions on one belief, each (S,)."""
+
+    errors: Array
+    error_se: Array
+    information: Array
+    top_state: Array
+    regret: float = float("nan")  # expected, over all of them; NaN where it is that of the mechanism
+
+
+class Play(Protocol):
+    """What a rule does whose mechanism changes with what the observer holds, as far as it was simulated."""
+
+    @property
+    def regret(self) -> float:
+        """The expected regret in the long run, in the cost's unit, of more steps than `mechanism` is averaged over."""
+
+    @property
+    def watched(self) -> Watched:
+        """What is hidden from one who follows it."""
+
+    def repeated(self, steps: tuple[int, ...], *, told: bool) -> Repeated:
+        """Return what decisions on one belief tell; `told`: the rule knows that it stays, as the observer does."""
+
+    def published(self, path: np.ndarray) -> Array:
+        """Return the decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""
+
+
 class Behaviour(NamedTuple):
     """A mechanism that spends what was asked for, as nearly as it can, and what it promises of every single decision."""
 
@@ -138,6 +179,8 @@ class Behaviour(NamedTuple):
     """What was set so that the regret is spent: steps of a delay, the fraction traded; NaN for others."""
     asked: float | None = None
     """The expected regret asked for, in the cost's unit; None where none was."""
+    play: Play | None = None
+    """What the rule does where its mechanism changes; `mechanism` is then that of the long run, for single decisions."""
 
 
 def behaviour_of(setting: Setting, decision_maker: PlaysMany, promise: Budget | None = None) -> Behaviour:

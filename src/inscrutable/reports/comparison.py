@@ -30,7 +30,12 @@ _NOT_ON_TERMINAL = (
     "told from honest, AUC",
     "error, cost learned",
     "risk aversion learned",
+    "over time, stays half as long",
+    "over time, stays twice as long",
 )
+
+
+_OVER_TIME = "error, aware, over time"
 
 
 class _Column(NamedTuple):
@@ -46,7 +51,19 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column(f"error, aware, {n} decisions" if n > 1 else "error, aware", _repeated(s))
         for s, n in enumerate(comparison.repeats)
     ]
-    over_time = [_Column("error, aware, over time", lambda row: row.path_error)]
+    told = [
+        _Column(f"error, aware, {n} decisions, rule told", _told(s))
+        for s, n in enumerate(comparison.repeats)
+        if n > 1 and comparison.ceilings
+    ]
+    over_time = [
+        _Column(_OVER_TIME, lambda row: row.path_error),
+        _Column("bits a decision, over time", lambda row: row.path_bits, ".2f"),
+    ]
+    astray = [
+        _Column("over time, stays half as long", lambda row: row.path_error_half),
+        _Column("over time, stays twice as long", lambda row: row.path_error_double),
+    ]
     learned = [
         _Column("error, cost learned", lambda row: row.learned_error),
         _Column("risk aversion learned", _learned),
@@ -64,7 +81,9 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column("error, near-optimal", lambda row: row.near_optimal_error),
         _Column("error, budget-aware", lambda row: row.budget_aware_error),
         *after,
+        *told,
         *(over_time if comparison.is_moving else []),
+        *(astray if comparison.ceilings else []),
         *(learned if comparison.is_learned else []),
         _Column("bits", lambda row: row.mutual_information, ".2f"),
         _Column("top state, naive, %", lambda row: _PERCENT * row.naive_top_state, ".0f"),
@@ -79,6 +98,10 @@ _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
 
 def _repeated(place: int) -> Callable[[ComparisonRow], float]:
     return lambda row: float(row.repeated_errors[place])
+
+
+def _told(place: int) -> Callable[[ComparisonRow], float]:
+    return lambda row: float(row.told_errors[place])
 
 
 def _learned(row: ComparisonRow) -> str:
@@ -102,7 +125,14 @@ def short_table(comparison: Comparison, budget: float | None = None) -> pd.DataF
     kept = [row for row in comparison.rows if budget is None or row.budget in (0.0, budget)]
     columns = _columns(comparison)
     lines = [{each.title: _written(each.value(row), each.style) for each in columns if each.title} for row in kept]
-    return pd.DataFrame(lines, index=pd.Index([_name(row) for row in kept], name="decision maker"))
+    names = [_name(row) for row in kept]
+    for known, ceiling in comparison.ceilings.items():
+        if budget is None or known == budget:
+            lines.append(
+                {each.title: _written(ceiling, ".3f") if each.title == _OVER_TIME else "-" for each in columns}
+            )
+            names.append("ceiling" if budget is not None else f"ceiling at {known:.3g}")
+    return pd.DataFrame(lines, index=pd.Index(names, name="decision maker"))
 
 
 def _name(row: ComparisonRow) -> str:
@@ -193,6 +223,17 @@ def _on_paths(comparison: Comparison) -> list[str]:
             "partial trades: a fraction of the way to the optimal decision at every step; aware: knows the fraction and the "
             "decision before, from which the optimal one follows exactly. Those who do not know the rule read one decision by "
             "itself."
+        )
+    if comparison.ceilings:
+        found.append(
+            "sequential: goes by what its decisions have told already, and by the chain of beliefs that it is given. After "
+            "several decisions on one belief its error is shown twice: where the rule takes the belief to move by that chain, "
+            "while it happens to stay, and where the rule knows that it stays, at the same prices (rule told; its regret is "
+            "then its own, told_regret in the CSV file). Long-run figures are simulated; single decisions are read by one who "
+            "knows what the rule plays in the long run. stays half, twice as long: the error over time where the chain that "
+            "the rule takes to be true is wrong about how long beliefs stay. ceiling: no rule of the same expected regret "
+            "leaves one who follows it a larger error over time, on this chain of these beliefs; no figure here holds without "
+            "the chain."
         )
     return found
 

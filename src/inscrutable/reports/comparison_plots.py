@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from textwrap import wrap
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,11 +25,12 @@ _SIDE = 1.96
 
 
 class _Panel(NamedTuple):
-    """One observer: how the panel is headed, its error of a row, and the standard error of that."""
+    """One observer: how the panel is headed, its error of a row, the standard error of that, and the ceiling's budgets."""
 
     title: str
     error: Callable[[ComparisonRow], float]
     spread: Callable[[ComparisonRow], float]
+    ceilings: Mapping[float, float] = MappingProxyType({})
 
 
 def _panels(comparison: Comparison) -> list[_Panel]:
@@ -36,7 +38,7 @@ def _panels(comparison: Comparison) -> list[_Panel]:
     found += [_after(n, place) for place, n in enumerate(comparison.repeats)]
     if comparison.is_moving:
         title = "knows the mechanism: follows a belief that moves"
-        found.append(_Panel(title, lambda row: row.path_error, lambda row: row.path_error_se))
+        found.append(_Panel(title, lambda row: row.path_error, lambda row: row.path_error_se, comparison.ceilings))
     return found
 
 
@@ -93,6 +95,12 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
         errors, spreads = (np.array([each(row) for row in rows]) for each in (panel.error, panel.spread))
         _curve(axes, along, errors, _SIDE * spreads, maker, looks[maker])
     axes.axhline(comparison.prior_error, color=BLACK, linestyle="--", linewidth=0.8, zorder=1, label="prior alone")
+    if panel.ceilings:
+        along = scale * np.array(list(panel.ceilings))
+        axes.plot(along, list(panel.ceilings.values()), color=BLACK, linestyle=":", linewidth=1.2, zorder=2)
+        axes.annotate(
+            "no rule exceeds", (along[0], panel.ceilings[next(iter(panel.ceilings))]), fontsize=6, va="bottom"
+        )
     axes.set_title(panel.title, loc="left")
     nothing = max(comparison.budgets) <= 0  # else the axis would be as long as rounding is
     axes.set_xlim(0.0, 1.0 if nothing else None)

@@ -265,3 +265,27 @@ def test_projections_enclose_the_distance_of_a_set(seed):
         assert least - 1e-8 <= found.distance(belief) <= greatest + 1e-8
         assert greatest - least <= 1e-8
         assert greatest == pytest.approx(programme.value, abs=1e-6)
+
+
+@pytest.mark.parametrize("n_states", [3, 4, 5])
+def test_no_random_decoy_keeps_the_distance_for_less(fresh_rng, n_states):
+    """Decoys in random directions at the margin and beyond it; ten times the least regret was paid at four states."""
+    for n_assets in (5, 9):
+        market = markets.random_market(fresh_rng, n_states, n_assets)
+        problem = MarkowitzProblem(market.means, market.covariances, market.risk_aversion)
+        belief = fresh_rng.dirichlet(np.ones(n_states))
+        found = CounterAdversarialDecisionMaker(
+            problem, NonExistence(), 0.5, candidates=decoy_grid(problem, {3: 30, 4: 12, 5: 8}[n_states])
+        ).decide(belief)
+        away = fresh_rng.normal(size=(3000, n_states))
+        away -= away.mean(axis=1, keepdims=True)
+        lengths = 0.01 * np.exp(fresh_rng.exponential(size=(3000, 1)) * (fresh_rng.uniform(size=(3000, 1)) < 0.7))
+        decoys = belief + lengths * away / np.linalg.norm(away, axis=1, keepdims=True)
+        decoys = decoys[(decoys >= 0.0).all(axis=1)]
+        actions = problem.solve(decoys)
+        regrets = problem.regret(belief, actions)
+        cheaper = problem.constraints.is_admissible(actions) & (regrets < 0.98 * found.regret)
+        for action in actions[cheaper]:
+            assert consistent_beliefs(problem, action).distance(belief) < 0.01
+        if found.privacy == 0.0:
+            assert consistent_beliefs(problem, found.action).distance(belief) >= 0.01

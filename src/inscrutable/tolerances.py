@@ -93,6 +93,13 @@ BUDGET = 1e-12
 """Least unit, relative to the cost's scale, in which the polish measures what is left of a budget: one near zero is
 then judged to the rounding of an inner product, not to its own size."""
 
+LEAST_BUDGET = 1e-7
+"""Relative width, in the root of a regret, of the bracket of the least that reaches a distance: what searches with
+neighbouring budgets tell apart."""
+
+LEAST_ON_FACE = 1e-5
+"""Share by which the least regret on a face, found by a quadratic programme, may lie above that of a search."""
+
 FINITE_DIFFERENCE = 1e-6
 """How far outside the feasible set a local solver's trial may lie and still be judged: its difference steps are 1e-8."""
 

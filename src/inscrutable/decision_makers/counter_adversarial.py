@@ -15,8 +15,9 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
-from inscrutable.decision_makers.indicated import Hiding
+from inscrutable.decision_makers.indicated import Hiding, Met
 from inscrutable.decision_makers.indicators import is_streamed
+from inscrutable.decision_makers.least_regret import least_regret, shortened_on_its_face
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, check_provable, checked_gap
@@ -186,13 +187,52 @@ class Case(NamedTuple):
 def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief is searched by itself."""
     if is_streamed(case.measure):
-        return Hiding(case.problem, case.candidates, case.measure, case.budget).met(beliefs, progress).decisions()
+        return hidden(case, beliefs, progress).decisions()
     if case.is_quadratic_distance:
         found = stream_singles(atlas_of(case.problem, case.candidates), beliefs, case.aims(beliefs), progress=progress)
         if found is not None:
             return decisions_of(found)
     # A table of copies: what is kept for other decision makers is nobody's to change.
     return stack([_best_at(case, step, belief) for step, belief in counted(beliefs, progress)], case.problem)
+
+
+def hidden(case: Case, beliefs: Array, progress: Progress | None = None) -> Met:
+    """Return how beliefs (T,X) meet a goal that is met or missed; a distance from the belief at the least regret found."""
+    distance = case.measure.least_distance()
+    hiding = Hiding(case.problem, case.candidates, case.measure, case.budget)
+    if distance is None or quadratic_problem(case.problem) is None:
+        return hiding.met(beliefs, progress)
+    met = hiding.met(beliefs)
+    for step, belief in counted(beliefs, progress):
+        if not met.is_optimal[step]:
+            most = met.regrets[step] if met.is_met[step] else case.budget.limit(met.optimal_costs[step])
+            found = _cheapest_at_distance(case, belief, float(most), distance)
+            if found is not None:
+                met.improve(step, found)
+    return met
+
+
+def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: float) -> Decision | None:
+    """The decision of least regret, up to `most`, that keeps a distance; None where none is found that costs less.
+
+    Decisions that no belief explains are not among them.
+    """
+    problem, farthest = case.problem, case._replace(measure=MaximalObfuscation(), on_empty="exclude")
+
+    def search(regret: float) -> Decision:
+        return best_decisions(farthest._replace(budget=Budget.regret(regret)), belief[None])[0]
+
+    def shortened(decision: Decision) -> Decision:
+        action = shortened_on_its_face(problem, belief, decision.action)
+        if action is None or not problem.constraints.is_admissible(action):
+            return decision
+        return decision_for(problem, belief, action, farthest.measure, DecisionStatus.POLISHED)
+
+    wanted = max(distance * (1.0 + tolerances.SLACK_SAFETY), distance + tolerances.NO_PRIVACY)
+    found = least_regret(search, shortened, most, wanted)
+    if found is None or not found.regret < most:
+        return None
+    return found if case.measure(belief, belief_set_of(problem, found.action)) == 0.0 else None
 
 
 def _best_at(case: Case, step: int, belief: Array) -> Decision:
@@ -210,6 +250,8 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
     optimal_cost = float(problem.state_costs(optimal) @ belief)
     limit = case.budget.limit(optimal_cost)
     quadratic = quadratic_problem(problem)
+    if case.measure.is_indicator:
+        return _meeting(case, belief, optimal, optimal_cost, limit)
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
         found = _search_faces(case, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
         if quadratic.bends or not _some_candidate_is_better(case, belief, found, limit):
@@ -217,6 +259,19 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
         other = _search_candidates(case, belief, optimal, optimal_cost, limit)
         return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
     return _search_candidates(case, belief, optimal, optimal_cost, limit)
+
+
+def _meeting(case: Case, belief: Array, optimal: Array, optimal_cost: float, limit: float) -> Decision:
+    """The cheapest decision found for a goal that is met or missed, judged set by set."""
+    found = _search_candidates(case, belief, optimal, optimal_cost, limit)
+    distance = case.measure.least_distance()
+    if distance is None or found.status is DecisionStatus.OPTIMAL or quadratic_problem(case.problem) is None:
+        return found
+    most = limit if np.isneginf(found.privacy) else found.regret
+    cheaper = _cheapest_at_distance(case, belief, most, distance)
+    if cheaper is None:
+        return found
+    return replace(cheaper, privacy=0.0, privacy_bound=0.0, status=DecisionStatus.BEST_CANDIDATE)
 
 
 def _search_faces(case: Case, aim: Aim, optimal: Array) -> Decision:

@@ -16,6 +16,7 @@ from inscrutable.decision_makers.indicators import Indicator, IndicatorTable, ta
 from inscrutable.decision_makers.linear_goals import cheapest_unexplained
 from inscrutable.decision_makers.result_table import ResultTable, known
 from inscrutable.decision_makers.results import (
+    Decision,
     Decisions,
     DecisionStatus,
     MixedDecisions,
@@ -42,6 +43,21 @@ class Met:
     regrets: Array  # (T,)
     decoys: Array  # (T,X)
     source: np.ndarray  # (T,)
+
+    @property
+    def is_optimal(self) -> np.ndarray:
+        """Whether the optimal decision itself meets the goal (T,)."""
+        return np.asarray(self.source == _OWN)
+
+    @property
+    def is_met(self) -> np.ndarray:
+        """Whether the goal is met (T,)."""
+        return np.asarray(self.source != _NOTHING)
+
+    def improve(self, step: int, decision: Decision) -> None:
+        """Let a cheaper decision meet the goal for one belief."""
+        self.actions[step], self.regrets[step] = self.problem.as_points(decision.action), decision.regret
+        self.decoys[step], self.source[step] = _centres(self.problem, self.actions[step : step + 1])[0], _POLISHED
 
     def decisions(self) -> Decisions:
         """Return single decisions."""

@@ -11,10 +11,9 @@ from inscrutable import validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.counter_adversarial import Case, best_decisions, shows_nothing
+from inscrutable.decision_makers.counter_adversarial import Case, best_decisions, hidden, shows_nothing
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
-from inscrutable.decision_makers.indicated import Hiding
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
@@ -132,7 +131,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         if envelope and case.is_quadratic_distance:
             return stream(case, beliefs, progress)
         if envelope and is_streamed(self.measure):
-            return Hiding(self.problem, self.candidates, self.measure, self.budget).met(beliefs, progress).lotteries()
+            return hidden(case, beliefs, progress).lotteries()
         # Every lottery has the best single decision among its atoms.
         singles = best_decisions(case, beliefs, progress) if envelope else None
         mixed = [

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,11 +30,8 @@ class Judgement(NamedTuple):
     admissible: np.ndarray  # (n,)
 
 
-class Judge(Protocol):
-    """What judges trials under one belief."""
-
-    def __call__(self, trials: Array) -> Judgement:
-        """Return the judgement of trials (n,U)."""
+Judge = Callable[[Array], Judgement]
+"""Judges trials (n,U) under one belief."""
 
 
 def judge_for(problem: DecisionProblem, belief: Array, measure: PrivacyMeasure) -> Judge:

@@ -39,6 +39,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers import CounterAdversarialDecisionMaker as CounterAdversarialDecisionMaker
     from inscrutable.decision_makers import Decision as Decision
     from inscrutable.decision_makers import Decisions as Decisions
+    from inscrutable.decision_makers import DecisionSequence as DecisionSequence
     from inscrutable.decision_makers import DecisionStatus as DecisionStatus
     from inscrutable.decision_makers import Envelope as Envelope
     from inscrutable.decision_makers import Frontier as Frontier
@@ -48,9 +49,12 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers import MixedDecision as MixedDecision
     from inscrutable.decision_makers import MixedDecisions as MixedDecisions
     from inscrutable.decision_makers import OriginalDecisionMaker as OriginalDecisionMaker
+    from inscrutable.decision_makers import PathDecisions as PathDecisions
+    from inscrutable.decision_makers import PriceCalibration as PriceCalibration
     from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
     from inscrutable.decision_makers import RateDistortionCurve as RateDistortionCurve
     from inscrutable.decision_makers import RateDistortionDecisionMaker as RateDistortionDecisionMaker
+    from inscrutable.decision_makers import SequentialDecisionMaker as SequentialDecisionMaker
     from inscrutable.decision_makers import StackelbergDecisionMaker as StackelbergDecisionMaker
     from inscrutable.decision_makers import action_grid as action_grid
     from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy

@@ -368,3 +368,28 @@ LEAST_REPEATS = 6
 
 LONGEST_HOLIDAYS = 12.0
 """Days without a row that exchanges have been closed for on holidays, with the weekends at both ends."""
+
+KEPT_DECISION = 1e-7
+"""A decision is played for certain where no other breaks its condition of optimality, log c ≤ 0 in nats, by more than this.
+Solved steps end a tenth below it, so that what was optimal before a decision still counts as optimal after it."""
+
+SOLVED_STEP = 1e-8
+"""The same at the end of a step's solve: a value within this many nats, times the price of information, of the optimum."""
+
+SADDLE_ROUNDING = 1e-13
+"""Slope of a saddle value, relative to its size, below which only rounding is left of a Newton step's gain."""
+
+LAW_RESIDUAL = 1e-13
+"""What the conditions on the law of the decisions, whose scale is one, may be broken by: some hundreds of roundings."""
+
+RETURNING_LAW = 1e-12
+"""Probability with which a decision that is not played may come back in the next trial: it is then scaled up or goes to 0."""
+
+LEAST_INFORMATION_PRICE = 1e-3
+"""Least price of information, as a share of the prior loss per nat, at which a step is solved. A price of 0 is played as this
+one, the limit from above: what it costs in loss is at most a thousandth of the prior's for every nat that is told, and ties
+go to the least information by themselves."""
+
+STEP_GAP = 1e-3
+"""Nats by which a decision may break the condition of optimality of a step before the step counts as not solved: what it
+costs is at most a thousandth of the price of a nat. Steps end at `SOLVED_STEP`."""

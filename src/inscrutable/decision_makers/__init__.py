@@ -14,12 +14,17 @@ from inscrutable.decision_makers.local_search import LocalSearch
 from inscrutable.decision_makers.original import OriginalDecisionMaker
 from inscrutable.decision_makers.probabilistic import Envelope, LinearProgramme, ProbabilisticDecisionMaker
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecision, MixedDecisions
+from inscrutable.decision_makers.sequential.path import PathDecisions
+from inscrutable.decision_makers.sequential.prices import PriceCalibration
+from inscrutable.decision_makers.sequential.rule import SequentialDecisionMaker
+from inscrutable.decision_makers.sequential.sequence import DecisionSequence
 
 __all__ = [
     "Candidates",
     "CheapestPrivacy",
     "CounterAdversarialDecisionMaker",
     "Decision",
+    "DecisionSequence",
     "DecisionStatus",
     "Decisions",
     "Envelope",
@@ -30,9 +35,12 @@ __all__ = [
     "MixedDecision",
     "MixedDecisions",
     "OriginalDecisionMaker",
+    "PathDecisions",
+    "PriceCalibration",
     "ProbabilisticDecisionMaker",
     "RateDistortionCurve",
     "RateDistortionDecisionMaker",
+    "SequentialDecisionMaker",
     "StackelbergDecisionMaker",
     "action_grid",
     "cheapest_privacy",

@@ -1,0 +1,43 @@
+"""What the observer holds of the present belief, and how it moves from step to step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.validation import Array
+
+
+class ChainLaw:
+    """Laws p (B,) of a belief that moves by a chain."""
+
+    def __init__(self, chain: BeliefChain) -> None:
+        self.chain = chain
+        self._forward: Any = sparse.csr_array(chain.transition.T)
+
+    @property
+    def prior(self) -> Prior:
+        """The beliefs, and their long-run law."""
+        return self.chain.prior
+
+    def start(self) -> Array:
+        """Return the law before the first decision."""
+        return np.array(self.chain.prior.weights)
+
+    def seen(self, state: Array, shares: Array) -> Array:
+        """Return the law after a decision that beliefs play with the probabilities `shares` (B,): Bayes' rule."""
+        found = state * shares
+        return np.asarray(found / found.sum())
+
+    def moved(self, state: Array) -> Array:
+        """Return the law one step later: p T."""
+        found = self._forward @ state
+        return np.asarray(found / found.sum())
+
+    def weights(self, state: Array) -> Array:
+        """Return the law of the belief, shape (B,)."""
+        return state

@@ -1,0 +1,72 @@
+"""What a sequential rule played along a path of beliefs, and what the observer held then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inscrutable import validation
+from inscrutable.decision_makers.sequential.prices import PriceStatus
+from inscrutable.saved import Saved
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PathDecisions(Saved):
+    """Decisions along a path of T beliefs.
+
+    Args:
+        actions: u_t, shape (T,U); (T,) whole numbers where decisions are finite choices.
+        regrets: ρ(π_t,u_t), what they cost, shape (T,), in the cost's unit.
+        observer_means: The observer's estimates E[π_t | u_0..u_t], shape (T,X).
+        losses: The mean square error that the observer expects of them, shape (T,): E[‖π_t − mean_t‖² | u_0..u_t].
+        bits: I(π_t; u_t | u_0..u_{t−1}) of the step under the observer's law before it, shape (T,).
+        status: Where the prices come from.
+        expected_regrets: Mean regret of the step under the observer's law before it, shape (T,).
+        own_regrets: The same under the belief itself, shape (T,).
+        n_off_grid: Steps whose belief is none of the law's: the observer's law then misses it, and the calibration does not
+            cover its regret.
+
+    Source: Bayes' rule at every step.
+
+    Example:
+        >>> one = np.zeros(1)
+        >>> path = PathDecisions(np.array([0]), one, np.eye(2)[:1], one, one, PriceStatus.GIVEN, one, one, 0)
+        >>> len(path)
+        1
+    """
+
+    actions: Any
+    regrets: Array
+    observer_means: Array
+    losses: Array
+    bits: Array
+    status: PriceStatus
+    expected_regrets: Array
+    own_regrets: Array
+    n_off_grid: int
+
+    def __post_init__(self) -> None:
+        validation.read_only(
+            self, "actions", "regrets", "observer_means", "losses", "bits", "expected_regrets", "own_regrets"
+        )
+
+    def __len__(self) -> int:
+        return len(self.regrets)
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        lines = [
+            f"{len(self)} decisions",
+            f"regret            mean {self.regrets.mean():.4g}, expected by the observer {self.expected_regrets.mean():.4g}",
+            f"observer's error  {np.sqrt(self.losses.mean()):.4f}, root mean square",
+            f"information       {self.bits.mean():.4f} bits a step",
+        ]
+        if self.n_off_grid:
+            lines.append(f"off the grid      {self.n_off_grid} beliefs, which the observer's law does not have")
+        return "\n".join([*lines, f"prices            {self.status.value}"])

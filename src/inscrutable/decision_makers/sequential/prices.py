@@ -1,0 +1,110 @@
+"""The two prices of a sequential rule, and what they lead to in the long run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from inscrutable import validation
+from inscrutable.decision_makers.sequential.step import Prices
+from inscrutable.errors import InputError
+from inscrutable.saved import Saved, saved_choice
+from inscrutable.validation import Array
+
+
+@saved_choice
+class PriceStatus(Enum):
+    """Where the prices of a sequential rule come from; the text says what to do about it.
+
+    Example:
+        >>> PriceStatus.CALIBRATED.value
+        'calibrated: the simulated long-run regret is the budget'
+    """
+
+    CALIBRATED = "calibrated: the simulated long-run regret is the budget"
+    MIXED_PRICE = (
+        "mixed: the long-run regret leaps over the budget as the price moves, so one of two prices is drawn once, before the "
+        "first step, and is public; the budget holds on average over that draw"
+    )
+    SILENT = "silent: the budget pays for one decision for ever, which tells nothing"
+    GIVEN = "given: the prices were not calibrated, so no long-run regret is promised"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PriceCalibration(Saved):
+    """Prices of regret and information, and the long-run means that were simulated at them.
+
+    Args:
+        regret_prices: s, shape (n,): one, or the two of which one is drawn; in loss per unit of regret, in nats per unit of
+            regret where the price of information is infinite.
+        information_price: λ, in loss per nat; infinite where information alone counts.
+        shares: Probabilities of the prices, shape (n,).
+        regret: Simulated long-run mean regret under the observer's law, in the cost's unit; NaN where it was not simulated.
+        regret_se: Its standard error.
+        loss: Simulated long-run mean loss (square error) of the observer.
+        loss_se: Its standard error.
+        bits: Simulated information a step.
+        budget: The regret asked for.
+        status: How the prices came about.
+
+    Raises:
+        InputError: A price is negative, or the shares do not sum to one.
+
+    Source: the long-run averages of the rule, simulated with common random numbers.
+
+    Example:
+        >>> PriceCalibration.at(100.0, float("inf")).status.name
+        'GIVEN'
+    """
+
+    regret_prices: Array
+    information_price: float
+    shares: Array
+    regret: float = float("nan")
+    regret_se: float = float("nan")
+    loss: float = float("nan")
+    loss_se: float = float("nan")
+    bits: float = float("nan")
+    budget: float = float("nan")
+    status: PriceStatus = PriceStatus.GIVEN
+
+    def __post_init__(self) -> None:
+        prices = validation.finite_array(self.regret_prices, "regret_prices", ndim=1)
+        shares = validation.stochastic_rows(self.shares, "shares", ndim=1)
+        if not len(prices) or prices.shape != shares.shape or prices.min() < 0:
+            raise InputError(f"prices of at least 0 with a share each are needed, got {prices} and {shares}")
+        if not self.information_price >= 0:
+            raise InputError(f"information_price must be at least 0, got {self.information_price!r}")
+        object.__setattr__(self, "regret_prices", prices)
+        object.__setattr__(self, "shares", shares)
+        validation.read_only(self, "regret_prices", "shares")
+
+    @classmethod
+    def at(cls, regret_price: float, information_price: float) -> PriceCalibration:
+        """Return given prices, of which nothing was simulated."""
+        return cls(np.array([validation.non_negative(regret_price, "regret_price")]), information_price, np.ones(1))
+
+    def prices(self, index: int) -> Prices:
+        """Return the prices of one of the draws."""
+        return Prices(float(self.regret_prices[index]), float(self.information_price))
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        listed = " or ".join(
+            f"{price:.6g} ({share:.1%})" for price, share in zip(self.regret_prices, self.shares, strict=True)
+        )
+        alone = "information alone" if np.isinf(self.information_price) else f"{self.information_price:.4g} a nat"
+        return "\n".join(
+            [
+                f"price of regret       {listed}",
+                f"price of information  {alone}",
+                f"long-run regret       {self.regret:.4g} ± {self.regret_se:.2g} of {self.budget:.4g}",
+                f"observer's error      {np.sqrt(self.loss):.4f}, {self.bits:.4f} bits a step",
+                f"status                {self.status.value}",
+            ]
+        )

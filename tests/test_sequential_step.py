@@ -54,7 +54,7 @@ def value_of(maker: SequentialDecisionMaker, law: np.ndarray, rows: np.ndarray, 
 
 
 def best_value(maker: SequentialDecisionMaker, law: np.ndarray, price: float, told: float) -> float:
-    """The same, maximised by a cone programme."""
+    """The same of the table that a cone programme finds: no more than the best, which no table exceeds."""
     beliefs, regrets = maker.beliefs, maker.mechanism_for(Prior(maker.beliefs, law)).regrets
     rows = cp.Variable(regrets.shape, nonneg=True)
     joint = cp.multiply(np.tile(law[:, None], (1, regrets.shape[1])), rows)
@@ -70,10 +70,14 @@ def best_value(maker: SequentialDecisionMaker, law: np.ndarray, price: float, to
             gain -= cp.quad_over_lin(beliefs.T @ joint[:, m], played[m])
     problem = cp.Problem(cp.Maximize(gain), limits)
     problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-9, tol_gap_rel=1e-9, tol_feas=1e-9)
-    return float(problem.value)
+    found = np.maximum(rows.value, 0.0)
+    if maker.worst_regret is not None:
+        found[regrets > maker.worst_regret.amount] = 0.0
+    return value_of(maker, law, found / found.sum(axis=1, keepdims=True), price, told)
 
 
 @pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning:cvxpy")
 @pytest.mark.parametrize("capped", [False, True])
 @pytest.mark.parametrize("information", [NO_PRICE, 1.0, 0.1, 0.03, 0.0])
 def test_a_step_is_as_good_as_a_cone_programme_finds(
@@ -90,7 +94,7 @@ def test_a_step_is_as_good_as_a_cone_programme_finds(
         spread = 1.0 if np.isinf(told) else maker.chain.prior.error**2
         # A price of 0 is played as a thousandth of the prior loss, which costs at most that for every nat.
         lost = 1e-3 * np.log(len(law)) if information == 0.0 else 0.0
-        assert best - (lost + 1e-6) * spread - 1e-9 <= found <= best + 1e-6 * max(spread, abs(best))
+        assert found >= best - (lost + 1e-7) * spread - 1e-9
 
 
 @pytest.mark.parametrize("capped", [False, True])

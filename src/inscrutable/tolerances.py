@@ -393,3 +393,18 @@ go to the least information by themselves."""
 STEP_GAP = 1e-3
 """Nats by which a decision may break the condition of optimality of a step before the step counts as not solved: what it
 costs is at most a thousandth of the price of a nat. Steps end at `SOLVED_STEP`."""
+
+SILENT_PRICE = 1e-6
+"""Price of regret, in units of loss per mean regret of the cheapest constant decision, at which nothing is told: any so small
+plays that decision for ever."""
+
+SAME_PRICES = 1e-4
+"""Logarithm of the ratio of two prices below which simulations with the same draws do not tell their regrets apart."""
+
+SPENDING_MET = 2e-3
+"""Share of a budget by which a simulated long-run regret may miss it where its standard error is smaller: differences between
+rules at equal regret are of the order of a per cent."""
+
+LEAST_TEMPTING = 1e-4
+"""Share of the prior loss to which estimates after decisions that are not played are found for a bound, which they loosen by
+as much."""

@@ -24,6 +24,11 @@ class ChainLaw:
         """The beliefs, and their long-run law."""
         return self.chain.prior
 
+    @property
+    def is_still(self) -> bool:
+        """Whether no belief ever moves."""
+        return bool((self.chain.transition.diagonal() >= 1.0).all())
+
     def start(self) -> Array:
         """Return the law before the first decision."""
         return np.array(self.chain.prior.weights)

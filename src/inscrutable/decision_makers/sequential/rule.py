@@ -13,11 +13,13 @@ from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers.aware.columns import Columns, columns_of
 from inscrutable.decision_makers.candidates import Candidates, as_candidates, decoy_grid
 from inscrutable.decision_makers.described import Described
+from inscrutable.decision_makers.sequential.calibration import calibrated
+from inscrutable.decision_makers.sequential.ceiling import ceiling_of
 from inscrutable.decision_makers.sequential.laws import ChainLaw
 from inscrutable.decision_makers.sequential.path import PathDecisions
 from inscrutable.decision_makers.sequential.prices import PriceCalibration
 from inscrutable.decision_makers.sequential.sequence import DecisionSequence
-from inscrutable.decision_makers.sequential.step import StepRule, StepTable, step_table
+from inscrutable.decision_makers.sequential.step import StepTable, step_table
 from inscrutable.errors import InputError
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
@@ -117,7 +119,6 @@ class SequentialDecisionMaker(Described):
         self._calibration = calibration
         self._given = candidates
         self._rng = validation.generator(rng)
-        self._rules: dict[int, StepRule] = {}
 
     @property
     def beliefs(self) -> Array:
@@ -145,19 +146,21 @@ class SequentialDecisionMaker(Described):
     def calibration(self) -> PriceCalibration:
         """The prices, found at first use and kept."""
         if self._calibration is None:
-            raise InputError("prices are needed: pass calibration=PriceCalibration.at(regret_price, information_price)")
+            from threadpoolctl import threadpool_limits
+
+            with threadpool_limits(limits=1, user_api="blas"):  # the simulated paths have a thread each
+                self._calibration = calibrated(self.table, self.law, self.limit, self.information_price, self._rng)
         return self._calibration
+
+    @cached_property
+    def ceiling(self) -> float:
+        """No causal rule on these decisions and beliefs has a larger long-run mean loss at the budget, in expectation."""
+        return ceiling_of(self.table, self.limit)
 
     @cached_property
     def law(self) -> ChainLaw:
         """How the observer's law moves."""
         return ChainLaw(self.chain)
-
-    def rule(self, index: int) -> StepRule:
-        """Return the rule at one of the calibrated prices."""
-        if index not in self._rules:
-            self._rules[index] = StepRule(self.table, self.calibration.prices(index))
-        return self._rules[index]
 
     def mechanism_for(self, law: Prior) -> Mechanism:
         """Return K on the chain's beliefs and all decisions, where the observer holds `law` before the decision.
@@ -167,18 +170,15 @@ class SequentialDecisionMaker(Described):
         """
         if len(self.calibration.shares) > 1:
             raise InputError("one of two prices is drawn before the first step: call begin().mechanism_for(law)")
-        return self._begun(0).mechanism_for(law)
+        return self._any_sequence.mechanism_for(law)
+
+    @cached_property
+    def _any_sequence(self) -> DecisionSequence:
+        return self.begin()
 
     def begin(self) -> DecisionSequence:
-        """Return a new sequence of decisions; where one of two prices is to be drawn, it is drawn now."""
-        return self._begun(self._drawn(self._rng))
-
-    def _drawn(self, rng: np.random.Generator) -> int:
-        shares = self.calibration.shares
-        return 0 if len(shares) == 1 else int(rng.choice(len(shares), p=shares))
-
-    def _begun(self, index: int) -> DecisionSequence:
-        return DecisionSequence(self.rule(index), self.law, self.calibration, index)
+        """Return a new sequence of decisions; where one of two prices is to be drawn, each sequence draws its own."""
+        return DecisionSequence(self, self._rng)
 
     def decide_path(self, beliefs: ArrayLike, *, public: None = None, rng: np.random.Generator) -> PathDecisions:
         """Return drawn decisions along a path of beliefs (T,X), in the order of time, and what the observer held.
@@ -193,7 +193,7 @@ class SequentialDecisionMaker(Described):
         """
         held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         source = validation.generator(rng)
-        sequence = self._begun(self._drawn(source))
+        sequence = DecisionSequence(self, source)
         sequence.observe(public)
         table = self.table
         regrets, losses, bits, expected, own = np.empty((5, len(held)))
@@ -210,6 +210,15 @@ class SequentialDecisionMaker(Described):
             means[t], losses[t] = law @ self.beliefs, table.loss_of(law)
         return PathDecisions(
             np.array(points), regrets, means, losses, bits, self.calibration.status, expected, own, sequence.n_off_grid
+        )
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read; the prices are found where they are not known yet."""
+        error, most = np.sqrt(self.calibration.loss), np.sqrt(self.ceiling)
+        return (
+            f"{self.calibration.summary()}\n"
+            f"ceiling               error {error:.4f} of at most {most:.4f}, on a grid of {len(self.beliefs)} beliefs, on "
+            f"these {len(self.table.columns)} candidates"
         )
 
 

@@ -109,7 +109,8 @@ class StepRule:
 
     def step(self, law: Array, kept: int = -1) -> Step:
         """Return what is played under a law (B,); `kept` is the decision before, which a tie goes to."""
-        from inscrutable.kernels.sequential_step import StepData, solved_step
+        from inscrutable.kernels.sequential_saddle import StepData
+        from inscrutable.kernels.sequential_step import solved_step
 
         table = self.table
         numbers, shares, estimates, violation = solved_step(

@@ -1,0 +1,208 @@
+"""Prices at which a sequential rule spends a long-run mean regret, found by simulating what the observer sees.
+
+Every trial draws the same random numbers, so that the mean regret moves with the price alone. What is drawn is the path of
+the observer's law: u_t by its probability under p_t, so that no belief need be drawn and every step's mean regret is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.decision_makers.sequential.laws import ChainLaw
+from inscrutable.decision_makers.sequential.prices import PriceCalibration, PriceStatus
+from inscrutable.decision_makers.sequential.step import Prices, StepRule, StepTable
+from inscrutable.validation import Array
+
+_SHARES = (float("inf"), 1.0, 0.3, 0.1, 0.03, 0.0)
+"""Prices of information that are tried, in units of the prior loss per nat; infinite: information alone counts."""
+_PATHS = 2  # simulated at a time, on as many threads
+_COARSE, _FINE, _LAST = 120, 1000, 5000  # steps of each path: to compare prices, to find one, and to measure it
+_SKIPPED = 20  # first steps, in which the observer knows less than in the long run
+_BATCH = 50  # steps whose mean counts as one observation: several times what a law remembers
+_NEAR, _LEAP, _NARROW = 0.02, 0.1, 1.02  # regrets that are near enough, that leap, and prices that are one
+_MOST_TRIALS = 12
+_DOUBLINGS = 24
+
+
+class PriceTrial(NamedTuple):
+    """Long-run means at one price of regret."""
+
+    price: float
+    regret: float
+    regret_se: float
+    loss: float
+    loss_se: float
+    bits: float
+
+
+class _Market(NamedTuple):
+    """What all trials share."""
+
+    table: StepTable
+    law: ChainLaw
+    limit: float
+    draws: Array  # (P,T) uniform numbers
+
+
+def calibrated(
+    table: StepTable, law: ChainLaw, limit: float, asked: float | None, rng: np.random.Generator
+) -> PriceCalibration:
+    """Return the prices of largest simulated loss whose simulated mean regret is the limit."""
+    draws = rng.random((_PATHS, _LAST))
+    market = _Market(table, law, limit, draws)
+    silence = _silence(table)
+    unit = table.prior_loss
+    if silence <= limit or not unit > 0:
+        told = float("inf") if asked is None else asked
+        price = (
+            tolerances.SILENT_PRICE / max(silence, np.finfo(float).tiny) * (1.0 if np.isinf(told) else max(unit, 1.0))
+        )
+        loss = (unit, 0.0, 0.0)
+        return PriceCalibration(
+            np.array([price]), told, np.ones(1), min(silence, limit), 0.0, *loss, limit, PriceStatus.SILENT
+        )
+    prices = [share * unit for share in _SHARES] if asked is None else [asked]
+    found = [(told, *_bracket(market, told, silence, _COARSE)) for told in prices]
+    told, low, high = max(found, key=lambda each: _loss_at(limit, each[1], each[2]))
+    return _refined(market, told, (low, high))
+
+
+def _silence(table: StepTable) -> float:
+    """The least mean regret of one decision for all beliefs; infinite where caps allow none to all."""
+    regrets = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
+    held = table.prior.weights > 0
+    return float((table.prior.weights[held] @ regrets[held]).min())
+
+
+def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
+    """Return the means of a simulation."""
+    rule = StepRule(market.table, prices)
+    if market.law.is_still:  # nothing is told after the first step
+        step = rule.step(market.law.weights(market.law.start()))
+        return PriceTrial(prices.regret, step.regret, 0.0, step.loss, 0.0, 0.0)
+    with ThreadPoolExecutor(len(market.draws)) as pool:
+        paths = list(pool.map(lambda draws: _followed(rule, market.law, draws), market.draws[:, :n_steps]))
+    figures = np.concatenate([path[:, min(_SKIPPED, n_steps // 4) :] for path in paths], axis=1)
+    count = max(figures.shape[1] // _BATCH, 2)
+    batches = np.array([part.mean(axis=1) for part in np.array_split(figures, count, axis=1)])
+    errors = batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
+    regret, loss, bits = figures.mean(axis=1)
+    return PriceTrial(prices.regret, float(regret), float(errors[0]), float(loss), float(errors[1]), float(bits))
+
+
+def _followed(rule: StepRule, law: ChainLaw, draws: Array) -> Array:
+    """Mean regret, mean loss and bits of every step along the observer's path, shape (3,T)."""
+    found = np.empty((3, len(draws)))
+    state, kept = law.start(), -1
+    for t, draw in enumerate(draws):
+        step = rule.step(law.weights(state), kept)
+        found[:, t] = step.regret, step.loss, step.bits
+        order = np.argsort(step.numbers)  # near laws then draw alike
+        levels = step.played[order].cumsum()
+        atom = order[min(int(np.searchsorted(levels, draw * levels[-1], side="right")), len(order) - 1)]
+        kept = int(step.numbers[atom])
+        state = law.moved(law.seen(state, step.rows[:, atom]))
+    return found
+
+
+def _bracket(market: _Market, told: float, silence: float, n_steps: int) -> tuple[PriceTrial, PriceTrial]:
+    """Trials of regrets above and below the limit, as near as they come; equal where one is near enough."""
+    unit = 1.0 if np.isinf(told) else market.table.prior_loss + told
+    price = unit / silence if np.isfinite(silence) else unit / market.limit
+    low = high = None
+    for _ in range(_DOUBLINGS):
+        trial = tried(market, Prices(price, told), n_steps)
+        if abs(trial.regret - market.limit) <= _NEAR * market.limit:
+            return trial, trial
+        if trial.regret > market.limit:
+            low, price = trial, 2.0 * price
+        else:
+            high, price = trial, 0.5 * price
+        if low is not None and high is not None:
+            return _narrowed(market, told, (low, high), n_steps)
+    assert low is not None or high is not None
+    last = low if high is None else high
+    return last, last  # type: ignore[return-value]
+
+
+def _narrowed(
+    market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial], n_steps: int
+) -> tuple[PriceTrial, PriceTrial]:
+    """The same between two prices, by lines through the logarithms."""
+    low, high = ends
+    for _ in range(_MOST_TRIALS):
+        if high.price <= low.price * _NARROW:
+            break
+        share = np.log(low.regret / market.limit) / np.log(
+            low.regret / max(high.regret, tolerances.SILENT_PRICE * low.regret)
+        )
+        share = float(np.clip(share, 0.15, 0.85))
+        trial = tried(market, Prices(float(low.price * (high.price / low.price) ** share), told), n_steps)
+        if abs(trial.regret - market.limit) <= _NEAR * market.limit:
+            return trial, trial
+        low, high = (trial, high) if trial.regret > market.limit else (low, trial)
+    return low, high
+
+
+def _share(limit: float, low: PriceTrial, high: PriceTrial) -> float:
+    """How often the lower price must be played for the limit to be met."""
+    return float(np.clip((limit - high.regret) / max(low.regret - high.regret, np.finfo(float).tiny), 0.0, 1.0))
+
+
+def _loss_at(limit: float, low: PriceTrial, high: PriceTrial) -> float:
+    if low is high:
+        return low.loss * limit / low.regret if low.regret > limit else low.loss
+    share = _share(limit, low, high)
+    return share * low.loss + (1.0 - share) * high.loss
+
+
+def _leaps(limit: float, low: PriceTrial, high: PriceTrial) -> bool:
+    return low is not high and low.regret > (1.0 + _LEAP) * limit and high.regret < (1.0 - _LEAP) * limit
+
+
+def _refined(market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial]) -> PriceCalibration:
+    """The same with long simulations."""
+    if _leaps(market.limit, *ends):
+        low, high = (tried(market, Prices(each.price, told), _FINE) for each in ends)
+        if _leaps(market.limit, low, high):
+            return _made(market.limit, told, [low, high])
+    near = ends[0] if abs(ends[0].regret - market.limit) < abs(ends[1].regret - market.limit) else ends[1]
+    price, last = near.price, near
+    for n_steps, most in ((_FINE, 5), (_LAST, 3)):
+        for _ in range(most):
+            trial = tried(market, Prices(price, told), n_steps)
+            if abs(trial.regret - market.limit) <= max(tolerances.SPENDING_MET * market.limit, 0.5 * trial.regret_se):
+                break
+            slope = _slope(last, trial)
+            price = trial.price * float(np.clip((market.limit / trial.regret) ** (1.0 / slope), 0.7, 1.4))
+            last = trial
+    return _made(market.limit, told, [trial])
+
+
+def _slope(one: PriceTrial, other: PriceTrial) -> float:
+    """d log regret / d log price, of trials with the same draws; −1 where they are too near to say."""
+    apart = np.log(other.price / one.price)
+    if abs(apart) < tolerances.SAME_PRICES:
+        return -1.0
+    return float(np.clip(np.log(other.regret / one.regret) / apart, -5.0, -0.3))
+
+
+def _made(limit: float, told: float, trials: Sequence[PriceTrial]) -> PriceCalibration:
+    if len(trials) == 1:
+        shares, status = np.ones(1), PriceStatus.CALIBRATED
+    else:
+        share = _share(limit, *trials)
+        shares, status = np.array([share, 1.0 - share]), PriceStatus.MIXED_PRICE
+    means = {name: float(shares @ [getattr(each, name) for each in trials]) for name in ("regret", "loss", "bits")}
+    errors = {
+        name: float(np.sqrt(((shares * [getattr(each, name) for each in trials]) ** 2).sum()))
+        for name in ("regret_se", "loss_se")
+    }
+    return PriceCalibration(
+        np.array([each.price for each in trials]), told, shares, **means, **errors, budget=limit, status=status
+    )

@@ -1,0 +1,56 @@
+"""One process at a time on a file: a lock beside it, which the system takes back when the process ends, however it ends."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from inscrutable.errors import InputError
+from inscrutable.files import unwritten
+
+
+class FileLock:
+    """A lock on a path, held until `close`, or the end of the process.
+
+    Raises:
+        InputError: Another process holds it, or the folder cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        beside = path.with_name(f".{path.name}.lock")
+        try:
+            self._held = os.open(beside, os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            raise unwritten(beside, error) from error
+        try:
+            _take(self._held)
+        except OSError:
+            os.close(self._held)
+            raise InputError(f"{path} is in use by another process: wait until it is done, or end it") from None
+
+    def close(self) -> None:
+        """Give the lock back."""
+        if self._held >= 0:
+            os.close(self._held)
+            self._held = -1
+
+    def __del__(self) -> None:
+        if getattr(self, "_held", -1) >= 0:
+            self.close()
+
+
+if sys.platform == "win32":
+
+    def _take(held: int) -> None:
+        import msvcrt
+
+        msvcrt.locking(held, msvcrt.LK_NBLCK, 1)
+
+else:
+
+    def _take(held: int) -> None:
+        import fcntl
+
+        fcntl.lockf(held, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,103 @@
+"""What a sequence of decisions remembers, as a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inscrutable import tolerances, validation
+from inscrutable.decision_makers.sequential.laws import ChainLaw
+from inscrutable.decision_makers.sequential.prices import PriceCalibration
+from inscrutable.decision_makers.sequential.step import StepTable
+from inscrutable.errors import InputError
+from inscrutable.saved import Saved
+from inscrutable.validation import Array
+
+VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceProblem(Saved):
+    """What a sequence is of: beliefs, how they move, decisions, their state costs, the cap and the mean regret allowed."""
+
+    beliefs: Array
+    weights: Array
+    transition: Any
+    decisions: Array
+    state_costs: Array
+    cap: Array  # (2,): amount and whether it is relative; −1 for none
+    limit: float
+
+    def check(self, other: SequenceProblem) -> None:
+        """Raise `InputError` where another differs by more than rounding."""
+        named = {
+            "beliefs": "other beliefs",
+            "weights": "a law of the belief that is another",
+            "transition": "a chain that is another",
+            "decisions": "other decisions",
+            "state_costs": "other costs",
+            "cap": "another cap on the regret",
+            "limit": "another budget",
+        }
+        for name, said in named.items():
+            mine, theirs = (_plain(getattr(each, name)) for each in (self, other))
+            if mine.shape != theirs.shape or not np.allclose(mine, theirs, rtol=_SAME, atol=_SAME * _size(mine)):
+                raise InputError(f"it is of another problem: it has {said}")
+
+
+_SAME = tolerances.SAME_BELIEF
+
+
+def _plain(value: Any) -> Array:
+    return np.asarray(value.toarray() if hasattr(value, "toarray") else value, dtype=np.float64)
+
+
+def _size(values: Array) -> float:
+    return float(np.abs(values).max(initial=0.0))
+
+
+def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem:
+    """Return what a sequence on a table is of."""
+    cap = np.array([-1.0, 0.0] if table.cap is None else [table.cap.amount, float(table.cap.is_relative)])
+    found = table.columns
+    return SequenceProblem(
+        table.prior.beliefs, table.prior.weights, law.chain.transition, found.points, found.found.costs, cap, limit
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceState(Saved):
+    """What is saved of a sequence: no belief of the agent's, no generator and no seed.
+
+    Who reads it learns what the observer holds already, the prices, and what the steps cost on average under the observer's
+    law: all of it is public to one who saw the decisions. Only `n_off_grid` is not, a count of beliefs off the grid.
+    """
+
+    problem: SequenceProblem
+    calibration: PriceCalibration
+    price_index: int
+    state: Array
+    kept: int
+    has_published: bool
+    has_looked: bool
+    n_published: int
+    n_approximate: int
+    n_off_grid: int
+    regret: float
+    bits: float
+    version: int = VERSION
+
+    def __post_init__(self) -> None:
+        if self.version != VERSION:
+            raise InputError(f"its version is {self.version!r}, expected {VERSION}")
+        for name in ("n_published", "n_approximate", "n_off_grid", "price_index"):
+            validation.count(getattr(self, name), name, least=0)
+        law = validation.stochastic_rows(self.state, "law", ndim=1)
+        if len(law) != len(self.problem.beliefs):
+            raise InputError(f"it has a law of {len(law)} beliefs, expected {len(self.problem.beliefs)}")
+        if self.price_index >= len(self.calibration.shares):
+            raise InputError(f"it has price {self.price_index} of {len(self.calibration.shares)}")
+        if not -1 <= self.kept < len(self.problem.decisions):
+            raise InputError(f"it kept decision {self.kept} of {len(self.problem.decisions)}")

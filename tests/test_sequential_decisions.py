@@ -1,0 +1,232 @@
+"""Sequences of decisions that keep account of what the observer holds: laws, prices, files."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    DecisionSequence,
+    FiniteProblem,
+    MarkowitzProblem,
+    PriceCalibration,
+    Prior,
+    SequentialDecisionMaker,
+    decoy_grid,
+    uniform_prior,
+)
+from inscrutable.errors import InputError
+from inscrutable.mechanisms.chains import BeliefChain, resting_chain
+
+ALONE = float("inf")
+TWO = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+
+
+def market(rng: np.random.Generator, stay: float = 0.8) -> tuple[MarkowitzProblem, BeliefChain]:
+    means = rng.normal(0.0, 1.0, (3, 3))
+    roots = rng.normal(0.0, 0.5, (3, 3, 3))
+    problem = MarkowitzProblem(means, roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(3), 1.0)
+    return problem, resting_chain(uniform_prior(3, 6), stay)
+
+
+def maker_of(rng: np.random.Generator, told: float = ALONE, **options: object) -> SequentialDecisionMaker:
+    problem, chain = market(rng)
+    candidates = decoy_grid(problem, 8)
+    beliefs = chain.prior.beliefs
+    regrets = beliefs @ candidates.state_costs.T - np.asarray(problem.optimal_cost(beliefs))[:, None]
+    silence = float((chain.prior.weights @ regrets).min())
+    unit = 1.0 if np.isinf(told) else chain.prior.error**2
+    calibration = PriceCalibration.at(2.0 * unit / silence, told if np.isinf(told) else told * unit)
+    return SequentialDecisionMaker(
+        problem,
+        Budget.regret(silence / 2),
+        chain=chain,
+        candidates=candidates,
+        calibration=calibration,
+        rng=rng,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("told", [ALONE, 0.3])
+def test_the_law_is_that_of_an_observer_who_knows_the_rule(fresh_rng: np.random.Generator, told: float) -> None:
+    maker = maker_of(fresh_rng, told)
+    chain, sequence = maker.chain, maker.begin()
+    place = int(fresh_rng.choice(len(chain.prior), p=chain.prior.weights))
+    law = np.array(chain.prior.weights)
+    transition = chain.transition.toarray()
+    for _ in range(12):
+        table = maker.mechanism_for(Prior(chain.prior.beliefs, law))
+        lottery = sequence.decide(chain.prior.beliefs[place])
+        drawn = lottery.sample(rng=fresh_rng).action
+        column = int(np.abs(table.actions - drawn).max(axis=1).argmin())
+        known = table.probabilities.toarray()
+        same = np.abs(lottery.actions - drawn).max(axis=1) == 0
+        assert known[place, column] == pytest.approx(lottery.probabilities[same].sum(), abs=1e-9)
+        sequence.publish(drawn)
+        law = law * known[:, column]
+        law /= law.sum()
+        np.testing.assert_allclose(sequence.observer.weights, law, atol=1e-12)
+        law = law @ transition
+        law /= law.sum()
+        place = int(fresh_rng.choice(len(law), p=transition[place]))
+        sequence.observe(None)
+        np.testing.assert_allclose(sequence.observer.weights, law, atol=1e-12)
+
+
+@pytest.mark.parametrize("told", [ALONE, 0.1])
+def test_relabelled_states_and_scaled_costs_change_nothing(fresh_rng: np.random.Generator, told: float) -> None:
+    costs, beliefs = fresh_rng.random((3, 5)), fresh_rng.dirichlet(np.ones(3), 9)
+    order, scale = fresh_rng.permutation(3), 37.0
+    found = []
+    for table, points, factor in ((costs, beliefs, 1.0), (scale * costs[order], beliefs[:, order], scale)):
+        chain = resting_chain(Prior(points, np.full(9, 1 / 9)), 0.5)
+        maker = SequentialDecisionMaker(
+            FiniteProblem(table),
+            Budget.regret(0.1 * factor),
+            chain=chain,
+            calibration=PriceCalibration.at(8.0 / factor, told),
+            rng=fresh_rng,
+        )
+        found.append(maker.mechanism_for(chain.prior).probabilities.toarray())
+    np.testing.assert_allclose(*found, atol=1e-6)
+
+
+@pytest.mark.parametrize("flip", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("regret", [0.05, 0.1, 0.25])
+def test_two_states_meet_the_closed_form(flip: float, regret: float) -> None:
+    """Bits a step h(p⊛D) − h(D), with p⊛D = p(1 − D) + (1 − p)D, and a regret of D."""
+    chain = BeliefChain(Prior(np.eye(2), [0.5, 0.5]), [[1 - flip, flip], [flip, 1 - flip]])
+    maker = SequentialDecisionMaker(
+        TWO, Budget.regret(regret), chain=chain, information_price=ALONE, rng=np.random.default_rng(0)
+    )
+    assert maker.calibration.regret_prices[0] == pytest.approx(np.log((1 - regret) / regret), rel=0.02)
+    sequence = maker.begin()
+    for action in (0, 1, 1, 0):
+        sequence.publish(action)
+    sequence.observe(None)
+    now = sequence.expected
+
+    def entropy(p: float) -> float:
+        return float(-p * np.log2(p) - (1 - p) * np.log2(1 - p))
+
+    mixed = flip * (1 - regret) + (1 - flip) * regret
+    assert now.bits == pytest.approx(entropy(mixed) - entropy(regret), abs=1e-3)
+    assert now.regret == pytest.approx(regret, rel=0.01)
+
+
+def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator) -> None:
+    problem, chain = market(np.random.default_rng(7))
+    candidates = decoy_grid(problem, 6)
+    regrets = chain.prior.beliefs @ candidates.state_costs.T - problem.optimal_cost(chain.prior.beliefs)[:, None]
+    half = 0.5 * float((chain.prior.weights @ regrets).min())
+    maker = SequentialDecisionMaker(
+        problem,
+        Budget.regret(half),
+        chain=chain,
+        candidates=candidates,
+        information_price=ALONE,
+        rng=fresh_rng,
+    )
+    found = maker.calibration
+    places = chain.paths(800, 1, rng=fresh_rng)[:, 0]
+    path = maker.decide_path(chain.prior.beliefs[places], rng=fresh_rng)
+    blocks = path.expected_regrets[20:].reshape(-1, 20).mean(axis=1)
+    error = float(np.hypot(blocks.std(ddof=1) / np.sqrt(len(blocks)), found.regret_se))
+    assert abs(path.expected_regrets[20:].mean() - half) <= 4 * error
+    assert len(path) == 800
+    assert path.n_off_grid == 0
+    assert path.losses.mean() <= maker.ceiling * 1.1
+
+
+def test_a_decision_that_could_not_be_played_is_refused_unless_told(fresh_rng: np.random.Generator) -> None:
+    maker = maker_of(fresh_rng)
+    sequence = maker.begin()
+    before = sequence.observer.weights.copy()
+    lottery = sequence.decide(maker.beliefs[0])
+    other = 0.5 * lottery.actions[0] + 0.5 * np.roll(lottery.actions[0], 1) + 0.0
+    with pytest.raises(InputError, match="could not have played"):
+        sequence.publish(other)
+    np.testing.assert_array_equal(sequence.observer.weights, before)
+    sequence.publish(other, as_nearest=True)
+    assert not sequence.is_exact
+    assert "approximate" in sequence.summary()
+
+
+def test_a_belief_off_the_grid_is_answered_and_counted(fresh_rng: np.random.Generator) -> None:
+    maker = maker_of(fresh_rng)
+    path = maker.decide_path(fresh_rng.dirichlet(np.ones(3), 5), rng=fresh_rng)
+    assert path.n_off_grid == 5
+    with pytest.raises(InputError, match="sums to"):
+        maker.begin().decide([0.5, 0.2, 0.2])
+
+
+def saved(maker: SequentialDecisionMaker, path: Path, rng: np.random.Generator) -> DecisionSequence:
+    sequence = maker.begin()
+    for _ in range(3):
+        sequence.publish(sequence.decide(maker.beliefs[3]).sample(rng=rng).action)
+    sequence.save(path)
+    return sequence
+
+
+def test_a_saved_sequence_goes_on_where_it_stood(fresh_rng: np.random.Generator, tmp_path: Path) -> None:
+    maker = maker_of(fresh_rng)
+    one = saved(maker, tmp_path / "state.npz", fresh_rng)
+    other = maker.begin().load(tmp_path / "state.npz")
+    belief = maker.beliefs[5]
+    first, second = one.decide(belief), other.decide(belief)
+    np.testing.assert_array_equal(first.probabilities, second.probabilities)
+    np.testing.assert_array_equal(first.actions, second.actions)
+    assert other.summary() == one.summary()
+
+
+def test_foreign_and_damaged_states_are_refused(fresh_rng: np.random.Generator, tmp_path: Path) -> None:
+    path = tmp_path / "state.npz"
+    saved(maker_of(fresh_rng), path, fresh_rng)
+    held = path.read_bytes()
+    with pytest.raises(InputError, match="another problem"):
+        maker_of(fresh_rng).begin().load(path)
+    path.write_bytes(held[: len(held) // 2])
+    with pytest.raises(InputError, match="not a saved result"):
+        maker_of(fresh_rng).begin().load(path)
+    with pytest.raises(InputError, match="no such file"):
+        maker_of(fresh_rng).begin().load(tmp_path / "none.npz")
+
+
+def test_a_second_process_is_refused(fresh_rng: np.random.Generator, tmp_path: Path) -> None:
+    path = tmp_path / "state.npz"
+    sequence = saved(maker_of(fresh_rng), path, fresh_rng)
+    code = (
+        "import sys; from pathlib import Path; from inscrutable.decision_makers.sequential.lock import FileLock; "
+        "FileLock(Path(sys.argv[1]))"
+    )
+    run = [sys.executable, "-c", code, str(path)]
+    assert "in use by another process" in subprocess.run(run, capture_output=True, text=True).stderr
+    sequence.close()
+    assert subprocess.run(run, capture_output=True, text=True).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"loss": "x"}, "loss"),
+        ({"disclosure": "x"}, "disclosure"),
+        ({"information_price": -1.0}, "information_price"),
+        ({"chain": None}, "pass either chain= or world="),
+    ],
+)
+def test_what_the_rule_does_not_know_is_refused(options: dict[str, object], said: str) -> None:
+    given = {"chain": resting_chain(Prior(np.eye(2), [0.5, 0.5]), 0.5), "rng": np.random.default_rng(0), **options}
+    with pytest.raises(InputError, match=said):
+        SequentialDecisionMaker(TWO, Budget.regret(0.1), **given)
+
+
+def test_public_information_is_refused(fresh_rng: np.random.Generator) -> None:
+    sequence = maker_of(fresh_rng).begin()
+    with pytest.raises(InputError, match="public must be None"):
+        sequence.observe(3)

@@ -85,7 +85,7 @@ def _entropies(table: Any) -> Array:
     """H(K(·|π_b)) of every belief, shape (B,), in bits."""
     rows = sparse.csr_array(table)
     rows.data = -rows.data * np.log2(rows.data)
-    return np.asarray(rows.sum(axis=1)).reshape(-1)
+    return np.asarray(rows.sum(axis=1), dtype=np.float64).reshape(-1)
 
 
 def followed(
@@ -121,7 +121,7 @@ def followed(
     shares = np.ascontiguousarray(sparse.csc_array(mechanism.observed)[:, used].toarray().T)
     place = place.reshape(columns.shape)
     law = np.tile(chain.prior.weights, (columns.shape[1], 1))
-    found, named, surprise = np.empty((3, *columns.shape))
+    found, named, surprise = (np.empty(columns.shape) for _ in range(3))
     for t, seen in enumerate(place):
         law = (law if t == 0 else np.asarray(law @ step)) * shares[seen]
         chance = law.sum(axis=1, keepdims=True)

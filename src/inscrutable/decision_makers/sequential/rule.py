@@ -162,15 +162,17 @@ class SequentialDecisionMaker(Described):
         """How the observer's law moves."""
         return ChainLaw(self.chain)
 
-    def mechanism_for(self, law: Prior) -> Mechanism:
+    def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
         """Return K on the chain's beliefs and all decisions, where the observer holds `law` before the decision.
+
+        `before` is the decision of the step before, which ties go to; None where there is none.
 
         Raises:
             InputError: The law is on other beliefs, or one of two prices is to be drawn first: ask the sequence that did.
         """
         if len(self.calibration.shares) > 1:
             raise InputError("one of two prices is drawn before the first step: call begin().mechanism_for(law)")
-        return self._any_sequence.mechanism_for(law)
+        return self._any_sequence.mechanism_for(law, before)
 
     @cached_property
     def _any_sequence(self) -> DecisionSequence:

@@ -139,18 +139,27 @@ class DecisionSequence:
         step = self._now()
         return StepFigures(step.regret, self._own, step.bits, step.loss)
 
-    def mechanism_for(self, law: Prior) -> Mechanism:
+    @property
+    def mechanism(self) -> Mechanism:
+        """K of the present step, on the chain's beliefs and all decisions."""
+        return self._rule.mechanism(self._now())
+
+    def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
         """Return K on the chain's beliefs and all decisions, where the observer holds `law` before the decision.
 
+        Args:
+            law: What the observer holds, on the chain's beliefs.
+            before: The decision of the step before, which ties go to; None: there is none.
+
         Raises:
-            InputError: The law is on other beliefs.
+            InputError: The law is on other beliefs, or `before` is malformed.
         """
         known = self.beliefs
         if not isinstance(law, Prior) or law.beliefs.shape != known.shape:
             raise InputError(f"law must be a Prior over the rule's {len(known)} beliefs, got {law!r}")
         if np.abs(law.beliefs - known).max() > tolerances.SAME_BELIEF:
             raise InputError("law must be on the rule's beliefs, in their order")
-        return self._rule.mechanism(self._rule.step(law.weights))
+        return self._rule.mechanism(self._rule.step(law.weights, self._rule.table.number(before)))
 
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery of this step for a belief (X,); nothing is recorded."""

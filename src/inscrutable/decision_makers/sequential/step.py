@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,13 @@ class StepTable:
     cap: Budget | None
     basis: Array  # (X−1,X): orthonormal directions in which beliefs differ
     points: Array  # (B,X−1): beliefs less the prior's mean in these directions
+
+    def number(self, action: Any) -> int:
+        """Return the number of a decision; −1 for None, or for one that is not among these."""
+        if action is None:
+            return -1
+        gaps = np.abs(self.columns.points - self.columns.problem.check_action(action)).max(axis=1)
+        return int(gaps.argmin()) if gaps.min() <= tolerances.SAME_ACTION else -1
 
     @property
     def prior_loss(self) -> float:

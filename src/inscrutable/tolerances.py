@@ -390,9 +390,10 @@ LEAST_INFORMATION_PRICE = 1e-3
 one, the limit from above: what it costs in loss is at most a thousandth of the prior's for every nat that is told, and ties
 go to the least information by themselves."""
 
-STEP_GAP = 1e-3
-"""Nats by which a decision may break the condition of optimality of a step before the step counts as not solved: what it
-costs is at most a thousandth of the price of a nat. Steps end at `SOLVED_STEP`."""
+STEP_GAP = 1e-2
+"""Gap of a step's value, as a share of the prior loss, in nats where information alone counts, above which the step counts as
+not solved. Steps end at `SOLVED_STEP` times the price; one in some thousands at the smallest prices of information stays
+above it, most of them by less than this."""
 
 SILENT_PRICE = 1e-6
 """Price of regret, in units of loss per mean regret of the cheapest constant decision, at which nothing is told: any so small

@@ -23,9 +23,10 @@ from inscrutable.decision_makers.sequential.step import StepTable, step_table
 from inscrutable.errors import InputError
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
-from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
+from inscrutable.worlds import HiddenMarkovModel
 
 _CANDIDATES = 500
 """Decoys where no candidates are given: as many again change the error by less than its standard error, and every step takes
@@ -48,6 +49,8 @@ class SequentialDecisionMaker(Described):
         problem: The decision problem.
         budget: The long-run mean regret: `Budget.regret(r)`, or a share of E|c*| under the chain's prior.
         chain: How the belief moves, a `BeliefChain`; its prior is what the observer holds before the first decision.
+        world: Instead of a chain, a world whose observations the agent filters: the chain is then `filtered_chain` of it on a
+            grid of at most 500 beliefs.
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
             meet the budget or the cap, the optimal decisions of the chain's beliefs join them.
         loss: What the observer loses; None is the square error of its estimate of the belief.
@@ -101,7 +104,8 @@ class SequentialDecisionMaker(Described):
     ) -> None:
         self.problem = checked_problem(problem)
         self.budget = as_budget(budget)
-        self.chain = _checked_chain(chain, world, self.problem)
+        self._rng = validation.generator(rng)
+        self.chain = _checked_chain(chain, _chain_of(world, self._rng), self.problem)
         if loss is not None:
             raise InputError(f"loss must be None, the square error: no other is known to this rule, got {loss!r}")
         if disclosure is not None:
@@ -118,7 +122,6 @@ class SequentialDecisionMaker(Described):
             raise InputError(f"calibration must be a PriceCalibration, got {calibration!r}")
         self._calibration = calibration
         self._given = candidates
-        self._rng = validation.generator(rng)
 
     @property
     def beliefs(self) -> Array:
@@ -227,15 +230,29 @@ class SequentialDecisionMaker(Described):
 def _columns(problem: DecisionProblem, given: Any, prior: Prior) -> Columns:
     if given is not None or problem.is_discrete:
         return columns_of(problem, as_candidates(problem, given), True)
+    return columns_of(problem, decoy_grid(problem, _finest(problem.n_states)), True).joined(prior.mean[None])
+
+
+def _chain_of(world: Any, rng: np.random.Generator) -> BeliefChain | None:
+    if world is None:
+        return None
+    if not isinstance(world, HiddenMarkovModel):
+        raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
+    return filtered_chain(world, _finest(world.n_states), rng=rng)
+
+
+def _finest(n_states: int) -> int:
+    """The finest grid of no more than so many points."""
     resolution = 1
-    while grid_size(problem.n_states, resolution + 1) <= _CANDIDATES:
+    while grid_size(n_states, resolution + 1) <= _CANDIDATES:
         resolution += 1
-    return columns_of(problem, decoy_grid(problem, resolution), True).joined(prior.mean[None])
+    return resolution
 
 
-def _checked_chain(chain: Any, world: Any, problem: DecisionProblem) -> BeliefChain:
-    if (chain is None) == (world is None):
+def _checked_chain(chain: Any, made: Any, problem: DecisionProblem) -> BeliefChain:
+    if (chain is None) == (made is None):
         raise InputError("how the belief moves must be given once: pass either chain= or world=")
+    chain = made if chain is None else chain
     if not isinstance(chain, BeliefChain):
         raise InputError(f"chain must be a BeliefChain such as filtered_chain makes of a world, got {chain!r}")
     if chain.prior.beliefs.shape[1] != problem.n_states:

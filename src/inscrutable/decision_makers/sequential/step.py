@@ -123,8 +123,12 @@ class StepRule:
         numbers, shares, estimates, violation = solved_step(
             np.array(law, dtype=np.float64), StepData(*self._kernel_parts), int(kept)
         )
-        if not violation <= tolerances.STEP_GAP:
-            raise SolverError(f"a step was solved to {violation:g} nats, expected {tolerances.STEP_GAP:g} at most")
+        unit = 1.0 if self._informs_only else table.prior_loss
+        if not violation * self.price <= tolerances.STEP_GAP * unit:
+            raise SolverError(
+                f"a step was solved to {violation * self.price:g} of its value, expected {tolerances.STEP_GAP * unit:g} at most: "
+                "take a larger information_price"
+            )
         allowed = None if table.allowed is None else table.allowed[:, numbers]
         regrets = table.regrets[:, numbers]
         rows = self._rows(table.points, regrets, allowed, (shares, estimates))

@@ -126,8 +126,8 @@ class StepRule:
         unit = 1.0 if self._informs_only else table.prior_loss
         if not violation * self.price <= tolerances.STEP_GAP * unit:
             raise SolverError(
-                f"a step was solved to {violation * self.price:g} of its value, expected {tolerances.STEP_GAP * unit:g} at most: "
-                "take a larger information_price"
+                f"a step was solved to {violation * self.price:g} of its value, expected "
+                f"{tolerances.STEP_GAP * unit:g} at most: take a larger information_price"
             )
         allowed = None if table.allowed is None else table.allowed[:, numbers]
         regrets = table.regrets[:, numbers]

@@ -314,6 +314,8 @@ COMPARED: Mapping[str, Mapping[str, Any]] = {
     **{name: {"name": name} for name in ("uniform", "exponential", "coin")},
     "Dirichlet noise": {"name": "Dirichlet noise", "draws": 200},
     **{name: {"name": name} for name in ("rounding", "delay", "partial trades")},
+    # To try other prices of information as well takes several times as long.
+    "sequential": {"name": "sequential", "information_price": float("inf")},
 }
 """What is compared where nothing else is asked for: decision makers of the registry by the names of rows, with their keys."""
 
@@ -336,7 +338,8 @@ def makers_of(names: Iterable[str], setting: Setting | None = None) -> dict[str,
         return made
 
     still = setting is not None and setting.chain is None
-    return {name: maker(COMPARED[name]) for name in names if not (still and name in ("delay", "partial trades"))}
+    moving = ("delay", "partial trades", "sequential")
+    return {name: maker(COMPARED[name]) for name in names if not (still and name in moving)}
 
 
 def checked_makers(makers: Mapping[str, Maker]) -> dict[str, Maker]:

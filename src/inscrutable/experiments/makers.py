@@ -32,6 +32,7 @@ from inscrutable.decision_makers.baselines import (
 from inscrutable.experiments.candidates_only import CandidateDecisionMaker
 from inscrutable.experiments.memory_rules import delayed, partly
 from inscrutable.experiments.sections import Count, Grid, NonNegative, Positive, Probability, Section
+from inscrutable.experiments.sequential_play import sequential
 from inscrutable.experiments.setting import Behaviour, Seed, Setting, behaviour_of, scaled_to, spent
 from inscrutable.privacy import (
     DesiredObfuscation,
@@ -339,6 +340,18 @@ class PartialTrades(_WithMemory):
         return partly(setting, regret)
 
 
+class Sequential(_WithMemory):
+    """The rule that goes by what its decisions have told already, for the error or information of one who follows it."""
+
+    name: Literal["sequential"]
+    information_price: Grid[NonNegative] | None = None
+
+    @classmethod
+    def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
+        """Return what it does with the prices that spend an expected regret in the long run."""
+        return sequential(setting, regret, seed, chosen.get("information_price"))
+
+
 MAKERS: Mapping[str, type[MakerSection]] = {
     "ODM": Original,
     "CDM": CounterAdversarial,
@@ -352,6 +365,7 @@ MAKERS: Mapping[str, type[MakerSection]] = {
     "Stackelberg": Stackelberg,
     "delay": Delay,
     "partial trades": PartialTrades,
+    "sequential": Sequential,
 }
 """Every decision maker by the name that files give it."""
 

@@ -1,0 +1,219 @@
+"""The sequential rule in an experiment: what it plays in the long run, and what those see who follow it.
+
+What it plays depends on what the observer holds, so that no table K(u|π) says it all. It is simulated: at every step the
+observer knows K_t, and its law of the belief is followed exactly, so that chance is left in paths and decisions alone. In the
+long run the rule amounts to K̄(u|π) = E[K_t(u|π) | π_t = π], which one knows who sees a single decision and none before it.
+
+The observer always knows how the belief really moves. The rule may be wrong about it: `truth` is then another chain than its
+own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers import SequentialDecisionMaker
+from inscrutable.experiments.setting import Behaviour, Repeated, Seed, Setting, Watched
+from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms.chains import BeliefChain, resting_chain
+from inscrutable.mechanisms.joint import top_states
+from inscrutable.privacy.sampling import adjusted_means
+from inscrutable.validation import Array
+
+WATCHED_FIRST = 20
+"""Steps after which errors count: those of one who has watched for long."""
+
+LONG_PATHS = (10, 60)
+"""Paths, and steps of each, from which long-run figures come: every step is a programme of some 10 ms."""
+
+OTHER_PATHS = (5, 60)
+"""The same where the belief moves otherwise than the rule takes it to."""
+
+STILL_PATHS = 6
+"""Paths on which the belief stays; each is as long as the largest number of repeated decisions."""
+
+
+class _Figures(NamedTuple):
+    """What one holds who follows the rule, of D paths at T steps, each (T,D)."""
+
+    squared: Array  # E‖π_t − E[π_t|u_0..u_t]‖², as expected by the observer
+    named: Array  # chance of naming a most likely state
+    bits: Array  # I(π_t; u_t | u_0..u_{t−1})
+    regret: Array  # of the belief that is really held, expected over the draw
+
+
+@dataclass(frozen=True, eq=False)
+class SequentialPlay:
+    """A sequential rule in a setting whose chain is known."""
+
+    setting: Setting
+    maker: SequentialDecisionMaker
+    seed: Seed
+
+    @property
+    def _chain(self) -> BeliefChain:
+        assert self.setting.chain is not None
+        return self.setting.chain
+
+    @cached_property
+    def _long_run(self) -> tuple[_Figures, Mechanism]:
+        found, table = self._followed(self.maker, self._chain, LONG_PATHS)
+        return found, table
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """K̄, what it plays in the long run."""
+        return self._long_run[1]
+
+    @property
+    def regret(self) -> float:
+        """The expected regret in the long run, as the calibration found it."""
+        return self.maker.calibration.regret
+
+    @cached_property
+    def watched(self) -> Watched:
+        """What is hidden from one who follows the belief through every decision."""
+        found = self._long_run[0]
+        prices = self.maker.calibration  # its simulation of the same observer is much longer
+        error = float(np.sqrt(prices.loss))
+        bits = found.bits[WATCHED_FIRST:].mean(axis=0)
+        half, _ = self._followed(self.maker, staying(self._chain, 0.5), OTHER_PATHS)
+        double, _ = self._followed(self.maker, staying(self._chain, 2.0), OTHER_PATHS)
+        return Watched(
+            error,
+            prices.loss_se / (2.0 * error) if error > 0 else 0.0,
+            min(float(found.named[WATCHED_FIRST:].mean()), 1.0),
+            float(bits.mean()),
+            _standard_error(bits),
+            float(np.sqrt(self.maker.ceiling)),
+            float(np.sqrt(half.squared[WATCHED_FIRST:].mean())),
+            float(np.sqrt(double.squared[WATCHED_FIRST:].mean())),
+        )
+
+    def repeated(self, steps: tuple[int, ...], *, told: bool) -> Repeated:
+        """Return what decisions on one belief tell one who knows that it stays; `told`: the rule knows it too.
+
+        Prices are those of the long run either way, so that the regret of a rule that is told is its own.
+        """
+        prior = self.setting.prior
+        still = resting_chain(prior, 1.0)
+        maker = self._knowing(still) if told else self.maker
+        found, _ = self._followed(maker, still, (STILL_PATHS, steps[-1]))
+        at = np.array(steps) - 1
+        # The error after the first decision is known: what the paths at hand are off by there is taken off.
+        squared, spread = adjusted_means(found.squared[at].T, (found.squared[0] - maker.begin().expected.loss)[:, None])
+        errors = np.sqrt(np.maximum(squared, 0.0))
+        return Repeated(
+            errors,
+            np.divide(spread, 2.0 * errors, out=np.zeros_like(errors), where=errors > 0),
+            found.bits.cumsum(axis=0)[at].mean(axis=1),
+            np.minimum(found.named[at].mean(axis=1), 1.0),
+            float(found.regret.mean()),
+        )
+
+    def published(self, path: np.ndarray) -> Array:
+        """Return decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""
+        problem = self.setting.problem
+        played = self.maker.decide_path(self.setting.prior.beliefs[path], rng=self.seed())
+        return np.asarray(problem.as_points(played.actions))
+
+    def _knowing(self, chain: BeliefChain) -> SequentialDecisionMaker:
+        """The rule at the same prices where it takes another chain for true."""
+        maker = self.maker
+        return SequentialDecisionMaker(
+            maker.problem,
+            maker.budget,
+            chain=chain,
+            candidates=self.setting.candidates,
+            information_price=maker.information_price,
+            calibration=maker.calibration,
+            rng=self.seed(),
+        )
+
+    def _followed(
+        self, maker: SequentialDecisionMaker, truth: BeliefChain, size: tuple[int, int]
+    ) -> tuple[_Figures, Mechanism]:
+        """Simulate paths of a belief that moves by `truth`, and what is played on average under each belief."""
+        prior, rng = self.setting.prior, self.seed()
+        n_paths, n_steps = size
+        places = truth.paths(n_steps, n_paths, rng=rng)
+        points = prior.beliefs - prior.mean
+        squares, top = (points**2).sum(axis=1), top_states(prior.beliefs)
+        found = np.empty((4, n_steps, n_paths))
+        weighed, seen, last = None, np.zeros(len(prior)), None
+        for d in range(n_paths):
+            sequence, law = maker.begin(), prior.weights
+            for t, place in enumerate(places[:, d]):
+                played = sequence.mechanism
+                table = sparse.csr_array(played.probabilities)
+                law = law if t == 0 else np.asarray(law @ truth.transition)
+                joint = table.copy()
+                joint.data *= np.repeat(law, np.diff(table.indptr))
+                if t >= WATCHED_FIRST:
+                    seen = seen + law
+                    weighed = joint if weighed is None else weighed + joint
+                own = table[[place]].toarray()[0]
+                column = int(rng.choice(len(own), p=own / own.sum()))
+                chances = np.asarray(joint.sum(axis=0), dtype=np.float64).reshape(-1)
+                found[2, t, d] = _information(table, joint, chances)
+                found[3, t, d] = own @ played.regrets[place]
+                law = np.asarray(joint[:, [column]].toarray()).reshape(-1)
+                law = law / law.sum()
+                mean = law @ points
+                found[0, t, d] = max(float(law @ squares - mean @ mean), 0.0)
+                found[1, t, d] = float((law @ top).max())
+                sequence.publish(played.actions[column])
+                last = played
+        assert last is not None
+        return _Figures(*found), _averaged(last, weighed, seen)
+
+
+def sequential(setting: Setting, regret: float, seed: Seed, information_price: float | None) -> Behaviour | None:
+    """Return what the sequential rule does that spends an expected regret in the long run; None where no chain is known."""
+    if setting.chain is None:
+        return None
+    if regret <= 0.0:
+        return Behaviour(setting.optimal)
+    maker = SequentialDecisionMaker(
+        setting.problem,
+        Budget.regret(regret),
+        chain=setting.chain,
+        candidates=setting.candidates,
+        information_price=information_price,
+        rng=seed(),
+    )
+    play = SequentialPlay(setting, maker, seed)
+    return Behaviour(play.mechanism, play=play)
+
+
+def staying(chain: BeliefChain, longer: float) -> BeliefChain:
+    """Return the chain on which beliefs stay half as long, or twice as long: T² or (I + T)/2. Both keep the prior."""
+    step = chain.transition
+    if longer < 1:
+        return BeliefChain(chain.prior, sparse.csr_array(step @ step))
+    return BeliefChain(chain.prior, sparse.csr_array(0.5 * (sparse.eye_array(len(chain.prior)) + step)))
+
+
+def _information(table: Any, joint: Any, chances: Array) -> float:
+    """I(π;u) of a joint law with the entries of K, in bits."""
+    some = joint.data > 0
+    return max(float(joint.data[some] @ np.log2(table.data[some] / chances[table.indices[some]])), 0.0)
+
+
+def _averaged(last: Mechanism, weighed: Any, seen: Array) -> Mechanism:
+    """K̄ on the beliefs, as the simulated laws weigh the steps; a belief that none of them had plays as in the last step."""
+    some = seen > 0
+    scale = sparse.diags_array(np.divide(1.0, seen, out=np.zeros_like(seen), where=some))
+    rest = sparse.diags_array((~some).astype(np.float64)) @ last.sparse
+    table = rest if weighed is None else scale @ weighed + rest
+    return Mechanism(last.beliefs, last.actions, sparse.csr_array(table), last.regrets)
+
+
+def _standard_error(values: Array) -> float:
+    return float(values.std(ddof=1) / np.sqrt(len(values)))

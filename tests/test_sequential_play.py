@@ -1,0 +1,121 @@
+"""The sequential rule in a comparison: its long run, decisions on one belief, and chains that it has wrong."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    MarkowitzProblem,
+    Prior,
+    decoy_grid,
+    path_leakage,
+)
+from inscrutable.experiments import sequential_play
+from inscrutable.experiments.comparison import ComparisonSettings, compare, makers_of
+from inscrutable.experiments.sequential_play import SequentialPlay, sequential, staying
+from inscrutable.experiments.setting import Setting
+from inscrutable.mechanisms.chains import BeliefChain, resting_chain
+from inscrutable.reports import comparison_plots
+from inscrutable.reports.comparison import notes_of, short_table
+
+
+@cache
+def setting() -> Setting:
+    rng = np.random.default_rng(3)
+    problem = MarkowitzProblem(rng.normal(size=(3, 3)), [np.diag(rng.uniform(0.5, 2.0, 3))] * 3, 2.0)
+    prior = Prior(rng.dirichlet(np.full(3, 0.5), 6), rng.dirichlet(np.full(6, 4.0)))
+    return Setting(problem, prior, decoy_grid(problem, 4), resting_chain(prior, 0.8))
+
+
+@cache
+def play() -> SequentialPlay:
+    held = setting()
+    behaviour = sequential(held, 0.5 * held.silence_regret, lambda: np.random.default_rng(0), float("inf"))
+    assert behaviour is not None
+    assert isinstance(behaviour.play, SequentialPlay)
+    return behaviour.play
+
+
+def test_long_run_figures_are_those_of_sampled_paths() -> None:
+    held, found = setting(), play()
+    steps = sequential_play.LONG_PATHS[1]
+    again = path_leakage(held.chain, found.maker, steps, rng=np.random.default_rng(5), n_draws=20)
+    late = slice(sequential_play.WATCHED_FIRST, None)
+    squared = float((again.bayes_error[late] ** 2).mean())
+    spread = 2.0 * found.watched.error * found.watched.error_se + 2.0 * float(
+        (again.bayes_error * again.error_se)[late].mean()
+    )
+    assert found.watched.error**2 == pytest.approx(squared, abs=4.0 * spread)
+    bits_spread = found.watched.bits_se + float(again.added_se[late].mean())
+    assert found.watched.bits == pytest.approx(float(again.added[late].mean()), abs=4.0 * bits_spread)
+    # What it plays in the long run costs what it spends, and was asked for.
+    spent = float(held.prior.weights @ found.mechanism.expected_regrets)
+    assert spent == pytest.approx(0.5 * held.silence_regret, rel=0.15)
+    assert found.watched.error <= found.watched.ceiling + 4.0 * found.watched.error_se
+
+
+def test_decisions_on_one_belief_tell_nothing_new_where_the_rule_knows_that_it_stays() -> None:
+    found = play()
+    told = found.repeated((1, 10, 30), told=True)
+    np.testing.assert_allclose(told.errors, told.errors[0], atol=1e-9)
+    np.testing.assert_allclose(told.information, told.information[0], atol=1e-9)
+    assert told.regret > 0
+    astray = found.repeated((1, 10, 30), told=False)
+    assert astray.errors[0] == pytest.approx(told.errors[0])
+    assert astray.errors[2] < told.errors[2] - 0.05
+    assert (np.diff(astray.information) > 0).all()
+
+
+def test_chains_that_stay_otherwise_keep_the_prior() -> None:
+    rng = np.random.default_rng(0)
+    transition = rng.dirichlet(np.ones(4), 4)
+    weights = np.linalg.matrix_power(transition, 4000)[0]
+    chain = BeliefChain(Prior(rng.dirichlet(np.ones(3), 4), weights / weights.sum()), transition)
+    np.testing.assert_allclose(staying(chain, 0.5).transition.toarray(), transition @ transition)
+    stays = staying(resting_chain(chain.prior, 0.8), 2.0)
+    np.testing.assert_allclose(stays.transition.toarray(), resting_chain(chain.prior, 0.9).transition.toarray())
+    # Beliefs that stay longer than the rule thinks are found out.
+    assert play().watched.error_double < play().watched.error
+
+
+def test_the_sequential_rule_stands_beside_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    held = setting()
+    monkeypatch.setattr(sequential_play, "LONG_PATHS", (2, 25))
+    monkeypatch.setattr(sequential_play, "OTHER_PATHS", (2, 25))
+    settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 5), draws=20)
+    makers = makers_of(["ODM", "rate-distortion", "sequential"])
+    found = compare(
+        held.problem, held.chain, settings, makers=makers, candidates=held.candidates, rng=np.random.default_rng(0)
+    )
+    rows = found.of("sequential")
+    assert len(rows) == 1
+    for row in rows:
+        assert np.isfinite(
+            [row.path_error, row.path_bits, row.path_ceiling, row.path_error_half, row.told_regret]
+        ).all()
+    other = found.of("rate-distortion")[0]
+    np.testing.assert_array_equal(other.told_errors, other.repeated_errors)
+    assert np.isfinite(other.path_bits)
+    assert np.isnan(other.path_ceiling)
+    assert found.ceilings == {row.budget: row.path_ceiling for row in rows}
+    table = short_table(found, found.budgets[0])
+    assert table.loc["ceiling", "error, aware, over time"] == f"{rows[0].path_ceiling:.3f}"
+    assert table.loc["sequential", "error, aware, 5 decisions, rule told"] != "-"
+    assert any("no figure here holds without the chain" in note for note in notes_of(found))
+    drawn: Any = comparison_plots.draw_comparison(found, tmp_path)
+    assert all(each.exists() for each in drawn)
+    alone = compare(
+        held.problem,
+        held.prior,
+        settings,
+        makers=makers_of(["ODM"]),
+        candidates=held.candidates,
+        rng=np.random.default_rng(0),
+    )
+    assert not alone.ceilings
+    assert "sequential" not in makers_of(["ODM", "sequential"], Setting.of(held.problem, held.prior, held.candidates))

@@ -14,6 +14,7 @@ import pytest
 
 import inscrutable as ins
 from inscrutable import InputError
+from inscrutable.mechanisms.chains import resting_chain
 
 ASSETS = ["Food", "Oil", "Gas"]
 STATES = ["calm", "crisis"]
@@ -128,7 +129,26 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "DelayedDecisionMaker": lambda: ins.DelayedDecisionMaker(NAMED, 1),
     "PartialDecisionMaker": lambda: ins.PartialDecisionMaker(NAMED, 0.5),
     "KeptDecisionMaker": lambda: ins.KeptDecisionMaker(ins.OriginalDecisionMaker(NAMED)),
+    "SequentialDecisionMaker": lambda: sequential().begin(),
+    "DecisionSequence": lambda: published(),
 }
+
+
+def sequential() -> Any:
+    chain = resting_chain(PRIOR, 0.8)
+    prices = ins.PriceCalibration.at(30.0, float("inf"))
+    return ins.SequentialDecisionMaker(
+        NAMED, 0.05, chain=chain, candidates=CANDIDATES, calibration=prices, rng=np.random.default_rng(0)
+    )
+
+
+def published() -> Any:
+    """A sequence that has a labelled decision behind it."""
+    sequence = sequential().begin()
+    played = pd.Series(sequence.decide(BELIEF).actions[0], NAMED.asset_names)
+    sequence.publish(played.iloc[::-1])
+    sequence.observe()
+    return sequence
 
 
 def decided(make: Callable[[], Any]) -> Callable[[Any], Any]:
@@ -328,9 +348,9 @@ NO_ARRAYS = """
     ActionExplanation Adversary AffordableBeliefs Budget Calibration CalibrationStatus CheapestPrivacy CostStatus
     Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
-    LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathLeakage Posterior PosteriorStatus
-    PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus SolverError Study Trajectory
-    UnionBeliefs action_grid check_adversary check_decision_maker check_decision_problem check_emission
+    LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions PathLeakage Posterior
+    PosteriorStatus PriceCalibration PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus
+    SolverError Study Trajectory UnionBeliefs action_grid check_adversary check_decision_maker check_decision_problem check_emission
     check_privacy_measure compare decoy_grid detectability leakage load_ieee_30_bus long_short path_leakage
     random_candidates reachable_beliefs repeated_leakage reproduce resume_study run_study
     simplex simplex_grid stationary_prior uniform_prior

@@ -40,7 +40,7 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     study = comparison_study(settings, market="paper", resolution=6, seed=0)
     found, _ = compared(study, None, say=lambda text: None, progress=lambda done, total: None)
     wanted = golden("compare")
-    frame = found.frame().set_index("maker").drop("sequential")  # the table is older than that
+    frame = found.frame().set_index("maker")
     counted = ["n_actions"]  # moves with the last digits of a budget
     frame, wanted = frame.drop(columns=counted), wanted.drop(columns=counted)
     assert_same(frame.drop("PDM"), wanted.drop("PDM"), rtol=1e-3, atol=1e-9)

@@ -350,7 +350,8 @@ NO_ARRAYS = """
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
     LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions PathLeakage Posterior
     PosteriorStatus PriceCalibration PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus
-    SolverError Study Trajectory UnionBeliefs action_grid check_adversary check_decision_maker check_decision_problem check_emission
+    SolverError Study Trajectory UnionBeliefs action_grid check_adversary check_decision_maker
+    check_decision_problem check_emission
     check_privacy_measure compare decoy_grid detectability leakage load_ieee_30_bus long_short path_leakage
     random_candidates reachable_beliefs repeated_leakage reproduce resume_study run_study
     simplex simplex_grid stationary_prior uniform_prior

@@ -217,7 +217,7 @@ def compare(
         prior: The law of the private belief, known to the observers who use one; or a `BeliefChain`, which also says how
             the belief moves, as delay and partial trading need it.
         settings: Budgets and numbers of repeated decisions; None is the default ones.
-        makers: Functions (setting, regret) -> `experiments.setting.Behaviour` by name; None is `COMPARED`, of which the
+        makers: Functions (setting, regret) -> `experiments.setting.Behaviour` by name; None is `USUAL`, of which the
             rules with a memory need a chain.
         candidates: Decisions to choose from; None is a grid of decoys about as many as the prior has beliefs.
         rng: Source of the sampled sequences of repeated decisions.
@@ -243,7 +243,7 @@ def compare(
     """
     source = validation.generator(rng)
     setting = Setting.of(problem, prior, candidates)
-    known = makers_of(COMPARED, setting) if makers is None else checked_makers(makers)
+    known = makers_of(USUAL, setting) if makers is None else checked_makers(makers)
     tasks = ComparisonTasks(setting, ComparisonSettings() if settings is None else settings, known)
     rows = []
     with threadpool_limits(limits=1):  # many small products: threads would wait for one another, and change last digits
@@ -317,7 +317,11 @@ COMPARED: Mapping[str, Mapping[str, Any]] = {
     # To try other prices of information as well takes several times as long.
     "sequential": {"name": "sequential", "information_price": float("inf")},
 }
-"""What is compared where nothing else is asked for: decision makers of the registry by the names of rows, with their keys."""
+"""What can be compared: decision makers of the registry by the names of rows, with their keys."""
+
+USUAL = tuple(name for name in COMPARED if name != "sequential")
+"""What is compared where nothing else is asked for: the sequential rule takes minutes a budget to find its prices, so it is
+named where it is wanted."""
 
 SPENDS_NOTHING = ("ODM",)
 """Those whose expected regret is zero whatever the budget: they are judged once."""

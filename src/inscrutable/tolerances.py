@@ -168,9 +168,6 @@ CALIBRATED = 1e-6
 """How far, relative to the target, a calibrated expected regret may stay below it: differences between decision makers at
 equal regret are of the order of a per cent."""
 
-SPENT_ALIKE = 1e-4
-"""The same where decision makers are compared: `compare` at full size makes 236 trials of up to 3 s each to reach 1e-6."""
-
 WHOLE_STEPS = 1e-9
 """How far the number of steps in a unit may be from a whole number: 1/0.1 and 1/0.0333333333 pass, 1/0.07 does not."""
 

@@ -159,7 +159,7 @@ def notes_of(comparison: Comparison) -> list[str]:
     """Return the definitions that the table rests on."""
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
-        "All decision makers of one budget are made to spend the same expected regret under the prior, to 1e-4 from "
+        "All decision makers of one budget are made to spend the same expected regret under the prior, to a millionth from "
         f"below; budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy "
         "or comes in steps, as rounding and delay do, spends less; the first column says what.",
         _who_is_who(comparison),

@@ -141,8 +141,8 @@ def calibrate(
 def spending(make: Callable[[float], Made], regret_of: Callable[[Made], float], regret: float) -> Made:
     """Return what is made from the amount, about `regret` at first, at which the expected regret comes nearest from below.
 
-    The regret must grow with the amount from nothing. It is reached to a relative 1e-4 from below, or the nearest below
-    stands: where single decisions leap over it, or a larger amount is not spent.
+    The regret must grow with the amount from nothing. It is reached as by `calibrate`, or the nearest below stands: where
+    single decisions leap over it, or a larger amount is not spent.
     """
 
     def made(amount: float) -> tuple[Made, float]:
@@ -151,7 +151,7 @@ def spending(make: Callable[[float], Made], regret_of: Callable[[Made], float], 
 
     if regret <= 0.0:
         return make(regret)
-    search = _Search(made, regret, np.finfo(float).tiny, np.inf, tolerances.SPENT_ALIKE)
+    search = _Search(made, regret, np.finfo(float).tiny, np.inf)
     search.from_guess(float(np.log(regret)))
     found: Made = search.best.made
     return found
@@ -178,15 +178,8 @@ class _Trial(NamedTuple):
 
 
 class _Search:
-    def __init__(
-        self,
-        make: Callable[[float], tuple[Any, float]],
-        target: float,
-        low: float,
-        high: float,
-        accuracy: float = tolerances.CALIBRATED,
-    ) -> None:
-        self.make, self.target, self.accuracy = make, target, accuracy
+    def __init__(self, make: Callable[[float], tuple[Any, float]], target: float, low: float, high: float) -> None:
+        self.make, self.target = make, target
         self.is_log = low > 0
         self.ends = (low, high)
         self.n_trials = 0
@@ -211,7 +204,7 @@ class _Search:
         """Step from a place towards the target, as if the regret grew with the parameter, each time counting double, and
         narrow what lies between. After a step that changed nothing the next is a long one."""
         trial, weight, idle = self._at(place), 1.0, 0
-        aim = self.target * (1.0 - 0.5 * self.accuracy)  # the middle of what counts as reached
+        aim = self.target * (1.0 - 0.5 * tolerances.CALIBRATED)  # the middle of what counts as reached
         while not self._is_reached() and idle < _MOST_IDLE:
             missing = abs(np.log(aim / trial.regret)) if trial.regret > 0 and not idle else np.inf
             step = weight * min(float(missing), _LONGEST_STEP)
@@ -220,7 +213,7 @@ class _Search:
                 self._narrow(trial, ahead)
                 return
             weight *= 2.0
-            idle = idle + 1 if abs(ahead.regret - trial.regret) <= self.accuracy * self.target else 0
+            idle = idle + 1 if abs(ahead.regret - trial.regret) <= tolerances.CALIBRATED * self.target else 0
             trial = ahead
 
     def _narrow(self, one: _Trial, other: _Trial) -> None:
@@ -230,8 +223,8 @@ class _Search:
             lambda _, place: np.array([self._at(float(place[0])).regret - self.target]),
             Bracket(*(np.array([end.place]) for end in ends)),
             Bracket(*(np.array([end.regret - self.target]) for end in ends)),
-            spare=self.accuracy * self.target,
-            width=self.accuracy if self.is_log else 2.0 * float(np.spacing(max(np.abs(self.ends)))),
+            spare=tolerances.CALIBRATED * self.target,
+            width=tolerances.CALIBRATED if self.is_log else 2.0 * float(np.spacing(max(np.abs(self.ends)))),
         )
 
     def _at(self, place: float) -> _Trial:
@@ -251,4 +244,4 @@ class _Search:
         return trial.regret <= self.target
 
     def _is_reached(self) -> bool:
-        return self._is_below(self.best) and self.target - self.best.regret <= self.accuracy * self.target
+        return self._is_below(self.best) and self.target - self.best.regret <= tolerances.CALIBRATED * self.target

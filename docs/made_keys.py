@@ -145,7 +145,7 @@ def named(models: Iterable[Any]) -> list[tuple[str, ...]]:
     return [
         (
             f"``{get_args(model.model_fields['name'].annotation)[0]}``",
-            spoken(model.__doc__),
+            " ".join(spoken(model.__doc__).split()),
             "; ".join(
                 f"{key}: {held} (left out: {default})"
                 for key, held, default in rows(model)

@@ -15,6 +15,7 @@ from inscrutable import (
     FiniteProblem,
     MarkowitzProblem,
     PriceCalibration,
+    PriceStatus,
     Prior,
     SequentialDecisionMaker,
     decoy_grid,
@@ -142,6 +143,21 @@ def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator) -> Non
     assert len(path) == 800
     assert path.n_off_grid == 0
     assert path.losses.mean() <= maker.ceiling * 1.1
+
+
+def test_a_budget_that_a_cap_keeps_from_being_spent_says_so(fresh_rng: np.random.Generator) -> None:
+    chain = resting_chain(Prior([[0.9, 0.1], [0.5, 0.5], [0.2, 0.8]], [0.3, 0.4, 0.3]), 0.8)
+    maker = SequentialDecisionMaker(
+        TWO,
+        Budget.regret(0.15),
+        chain=chain,
+        information_price=ALONE,
+        worst_regret=Budget.regret(0.1),
+        rng=fresh_rng,
+    )
+    assert maker.calibration.status is PriceStatus.BELOW
+    assert maker.calibration.regret == pytest.approx(0.0, abs=1e-12)
+    assert maker.calibration.loss > 0
 
 
 def test_a_decision_that_could_not_be_played_is_refused_unless_told(fresh_rng: np.random.Generator) -> None:

@@ -51,6 +51,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers import OriginalDecisionMaker as OriginalDecisionMaker
     from inscrutable.decision_makers import PathDecisions as PathDecisions
     from inscrutable.decision_makers import PriceCalibration as PriceCalibration
+    from inscrutable.decision_makers import PriceStatus as PriceStatus
     from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
     from inscrutable.decision_makers import RateDistortionCurve as RateDistortionCurve
     from inscrutable.decision_makers import RateDistortionDecisionMaker as RateDistortionDecisionMaker

@@ -15,7 +15,7 @@ from inscrutable.decision_makers.original import OriginalDecisionMaker
 from inscrutable.decision_makers.probabilistic import Envelope, LinearProgramme, ProbabilisticDecisionMaker
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecision, MixedDecisions
 from inscrutable.decision_makers.sequential.path import PathDecisions
-from inscrutable.decision_makers.sequential.prices import PriceCalibration
+from inscrutable.decision_makers.sequential.prices import PriceCalibration, PriceStatus
 from inscrutable.decision_makers.sequential.rule import SequentialDecisionMaker
 from inscrutable.decision_makers.sequential.sequence import DecisionSequence
 
@@ -37,6 +37,7 @@ __all__ = [
     "OriginalDecisionMaker",
     "PathDecisions",
     "PriceCalibration",
+    "PriceStatus",
     "ProbabilisticDecisionMaker",
     "RateDistortionCurve",
     "RateDistortionDecisionMaker",

@@ -15,11 +15,15 @@ from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     GlobalSearch,
     LocalSearch,
+    PriceCalibration,
     ProbabilisticDecisionMaker,
+    SequentialDecisionMaker,
     privacy_frontier,
     random_candidates,
 )
 from inscrutable.filtering import filter_beliefs
+from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms.chains import resting_chain
 from inscrutable.privacy import (
     DesiredObfuscation,
     Infeasibility,
@@ -28,13 +32,14 @@ from inscrutable.privacy import (
     NonUniqueness,
     PrivacyMeasure,
 )
-from inscrutable.problems import MarkowitzProblem
+from inscrutable.problems import FiniteProblem, MarkowitzProblem
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel, fit_gaussian_hmm
 
 _ASSETS = 3
 _BELIEFS = 32
 _MANY = 50_000
 _GAP = 0.05
+_STAYS, _BUDGET = 0.8, 0.1
 _NOTICE = "inscrutable.kernels"
 
 
@@ -79,6 +84,10 @@ def _worlds(n_states: int) -> None:
     world = HiddenMarkovModel(stays, CategoricalEmission(stays), np.full(n_states, 1.0 / n_states))
     filter_beliefs(world, world.sample(20, rng=rng).observations)
     fit_gaussian_hmm(rng.normal(size=(60, 2)), n_states, rng=rng)
+    chain = resting_chain(Prior(np.eye(n_states), np.full(n_states, 1.0 / n_states)), _STAYS)
+    prices = PriceCalibration.at(1.0, 1.0)
+    problem = FiniteProblem(1.0 - np.eye(n_states))
+    SequentialDecisionMaker(problem, _BUDGET, chain=chain, calibration=prices, rng=rng).mechanism_for(chain.prior)
 
 
 def _decisions(n_states: int) -> None:

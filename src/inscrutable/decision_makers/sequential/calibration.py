@@ -8,8 +8,10 @@ which leave a tenth of a standard error (Glasserman, Monte Carlo Methods in Fina
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +22,8 @@ from inscrutable.decision_makers.sequential.prices import PriceCalibration, Pric
 from inscrutable.decision_makers.sequential.step import Prices, StepRule, StepTable
 from inscrutable.errors import SolverError
 from inscrutable.validation import Array
+
+_LOGGER = logging.getLogger(__name__)
 
 _SHARES = (float("inf"), 1.0, 0.3, 0.1, 0.03, 0.0)
 """Prices of information that are tried, in units of the prior loss per nat; infinite: information alone counts."""
@@ -74,9 +78,10 @@ def calibrated(
     for told in prices:
         try:
             found.append((told, *_bracket(market, told, silence, _COARSE)))
-        except SolverError:
+        except SolverError as error:
             if len(prices) == 1:
-                raise  # else the others are compared without it
+                raise
+            _LOGGER.warning("information_price %.4g was left out of the comparison: %s", told, error)
     if not found:
         raise SolverError("no price of information gave steps that could be solved")
     told, low, high = max(found, key=lambda each: _loss_at(limit, each[1], each[2]))
@@ -200,12 +205,24 @@ def _refined(market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial]) 
     for n_steps, most in ((_FINE, 4), (_LAST, 2)):
         for _ in range(most):
             trial = tried(market, Prices(price, told), n_steps)
-            if abs(trial.regret - market.limit) <= max(tolerances.SPENDING_MET * market.limit, 0.5 * trial.regret_se):
+            apart = abs(trial.regret - market.limit)
+            if apart <= max(tolerances.SPENDING_MET * market.limit, 0.5 * trial.regret_se) or not trial.regret > 0:
                 break
             slope = _slope(last, trial)
             price = trial.price * float(np.clip((market.limit / trial.regret) ** (1.0 / slope), 0.7, 1.4))
             last = trial
-    return _made(market.limit, told, [trial])
+    return _met(_made(market.limit, told, [trial]))
+
+
+def _met(found: PriceCalibration) -> PriceCalibration:
+    """The same, where the simulated regret is the budget or less; the status says which."""
+    apart, near = found.regret - found.budget, max(_NEAR * found.budget, 3.0 * found.regret_se)
+    if apart > near:
+        raise SolverError(
+            f"no price was found at which the long-run mean regret is {found.budget:g}: it is {found.regret:g} at "
+            f"{found.regret_prices[0]:g}; a larger budget or more candidates can be met"
+        )
+    return found if apart >= -near else replace(found, status=PriceStatus.BELOW)
 
 
 def _slope(one: PriceTrial, other: PriceTrial) -> float:

@@ -349,7 +349,7 @@ NO_ARRAYS = """
     Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
     LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions PathLeakage Posterior
-    PosteriorStatus PriceCalibration PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus
+    PosteriorStatus PriceCalibration PriceStatus PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus
     SolverError Study Trajectory UnionBeliefs action_grid check_adversary check_decision_maker
     check_decision_problem check_emission
     check_privacy_measure compare decoy_grid detectability leakage load_ieee_30_bus long_short path_leakage

@@ -121,7 +121,8 @@ def test_two_states_meet_the_closed_form(flip: float, regret: float) -> None:
     assert now.regret == pytest.approx(regret, rel=0.01)
 
 
-def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("told", [ALONE, 0.3, 0.1], ids=["information alone", "0.3", "0.1"])
+def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator, told: float) -> None:
     problem, chain = market(np.random.default_rng(7))
     candidates = decoy_grid(problem, 6)
     regrets = chain.prior.beliefs @ candidates.state_costs.T - problem.optimal_cost(chain.prior.beliefs)[:, None]
@@ -131,7 +132,7 @@ def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator) -> Non
         Budget.regret(half),
         chain=chain,
         candidates=candidates,
-        information_price=ALONE,
+        information_price=told * chain.prior.error**2,
         rng=fresh_rng,
     )
     found = maker.calibration
@@ -142,7 +143,8 @@ def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator) -> Non
     assert abs(path.expected_regrets[20:].mean() - half) <= 4 * error
     assert len(path) == 800
     assert path.n_off_grid == 0
-    assert path.losses.mean() <= maker.ceiling * 1.1
+    assert path.losses[20:].mean() == pytest.approx(found.loss, rel=0.1)
+    assert found.loss <= maker.ceiling * (1.0 + 1e-9)
 
 
 def test_a_budget_that_a_cap_keeps_from_being_spent_says_so(fresh_rng: np.random.Generator) -> None:

@@ -128,7 +128,7 @@ def test_near_ties_are_judged_as_in_exact_arithmetic(fresh_rng: np.random.Genera
 @pytest.mark.parametrize("gap", [1e-9, 1e-10, 1e-11, 1e-12, 1e-13])
 def test_efficiencies_next_to_the_index_have_their_verdict(gap: float, fresh_rng: np.random.Generator) -> None:
     told = 0
-    for _ in range(12):
+    while told < 4:  # most draws are consistent: their index is one
         prices, choices = fresh_rng.uniform(0.5, 2.0, (4, 3)), fresh_rng.uniform(0.1, 3.0, (4, 3))
         index = revealed_preferences(prices, choices).efficiency_index
         if index == 1.0:
@@ -141,7 +141,6 @@ def test_efficiencies_next_to_the_index_have_their_verdict(gap: float, fresh_rng
             if found.is_consistent:
                 check_numbers(found, ratios)
                 assert np.isfinite(found.utility(choices)).all()
-    assert told
 
 
 def test_the_advised_efficiency_explains_the_choices() -> None:

@@ -143,8 +143,8 @@ def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator, told: 
     assert abs(path.expected_regrets[20:].mean() - half) <= 4 * error
     assert len(path) == 800
     assert path.n_off_grid == 0
-    assert path.losses[20:].mean() == pytest.approx(found.loss, rel=0.1)
-    assert found.loss <= maker.ceiling * (1.0 + 1e-9)
+    assert path.losses[20:].mean() == pytest.approx(found.loss, rel=0.15)
+    assert found.loss - 4.0 * found.loss_se <= maker.ceiling
 
 
 def test_a_budget_that_a_cap_keeps_from_being_spent_says_so(fresh_rng: np.random.Generator) -> None:

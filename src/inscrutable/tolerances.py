@@ -390,6 +390,10 @@ LEAST_INFORMATION_PRICE = 1e-3
 one, the limit from above: what it costs in loss is at most a thousandth of the prior's for every nat that is told, and ties
 go to the least information by themselves."""
 
+STILL_CONTROL = 1e-4
+"""Share of its prior variance below which a control variate says nothing of a simulated mean. Without it a sequential rule that
+falls silent, so that the law hardly moves, is taken to spend a million times its regret."""
+
 STEP_GAP = 1e-2
 """Gap of a step's value, as a share of the prior loss, in nats where information alone counts, above which the step counts as
 not solved. Steps end at `SOLVED_STEP` times the price; one in some thousands at the smallest prices of information stays

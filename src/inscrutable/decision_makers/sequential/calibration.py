@@ -33,9 +33,6 @@ _PATHS = 2  # simulated at a time, on as many threads
 _COARSE, _FINE, _LAST = 40, 150, 500  # steps of each path: to compare prices, to find one, and to measure it
 _SKIPPED = 20  # first steps, in which the observer knows less than in the long run
 _BATCH = 50  # steps whose mean counts as one observation: several times what a law remembers
-_RIDGE = 1e-4
-"""Of the prior variance of a control: a path that moves less has no slope. Without it a rule that falls silent is taken to
-spend a million times its regret."""
 _NEAR, _LEAP, _NARROW = 0.02, 0.1, 1.02  # regrets that are near enough, that leap, and prices that are one
 _MOST_TRIALS = 12
 _DOUBLINGS = 24
@@ -124,7 +121,7 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
 def _slopes(controls: Array, values: Array) -> Array:
     """Regression of values (V,T) on controls (C,T), shape (C,V); none where the law hardly moves and both are constant."""
     centred = controls - controls.mean(axis=1, keepdims=True)
-    ridge = _RIDGE * controls.shape[1] * np.eye(len(controls))
+    ridge = tolerances.STILL_CONTROL * controls.shape[1] * np.eye(len(controls))
     return np.asarray(np.linalg.solve(centred @ centred.T + ridge, centred @ values.T))
 
 
@@ -219,7 +216,7 @@ def _refined(market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial]) 
             return _made(market.limit, told, [low, high])
     near = ends[0] if abs(ends[0].regret - market.limit) < abs(ends[1].regret - market.limit) else ends[1]
     price, last = near.price, near
-    for n_steps, most in ((_FINE, 4), (_LAST, 2)):
+    for n_steps, most in ((_FINE, 4), (_LAST, 6)):
         for _ in range(most):
             trial = tried(market, Prices(price, told), n_steps)
             apart = abs(trial.regret - market.limit)
@@ -233,7 +230,7 @@ def _refined(market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial]) 
 
 def _met(found: PriceCalibration) -> PriceCalibration:
     """The same, where the simulated regret is the budget or less; the status says which."""
-    apart, near = found.regret - found.budget, max(_NEAR * found.budget, 3.0 * found.regret_se)
+    apart, near = found.regret - found.budget, max(_LEAP * found.budget, 3.0 * found.regret_se)
     if apart > near:
         raise SolverError(
             f"no price was found at which the long-run mean regret is {found.budget:g}: it is {found.regret:g} at "

@@ -230,7 +230,7 @@ def _refined(market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial]) 
 
 def _met(found: PriceCalibration) -> PriceCalibration:
     """The same, where the simulated regret is the budget or less; the status says which."""
-    apart, near = found.regret - found.budget, max(_LEAP * found.budget, 3.0 * found.regret_se)
+    apart, near = found.regret - found.budget, max(_NEAR * found.budget, 3.0 * found.regret_se)
     if apart > near:
         raise SolverError(
             f"no price was found at which the long-run mean regret is {found.budget:g}: it is {found.regret:g} at "

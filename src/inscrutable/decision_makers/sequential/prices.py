@@ -28,7 +28,7 @@ class PriceStatus(Enum):
         "mixed: the long-run regret leaps over the budget as the price moves, so one of two prices is drawn once, before the "
         "first step, and is public; the budget holds on average over that draw"
     )
-    BELOW = "below: a cap or too few decisions keep the simulated long-run regret under the budget at every price"
+    BELOW = "below: the simulated long-run regret is under the budget; a cap, or few decisions, can keep it from being spent"
     SILENT = "silent: the budget pays for one decision for ever, which tells nothing"
     GIVEN = "given: the prices were not calibrated, so no long-run regret is promised"
 

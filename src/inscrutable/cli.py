@@ -328,11 +328,15 @@ def protect(
     measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
     target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     certify: Annotated[float | None, Parameter(group=_PRIVACY)] = None,
+    state: Annotated[Path | None, Parameter(group=_DATA)] = None,
+    publish: Annotated[bool, Parameter(group=_DATA, negative=(), show_default=False)] = False,
     seed: OptionalSeed = None,
     out: OptionalOut = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Say what to publish instead, what that costs, and what an observer then concludes.
+
+    With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before.
 
     Args:
         model: The model.json of a backtest.
@@ -343,10 +347,21 @@ def protect(
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         certify: Prove how much more privacy there could be, to this relative gap, such as 0.01; for maximal and desired.
+        state: File that remembers the decisions so far; made where there is none, which takes a minute or more. Needs
+            `--belief`.
+        publish: With `--state`: draw this step's weights once and record them. Without it nothing is drawn.
         seed: Makes the draw repeatable. Without it the operating system draws, because a rival who knows the seed
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
+    if state is not None:
+        others = (beliefs, weights, target, certify, out)
+        if belief is None or measure != "maximal" or any(option is not None for option in others):
+            raise UsageError("--state takes --belief, --budget, --publish and --seed: it hides the belief as such")
+        _protect_step(model, belief, state, budget, publish, seed, speech)
+        return
+    if publish:
+        raise UsageError("--publish records a decision: give the file with --state")
     if sum(option is not None for option in (belief, beliefs, weights)) != 1:
         raise UsageError("give one of --belief, --beliefs and --weights")
     if certify is not None and not 0 < certify < 1:
@@ -381,6 +396,54 @@ def protect(
         return
     _show_protection(found)
     speech.files(files)
+
+
+def _protect_step(
+    model: Path, belief: str, state: Path, budget: str | None, publish: bool, seed: int | None, speech: Speech
+) -> None:
+    """One step of a sequence of decisions that is kept in a file."""
+    limit, held = None if budget is None else budget_of(budget), belief_of(belief, "--belief")
+
+    import numpy as np
+
+    from inscrutable.experiments.investor_model import InvestorModel
+    from inscrutable.experiments.protect_sequence import protect_step
+
+    if not state.exists():
+        speech.log(
+            f"No sequence in {state} yet: the prices that spend the budget in the long run are found first, once."
+        )
+    rng = None if seed is None else np.random.default_rng(seed)
+    found = protect_step(InvestorModel.load(model), held, state, limit, publish=publish, rng=rng)
+    if speech.json:
+        speech.summary(
+            {
+                "n_published": found.n_published,
+                "published": None
+                if found.published is None
+                else dict(zip(found.model.assets, found.published, strict=True)),
+                "lottery": found.table().to_dict("records"),
+                "observer_before": dict(zip(found.model.regimes, found.before, strict=True)),
+                "observer_after": None
+                if found.after is None
+                else dict(zip(found.model.regimes, found.after, strict=True)),
+                "expected_regret": found.expected.own_regret,
+                "expected_bits": found.expected.bits,
+                "regret_so_far": found.spent,
+                "bits_so_far": found.told,
+                "long_run_error": found.long_run_error,
+                "prior_error": found.prior_error,
+            }
+        )
+        return
+    show_table(found.lines(), "What the rule draws from at this step")
+    if found.published is not None:
+        drawn = ", ".join(
+            f"{asset} {share:.6f}" for asset, share in zip(found.model.assets, found.published, strict=True)
+        )
+        results().print(f"Publish these weights, which are recorded: {drawn}.")
+    for line in found.summary().splitlines():
+        results().print(line)
 
 
 def _show_protection(found: Protection) -> None:

@@ -129,6 +129,11 @@ class DecisionSequence:
         return Prior(self.beliefs, self._law.weights(self._state))
 
     @property
+    def begun(self) -> Prior:
+        """What the observer held of the belief before the first decision."""
+        return self._table.prior
+
+    @property
     def is_exact(self) -> bool:
         """Whether every published decision was one that the rule could have played."""
         return self.n_approximate == 0

@@ -1,0 +1,106 @@
+"""One step of a sequence of decisions that is kept in a file, by function and by command."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inscrutable import Budget, GaussianEmission, HiddenMarkovModel, InputError, InvestorModel, MarkowitzProblem
+from inscrutable.cli import main
+from inscrutable.experiments import protect_sequence
+from inscrutable.experiments.protect_sequence import protect_step
+
+ASSETS, REGIMES = ("A", "B", "C"), ("calm", "turbulent")
+BELIEF = [0.25, 0.75]
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory):
+    """A model of two regimes, its file, and a sequence that has begun; on a coarse grid, so that prices are found soon."""
+    means, covariances = (
+        np.array([[0.02, 0.0, 0.01], [-0.03, 0.01, 0.0]]),
+        np.array([0.002 * np.eye(3), 0.006 * np.eye(3)]),
+    )
+    world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, covariances), names=REGIMES)
+    problem = MarkowitzProblem(means, covariances, 4.0)
+    model = InvestorModel(world, problem, ASSETS, REGIMES, Budget.regret(2e-4), "made for a test")
+    folder = tmp_path_factory.mktemp("sequence")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(protect_sequence, "resolution_for", lambda n_states: 6)
+        begun = protect_step(model, BELIEF, folder / "state", rng=np.random.default_rng(0))
+        yield model, model.save(folder / "model.json"), folder / "state", begun
+
+
+def test_what_is_only_looked_at_is_not_recorded(small, tmp_path: Path) -> None:
+    model, _, state, begun = small
+    before = state.read_bytes()
+    again = protect_step(model, BELIEF, state)
+    assert state.read_bytes() == before
+    assert again.published is None
+    assert again.n_published == 0
+    np.testing.assert_allclose(again.lottery.probabilities, begun.lottery.probabilities)
+    assert 0.0 < again.long_run_error < again.prior_error
+    assert again.table()["probability"].sum() == pytest.approx(1.0)
+    assert "--publish draws once" in again.summary()
+
+
+def test_a_published_decision_is_remembered(small, tmp_path: Path) -> None:
+    model, _, state, begun = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    found = protect_step(model, BELIEF, copy, publish=True, rng=np.random.default_rng(1))
+    assert found.published is not None
+    assert np.abs(np.asarray(found.lottery.actions) - found.published).max(axis=1).min() < 1e-12
+    assert (found.n_published, found.told > 0.0) == (1, True)
+    follower = protect_step(model, BELIEF, copy)
+    assert follower.n_published == 1
+    # Between two steps the belief moves: the observer's mean goes back toward its long-run one.
+    assert found.after is not None
+    apart = np.abs(np.array([found.after, follower.before]) - begun.before).sum(axis=1)
+    assert apart[1] < apart[0]
+    # The same file and seed draw the same.
+    other = Path(shutil.copy(state, tmp_path / "other"))
+    repeated = protect_step(model, BELIEF, other, publish=True, rng=np.random.default_rng(1))
+    np.testing.assert_array_equal(repeated.published, found.published)
+
+
+def test_a_file_of_another_budget_or_a_damaged_one_is_refused_and_kept(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    with pytest.raises(InputError, match="another budget"):
+        protect_step(model, BELIEF, copy, Budget.regret(3e-4), publish=True)
+    assert copy.read_bytes() == state.read_bytes()
+    damaged = tmp_path / "damaged"
+    damaged.write_bytes(state.read_bytes()[:200])
+    with pytest.raises(InputError):
+        protect_step(model, BELIEF, damaged, publish=True)
+    assert damaged.read_bytes() == state.read_bytes()[:200]
+    with pytest.raises(InputError, match="sum"):
+        protect_step(model, [0.5, 0.6], copy, publish=True)
+    assert copy.read_bytes() == state.read_bytes()
+
+
+def test_the_command_publishes_once(small, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, file, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    call = ["protect", "--model", str(file), "--belief", "0.25,0.75", "--state", str(copy)]
+    assert main([*call, "--publish", "--seed", "2"]) == 0
+    shown = capsys.readouterr().out
+    assert "Publish these weights" in shown
+    assert "1 decision published so far" in shown
+    assert main([*call, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["n_published"] == 1
+    assert told["published"] is None
+    assert sum(each["probability"] for each in told["lottery"]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "wrong", [["--publish"], ["--state", "s", "--out", "x"], ["--state", "s", "--measure", "desired"]]
+)
+def test_flags_that_do_not_go_together(small, wrong: list[str]) -> None:
+    _, file, _, _ = small
+    assert main(["protect", "--model", str(file), "--belief", "0.25,0.75", *wrong]) == 2

@@ -7,11 +7,14 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from inscrutable import Budget, GaussianEmission, HiddenMarkovModel, InputError, InvestorModel, MarkowitzProblem
 from inscrutable.cli import main
 from inscrutable.experiments import protect_sequence
+from inscrutable.experiments.attack import attack_weights
+from inscrutable.experiments.attack_over_time import attack_over_time
 from inscrutable.experiments.protect_sequence import protect_step
 
 ASSETS, REGIMES = ("A", "B", "C"), ("calm", "turbulent")
@@ -104,3 +107,43 @@ def test_the_command_publishes_once(small, tmp_path: Path, capsys: pytest.Captur
 def test_flags_that_do_not_go_together(small, wrong: list[str]) -> None:
     _, file, _, _ = small
     assert main(["protect", "--model", str(file), "--belief", "0.25,0.75", *wrong]) == 2
+
+
+def test_who_knows_the_sequential_rule_reads_what_the_sequence_keeps(small, tmp_path: Path) -> None:
+    model, _, state, _ = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    rng = np.random.default_rng(5)
+    steps = [
+        protect_step(model, belief, copy, publish=True, rng=rng)
+        for belief in ([1 / 6, 5 / 6], [0.5, 0.5], [5 / 6, 1 / 6])
+    ]
+    published = pd.DataFrame([step.published for step in steps], columns=list(ASSETS))
+    found = attack_over_time(attack_weights(model, published), "sequential", state=copy)
+    np.testing.assert_allclose(found.inferred.mean, [step.after for step in steps], atol=1e-9)
+    assert found.table()["expected error"].between(0.0, 1.0).all()
+
+
+def test_optimal_weights_of_beliefs_of_the_grid_are_read_exactly(small) -> None:
+    model, _, _, _ = small
+    beliefs = protect_sequence.chain_of(model).prior.beliefs[[1, 2]]
+    published = pd.DataFrame(model.problem.solve(beliefs), columns=list(ASSETS))
+    found = attack_over_time(attack_weights(model, published), "optimal")
+    np.testing.assert_allclose(found.inferred.mean, beliefs, atol=1e-9)
+    with pytest.raises(InputError, match="rule must be one of"):
+        attack_over_time(found.attack, "silence")
+    with pytest.raises(InputError, match="prices are in the file"):
+        attack_over_time(found.attack, "sequential")
+
+
+def test_attack_by_command_with_the_rule(small, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model, file, state, _ = small
+    published = pd.DataFrame(model.problem.solve([[0.4, 0.6], [0.5, 0.5]]), columns=list(ASSETS))
+    published.to_csv(tmp_path / "weights.csv", index=False, float_format="%.17g")
+    call = ["attack", "--model", str(file), "--weights", str(tmp_path / "weights.csv")]
+    assert main([*call, "--mechanism", "cdm", "--budget", "regret:0.0001", "--out", str(tmp_path / "out")]) == 0
+    assert "to one who knows the rule (cdm)" in capsys.readouterr().out
+    assert len(pd.read_csv(tmp_path / "out" / "attack_over_time.csv")) == 2
+    assert main([*call, "--mechanism", "sequential", "--state", str(state), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["over_time"]) == 2
+    assert main([*call, "--mechanism", "sequential"]) == 2
+    assert main([*call, "--state", str(state)]) == 2

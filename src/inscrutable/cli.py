@@ -21,6 +21,7 @@ from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
     WHOLE,
     MeasureName,
+    RuleName,
     UsageError,
     belief_of,
     budget_of,
@@ -35,7 +36,9 @@ from inscrutable.labels import label_text
 if TYPE_CHECKING:
     import pandas as pd
 
+    from inscrutable.budgets import Budget
     from inscrutable.experiments.attack import Attack
+    from inscrutable.experiments.attack_over_time import AttackOverTime
     from inscrutable.experiments.backtest import Backtest
     from inscrutable.experiments.comparison import Comparison
     from inscrutable.experiments.protect import Protection
@@ -272,36 +275,65 @@ def attack(
     *,
     model: Annotated[Path, Parameter(group=_DATA)],
     weights: Annotated[Path, Parameter(group=_DATA)],
+    mechanism: Annotated[RuleName | None, Parameter(group=_DATA)] = None,
+    budget: Annotated[str | None, Parameter(group=_DATA)] = None,
+    state: Annotated[Path | None, Parameter(group=_DATA)] = None,
     out: OptionalOut = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Read published weights back into the beliefs that explain them: what do my holdings say?
 
-    Weights rounded to a few digits are read as such: the digits written in the file are counted.
+    Weights rounded to a few digits are read as such: the digits written in the file are counted. With `--mechanism` also
+    what one concludes from all rows so far who knows how the weights are made; rows are one step of the model apart.
 
     Args:
         model: The model.json of a backtest.
         weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
+        mechanism: How the weights are made, as the observer knows: optimal, cdm, pdm, or sequential.
+        budget: With `--mechanism`: what the rule spends, as in protect. Default: the model's.
+        state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
         out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
     """
-    from inscrutable.datasets import read_weights
+    from inscrutable.datasets import read_weights, write_table
     from inscrutable.experiments.attack import attack_weights
     from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.reports.attack import attack_summary, write_attack
 
+    if mechanism is None and (budget is not None or state is not None):
+        raise UsageError("--budget and --state say more of --mechanism: give that as well")
+    if (mechanism == "sequential") != (state is not None):
+        raise UsageError("--mechanism sequential and --state FILE go together")
+    limit = None if budget is None else budget_of(budget)
     investor = InvestorModel.load(model)
     table = read_weights(weights, assets=investor.assets)
     folder = None if out is None else writable_folder(out)
     speech.log(table.summary())
     with speech.progress("Rows read") as move:
         found = attack_weights(investor, table, progress=move)
-    files = [] if folder is None else _replace(folder, "attack", write_attack(found, folder), speech)
+    over_time = None if mechanism is None else _followed(found, mechanism, limit, state)
+    paths = [] if folder is None else write_attack(found, folder)
+    if folder is not None and over_time is not None:
+        paths.append(folder / "attack_over_time.csv")
+        write_table(over_time.table(), paths[-1])
+    files = [] if folder is None else _replace(folder, "attack", paths, speech)
     if speech.json:
-        speech.summary(attack_summary(found))
+        followed = None if over_time is None else over_time.table().to_dict("records")
+        speech.summary(attack_summary(found) | ({} if followed is None else {"over_time": followed}))
         return
     _show_attack(found, speech, whole=folder is None)
+    if over_time is not None:
+        lines = over_time.lines()
+        shown = lines if folder is None else lines.iloc[:_LONGEST_TABLE]
+        title = f"What all rows so far say to one who knows the rule ({mechanism}) and how the belief moves"
+        show_table(shown, title if len(shown) == len(lines) else f"{title}; the first {len(shown)} rows")
     speech.sentence(found.summary())
     speech.files(files)
+
+
+def _followed(found: Attack, rule: RuleName, budget: Budget | None, state: Path | None) -> AttackOverTime:
+    from inscrutable.experiments.attack_over_time import attack_over_time
+
+    return attack_over_time(found, rule, budget, state=state)
 
 
 def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from inscrutable.budgets import Budget
     from inscrutable.privacy import PrivacyMeasure
 
+RuleName = Literal["optimal", "cdm", "pdm", "sequential"]
 MeasureName = Literal["maximal", "desired", "non-existence", "non-uniqueness", "infeasibility"]
 
 

@@ -15,7 +15,7 @@ from inscrutable.decision_makers import DecisionSequence, MixedDecision, Sequent
 from inscrutable.decision_makers.sequential.sequence import StepFigures
 from inscrutable.experiments.backtest_aware import resolution_for
 from inscrutable.experiments.investor_model import InvestorModel, checked_model
-from inscrutable.mechanisms.chains import predicted_chain
+from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
 from inscrutable.validation import Array
 
 _CHAIN_SEED = 0
@@ -108,6 +108,11 @@ def _counted(count: int) -> str:
     return f"{count} decision" if count == 1 else f"{count} decisions"
 
 
+def chain_of(model: InvestorModel) -> BeliefChain:
+    """Return how the investor's belief about the next row moves, on a grid; the same at every call."""
+    return predicted_chain(model.world, resolution_for(model.world.n_states), rng=np.random.default_rng(_CHAIN_SEED))
+
+
 def protect_step(
     model: InvestorModel,
     belief: ArrayLike,
@@ -147,7 +152,7 @@ def protect_step(
     problem, path = model.problem, Path(state)
     held = validation.one_belief(belief, problem.n_states, names=model.regimes)
     source = np.random.default_rng() if rng is None else validation.generator(rng)
-    chain = predicted_chain(model.world, resolution_for(problem.n_states), rng=np.random.default_rng(_CHAIN_SEED))
+    chain = chain_of(model)
     limit = model.budget if budget is None else as_budget(budget)
     sequence = SequentialDecisionMaker(problem, limit, chain=chain, rng=source).begin()
     try:

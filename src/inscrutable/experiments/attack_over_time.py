@@ -1,0 +1,111 @@
+"""What an observer concludes from all weights so far who knows how they are made and how the investor's belief moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.adversaries import SequentialAdversary
+from inscrutable.adversaries.sequence_results import InferredBeliefs
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers import (
+    CounterAdversarialDecisionMaker,
+    OriginalDecisionMaker,
+    PriceCalibration,
+    ProbabilisticDecisionMaker,
+    SequentialDecisionMaker,
+)
+from inscrutable.decision_makers.sequential.state import SequenceState
+from inscrutable.errors import InputError
+from inscrutable.experiments.attack import Attack
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.protect_sequence import chain_of
+from inscrutable.mechanisms import mechanism
+from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.played import PlaysMany
+
+
+@dataclass(frozen=True, eq=False)
+class AttackOverTime:
+    """What one who knows the rule holds after each row.
+
+    Args:
+        attack: The same weights read one by one, at face value.
+        rule: How the weights are taken to be made.
+        inferred: The observer's law of the belief after each row, and how each row was read.
+    """
+
+    attack: Attack
+    rule: str
+    inferred: InferredBeliefs
+
+    def table(self) -> pd.DataFrame:
+        """Return one row per published row: the estimate of each regime, the error expected of it, and how it was read."""
+        table = pd.DataFrame(self.inferred.mean, index=self.attack.index, columns=list(self.attack.model.regimes))
+        table["expected error"] = self.inferred.spread
+        table["reading"] = [status.value.partition(":")[0] for status in self.inferred.statuses]
+        return table
+
+    def lines(self) -> pd.DataFrame:
+        """Return the same as text."""
+        table = self.table()
+        numbers = table.columns[:-1]
+        table[numbers] = table[numbers].map("{:.3f}".format)
+        return table
+
+
+def attack_over_time(
+    attack: Attack, rule: str, budget: Budget | float | None = None, *, state: str | Path | None = None
+) -> AttackOverTime:
+    """Return what an observer concludes from all rows up to each who knows the rule, its budget and the model.
+
+    Rows follow each other in time, one step apart. A decision that the rule plays under no belief of the grid counts as the
+    nearest that it plays.
+
+    Args:
+        attack: From `attack_weights`.
+        rule: How the weights are made: "optimal", "cdm", "pdm" or "sequential".
+        budget: What the rule spends; None is the model's. The sequential rule's is in its file.
+        state: The file of the sequence, for "sequential": its prices are taken from there, and no decision.
+
+    Raises:
+        InputError: There is no such rule, or the file is missing, damaged or not given.
+
+    Cost: one decision for each of some 500 beliefs, and a step of the filter a row.
+
+    Source: see `SequentialAdversary`. Example: see `protect_step`.
+    """
+    model = attack.model
+    chain = chain_of(model)
+    limit = model.budget if budget is None else as_budget(budget)
+    followed = SequentialAdversary(chain, _mechanism(model, chain, rule, limit, state))
+    return AttackOverTime(attack, rule, followed.filter(attack.actions, nearest=True))
+
+
+def _mechanism(model: InvestorModel, chain: BeliefChain, rule: str, budget: Budget, state: str | Path | None) -> Any:
+    problem = model.problem
+    makers: dict[str, Callable[[], PlaysMany]] = {
+        "optimal": lambda: OriginalDecisionMaker(problem),
+        "cdm": lambda: CounterAdversarialDecisionMaker(problem, budget=budget),
+        "pdm": lambda: ProbabilisticDecisionMaker(problem, budget=budget),
+    }
+    if rule in makers:
+        return mechanism(makers[rule](), chain.prior.beliefs)
+    if rule != "sequential":
+        raise InputError(f"rule must be one of {', '.join([*makers, 'sequential'])}, got {rule!r}")
+    if state is None or not Path(state).exists():
+        raise InputError("the sequential rule's prices are in the file of its sequence: give one that protect has made")
+    found = SequenceState.load(state)
+    price = float(found.calibration.regret_prices[found.price_index])
+    return SequentialDecisionMaker(
+        problem,
+        budget,
+        chain=chain,
+        calibration=PriceCalibration.at(price, found.calibration.information_price),
+        rng=np.random.default_rng(0),
+    )

@@ -17,6 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 from inscrutable import __version__
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
+from inscrutable.cli_sequence import protect_next
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
     WHOLE,
@@ -390,7 +391,7 @@ def protect(
         others = (beliefs, weights, target, certify, out)
         if belief is None or measure != "maximal" or any(option is not None for option in others):
             raise UsageError("--state takes --belief, --budget, --publish and --seed: it hides the belief as such")
-        _protect_step(model, belief, state, budget, publish, seed, speech)
+        protect_next(model, belief, state, budget, publish, seed, speech)
         return
     if publish:
         raise UsageError("--publish records a decision: give the file with --state")
@@ -428,54 +429,6 @@ def protect(
         return
     _show_protection(found)
     speech.files(files)
-
-
-def _protect_step(
-    model: Path, belief: str, state: Path, budget: str | None, publish: bool, seed: int | None, speech: Speech
-) -> None:
-    """One step of a sequence of decisions that is kept in a file."""
-    limit, held = None if budget is None else budget_of(budget), belief_of(belief, "--belief")
-
-    import numpy as np
-
-    from inscrutable.experiments.investor_model import InvestorModel
-    from inscrutable.experiments.protect_sequence import protect_step
-
-    if not state.exists():
-        speech.log(
-            f"No sequence in {state} yet: the prices that spend the budget in the long run are found first, once."
-        )
-    rng = None if seed is None else np.random.default_rng(seed)
-    found = protect_step(InvestorModel.load(model), held, state, limit, publish=publish, rng=rng)
-    if speech.json:
-        speech.summary(
-            {
-                "n_published": found.n_published,
-                "published": None
-                if found.published is None
-                else dict(zip(found.model.assets, found.published, strict=True)),
-                "lottery": found.table().to_dict("records"),
-                "observer_before": dict(zip(found.model.regimes, found.before, strict=True)),
-                "observer_after": None
-                if found.after is None
-                else dict(zip(found.model.regimes, found.after, strict=True)),
-                "expected_regret": found.expected.own_regret,
-                "expected_bits": found.expected.bits,
-                "regret_so_far": found.spent,
-                "bits_so_far": found.told,
-                "long_run_error": found.long_run_error,
-                "prior_error": found.prior_error,
-            }
-        )
-        return
-    show_table(found.lines(), "What the rule draws from at this step")
-    if found.published is not None:
-        drawn = ", ".join(
-            f"{asset} {share:.6f}" for asset, share in zip(found.model.assets, found.published, strict=True)
-        )
-        results().print(f"Publish these weights, which are recorded: {drawn}.")
-    for line in found.summary().splitlines():
-        results().print(line)
 
 
 def _show_protection(found: Protection) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -63,6 +64,26 @@ class ProtectedStep:
         weights.insert(0, "regret", np.asarray(self.lottery.regrets)[order])
         weights.insert(0, "probability", np.asarray(self.lottery.probabilities)[order])
         return weights.rename_axis("portfolio")
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything as plain data, by the names of assets and regimes."""
+
+        def named(values: Array | None, names: tuple[str, ...]) -> dict[str, float] | None:
+            return None if values is None else {name: float(each) for name, each in zip(names, values, strict=True)}
+
+        return {
+            "n_published": self.n_published,
+            "published": named(self.published, self.model.assets),
+            "lottery": self.table().to_dict("records"),
+            "observer_before": named(self.before, self.model.regimes),
+            "observer_after": named(self.after, self.model.regimes),
+            "expected_regret": self.expected.own_regret,
+            "expected_bits": self.expected.bits,
+            "regret_so_far": self.spent,
+            "bits_so_far": self.told,
+            "long_run_error": self.long_run_error,
+            "prior_error": self.prior_error,
+        }
 
     def lines(self) -> pd.DataFrame:
         """Return the same as text for a screen; weights and probabilities in percent, what is zero left out."""

@@ -18,16 +18,16 @@ SPENT = 1e-9  # by which rounding may carry a regret above the budget, relative
 
 @dataclass(frozen=True)
 class Sizes:
-    """The points: T at M = 5,151; resolutions of the decoys, U and X at a few thousand steps.
+    """The points: T at M = 5,151; resolutions of the decoys, U and X at a few hundred steps.
 
     A point that takes more than `patience` seconds is given up with those behind it, which misses the target.
     """
 
-    steps: tuple[int, ...] = (10_000, 100_000, 1_000_000)
+    steps: tuple[int, ...] = (1_000, 10_000, 100_000)
     resolutions: tuple[int, ...] = (30, 100, 300, 1000)
     assets: tuple[int, ...] = (3, 10, 30, 100)
     states: tuple[int, ...] = (2, 3, 4, 5, 6, 8)
-    few_steps: int = 2000
+    few_steps: int = 500
     patience: float = 300.0
 
 

@@ -1,7 +1,6 @@
-"""Many decisions: 20,000 random beliefs in one call, against the bare matrix product beliefs @ state_costs.T.
+"""Many decisions: 2,000 random beliefs in one call, beside the same maker that only compares the candidates.
 
-The product alone is what a single pass over all pairs of beliefs and candidates costs in NumPy, before anything is
-decided. Every try decides other beliefs, so nothing can be remembered. The answers are judged by what is recomputed
+Every try decides other beliefs, so nothing can be remembered. The answers are judged by what is recomputed
 from the actions alone, beside the frontier of a grid ten times finer.
 """
 
@@ -15,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import markets
-from benchmarks.table import Quality, Row, Target, at_most, times_text
+from benchmarks.table import Quality, Row, at_most, times_text
 from benchmarks.timing import Timing, best_of
 from inscrutable import (
+    Budget,
     Candidates,
     CounterAdversarialDecisionMaker,
     DesiredObfuscation,
@@ -29,29 +29,29 @@ from inscrutable import (
     decoy_grid,
     privacy_frontier,
 )
+from inscrutable.experiments.candidates_only import CandidateDecisionMaker
 
 Array = NDArray[np.float64]
 
-TITLE = "Many decisions: X = 3 states, U = 3 assets, budget 0.1 of |c*|"
-N_STATES = N_ASSETS = 3
+TITLE = "Many decisions: X = 3 states, U = 12 assets, budget 0.1 of |c*|"
+N_STATES, N_ASSETS = 3, 12
 BUDGET = 0.1
-OF_THE_PRODUCT, STAR = 0.5, 0.05
+MILLISECONDS = 0.5  # a belief
 SPENT = 1e-9  # by which rounding may carry a regret above the budget, relative
 RECOMPUTED = 1e-6  # between what a result says and what is recomputed from its actions
-BLOCK_BYTES = 2**30  # a product larger than this is made in blocks of beliefs, into the same memory
 PROBE = 200  # beliefs that tell how long all of them will take
 TARGET = np.array([0.6, 0.3, 0.1])
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Beliefs, resolutions of the decoys, and what judges: the reference's resolution, on how many beliefs, how well.
+    """Beliefs, resolution of the decoys, and what judges: the reference's resolution, on how many beliefs, how well.
 
     `behind` is what a decision may lack to the finer grid, in units of privacy; `seconds` is what all tries may take.
     """
 
-    n_beliefs: int = 20_000
-    resolutions: tuple[int, ...] = (100, 200, 400)
+    n_beliefs: int = 2_000
+    resolution: int = 100
     finer: int = 1000
     compared: int = 100
     behind: float = 1e-4
@@ -60,7 +60,7 @@ class Sizes:
 
 
 FULL = Sizes()
-QUICK = Sizes(n_beliefs=12, resolutions=(20,), finer=40, compared=4, behind=0.02, tries=2)
+QUICK = Sizes(n_beliefs=12, resolution=20, finer=40, compared=4, behind=0.02, tries=2)
 
 
 @dataclass(frozen=True)
@@ -77,21 +77,15 @@ class Case:
 
 
 def rows(sizes: Sizes) -> Iterator[Row]:
-    """Both makers and both measures on the first resolution, the lottery on all of them, on two kinds of market."""
+    """Both makers and both measures on two kinds of market."""
     for name, problem in _problems():
         case = Case(name, problem, decoy_grid(problem, sizes.finer))
         judged = markets.beliefs(sizes.n_beliefs, N_STATES, 1)[: sizes.compared]
         for measure in (MaximalObfuscation(), DesiredObfuscation(TARGET)):
             frontiers = case.references(judged, measure)
-            is_first = isinstance(measure, MaximalObfuscation)
-            for resolution in sizes.resolutions if is_first else sizes.resolutions[:1]:
-                candidates = decoy_grid(problem, resolution)
-                product = _product(sizes, candidates)
-                yield _decided(case, ProbabilisticDecisionMaker, measure, sizes, candidates, (product, frontiers))
-                if resolution == sizes.resolutions[0]:
-                    yield _decided(
-                        case, CounterAdversarialDecisionMaker, measure, sizes, candidates, (product, frontiers)
-                    )
+            candidates = decoy_grid(problem, sizes.resolution)
+            for maker in (ProbabilisticDecisionMaker, CounterAdversarialDecisionMaker):
+                yield _decided(case, maker, measure, sizes, candidates, frontiers)
 
 
 def _problems() -> Iterator[tuple[str, MarkowitzProblem]]:
@@ -101,47 +95,41 @@ def _problems() -> Iterator[tuple[str, MarkowitzProblem]]:
     yield "concentrated portfolios", markets.problem_of(drawn)
 
 
-def _product(sizes: Sizes, candidates: Candidates) -> Timing:
-    """The bare product, best of all tries, into memory that was allocated and touched before."""
-    beliefs, right = markets.beliefs(sizes.n_beliefs, N_STATES), candidates.state_costs.T
-    block = min(len(beliefs), max(1, BLOCK_BYTES // (8 * len(candidates))))
-    out = np.zeros((block, len(candidates)))
-
-    def product(_: int) -> None:
-        for first in range(0, len(beliefs), block):
-            part = beliefs[first : first + block]
-            np.matmul(part, right, out=out[: len(part)])
-
-    return best_of(sizes.tries, product)
-
-
 def _decided(
     case: Case,
     maker: Any,
     measure: PrivacyMeasure,
     sizes: Sizes,
     candidates: Candidates,
-    against: tuple[Timing, Sequence[Any]],
+    frontiers: Sequence[Any],
 ) -> Row:
-    product, frontiers = against
     agent = maker(case.problem, measure, BUDGET, candidates=candidates)
     ours = _timed(agent, sizes)
-    judged = markets.beliefs(sizes.n_beliefs, N_STATES, 1)[: sizes.compared]
     is_lottery = maker is ProbabilisticDecisionMaker
+    judged = markets.beliefs(sizes.n_beliefs, N_STATES, 1)[: sizes.compared]
     comparison = _compared(case, measure, judged, agent.decide_many(judged), frontiers)
-    ratio = ours.seconds / product.seconds
+    each = 1e3 * ours.seconds / sizes.n_beliefs
     not_points = float(((candidates.actions > 0).sum(axis=1) < N_STATES).mean())
     return Row(
         f"{'PDM' if is_lottery else 'CDM'} decide_many, {_named(measure)} obfuscation",
         f"T={sizes.n_beliefs:,}, M={len(candidates):,}, {case.name} ({not_points:.0%} of the sets no point)",
-        ours.text,
-        "bare matrix product",
-        product.text,
-        times_text(ratio),
+        f"{ours.text}, {each:.2g} ms a belief",
+        *(
+            _peer(case, sizes, candidates, is_lottery, ours)
+            if isinstance(measure, MaximalObfuscation)
+            else ("", "", "")
+        ),
         comparison.quality(sizes.behind),
-        at_most(ratio, OF_THE_PRODUCT, star=STAR) if is_lottery else Target(),
-        {"seconds": ours.seconds, "peer_seconds": product.seconds, "candidates": len(candidates)},
+        at_most(each, MILLISECONDS, " ms a belief"),
+        {"seconds": ours.seconds, "candidates": len(candidates)},
     )
+
+
+def _peer(case: Case, sizes: Sizes, candidates: Candidates, is_lottery: bool, ours: Timing) -> tuple[str, str, str]:
+    """The choice among the candidates alone: its name, its time, and ours as a share of it."""
+    alone = CandidateDecisionMaker(case.problem, Budget(BUDGET), candidates, mixes=is_lottery)
+    found = _timed(alone, sizes)
+    return "the candidates alone", found.text, times_text(ours.seconds / found.seconds)
 
 
 def _timed(agent: Any, sizes: Sizes) -> Timing:

@@ -15,7 +15,7 @@ from benchmarks.table import Quality, Row, Target, at_most, seconds_text, times_
 
 TITLE = "Start-up: each in new processes"
 OVER_NUMPY = 3.0
-COMPILE_SECONDS = 20.0
+FIRST_SECONDS, COMPILE_SECONDS = 8.0, 15.0
 REPRODUCE_SECONDS = 15.0
 
 _IMPORT = "import time; start = time.perf_counter(); import {0}; print(time.perf_counter() - start)"
@@ -118,7 +118,7 @@ def _first_calls(sizes: Sizes) -> Iterator[Row]:
         "decoys and one CDM decision",
         f"{seconds_text(first, 'once')}, of which {seconds_text(compiling)} compile",
         quality=Quality(notice),
-        target=at_most(compiling, COMPILE_SECONDS, " s compile"),
+        target=at_most(first, FIRST_SECONDS, " s in all"),
         numbers={"seconds": first, "compiling": compiling},
     )
     yield Row(

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from inscrutable import Polyhedron, QuadraticProblem, box, simplex
-from inscrutable.decision_makers.search.face_search import rules_for, within
+from inscrutable import Polyhedron, QuadraticProblem, box, simplex, tolerances
 from inscrutable.decision_makers.search.faces import FaceProgramme, face_programme
+from inscrutable.decision_makers.search.region_search import rules_for
 from inscrutable.kernels.climb import Aim, climb
 from inscrutable.kernels.faces import (
     add_regret_curvature,
@@ -213,7 +213,14 @@ class Case(NamedTuple):
 
     def climb(self, start: Array, rounds: int = ROUNDS) -> tuple[float, Array, Array]:
         y, w = start.copy(), np.full(self.face.span.shape[1] + 1, np.nan)
-        loss = climb(self.face.curves, self.face.rows, within(self.aim), rules_for(y.size), y, w, rounds)
+        loss, _ = climb(
+            self.face.arrays,
+            self.aim._replace(limit=self.aim.limit * (1.0 - tolerances.BUDGET_SAFETY)),
+            rules_for(y.size),
+            y,
+            w,
+            rounds,
+        )
         return float(loss), y, w
 
 

@@ -33,9 +33,6 @@ from inscrutable import (
     privacy_frontier,
     simplex,
 )
-from inscrutable.decision_makers.search.atlas import atlas_of
-from inscrutable.decision_makers.search.plane import plane_of
-from inscrutable.kernels.search import LARGER
 from inscrutable.problems.copied_coordinates import merged_copies
 
 Array = NDArray[np.float64]
@@ -218,18 +215,6 @@ def test_assets_that_are_all_copies_hide_everything_and_nothing(budget: float) -
         mixed = ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates).decide(belief)
         assert mixed.privacies == pytest.approx(0.0, abs=STATED)
         assert consistent_beliefs(problem, mixed.actions[0]).dimension == 2
-
-
-def test_a_set_is_judged_from_the_decision_and_not_from_a_decoy_that_has_many() -> None:
-    """The general search is what these markets are searched by: no plane, and decisions that many beliefs explain."""
-    rng = np.random.default_rng(3)
-    both = market(rng, 3, 2, all_copies)
-    capped = simplex(2) & Polyhedron([[1.0, 0.0]], [0.8])  # what one copy alone is held to is no copy's
-    problem = QuadraticProblem(both.hessians, both.linear, constraints=capped)
-    atlas = atlas_of(problem, decoy_grid(problem, 6))
-    assert plane_of(atlas) is None
-    assert (atlas.table.kind == LARGER).all()
-    assert (atlas.arena.size[atlas.table.face] == 1).all()
 
 
 @pytest.mark.parametrize("n_states", [2, 3, 4])

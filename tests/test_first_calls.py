@@ -44,7 +44,7 @@ def test_after_the_first_calls_no_kernel_is_left():
     assert left == []
     assert count > 20
     assert there
-    assert moves == [[number, 4] for number in range(5)]
+    assert moves == [[number, 3] for number in range(4)]
     assert done.stderr == ""
 
 

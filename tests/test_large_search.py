@@ -16,11 +16,11 @@ from inscrutable import (
     simplex,
 )
 from inscrutable.decision_makers.search.edge_climbs import edge_decoys
-from inscrutable.decision_makers.search.face_search import rules_for
-from inscrutable.decision_makers.search.face_starts import flipped, set_distance
 from inscrutable.decision_makers.search.faces import face_programme
 from inscrutable.decision_makers.search.rays import farthest_decoys
+from inscrutable.decision_makers.search.region_search import rules_for
 from inscrutable.kernels.climb import Aim
+from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 from inscrutable.privacy import MaximalObfuscation
 from oracles import consistent, large_markets, markets, multistart
 
@@ -146,13 +146,7 @@ def test_the_distance_to_a_set_by_its_face(seed):
     beliefs = rng.dirichlet(np.ones(6), 2)
     action = problem.solve(beliefs[0])
     face = face_programme(problem, problem.constraints.tight_rows(action))
-    aim = Aim(beliefs[1], beliefs[1], 1.0, 0.0, np.inf, 0.0)
-    found = set_distance(face, face.rows[: face.n_set_rows], face.w(action), aim, rules_for(6))
+    room = distance_room(6, len(face.place), len(face.rows))
+    found = nearest_belief(face.arrays, face.w(action), beliefs[1], rules_for(6), NO_ROW, np.empty(6), room)
     system = consistent.simplex_system(markets.gradients(market, action), action > 0)
     assert found == pytest.approx(consistent.distance(system, beliefs[1]), abs=CLOSE)
-
-
-def test_flipping_changes_the_rows_named_and_nothing_else():
-    tight = np.array([True, False, True])
-    np.testing.assert_array_equal(flipped(tight, 0, 1), [False, True, True])
-    np.testing.assert_array_equal(tight, [True, False, True])

@@ -15,15 +15,9 @@ from inscrutable import (
     DesiredObfuscation,
     MarkowitzProblem,
     MaximalObfuscation,
-    Polyhedron,
     consistent_beliefs,
     decoy_grid,
 )
-from inscrutable.decision_makers.search import face_search
-from inscrutable.decision_makers.search.atlas import Faces
-from inscrutable.decision_makers.search.line import make_line
-from inscrutable.kernels.budget_end import budget_end
-from inscrutable.kernels.climb import Aim
 from oracles import enumeration, markets
 from oracles.markets import Market
 
@@ -166,39 +160,6 @@ def test_a_narrow_stretch_beyond_the_beliefs_that_share_a_corner_is_found() -> N
     assert best > 0.4
 
 
-def test_the_search_by_faces_enters_a_freed_face_at_the_border_of_the_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = MarkowitzProblem(*NARROW)
-    monkeypatch.setattr(face_search, "line_of", lambda atlas: None)
-    best = farthest(explained(NARROW, NARROW_BELIEF, NARROW_BUDGET), NARROW_BELIEF)
-    decision = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(NARROW_BUDGET)).decide(NARROW_BELIEF)
-    assert decision.privacy == pytest.approx(best, abs=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_the_line_is_cut_where_weights_reach_zero_or_the_least_that_is_traded(seed: int) -> None:
-    market = markets.random_market(np.random.default_rng(seed), 2, 40 if seed < 2 else 4)
-    problem = MarkowitzProblem(*market)
-    line = make_line(problem)
-    assert (line.low <= line.high).all()
-    assert (line.high[:-1] < line.low[1:]).all()
-    covered = np.zeros(len(SHARES), dtype=bool)
-    for low, high in zip(line.low, line.high, strict=True):
-        covered[np.searchsorted(SHARES, low) : np.searchsorted(SHARES, high, side="right")] = True
-    weights = problem.solve(np.column_stack([SHARES, 1.0 - SHARES]))
-    allowed = ((weights == 0.0) | (weights >= MIN_SLACK * (1.0 + 1e-4))).all(axis=1)
-    refused = ((weights > 0.0) & (weights < MIN_SLACK)).any(axis=1)
-    assert not (allowed & ~covered).any()
-    assert not (refused & covered).any()
-
-
-def test_least_weight_of_zero_comes_as_near_to_the_border_as_numbers_do() -> None:
-    market = markets.random_market(np.random.default_rng(4), 2, 4)
-    region = Polyhedron(-np.eye(4), np.zeros(4), np.ones((1, 4)), [1.0], min_slack=0.0)
-    line = make_line(MarkowitzProblem(*market, region))
-    assert (line.low[0], line.high[-1]) == (0.0, 1.0)
-    assert (line.low[1:] - line.high[:-1]).max() < 1e-6
-
-
 @pytest.mark.parametrize("n_assets", [1, 2])
 def test_states_that_cost_the_same_hide_nothing_and_one_asset_says_nothing(n_assets: int) -> None:
     market = markets.random_market(np.random.default_rng(1), 1, n_assets)
@@ -210,29 +171,12 @@ def test_states_that_cost_the_same_hide_nothing_and_one_asset_says_nothing(n_ass
     assert wished.privacy == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_state_without_risk_leaves_the_search_by_faces_in_place() -> None:
+def test_a_state_without_risk() -> None:
     means = np.array([[0.1, 0.2, 0.05], [0.3, 0.1, 0.0]])
     risk = np.array([[0.3, 0.1, 0.0], [0.1, 0.2, 0.05], [0.0, 0.05, 0.4]])
     problem = MarkowitzProblem(means, np.array([np.zeros((3, 3)), risk]), 2.0)
-    assert not make_line(problem).is_complete
-    assert make_line(MarkowitzProblem(means, np.array([risk, 2.0 * risk]), 2.0)).is_complete
     decision = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(0.01)).decide([0.4, 0.6])
     assert decision.privacy == pytest.approx(
         consistent_beliefs(problem, decision.action).distance([0.4, 0.6]), abs=1e-7
     )
     assert decision.regret <= 0.01
-
-
-def test_the_budget_ends_where_the_regret_meets_it() -> None:
-    problem = MarkowitzProblem(*markets.random_market(np.random.default_rng(0), 2, 3))
-    faces = Faces(problem)
-    free = faces(np.zeros(3, dtype=bool))
-    for limit in (1e-9, 1e-6, 1e-3):
-        near, far = np.array([0.5, 0.5]), np.array([0.9, 0.1])
-        place = np.linalg.solve(free.curves.mean(axis=0)[:-1, :-1], -free.curves.mean(axis=0)[:-1, -1])
-        own = float(problem.expected_cost(near, free.action(place)))
-        share = budget_end(free.curves, Aim(near, near, 1.0, own, limit, 0.0), 1e-10, near, far)
-        decoy = near + share * (far - near)
-        bend, pull = np.tensordot(decoy, free.curves[:, :-1, :-1], 1), decoy @ free.curves[:, :-1, -1]
-        reached_cost = float(problem.expected_cost(near, free.origin + free.span @ np.linalg.solve(bend, -pull)))
-        assert reached_cost - own == pytest.approx(limit, rel=1e-5) or share == 1.0

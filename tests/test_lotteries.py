@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from inscrutable import (
@@ -26,14 +24,8 @@ from inscrutable import (
     consistent_beliefs,
     decoy_grid,
 )
-from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.search.atlas import Atlas
-from inscrutable.decision_makers.search.face_search import rules_for
 from inscrutable.kernels import threads
-from inscrutable.kernels.lotteries import FIRST_SEED, NONE, search_lotteries
-from inscrutable.kernels.lottery_polish import best_chord
 from oracles.enumeration import upper_concave_envelope
-from strategies import SEEDS
 
 Array = NDArray[np.float64]
 
@@ -45,186 +37,6 @@ def market(n_states: int, n_assets: int, rng: np.random.Generator) -> MarkowitzP
     factors = rng.normal(size=(n_states, n_assets, n_assets + 2)) * 0.2
     covariances = factors @ factors.transpose(0, 2, 1) / n_assets + 0.01 * np.eye(n_assets)
     return MarkowitzProblem(rng.normal(0.05, 0.1, (n_states, n_assets)), covariances, 2.0)
-
-
-# --- the search ---------------------------------------------------------------------------------------------------------
-
-
-class Search(NamedTuple):
-    """What is given to the search, and what it fills in."""
-
-    problem: MarkowitzProblem
-    candidates: Candidates
-    beliefs: Array
-    points: Array
-    sign: float
-    limits: Array
-    seeds: Array  # (T,s,2)
-
-    @property
-    def costs(self) -> Array:
-        return np.array([self.problem.optimal_cost(belief) for belief in self.beliefs])
-
-    def run(self, low: int = 0, high: int | None = None) -> tuple[np.ndarray, Array, Array]:
-        atlas, count = Atlas(self.problem, self.candidates), len(self.beliefs)
-        scans = atlas.scans
-        found = np.full((count, 3), -99), np.full((count, 3), np.nan), np.full((count, 3), np.nan)
-        search_lotteries(
-            low, count if high is None else high, self.beliefs, self.points, self.sign, self.costs, self.limits,
-            self.seeds, scans.table, atlas.table.face, scans.leaves, scans.models, atlas.arena,
-            rules_for(self.problem.n_states), GAP, *found,
-        )  # fmt: skip
-        return found
-
-    def points_of_frontier(self, t: int) -> tuple[Array, Array]:
-        """Regrets and privacies of all candidates that count, by the sets' own distances, and of the seeds."""
-        kept = self.candidates.usable & (self.candidates.sets.dimension >= 0)
-        regrets = np.maximum(self.candidates.state_costs[kept] @ self.beliefs[t] - self.costs[t], 0.0)
-        distances = self.sign * self.candidates.sets.distances(self.points[t])[kept]
-        return np.append(regrets, self.seeds[t, :, 0]), np.append(distances, self.seeds[t, :, 1])
-
-
-def drawn_search(
-    rng: np.random.Generator, n_states: int, n_assets: int, sign: float, count: int, *, budget: str, n_decoys: int
-) -> Search:
-    problem = market(n_states, n_assets, rng)
-    decoys = rng.dirichlet(np.full(n_states, rng.choice([0.5, 1.0, 3.0])), n_decoys)
-    candidates = make_candidates(problem, problem.solve(decoys), decoys)
-    beliefs = rng.dirichlet(np.ones(n_states), count)
-    points = beliefs if sign > 0 else rng.dirichlet(np.ones(n_states), count)
-    costs = np.array([problem.optimal_cost(belief) for belief in beliefs])
-    share = {"none": 0.0, "tiny": 1e-7, "usual": float(rng.uniform(0.01, 0.5)), "huge": 1e6}[budget]
-    seeds = np.zeros((count, 1, 2))
-    if sign < 0:
-        seeds[:, 0, 1] = -np.linalg.norm(points - beliefs, axis=1)
-    return Search(problem, candidates, beliefs, points, sign, share * np.abs(costs), seeds)
-
-
-def assert_chords_reach_the_envelope(search: Search) -> None:
-    atoms, regrets, privacies = search.run()
-    for t, limit in enumerate(search.limits):
-        all_regrets, all_privacies = search.points_of_frontier(t)
-        assert regrets[t, 0] <= limit
-        value = privacies[t, 0]
-        if atoms[t, 1] != NONE:
-            assert regrets[t, 1] > limit
-            share = (limit - regrets[t, 0]) / (regrets[t, 1] - regrets[t, 0])
-            value += share * (privacies[t, 1] - privacies[t, 0])
-        envelope = upper_concave_envelope(all_regrets, all_privacies, float(limit))
-        np.testing.assert_allclose(value, envelope, atol=1.01 * GAP)
-        best = all_privacies[all_regrets <= limit].max()
-        assert regrets[t, 2] <= limit
-        np.testing.assert_allclose(privacies[t, 2], best, atol=1.01 * GAP)
-        assert_atoms_are_what_they_are_called(search, t, atoms[t], regrets[t], privacies[t])
-
-
-def assert_atoms_are_what_they_are_called(
-    search: Search, t: int, atoms: np.ndarray, regrets: Array, privacies: Array
-) -> None:
-    index = Atlas(search.problem, search.candidates).index
-    distances = search.sign * search.candidates.sets.distances(search.points[t])
-    for s, d in enumerate(atoms):
-        if d >= 0:
-            cost = search.candidates.state_costs[index[d]] @ search.beliefs[t]
-            np.testing.assert_allclose(regrets[s], max(cost - search.costs[t], 0.0), atol=1e-14)
-            np.testing.assert_allclose(privacies[s], distances[index[d]], atol=1e-8)
-        elif d <= FIRST_SEED:
-            assert np.array_equal([regrets[s], privacies[s]], search.seeds[t, FIRST_SEED - d])
-
-
-@settings(max_examples=120)
-@given(
-    SEEDS,
-    st.sampled_from(SHAPES),
-    st.sampled_from([1.0, -1.0]),
-    st.sampled_from(["none", "tiny", "usual", "usual", "huge"]),
-    st.sampled_from([1, 5, 24, 25, 130]),
-)
-def test_the_chord_is_the_envelopes(seed: int, shape: tuple[int, int], sign: float, budget: str, n_decoys: int) -> None:
-    """From one candidate and one leaf to several leaves; beliefs in a row, so that guesses are handed on."""
-    rng = np.random.default_rng(seed)
-    assert_chords_reach_the_envelope(drawn_search(rng, *shape, sign, 4, budget=budget, n_decoys=n_decoys))
-
-
-@settings(max_examples=40)
-@given(SEEDS, st.sampled_from(SHAPES), st.sampled_from([1.0, -1.0]), st.integers(1, 3))
-def test_known_points_take_part(seed: int, shape: tuple[int, int], sign: float, n_seeds: int) -> None:
-    """Affordable points of any privacy, the best of them sometimes beyond all candidates, sometimes free."""
-    rng = np.random.default_rng(seed)
-    search = drawn_search(rng, *shape, sign, 3, budget="usual", n_decoys=60)
-    more = np.empty((3, n_seeds, 2))
-    more[:, :, 0] = rng.uniform(0.0, 1.0, (3, n_seeds)) * rng.choice([0.0, 1.0]) * search.limits[:, None]
-    more[:, :, 1] = rng.uniform(0.0, 1.2, (3, n_seeds)) - (1.5 if sign < 0 else 0.0)
-    assert_chords_reach_the_envelope(search._replace(seeds=np.concatenate([search.seeds, more], axis=1)))
-    assert_chords_reach_the_envelope(search._replace(seeds=np.ascontiguousarray(more)))
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_sets_of_every_dimension_occur_and_win(sign: float) -> None:
-    """Two assets with four states: points, segments and larger sets among the candidates and among the atoms."""
-    dimensions: set[int] = set()
-    winners: set[int] = set()
-    for seed in range(25):
-        shape = SHAPES[seed % len(SHAPES)]
-        search = drawn_search(np.random.default_rng(seed), *shape, sign, 2, budget="usual", n_decoys=60)
-        sets, index = search.candidates.sets, Atlas(search.problem, search.candidates).index
-        dimensions |= set(sets.dimension.tolist())
-        atoms = search.run()[0]
-        winners |= set(sets.dimension[index[atoms[atoms >= 0]]].tolist())
-    assert {0, 1, 2} <= dimensions
-    assert ({0, 1} if sign > 0 else {0, 1, 2}) <= winners  # far away, a large set is near on some side
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_duplicates_and_no_candidates_at_all(sign: float) -> None:
-    rng = np.random.default_rng(4)
-    search = drawn_search(rng, 3, 4, sign, 3, budget="usual", n_decoys=30)
-    decoys = search.candidates.decoys
-    assert decoys is not None
-    copies = np.repeat(decoys, 4, axis=0)[rng.permutation(120)]
-    twice = make_candidates(search.problem, search.problem.solve(copies), copies)
-    assert len(Atlas(search.problem, twice)) <= 30
-    doubled = search._replace(candidates=twice)
-    assert_chords_reach_the_envelope(doubled)
-    for one, other in zip(search.run()[1:], doubled.run()[1:], strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
-
-    outside = np.array([[2.0, -1.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0]])
-    nothing = search._replace(candidates=make_candidates(search.problem, outside))
-    assert len(Atlas(search.problem, nothing.candidates)) == 0
-    atoms, regrets, privacies = nothing.run()
-    assert (atoms == [FIRST_SEED, NONE, FIRST_SEED]).all()
-    assert not regrets[:, [0, 2]].any()
-    assert np.array_equal(privacies[:, [0, 2]], np.repeat(search.seeds[:, 0, 1:], 2, axis=1))
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_only_the_asked_beliefs_are_filled_and_from_anywhere(sign: float) -> None:
-    search = drawn_search(np.random.default_rng(6), 3, 4, sign, 12, budget="usual", n_decoys=90)
-    whole = search.run()
-    for low, high in [(0, 5), (5, 12), (7, 8), (4, 4)]:
-        atoms, regrets, privacies = search.run(low, high)
-        assert (np.delete(atoms, np.s_[low:high], axis=0) == -99).all()
-        np.testing.assert_allclose(privacies[low:high, 2], whole[2][low:high, 2], atol=2 * GAP)
-        assert np.isfinite(regrets[low:high, 0]).all()
-
-
-@settings(max_examples=100)
-@given(SEEDS, st.integers(1, 8))
-def test_best_chord_is_the_envelope_of_few_points(seed: int, count: int) -> None:
-    rng = np.random.default_rng(seed)
-    regrets, privacies = rng.integers(0, 6, count) / 5.0, rng.integers(0, 6, count) / 5.0
-    privacies[rng.uniform(size=count) < 0.2] = -np.inf
-    limit = float(rng.integers(0, 7)) / 5.0
-    left, right, value = best_chord(regrets, privacies, count, limit, 0.0)
-    expected = upper_concave_envelope(regrets, privacies, limit)
-    if left < 0:
-        assert right == -1
-        assert np.isneginf(expected)
-        return
-    np.testing.assert_allclose(value, expected, atol=1e-14)
-    assert regrets[left] <= limit
-    assert right == -1 or regrets[right] > limit
 
 
 # --- decide_many --------------------------------------------------------------------------------------------------------
@@ -442,29 +254,27 @@ MEMORY = """
 import resource, sys
 import numpy as np
 from inscrutable import ProbabilisticDecisionMaker, decoy_grid
-from inscrutable.decision_makers.search import streaming
+from inscrutable.decision_makers.search import lottery_search, region_search
 sys.path.insert(0, {tests!r})
 from test_lotteries import market
 rng = np.random.default_rng(0)
 problem = market(3, 3, rng)
 maker = ProbabilisticDecisionMaker(problem, budget=0.5, candidates=decoy_grid(problem, 60))
-beliefs = rng.dirichlet(np.ones(3), 60_000)
-streaming._BLOCK = 4096
-maker.decide_many(beliefs[:5000])
+beliefs = rng.dirichlet(np.ones(3), 6_000)
+lottery_search._BLOCK = region_search._BLOCK = 512
+maker.decide_many(beliefs[:1000])
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 mixed = maker.decide_many(beliefs)
 after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-made = mixed.table.actions.__self__
-arrays = [*vars(mixed.table).values(), *vars(made).values()]
-arrays += [*vars(made.singles.table).values(), *vars(made.singles.table.actions.func.__self__).values()]
+arrays = [*vars(mixed.table).values(), *mixed.table.actions.args]
 held = {{id(a): a.nbytes for a in arrays if isinstance(a, np.ndarray)}}
-assert len(mixed) == 60_000
+assert len(mixed) == 6_000
 print(after - before, sum(held.values()) / 1024)
 """
 
 
 def test_memory_beyond_the_result_does_not_grow_with_the_beliefs() -> None:
-    """Fifteen blocks, of which one is worked on at a time."""
+    """Twelve blocks, of which one is worked on at a time."""
     grown, held = map(float, run(MEMORY.format(tests=os.path.dirname(__file__))).split())
     assert grown - held < 20 * 1024, f"{grown / 1024:.0f} MB for a result of {held / 1024:.0f} MB"
 
@@ -482,7 +292,7 @@ def test_progress_rises_to_the_end() -> None:
 
 
 def test_progress_goes_on_over_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("inscrutable.decision_makers.search.streaming._BLOCK", 300)
+    monkeypatch.setattr("inscrutable.decision_makers.search.lottery_search._BLOCK", 300)
     case = told((3, 3), 1.0, 0.05, count=2)
     seen: list[tuple[int, int]] = []
     beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 1000)

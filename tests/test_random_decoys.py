@@ -92,10 +92,14 @@ def test_the_search_finds_what_random_decoys_find(name, fresh_rng):
     assert_not_below_random(problem, fresh_rng.dirichlet(np.ones(problem.n_states)), 0.1, fresh_rng)
 
 
-@pytest.mark.xfail(
-    reason="the search by faces begins too near where many beliefs share each decision: 1 in 3 dispatches"
+@pytest.mark.parametrize(
+    ("name", "seed", "share"),
+    [
+        ("dispatch", 1, 0.1),
+        ("dispatch", 4, 0.01),
+        pytest.param("capped", 6, 0.01, marks=pytest.mark.xfail(reason="one capped market in thirty is missed by 1 %")),
+    ],
 )
-@pytest.mark.parametrize(("name", "seed", "share"), [("dispatch", 1, 0.1), ("dispatch", 4, 0.01), ("capped", 6, 0.01)])
 def test_the_search_finds_what_random_decoys_find_where_beliefs_share_decisions(name, seed, share):
     rng = np.random.default_rng(seed)
     problem = PROBLEMS[name](rng)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -23,11 +23,9 @@ from inscrutable import (
     decoy_grid,
 )
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.search import streaming
-from inscrutable.decision_makers.search.atlas import Atlas, atlas_of
-from inscrutable.decision_makers.search.plane import make_plane, plane_of
+from inscrutable.decision_makers.search import lottery_search, region_search
 from inscrutable.geometry.hulls import sum_zero_basis
-from test_three_states import drawn_market
+from oracles import markets
 
 Array = NDArray[np.float64]
 
@@ -139,6 +137,12 @@ def envelopes(case: Told, candidates: Candidates) -> Array:
 MARKETS = [(4, True), (6, True), (3, False), (6, False)]
 
 
+def drawn_market(seed: int, n_assets: int, spread: bool = True) -> markets.Market:
+    """Means of ±0.1 leave most assets held; of ±0.6, few."""
+    market = markets.random_market(np.random.default_rng([17, seed, n_assets]), 3, n_assets)
+    return market._replace(means=market.means * (0.3 if spread else 2.0))
+
+
 def market_problem(seed: int, n_assets: int, spread: bool) -> MarkowitzProblem:
     return MarkowitzProblem(*drawn_market(seed, n_assets, spread))
 
@@ -147,7 +151,6 @@ def market_problem(seed: int, n_assets: int, spread: bool) -> MarkowitzProblem:
 def test_a_lottery_is_as_good_as_a_grid_much_finer(n_assets: int, spread: bool) -> None:
     problem = market_problem(1, n_assets, spread)
     candidates, fine = decoy_grid(problem, 100), decoy_grid(problem, 700)
-    assert plane_of(atlas_of(problem, candidates)) is not None, "the fast path would not be tried"
     beliefs = np.random.default_rng(7).dirichlet(np.ones(3), 6)
     gains = []
     for sign in (1.0, -1.0):
@@ -325,13 +328,12 @@ def test_duplicated_assets(n_assets: int, sign: float) -> None:
 
 
 @SIGNS
-def test_many_polygons_are_left_to_the_general_search(sign: float) -> None:
+def test_many_corners_with_polygons_of_beliefs(sign: float) -> None:
     """Twelve assets, each the only one that is worth holding around a direction of belief of its own."""
     angles = 2 * np.pi * np.arange(12) / 12
     means = np.column_stack([np.cos(angles), np.sin(angles)]) @ BASIS.T + 1e-3
     problem = MarkowitzProblem(means.T, [1e-4 * np.eye(12)] * 3, 1.0)
     candidates = decoy_grid(problem, 40)
-    assert make_plane(Atlas(problem, candidates)) is None
     beliefs = np.random.default_rng(4).dirichlet(np.ones(3), 12)
     case = told(problem, candidates, beliefs, sign, budget_of(problem, 0.2))
     assert_told_truly(case)
@@ -371,14 +373,11 @@ def test_an_asset_that_is_never_held_changes_nothing(sign: float) -> None:
 
 @SIGNS
 def test_candidates_given_as_plain_actions(sign: float) -> None:
-    """No decoys, so no seams; some of the actions are explained by no belief, some are not admissible."""
+    """No decoys; some of the actions are explained by no belief, some are not admissible."""
     problem = market_problem(12, 4, True)
     rng = np.random.default_rng(7)
     actions = np.vstack([problem.solve(rng.dirichlet(np.ones(3), 300)), rng.dirichlet(np.ones(4), 50)])
     candidates = make_candidates(problem, actions)
-    plane = make_plane(Atlas(problem, candidates))
-    assert plane is not None
-    assert (plane.name >= 0).all(), "a slot without a candidate"
     beliefs = rng.dirichlet(np.ones(3), 24)
     case = told(problem, actions, beliefs, sign, budget_of(problem, 0.1))
     assert_told_truly(case)
@@ -417,31 +416,8 @@ def test_blocks_of_beliefs_are_all_filled(sign: float, monkeypatch: pytest.Monke
     candidates, budget = decoy_grid(problem, 30), budget_of(problem, 0.1)
     beliefs, target = np.random.default_rng(9).dirichlet(np.ones(3), 100), np.array([0.6, 0.2, 0.2])
     whole = told(problem, candidates, beliefs, sign, budget, target).mixed.expected_privacy
-    monkeypatch.setattr(streaming, "_BLOCK", 30)
+    monkeypatch.setattr(lottery_search, "_BLOCK", 30)
+    monkeypatch.setattr(region_search, "_BLOCK", 30)
     parts = told(problem, candidates, beliefs, sign, budget, target)
     assert_told_truly(parts)
     np.testing.assert_allclose(parts.mixed.expected_privacy, whole, atol=1e-12)
-
-
-@SIGNS
-def test_beliefs_left_to_the_general_search_are_put_in_their_places(
-    sign: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    problem = market_problem(15, 5, True)
-    candidates, budget = decoy_grid(problem, 40), budget_of(problem, 0.1)
-    beliefs, target = np.random.default_rng(10).dirichlet(np.ones(3), 40), np.array([0.6, 0.2, 0.2])
-    fast = told(problem, candidates, beliefs, sign, budget, target).mixed.expected_privacy
-    search = streaming.lotteries_in_plane
-
-    def leaves_some(*arguments: Any) -> np.ndarray:
-        assert not search(*arguments).any()
-        for field in arguments[2]:
-            field[::3] = 0
-        return np.arange(40)[:, None] % 3 == 0
-
-    monkeypatch.setattr(streaming, "lotteries_in_plane", leaves_some)
-    mended = told(problem, candidates, beliefs, sign, budget, target)
-    assert_told_truly(mended)
-    np.testing.assert_allclose(mended.mixed.expected_privacy, fast, atol=2e-3)
-    others = np.arange(40) % 3 > 0
-    np.testing.assert_allclose(mended.mixed.expected_privacy[others], fast[others], atol=1e-12)

@@ -123,14 +123,13 @@ EDGE_GAIN = 1e-5
 CHORD = 2e-8
 """A gain in expected privacy below this is not worth a lottery, nor one more pass over the candidates."""
 
-NEAR_ATOMS = 0.1
-"""Atoms of a lottery on one face and closer than this are taken for one point of a concave frontier, which is climbed."""
+CHORD_GAIN = 1e-6
+"""A decision joins a lottery's search where it lies this far above the chord, in units of privacy: a round takes as long as a
+single decision, and halves the gap where the frontier is smooth. Privacies are stated to 1e-3."""
+
 
 ROW_IN_REACH = 1e-6
 """A multiplier or spare slack below this at the end of a climb stopped it: the face beyond that row is searched too."""
-
-LEAF_SLOPE = 1e-6
-"""Directions in which a leaf's decoys spread less than this share of their widest have no slope of their own."""
 
 NO_PRIVACY = 1e-7
 """A gain in privacy below this is not taken: regret is quadratic in the distance from the true belief, so a regret

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
+from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
@@ -21,20 +22,21 @@ from inscrutable.decision_makers.least_regret import least_regret, shortened_on_
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, check_provable, checked_gap
+from inscrutable.decision_makers.result_table import ResultTable, known
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.decision_makers.search.atlas import atlas_of
-from inscrutable.decision_makers.search.face_search import most_private
 from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.polish import Trial, polish
-from inscrutable.decision_makers.search.singles import decisions_of, price_of, stream_singles
-from inscrutable.decision_makers.search.streaming import Aims
+from inscrutable.decision_makers.search.region_search import best_in_regions
+from inscrutable.decision_makers.search.scenes import farthest_corners, scene_of
 from inscrutable.errors import InputError
 from inscrutable.geometry.crossings import first_met
 from inscrutable.kernels.climb import Aim
+from inscrutable.kernels.region_climb import Scene
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, quadratic_problem
+from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
 
 _DIRECTIONS = 300
@@ -174,24 +176,24 @@ class Case(NamedTuple):
     @property
     def is_quadratic_distance(self) -> bool:
         """Whether kernels know the problem and the measure: costs of a quadratic form, and ± the distance to a belief."""
-        known = type(self.measure) in (MaximalObfuscation, DesiredObfuscation) and self.on_empty == "exclude"
-        return known and quadratic_problem(self.problem) is not None
+        is_distance = type(self.measure) in (MaximalObfuscation, DesiredObfuscation) and self.on_empty == "exclude"
+        return is_distance and quadratic_problem(self.problem) is not None
 
-    def aims(self, beliefs: Array) -> Aims:
-        """Return what a measure that is ± a distance aims at under beliefs (T,X)."""
+    def scene(self, beliefs: Array, optimal_costs: Array) -> Scene:
+        """Return what a measure that is ± a distance seeks under beliefs (T,X) of optimal costs (T,)."""
+        problem, limits = atlas_of(self.problem, self.candidates).problem, self.budget.limits(optimal_costs)
         if isinstance(self.measure, DesiredObfuscation):
-            return Aims(self.measure.targets_for(beliefs), -1.0, (self.budget,))
-        return Aims(beliefs, 1.0, (self.budget,))
+            return scene_of(problem, beliefs, self.measure.targets_for(beliefs), -1.0, limits)
+        return scene_of(problem, beliefs, beliefs, 1.0, limits)
 
 
 def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief is searched by itself."""
     if is_streamed(case.measure):
         return hidden(case, beliefs, progress).decisions()
-    if case.is_quadratic_distance:
-        found = stream_singles(atlas_of(case.problem, case.candidates), beliefs, case.aims(beliefs), progress=progress)
-        if found is not None:
-            return decisions_of(found)
+    quadratic = quadratic_problem(case.problem)
+    if case.is_quadratic_distance and quadratic is not None and quadratic.bends:
+        return _searched(case, beliefs, progress)
     # A table of copies: what is kept for other decision makers is nobody's to change.
     return stack([_best_at(case, step, belief) for step, belief in counted(beliefs, progress)], case.problem)
 
@@ -233,6 +235,50 @@ def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: floa
     if found is None or not found.regret < most:
         return None
     return found if case.measure(belief, belief_set_of(problem, found.action)) == 0.0 else None
+
+
+def _searched(case: Case, beliefs: Array, progress: Progress | None) -> Decisions:
+    """The search over critical regions, for all beliefs at once."""
+    optimal_costs = np.asarray(case.problem.optimal_cost(beliefs))
+    atlas, scene = atlas_of(case.problem, case.candidates), case.scene(beliefs, optimal_costs)
+    found = best_in_regions(atlas, scene, progress)
+    optimal = atlas.problem.solve_rows(scene.beliefs)
+    if scene.sign > 0:
+        # The true belief explains the optimal decision.
+        own, least = np.zeros(len(beliefs)), tolerances.NO_PRIVACY
+    else:
+        own, least = -_distances_at_rest(atlas.problem, scene.beliefs, optimal, scene.points), 0.0
+    better = found.privacies > own + least
+    codes = np.where(better, 0, 1 if scene.sign > 0 else 2)
+    return Decisions(
+        ResultTable(
+            case.problem,
+            known(atlas.decisions(np.where(better[:, None], found.actions, optimal))[:, None]),
+            np.ones((len(beliefs), 1)),
+            np.where(better, found.regrets, 0.0)[:, None],
+            np.where(better, found.privacies, own)[:, None],
+            np.where(better[:, None], found.decoys, scene.beliefs)[:, None],
+            optimal_costs,
+            farthest_corners(scene.points) if scene.sign > 0 else np.zeros(len(beliefs)),
+            tuple(_KINDS[codes]),
+            np.where(better, found.prices, 0.0),
+        )
+    )
+
+
+_KINDS = np.array([DecisionStatus.POLISHED, DecisionStatus.NO_AFFORDABLE_PRIVACY, DecisionStatus.OPTIMAL], dtype=object)
+
+
+def _distances_at_rest(problem: QuadraticProblem, beliefs: Array, actions: Array, points: Array) -> Array:
+    """Distances of points (T,X) from the beliefs that explain the optimal decisions (T,U) of beliefs (T,X)."""
+    sets = consistent_sets(problem, actions, beliefs)
+    start, along = sets.start, sets.end - sets.start
+    square = (along**2).sum(axis=1)
+    share = np.clip(((points - start) * along).sum(axis=1) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    found = np.linalg.norm(points - start - share[:, None] * along, axis=1)
+    for step in np.flatnonzero(sets.dimension > 1):
+        found[step] = sets[int(step)].distance(points[step])
+    return np.asarray(found)
 
 
 def _best_at(case: Case, step: int, belief: Array) -> Decision:
@@ -278,20 +324,21 @@ def _search_faces(case: Case, aim: Aim, optimal: Array) -> Decision:
     """The search by kernels: distances from or to a belief, quadratic costs."""
     problem, measure, belief = case.problem, case.measure, aim.belief
     atlas = atlas_of(problem, case.candidates)
-    found = most_private(atlas, aim, atlas.form.variables(optimal))
+    scene = scene_of(atlas.problem, belief[None], aim.point[None], aim.sign, np.array([aim.limit]))
+    found = best_in_regions(atlas, scene)
     if aim.sign > 0:
         # The true belief explains the optimal decision.
         own, least = 0.0, tolerances.NO_PRIVACY
     else:
         own, least = measure(belief, belief_set_of(problem, optimal)), 0.0
     bound = measure.upper_bound(belief)
-    if found is None or found.privacy <= own + least:
+    if found.privacies[0] <= own + least:
         status = DecisionStatus.NO_AFFORDABLE_PRIVACY if aim.sign > 0 else DecisionStatus.OPTIMAL
         cost = aim.optimal_cost
         return Decision(optimal, cost, cost, 0.0, own, max(bound, own), belief, status, problem, 0.0)
-    action = atlas.decisions(found.action)
+    action = atlas.decisions(found.actions[0])
     cost = float(problem.state_costs(action) @ belief)
-    privacy = found.privacy
+    privacy = float(found.privacies[0])
     if type(measure) not in (MaximalObfuscation, DesiredObfuscation):
         # A measure of the user's own may follow a distance without being it.
         privacy = float(measure(belief, belief_set_of(problem, action)))
@@ -302,10 +349,10 @@ def _search_faces(case: Case, aim: Aim, optimal: Array) -> Decision:
         max(cost - aim.optimal_cost, 0.0),
         privacy,
         max(bound, privacy),
-        found.nearest,
+        found.decoys[0],
         DecisionStatus.POLISHED,
         problem,
-        price_of(found, aim),
+        float(found.prices[0]),
     )
 
 

@@ -14,8 +14,8 @@ from inscrutable.decision_makers.envelope import RatedPoints, concave_envelope, 
 from inscrutable.decision_makers.indicators import table_of
 from inscrutable.decision_makers.results import Decision
 from inscrutable.decision_makers.scores import score
-from inscrutable.decision_makers.search.face_search import rules_for
 from inscrutable.decision_makers.search.faces import face_programme
+from inscrutable.decision_makers.search.region_search import rules_for
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
@@ -114,7 +114,7 @@ def scored_points(own: Decision, belief: Array, measure: PrivacyMeasure, candida
 
 def _distances(problem: QuadraticProblem, actions: Array, point: Array) -> Array:
     """Return the distances of a belief from the sets of decisions (n,U) as the search's kernel finds them; 0 where unsure."""
-    from inscrutable.kernels.set_distance import nearest_belief
+    from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 
     found = np.zeros(len(actions))
     if not len(actions):
@@ -125,8 +125,7 @@ def _distances(problem: QuadraticProblem, actions: Array, point: Array) -> Array
         face = face_programme(problem, tight)
         which = np.flatnonzero(pattern_of.reshape(-1) == number)
         places = np.column_stack([(actions[which] - face.origin) @ face.span, np.ones(len(which))])
-        rows = face.rows[: face.n_set_rows]
-        active = np.empty(places.shape[1] - 1 + len(rows), dtype=np.bool_)
+        room = distance_room(problem.n_states, places.shape[1] - 1, len(face.rows))
         for i, w in zip(which, np.ascontiguousarray(places), strict=True):
-            found[i] = nearest_belief(face.curves, rows, face.scale, w, point, rules, nearest, active)
+            found[i] = nearest_belief(face.arrays, w, point, rules, NO_ROW, nearest, room)
     return np.where(np.isfinite(found), found, 0.0)

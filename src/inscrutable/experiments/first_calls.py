@@ -33,9 +33,10 @@ from inscrutable.privacy import (
     PrivacyMeasure,
 )
 from inscrutable.problems import FiniteProblem, MarkowitzProblem
+from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel, fit_gaussian_hmm
 
-_ASSETS = 3
+_STATES, _ASSETS = 4, 3
 _BELIEFS = 32
 _MANY = 50_000
 _GAP = 0.05
@@ -59,27 +60,26 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
     from inscrutable.kernels.projection import project
 
     validation.processes(n_jobs, "jobs")
-    # Kernels for two and for three states are their own; those for four serve more.
-    calls = [delayed(_quietly)(_decisions, n_states) for n_states in (3, 2, 4)] + [delayed(_quietly)(_worlds, 2)]
+    calls = [delayed(_quietly)(part) for part in (_decisions, _proofs, _worlds)]
     progress(0, len(calls))
     for done, _ in enumerate(Parallel(n_jobs=n_jobs, return_as="generator_unordered")(calls), 1):
         progress(done, len(calls))
     return Path(cast(Any, project).stats.cache_path)
 
 
-def _quietly(calls: Callable[[int], None], n_states: int) -> None:
+def _quietly(calls: Callable[[], None]) -> None:
     """Without the word that kernels are being compiled, which is what was asked for."""
     logger = logging.getLogger(_NOTICE)
     before = logger.level
     logger.setLevel(logging.ERROR)
     try:
-        calls(n_states)
+        calls()
     finally:
         logger.setLevel(before)
 
 
-def _worlds(n_states: int) -> None:
-    rng = np.random.default_rng(0)
+def _worlds() -> None:
+    rng, n_states = np.random.default_rng(0), 2
     stays = np.full((n_states, n_states), 0.1) + (1.0 - 0.1 * n_states) * np.eye(n_states)
     world = HiddenMarkovModel(stays, CategoricalEmission(stays), np.full(n_states, 1.0 / n_states))
     filter_beliefs(world, world.sample(20, rng=rng).observations)
@@ -90,18 +90,29 @@ def _worlds(n_states: int) -> None:
     SequentialDecisionMaker(problem, _BUDGET, chain=chain, calibration=prices, rng=rng).mechanism_for(chain.prior)
 
 
-def _decisions(n_states: int) -> None:
-    rng = np.random.default_rng(0)
-    factors = rng.normal(size=(n_states, _ASSETS, _ASSETS))
+def _market(rng: np.random.Generator) -> tuple[MarkowitzProblem, Array]:
+    factors = rng.normal(size=(_STATES, _ASSETS, _ASSETS))
     covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(_ASSETS))
-    problem = MarkowitzProblem(0.02 * rng.normal(size=(n_states, _ASSETS)), covariances, 5.0)
-    beliefs = rng.dirichlet(np.ones(n_states), _BELIEFS)
+    problem = MarkowitzProblem(0.02 * rng.normal(size=(_STATES, _ASSETS)), covariances, 5.0)
+    return problem, rng.dirichlet(np.ones(_STATES), _BELIEFS)
+
+
+def _decisions() -> None:
+    rng = np.random.default_rng(0)
+    problem, beliefs = _market(rng)
     single = CounterAdversarialDecisionMaker(problem)
     for measure in _measures(beliefs[1]):
         CounterAdversarialDecisionMaker(problem, measure).decide(beliefs[0])
         CounterAdversarialDecisionMaker(problem, measure, candidates=single.candidates).decide_many(beliefs)
         ProbabilisticDecisionMaker(problem, measure, candidates=single.candidates).decide_many(beliefs)
-    privacy_frontier(problem, beliefs[0], candidates=random_candidates(problem, _BELIEFS, rng=rng))
+    for some in (single.candidates, random_candidates(problem, _BELIEFS, rng=rng)):
+        for distance in (None, DesiredObfuscation(beliefs[1])):
+            privacy_frontier(problem, beliefs[0], distance, candidates=some)
+
+
+def _proofs() -> None:
+    rng = np.random.default_rng(0)
+    problem, beliefs = _market(rng)
     many = rng.dirichlet(np.ones(_ASSETS), _MANY)
     problem.state_costs(many)
     problem.constraints.is_admissible(many)
@@ -110,5 +121,5 @@ def _decisions(n_states: int) -> None:
     ProbabilisticDecisionMaker(problem, certify=_GAP).decide(beliefs[0])
 
 
-def _measures(desired: np.ndarray) -> tuple[PrivacyMeasure, ...]:
+def _measures(desired: Array) -> tuple[PrivacyMeasure, ...]:
     return MaximalObfuscation(), DesiredObfuscation(desired), NonExistence(), NonUniqueness(), Infeasibility()

@@ -57,6 +57,7 @@ class Rules(NamedTuple):
     explained: float  # largest residual of an explained decision
     on_face: float  # largest violation of a row of a set
     inside: float  # share of a budget that is spent, so that rounding cannot break it
+    spent: float  # a budget of which no more than this share is left counts as spent
     basis: Any  # (X, n) orthonormal, columns sum to zero
 
 
@@ -381,11 +382,12 @@ def _room(n_states: int, k: int, m: int, count: int) -> Any:
 
 
 @kernel
-def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> float:
-    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed."""
+def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple[float, float]:
+    """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed, and
+    the budget's multiplier."""
+    curves, rows, has_budget = face.curves, face.rows, aim.limit < np.inf
     n_states, n = rules.basis.shape
     k, m = w.size - 1, rows.shape[0]
-    has_budget = aim.limit < np.inf
     count = m + 1 if has_budget else m
     places, steps, sides_of = _room(n_states, k, m, count)
     factor, gradients, slopes, scratch, full, budget, trial, normal = places
@@ -422,10 +424,10 @@ def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: 
             promise = 0.0
             for c in range(n):
                 promise -= slope[c] * step[c]
-            if promise <= rules.accuracy:
-                break
             for r in range(count):
                 weights[r] /= lengths[r]
+            if promise <= rules.accuracy:
+                break
         else:
             share *= _SHORTER
             if turns == _FIRST_TURNS or share < _SHORTEST:
@@ -442,4 +444,4 @@ def climb(curves: Any, rows: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: 
             for i in range(n_states):
                 y[i] = trial[i]
     settle(curves, y, rules.pivot, w, factor, gradients, slopes)
-    return best
+    return best, weights[m] if has_budget else 0.0

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 
 from inscrutable.kernels.climb import quadratic_step
+from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
-from inscrutable.kernels.options import kernel, part, whole
+from inscrutable.kernels.options import kernel, part, whole, woven
 from inscrutable.kernels.projection import project
-from inscrutable.kernels.set_distance import cost_at, nearest_belief
+from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _NONE = whole(0)
 _WITNESS = 1e-2
@@ -105,10 +106,9 @@ def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
 
 
 @part
-def _write_rows(
-    rows: Any, basis: Any, w: Any, z: Any, cost_slope: Any, left: float, units: Any, sides: Any, lengths: Any
-) -> None:
+def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float, lines: Any) -> None:
     """The rows at (v, z) and the budget behind them, linear in the step of (v, s), at unit length; flat ones are void."""
+    (w, z), (units, sides, lengths) = place, lines
     n_states, n = basis.shape
     k = w.size - 1
     m = rows.shape[0]
@@ -126,7 +126,8 @@ def _write_rows(
                 for c in range(n):
                     units[r, k + c] += basis[i, c] * along / _EASE
         else:
-            units[r, :k] = -cost_slope
+            for a in range(k):
+                units[r, a] = -cost_slope[a]
         length = 0.0
         for c in range(k + n):
             length += units[r, c] * units[r, c]
@@ -139,21 +140,10 @@ def _write_rows(
         lengths[r] = length
 
 
-@part
-def _pull(
-    curves: Any,
-    rows: Any,
-    n_equal: int,
-    aim: Any,
-    rules: Any,
-    w: Any,
-    z: Any,
-    turns: int,
-    units: Any,
-    sides: Any,
-    lengths: Any,
-) -> bool:
+@woven
+def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, lines: Any) -> bool:
     """Move (v, z) onto the rows and the budget by Newton steps; False where that fails."""
+    (w, z), (units, sides, _) = place, lines
     n_states, n = rules.basis.shape
     k = w.size - 1
     m = rows.shape[0]
@@ -164,15 +154,15 @@ def _pull(
         worst = -left / aim.limit if aim.limit < np.inf else 0.0
         for r in range(m):
             value = row_value(rows[r], z, w)
-            worst = max(worst, abs(value) if r < n_equal else -value)
+            worst = max(worst, abs(value) if r < k else -value)
         if worst <= rules.near:
             return True
         if turn == turns:
             return False
         cost_model(curves, aim.belief, w, slope, bend)
-        _write_rows(rows, rules.basis, w, z, slope, left, units, sides, lengths)
+        _write_rows(rows, rules.basis, place, slope, left, lines)
         step[:] = 0.0
-        if not project(units, sides, sides.size, n_equal, 0.01 * rules.near, step, multipliers):
+        if not project(units, sides, sides.size, k, 0.01 * rules.near, step, multipliers):
             return False
         w[:k] += step[:k]
         for c in range(n):
@@ -182,21 +172,12 @@ def _pull(
 
 
 @part
-def _model(
-    curves: Any,
-    rows: Any,
-    aim: Any,
-    basis: Any,
-    w: Any,
-    z: Any,
-    active: Any,
-    distance: float,
-    weight: float,
-    known: bool,
-    slope: Any,
-    hessian: Any,
-) -> float:
-    """Slope and Hessian of the step's programme at multiplier `weight` of the budget; returns the multiplier."""
+def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any, known: Any, out: Any) -> float:
+    """Slope and Hessian of the step's programme; returns the budget's multiplier.
+
+    known: (the distance, the budget's multiplier, whether that is more than a guess).
+    """
+    (w, z), (slope, hessian), (distance, weight, is_told) = place, out, known
     k = w.size - 1
     cost_slope, bend = np.empty(k), np.empty((k, k))
     cost_model(curves, aim.belief, w, cost_slope, bend)
@@ -218,7 +199,7 @@ def _model(
             slope[a] = -aim.sign * slope[a] / length + aim.price * cost_slope[a]
         inner -= slope[a] * cost_slope[a]
         square += cost_slope[a] ** 2
-    if aim.limit < np.inf and not known and square > 0.0:
+    if aim.limit < np.inf and not is_told and square > 0.0:
         weight = max(inner / square, 0.0)
     bending = weight if aim.limit < np.inf else aim.price
     size = 0.0
@@ -228,10 +209,10 @@ def _model(
             size = max(size, abs(hessian[a, b]))
     for c in range(k, slope.size):
         hessian[c, c] = max(_WITNESS * size, 1e-12)
-    return weight
+    return float(weight)
 
 
-@part
+@woven
 def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, hessian: Any) -> None:
     """Add the curvature −Σ weight ∂²F/∂v∂s of the rows, and enough across those that held to make the rest matter."""
     n_states, n = basis.shape
@@ -264,7 +245,8 @@ def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, he
     factor = np.empty((size, size))
     shift = 0.0
     for _ in range(40):
-        factor[:] = hessian
+        for a in range(size):
+            put(hessian[a], factor[a])
         for a in range(k):
             factor[a, a] += shift
         positive = True
@@ -289,69 +271,70 @@ def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, membe
             member[i] += share * basis[i, c] * step[k + c] / _EASE
 
 
-@kernel
-def ascend(
-    curves: Any, rows: Any, n_set_rows: int, scale: float, aim: Any, rules: Any, w: Any, z: Any, rounds: int
-) -> float:
-    """Improve the decision w, explained by z; both are replaced. Returns sign·distance (less price·regret), −∞ where lost.
+@part
+def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: int, room: Any) -> tuple[float, float]:
+    """Improve the decision w, explained by z; both are replaced. Returns the value, −∞ where it is lost, and the budget's
+    multiplier.
 
-    `rows` begin with the k equalities, followed by the face's rows, `n_set_rows` of which describe the set.
+    `rows` begin with the k equalities, followed by the face's rows; `room` is a `DistanceRoom`.
     """
     n_states, n = rules.basis.shape
     k = w.size - 1
     size, m = k + n, rows.shape[0]
-    has_budget = aim.limit < np.inf
+    curves, has_budget = face.curves, aim.limit < np.inf
     lines = m + 1 if has_budget else m
-    set_rows = rows[k : k + n_set_rows]
     units, turned = np.empty((lines + k, size)), np.empty((lines + k, size))
     sides, moved, lengths, weights = np.empty(lines + k), np.empty(lines + k), np.empty(lines + k), np.zeros(lines + k)
     hessian, half, slope, step = np.empty((size, size)), np.empty((size, size)), np.empty(size), np.empty(size)
     cost_slope, bend = np.empty(k), np.empty((k, k))
     trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
-    active = np.zeros(k + n_set_rows, dtype=np.bool_)
+    written, active = (units[:lines], sides[:lines], lengths[:lines]), room.active[: k + face.n_set_rows]
     best, known, share, weight = np.inf, False, 1.0, 0.0
     for _ in range(2 * rounds):
         loss, distance = np.inf, np.inf
-        if _pull(
-            curves, rows, k, aim, rules, trial, member, 3 if known else 8, units[:lines], sides[:lines], lengths[:lines]
-        ):
-            distance = nearest_belief(curves, set_rows, scale, trial, aim.point, rules, nearest, active)
+        if _pull(curves, rows, aim, rules, 3 if known else 8, (trial, member), written):
+            distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
         if distance < np.inf:
             loss = -aim.sign * distance
             if aim.price > 0.0:
                 loss += aim.price * (cost_at(curves, aim.belief, trial) - aim.optimal_cost)
         if not loss < best:
             if not known:
-                return -np.inf
+                return -np.inf, 0.0
             share *= 0.3
             if share < 1e-3:
                 break
         else:
             gain = best - loss
             best = loss
-            w[:] = trial
-            z[:] = nearest
+            put(trial, w)
+            put(nearest, z)
             if known and gain <= rules.accuracy and share == 1.0:
                 break
             share = 1.0
-            weight = _model(curves, rows, aim, rules.basis, w, z, active, distance, weight, known, slope, hessian)
+            told = (distance, weight, known)
+            weight = _model(curves, rows, aim, rules.basis, (w, z), active, told, (slope, hessian))
             known = True
             cost_model(curves, aim.belief, w, cost_slope, bend)
             left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
-            _write_rows(rows, rules.basis, w, z, cost_slope, left, units[:lines], sides[:lines], lengths[:lines])
-            units[lines:] = -units[:k]
-            sides[lines:] = -sides[:k]
+            _write_rows(rows, rules.basis, (w, z), cost_slope, left, written)
+            for a in range(k):
+                sides[lines + a] = -sides[a]
+                for c in range(size):
+                    units[lines + a, c] = -units[a, c]
             _bend_rows(rows, rules.basis, weights, lengths[:lines], units, hessian)
             if not quadratic_step(hessian, slope, units, sides, 0.01 * rules.near, half, turned, moved, step, weights):
                 break
             promise = 0.0
             for a in range(k):
                 promise -= slope[a] * step[a]
-            if promise <= rules.accuracy:
-                break
-            weights[:k] -= weights[lines:]
-            weights[:lines] /= lengths[:lines]
+            for a in range(k):
+                weights[a] -= weights[lines + a]
+            for r in range(lines):
+                weights[r] /= lengths[r]
             if has_budget:
                 weight = weights[m]
+            if promise <= rules.accuracy:
+                break
         _move(w, z, step, share, rules.basis, trial, member)
-    return -best
+    return -best, weight

@@ -9,26 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import kernel, part
-from inscrutable.kernels.set_distance import cost_at, nearest_belief
+from inscrutable.kernels.options import bare, woven
+from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
-_SAMPLES = 48
+SAMPLES = 48
+"""Even samples of what beliefs explain on a line; with 16 a few lotteries over three states lose up to 2e-4."""
 _PEAKS = 3
+_HALVINGS = 10  # toward the end of what beliefs explain; golden sections go on where the best place is there
+_DIFFERENCE = 1e-6  # of a line's length; the root of a double's accuracy, and some
 _GOLDEN = 0.3819660112501051
 
 
-@kernel
-def interval(
-    curves: Any, slacks: Any, aim: Any, w: Any, direction: Any, limit: float, near: float
-) -> tuple[float, float]:
+@bare
+def interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: float) -> tuple[float, float]:
     """The steps along `direction` (k,) that all slacks and the budget allow; empty where the first exceeds the second."""
-    k = direction.size
+    k, curves = direction.size, face.curves
     low, high = -1e6, 1e6
-    for r in range(slacks.shape[0]):
-        value, speed = slacks[r, 0, k], 0.0
+    for r in range(face.n_set_rows, face.rows.shape[0]):
+        value, speed = face.rows[r, 0, k], 0.0
         for a in range(k):
-            value += slacks[r, 0, a] * w[a]
-            speed += slacks[r, 0, a] * direction[a]
+            value += face.rows[r, 0, a] * w[a]
+            speed += face.rows[r, 0, a] * direction[a]
         if abs(speed) <= 1e-13:
             if value < -near:
                 return 1.0, -1.0
@@ -61,55 +62,28 @@ def interval(
     return low, high
 
 
-@kernel
-def decision_value(
-    curves: Any,
-    set_rows: Any,
-    scale: float,
-    aim: Any,
-    rules: Any,
-    w: Any,
-    direction: Any,
-    t: float,
-    trial: Any,
-    nearest: Any,
-    active: Any,
-) -> float:
-    """sign·distance − price·regret of the decision at v + t d; −∞ where no belief explains it."""
-    k = direction.size
-    for a in range(k):
-        trial[a] = w[a] + t * direction[a]
-    trial[k] = 1.0
-    distance = nearest_belief(curves, set_rows, scale, trial, aim.point, rules, nearest, active)
+@bare
+def decision_value(face: Any, aim: Any, rules: Any, trial: Any, nearest: Any, room: Any) -> float:
+    """sign·distance − price·regret of the decision at `trial`; −∞ where no belief explains it."""
+    distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
     if not distance < np.inf:
         return -np.inf
     value = aim.sign * distance
     if aim.price > 0.0:
-        value -= aim.price * (cost_at(curves, aim.belief, trial) - aim.optimal_cost)
+        value -= aim.price * (cost_at(face.curves, aim.belief, trial) - aim.optimal_cost)
     return float(value)
 
 
-@part
-def _refine(
-    curves: Any,
-    set_rows: Any,
-    scale: float,
-    aim: Any,
-    rules: Any,
-    w: Any,
-    direction: Any,
-    bracket: Any,
-    value: float,
-    rounds: int,
-) -> tuple[float, float]:
-    """Golden sections inside the bracket (left, best, right), `value` being the middle's; the best step and its value."""
-    trial, nearest = np.empty(w.size), np.empty(aim.point.size)
-    active = np.empty(w.size - 1 + set_rows.shape[0], dtype=np.bool_)
-    left, best, right = bracket
+@woven
+def _refine(face: Any, aim: Any, rules: Any, bracket: Any, rounds: int, work: Any) -> tuple[float, float]:
+    """Golden sections inside the bracket (left, best, right, value of the best); the best place and its value."""
+    trial, nearest, _, room = work
+    left, best, right, value = bracket
     for _ in range(rounds):
         # The larger part is cut, so that the best point stays inside.
         t = best + _GOLDEN * (right - best) if right - best > best - left else best - _GOLDEN * (best - left)
-        found = decision_value(curves, set_rows, scale, aim, rules, w, direction, t, trial, nearest, active)
+        trial[0] = t
+        found = decision_value(face, aim, rules, trial, nearest, room)
         if found > value:
             if t > best:
                 left = best
@@ -123,41 +97,84 @@ def _refine(
     return best, value
 
 
-@kernel
-def best_step(
-    curves: Any,
-    set_rows: Any,
-    scale: float,
-    aim: Any,
-    rules: Any,
-    w: Any,
-    direction: Any,
-    low: float,
-    high: float,
-    rounds: int,
-) -> tuple[float, float]:
-    """The best step in [low, high] and its value: even samples, then golden sections around the highest peaks."""
-    trial, nearest = np.empty(w.size), np.empty(aim.point.size)
-    active = np.empty(w.size - 1 + set_rows.shape[0], dtype=np.bool_)
-    values = np.empty(_SAMPLES)
-    peaks = np.full(_SAMPLES, -np.inf)
-    gap = (high - low) / (_SAMPLES - 1)
-    for s in range(_SAMPLES):
-        values[s] = decision_value(
-            curves, set_rows, scale, aim, rules, w, direction, low + s * gap, trial, nearest, active
-        )
-    for s in range(_SAMPLES):
-        if (s == 0 or values[s] >= values[s - 1]) and (s == _SAMPLES - 1 or values[s] >= values[s + 1]):
-            peaks[s] = values[s]
-    best_t, best = low, -np.inf
+@woven
+def _explained_end(face: Any, aim: Any, rules: Any, known: float, end: float, work: Any) -> tuple[float, float]:
+    """The last place from `known` to `end` whose decision some belief explains, and one behind it that none does."""
+    trial, nearest, _, room = work
+    trial[0] = end
+    if decision_value(face, aim, rules, trial, nearest, room) > -np.inf:
+        return end, end
+    inside, outside = known, end
+    for _ in range(_HALVINGS):
+        trial[0] = 0.5 * (inside + outside)
+        if decision_value(face, aim, rules, trial, nearest, room) > -np.inf:
+            inside = trial[0]
+        else:
+            outside = trial[0]
+    return inside, outside
+
+
+@woven
+def best_place(
+    face: Any, aim: Any, rules: Any, line: tuple[float, float, float], floor: float, rounds: int, work: Any
+) -> float:
+    """The best place on a line (first, known, last) of the one free coordinate.
+
+    Even samples of what beliefs explain around the known place, and golden sections around the highest peaks that promise more
+    than `floor`. work: (trial (2,), nearest (X,), values (S,), `DistanceRoom`).
+    """
+    trial, nearest, values, room = work
+    first, known, last = line
+    trial[0], trial[1] = min(max(known, first), last), 1.0
+    if not decision_value(face, aim, rules, trial, nearest, room) > -np.inf:
+        return known
+    known = trial[0]
+    low, below = _explained_end(face, aim, rules, known, first, work)
+    high, above = _explained_end(face, aim, rules, known, last, work)
+    n_samples = values.size
+    gap = (high - low) / (n_samples - 1)
+    for s in range(n_samples):
+        trial[0] = low + s * gap
+        values[s] = decision_value(face, aim, rules, trial, nearest, room)
+    best_t, best, before = known, floor, np.inf
     for _ in range(_PEAKS):
-        s = int(peaks.argmax())
-        if not peaks[s] > -np.inf:
+        # The highest peak below the last one.
+        top, peak = -np.inf, -1
+        for s in range(n_samples):
+            rises = s == 0 or values[s] >= values[s - 1]
+            if rises and (s == n_samples - 1 or values[s] >= values[s + 1]) and top < values[s] < before:
+                top, peak = values[s], s
+        if peak < 0:
             break
-        peaks[s] = -np.inf
-        middle = low + s * gap
-        bracket = (max(low, middle - gap), middle, min(high, middle + gap))
-        t, value = _refine(curves, set_rows, scale, aim, rules, w, direction, bracket, values[s], rounds)
+        before, middle = top, low + peak * gap
+        # A peak is above its sample by no more than its neighbours are below.
+        fall = 0.0
+        for s in (peak - 1, peak + 1):
+            if 0 <= s < n_samples:
+                fall = max(fall, top - values[s])
+        if top > best:
+            best_t, best = middle, top
+        if top + fall <= best:
+            continue
+        bracket = (middle - gap if peak > 0 else below, middle, middle + gap if peak < n_samples - 1 else above, top)
+        t, value = _refine(face, aim, rules, bracket, rounds, work)
         if value > best:
             best_t, best = t, value
-    return best_t, best
+    return float(best_t)
+
+
+@woven
+def line_weight(face: Any, aim: Any, rules: Any, w: Any, ends: Any, work: Any) -> float:
+    """The budget's multiplier for ½Ψ² at the place w: ΨΨ'/ρ', the slopes being differences toward the farther end."""
+    low, high = ends
+    trial, nearest, _, room = work
+    place, step = w[0], _DIFFERENCE * (high - low)
+    if high - place < place - low:
+        step = -step
+    here = nearest_belief(face, w, aim.point, rules, NO_ROW, nearest, room)
+    regret = cost_at(face.curves, aim.belief, w)
+    trial[0], trial[1] = place + step, 1.0
+    there = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
+    less = regret - cost_at(face.curves, aim.belief, trial)
+    trial[0] = place
+    return float(here * (here - there) / less) if there < here and less > 0.0 else 0.0

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare_kernel, kernel, woven
+from inscrutable.kernels.options import bare_kernel, woven
 
 
 @bare_kernel
@@ -99,19 +99,6 @@ def place_on_face(origin: Any, span: Any, bounds: Any, near: float, w: Any, out:
         if abs(total - high[j]) <= near:
             total = high[j]
         out[j] = total
-
-
-@kernel
-def decide_on_face(
-    curves: Any, y: Any, pivot: float, origin: Any, span: Any, bounds: Any, near: float, out: Any
-) -> bool:
-    """Fill the decision (U,) of a decoy on a face, as `place_on_face` does; False where it is not the only one."""
-    n_states, k = y.size, span.shape[1]
-    w, factor, room = np.empty(k + 1), np.empty((k, k)), np.empty((2, n_states, k))
-    if not settle(curves, y, pivot, w, factor, room[0], room[1]):
-        return False
-    place_on_face(origin, span, bounds, near, w, out)
-    return True
 
 
 @woven

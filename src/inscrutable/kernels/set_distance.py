@@ -6,40 +6,80 @@ G_i = C_i[:k,:] w in the face's coordinates and the rows R of the probabilities 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare_kernel, kernel, woven
-from inscrutable.kernels.projection import carved, project_in
+from inscrutable.kernels.options import bare, bare_kernel, whole, woven
+from inscrutable.kernels.projection import ProjectionRoom, project_in
+
+_FLAT = 1e-13  # a row that no belief of the simplex moves
+NO_ROW = whole(-1)
+
+
+class Face(NamedTuple):
+    """Costs and rows of decisions with k free coordinates, of X states."""
+
+    curves: Any  # (X, k+1, k+1)
+    rows: Any  # (m, X, k+1)
+    n_set_rows: int  # how many of the rows describe the consistent set: probabilities, then multipliers
+    scale: float  # size of the gradients
+
+
+class DistanceRoom(NamedTuple):
+    """Memory for distances on faces of at most K coordinates and M rows; `active` is a result."""
+
+    active: Any  # (K+M,) which of the k equations and of the set's rows hold the nearest belief
+    units: Any  # (n+M+1, n)
+    sides: Any  # (n+M+1,)
+    multipliers: Any  # (n+M+1,)
+    number: Any  # (n+M+1,) of the set's row behind each unit row
+    equations: Any  # (K,n)
+    right: Any  # (K,)
+    coefficients: Any  # (X,)
+    place: Any  # (n,)
+    projection: Any
+
+
+def distance_room(n_states: int, n_free: int, n_rows: int) -> DistanceRoom:
+    """Return memory for faces of at most so many free coordinates and rows."""
+    n, most = n_states - 1, n_states + n_rows
+    projection = ProjectionRoom(
+        np.empty(n + 1, dtype=np.int64), np.empty(most, dtype=np.bool_), np.empty(n + 1), np.empty((n + 1, n)),
+        np.empty((n + 1, n + 1)), np.empty(n), np.empty(n + 1), np.empty(n),
+    )  # fmt: skip
+    return DistanceRoom(
+        np.zeros(n_free + n_rows, dtype=np.bool_), np.empty((most, n)), np.empty(most), np.empty(most),
+        np.empty(most, dtype=np.int64), np.empty((n_free, n)), np.empty(n_free), np.empty(n_states), np.empty(n),
+        projection,
+    )  # fmt: skip
 
 
 @woven
-def _equalities(
-    curves: Any, scale: float, w: Any, rules: Any, units: Any, sides: Any, used: Any, work: Any, right: Any, row: Any
-) -> int:
+def _equalities(face: Any, w: Any, rules: Any, room: Any) -> int:
     """Orthonormal rows of G'π = 0 in the reduced coordinates; −1 where they contradict each other."""
     n_states, n = rules.basis.shape
     k = w.size - 1
+    used, work, right = room.active, room.equations, room.right
     for a in range(k):
         mean = 0.0
         for i in range(n_states):
             total = 0.0
             for c in range(k + 1):
-                total += curves[i, a, c] * w[c]
-            row[i] = total
+                total += face.curves[i, a, c] * w[c]
+            room.coefficients[i] = total
             mean += total / n_states
         right[a] = -mean
         for c in range(n):
             total = 0.0
             for i in range(n_states):
-                total += rules.basis[i, c] * row[i]
+                total += rules.basis[i, c] * room.coefficients[i]
             work[a, c] = total
     for a in range(k):
         used[a] = False
     n_equal = 0
     while n_equal < n:
-        largest, which = rules.rank * scale, -1
+        largest, which = rules.rank * face.scale, -1
         for a in range(k):
             if not used[a]:
                 length = 0.0
@@ -52,88 +92,78 @@ def _equalities(
             break
         used[which] = True
         for c in range(n):
-            units[n_equal, c] = work[which, c] / largest
-        sides[n_equal] = right[which] / largest
+            room.units[n_equal, c] = work[which, c] / largest
+        room.sides[n_equal] = right[which] / largest
         for a in range(k):
             if not used[a]:
                 total = 0.0
                 for c in range(n):
-                    total += work[a, c] * units[n_equal, c]
+                    total += work[a, c] * room.units[n_equal, c]
                 for c in range(n):
-                    work[a, c] -= total * units[n_equal, c]
-                right[a] -= total * sides[n_equal]
+                    work[a, c] -= total * room.units[n_equal, c]
+                right[a] -= total * room.sides[n_equal]
         n_equal += 1
     for a in range(k):
-        if not used[a] and abs(right[a]) > rules.explained * scale:
+        if not used[a] and abs(right[a]) > rules.explained * face.scale:
             return -1
     return n_equal
 
 
 @woven
-def _inequalities(
-    rows: Any, w: Any, rules: Any, first: int, units: Any, sides: Any, number: Any, coefficients: Any
-) -> int:
-    """Unit rows of Σ π_i R_ri·w ≥ 0 from `first` on, and which r each is; returns where they end, −1 where one is broken."""
+def _inequalities(face: Any, w: Any, rules: Any, n_equal: int, reversed_row: int, room: Any) -> int:
+    """Unit rows of Σ π_i R_ri·w ≥ 0 from `n_equal` on, and which r each is; returns where they end, −1 where one is broken.
+
+    The row `reversed_row` comes once more, with its sign reversed: it is zero then.
+    """
     n_states, n = rules.basis.shape
-    k = w.size - 1
-    last = first
-    for r in range(rows.shape[0]):
-        mean = 0.0
+    last = n_equal
+    for j in range(face.n_set_rows + (reversed_row >= 0)):
+        r, sign = j, 1.0
+        if j == face.n_set_rows:
+            r, sign = reversed_row, -1.0
+        mean, least = 0.0, np.inf
         for i in range(n_states):
             total = 0.0
             for c in range(w.size):
-                total += rows[r, i, c] * w[c]
-            coefficients[i] = total
-            mean += total / n_states
+                total += face.rows[r, i, c] * w[c]
+            room.coefficients[i] = sign * total
+            mean += sign * total / n_states
+            least = min(least, sign * total)
+        if least > 0.0:  # no belief breaks it
+            continue
         length = 0.0
         for c in range(n):
             total = 0.0
             for i in range(n_states):
-                total += rules.basis[i, c] * coefficients[i]
-            units[last, c] = total
+                total += rules.basis[i, c] * room.coefficients[i]
+            room.units[last, c] = total
             length += total * total
         length = np.sqrt(length)
-        if length <= 1e-13:
+        if length <= _FLAT:
             if mean < -rules.explained:
                 return -1
             continue
         for c in range(n):
-            units[last, c] /= length
-        sides[last] = -mean / length
-        number[last - first] = k + r
+            room.units[last, c] /= length
+        room.sides[last] = -mean / length
+        room.number[last] = r
         last += 1
     return last
 
 
-@kernel
-def nearest_belief(
-    curves: Any, rows: Any, scale: float, w: Any, point: Any, rules: Any, out: Any, active: Any
-) -> float:
-    """Fill the consistent belief nearest to `point` (X,) and return its distance; infinite where there is none.
+@bare_kernel
+def nearest_belief(face: Any, w: Any, point: Any, rules: Any, reversed_row: int, out: Any, room: Any) -> float:
+    """Fill `out` with the consistent belief nearest to `point` (X,) and return its distance; infinite where there is none.
 
-    `rows` are the face's probabilities and multipliers, `scale` is the size of the gradients; `active` (k+m,) says which
-    equations and rows hold it there.
+    `reversed_row` is a row of the set that shall be zero, or NO_ROW. `room.active` says which equations and rows hold the
+    belief there.
     """
     n_states, n = rules.basis.shape
-    m = rows.shape[0]
-    k, most = w.size - 1, n + m
-    floats = most * (n + 2) + k * n + k + n_states + n + (n + 1) * (2 * n + 4) + n
-    flat, whole, bits = np.empty(floats), np.empty(m + n + 1, dtype=np.int64), np.empty(most, dtype=np.bool_)
-    units, at = flat[: most * n].reshape((most, n)), most * n
-    sides, multipliers, at = flat[at : at + most], flat[at + most : at + 2 * most], at + 2 * most
-    work, at = flat[at : at + k * n].reshape((k, n)), at + k * n
-    right, row, z, at = (
-        flat[at : at + k],
-        flat[at + k :][:n_states],
-        flat[at + k + n_states :][:n],
-        at + k + n_states + n,
-    )
-    number = whole[:m]
-    room = carved(flat[at:], whole[m:], bits, n, most)
-    n_equal = _equalities(curves, scale, w, rules, units, sides, active, work, right, row)
+    k, active, z = w.size - 1, room.active, room.place
+    n_equal = _equalities(face, w, rules, room)
     if n_equal < 0:
         return np.inf
-    last = _inequalities(rows, w, rules, n_equal, units, sides, number, row)
+    last = _inequalities(face, w, rules, n_equal, reversed_row, room)
     if last < 0:
         return np.inf
     for c in range(n):
@@ -141,12 +171,13 @@ def nearest_belief(
         for i in range(n_states):
             total += rules.basis[i, c] * (point[i] - 1.0 / n_states)
         z[c] = total
-    if not project_in(units, sides, last, n_equal, rules.on_face, z, multipliers, room):
+    if not project_in(room.units, room.sides, last, n_equal, rules.on_face, z, room.multipliers, room.projection):
         return np.inf
-    for r in range(k, k + m):
-        active[r] = False
+    for r in range(face.n_set_rows):
+        active[k + r] = False
     for r in range(n_equal, last):
-        active[number[r - n_equal]] = multipliers[r] > 0.0
+        if room.multipliers[r] > 0.0:
+            active[k + room.number[r]] = True
     square = 0.0
     for i in range(n_states):
         total = 1.0 / n_states
@@ -157,7 +188,7 @@ def nearest_belief(
     return float(np.sqrt(square))
 
 
-@bare_kernel
+@bare
 def cost_at(curves: Any, belief: Any, w: Any) -> float:
     """Σ π_i ½ w'C_i w."""
     total = 0.0

@@ -19,7 +19,7 @@ from inscrutable.kernels.climb import Aim
 from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
-_SEEDS, _FEW_SEEDS = 24, 8
+_SEEDS, _FEW_SEEDS = 32, 8
 _APART = 0.85  # cosine of the angle between two seeds
 _ROUNDS, _RETURNS = 16, 3
 _FIRST_STEP, _LONGER, _SHORTER, _SHORTEST = 0.3, 1.8, 0.3, 0.003  # shares of the distance from the true belief

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.linalg import null_space
 
 from inscrutable import tolerances
-from inscrutable.errors import SolverError
 from inscrutable.geometry.held_coordinates import held_coordinates
-from inscrutable.kernels.faces import decide_on_face, place_on_face
+from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.kernels.faces import place_on_face
+from inscrutable.kernels.set_distance import Face
 from inscrutable.problems import Polyhedron, QuadraticProblem
 from inscrutable.validation import Array
 
@@ -35,32 +36,29 @@ class FaceProgramme(NamedTuple):
         return np.zeros(self.span.shape[1])
 
     @property
-    def has_row_multipliers(self) -> bool:
-        """Whether every row `told` has a multiplier of its own among the rows, in order."""
-        return self.n_set_rows - len(self.curves) == len(self.told)
+    def arrays(self) -> Face:
+        """Costs and rows as kernels read them."""
+        return Face(self.curves, self.rows, self.n_set_rows, self.scale)
+
+    @property
+    def has_single_beliefs(self) -> bool:
+        """Whether almost every decision of the face is optimal for one belief: gradients of X states have rank X − 1."""
+        n_states, k = len(self.curves), len(self.place)
+        if k < n_states - 1:
+            return False
+        somewhere = np.append(np.random.default_rng(0).normal(size=k), 1.0)
+        apart = sum_zero_basis(n_states).T @ (self.curves[:, :k] @ somewhere)
+        return bool(np.linalg.matrix_rank(apart, tol=tolerances.RANK * self.scale) == n_states - 1)
 
     def w(self, action: Array) -> Array:
         """Return (v, 1) for the coordinates v of the face's decision nearest to `action`."""
         return np.append(self.span.T @ (action - self.origin), 1.0)
-
-    def multipliers(self, w: Array, belief: Array) -> Array:
-        """Return the multipliers of the decision at w (k+1,) under a belief, relative to the gradients' size."""
-        return np.asarray((self.rows[len(self.curves) : self.n_set_rows] @ w) @ belief)
 
     def action(self, place: Array) -> Array:
         """Return the decision (U,) at coordinates (k,); rounding beside a tight bound is removed."""
         found = np.empty(len(self.origin))
         place_on_face(self.origin, self.span, self.bounds, tolerances.STATIONARITY, place, found)
         return found
-
-    def fill_decision(self, decoy: Array, out: Array) -> None:
-        """Fill the face's decision (U,) that a decoy (X,) makes optimal, placed as in `action`.
-
-        Raises `SolverError` where the decoy has many decisions on the face: none of them is the one that was meant.
-        """
-        chart = (self.origin, self.span, self.bounds)
-        if not decide_on_face(self.curves, decoy, tolerances.PIVOT, *chart, tolerances.STATIONARITY, out):
-            raise SolverError(f"the decoy {decoy} has more than one optimal decision on its face")
 
 
 def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramme:

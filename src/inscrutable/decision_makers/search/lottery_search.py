@@ -1,0 +1,211 @@
+"""The lotteries of largest expected privacy: at each price the best decision, and one root in the price.
+
+A lottery of two decisions A and B is best where no decision lies above their chord in the plane of regret and privacy. The
+search begins at the price of the best single decision; what it finds gives a chord, at whose slope it is searched again, until
+nothing lies above the chord.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.region_search import (
+    SomeStarts,
+    cut,
+    read,
+    search,
+    starts_at,
+    starts_of,
+    values_of,
+)
+from inscrutable.decision_makers.search.scenes import costs_at
+from inscrutable.kernels.region_climb import Scene
+from inscrutable.validation import Array
+
+_BLOCK = 1024  # beliefs whose searches are kept in memory at once
+_STARTS = 12  # candidates that a search at a price starts from; with 4, 6 of 900 beliefs over three states lose up to 6 %
+_NEW = 4  # decisions that a search at a price adds at most
+_ROUNDS = 8  # prices; most chords are closed after three
+_KNOWN = 3 + _NEW * _ROUNDS  # decisions kept of a belief: three known beforehand, and what is added
+_NONE = -1
+_OWN, _TARGET, _SINGLE = range(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Lotteries:
+    """Two atoms for each of T beliefs; a single decision has probability 1 and is both."""
+
+    actions: Array  # (T,2,U) in the variables of the problem's quadratic form
+    decoys: Array  # (T,2,X)
+    regrets: Array  # (T,2)
+    privacies: Array  # (T,2)
+    probabilities: Array  # (T,2)
+    prices: Array  # (T,)
+    polished: np.ndarray  # (T,) whether an atom was found by a search over regions
+
+
+def best_lotteries(atlas: Atlas, scene: Scene, singles: Decisions, progress: Progress | None = None) -> Lotteries:
+    """Return the lotteries of a scene, the optimal and the best single decisions among their atoms.
+
+    Cost: some three searches a belief, at a price each; memory besides the result is that of a block.
+    """
+    count, parts = len(scene.beliefs), []
+    for first in range(0, count, _BLOCK):
+        part = slice(first, min(first + _BLOCK, count))
+        block = _Block(atlas, cut(scene, part), singles, part)
+        block.close()
+        parts.append(block.lotteries())
+        if progress is not None:
+            progress(part.stop, count)
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return Lotteries(*(np.concatenate(column) for column in columns))
+
+
+class _Block:
+    """The chords of some beliefs and the decisions that they are drawn between."""
+
+    def __init__(self, atlas: Atlas, scene: Scene, singles: Decisions, part: slice) -> None:
+        self.atlas, self.scene = atlas, scene
+        count, n_states = scene.beliefs.shape
+        problem = atlas.problem
+        self.regrets, self.privacies = np.zeros((count, _KNOWN)), np.full((count, _KNOWN), -np.inf)
+        self.actions = np.zeros((count, _KNOWN, problem.n_actions))
+        self.decoys = np.full((count, _KNOWN, n_states), np.nan)
+        self.polished = np.zeros((count, _KNOWN), dtype=np.bool_)
+        self.polished[:, _SINGLE] = [status is DecisionStatus.POLISHED for status in singles.status[part]]
+        self.used = np.full(count, _SINGLE + 1)
+        own, single = problem.solve_rows(scene.beliefs), atlas.form.variables(singles.table.points_at(part)[:, 0])
+        least = -np.linalg.norm(scene.points - scene.beliefs, axis=1) if scene.sign < 0 else np.zeros(count)
+        self._keep(_OWN, own, scene.beliefs, np.zeros(count), least)
+        if scene.sign < 0:
+            # Nothing is nearer to a target than the decision that the target itself makes optimal.
+            costs, allowed = costs_at(problem, scene.points, scene.beliefs)
+            regrets = np.maximum(costs - scene.optimal_costs, 0.0)
+            target = problem.solve_rows(scene.points)
+            self._keep(_TARGET, target, scene.points, regrets, np.where(allowed, 0.0, -np.inf))
+        # It was found affordable: its regret, computed again, may differ by a rounding.
+        regrets = np.minimum(singles.regret[part], scene.limits)
+        self._keep(_SINGLE, single, singles.decoy[part], regrets, singles.privacy[part])
+        self.price = np.nan_to_num(singles.table.price[part])
+        self.left, self.right = np.full(count, _OWN), np.full(count, _NONE)
+
+    def _keep(self, place: int, actions: Array, decoys: Array, regrets: Array, privacies: Array) -> None:
+        self.actions[:, place], self.decoys[:, place] = actions, decoys
+        self.regrets[:, place], self.privacies[:, place] = regrets, privacies
+
+    def close(self) -> None:
+        """Search at the slopes of the chords until nothing lies above them."""
+        steps = np.flatnonzero(self.scene.limits > 0.0)
+        self._draw(np.arange(len(self.scene.beliefs)))
+        for turn in range(_ROUNDS):
+            if not steps.size:
+                break
+            # The best single decision is best of all at no other price than its own.
+            prices = self._next_prices(steps, self.price[steps] if turn == 0 else np.zeros(len(steps)))
+            steps = steps[self._add(steps, prices)]
+            if steps.size:
+                self._draw(steps)
+
+    def _draw(self, steps: np.ndarray) -> None:
+        """Draw the best chord at the budget between the decisions known: A affordable, B not, or A alone."""
+        known, limits = int(self.used.max()), self.scene.limits[steps, None]
+        regrets, privacies = self.regrets[steps, :known], self.privacies[steps, :known]
+        fits, rows = regrets <= limits, np.arange(len(steps))
+        alone = np.where(fits, privacies, -np.inf)
+        left = alone.argmax(axis=1)
+        run = regrets[:, None, :] - regrets[:, :, None]  # from A (axis 1) to B (axis 2)
+        rise = privacies[:, None, :] - np.where(np.isfinite(privacies), privacies, 0.0)[:, :, None]
+        paired = fits[:, :, None] & ~fits[:, None, :] & np.isfinite(privacies)[:, :, None] & (rise > 0.0)
+        share = np.where(paired, (limits - regrets)[:, :, None] / np.where(paired, run, 1.0), 0.0)
+        values = np.where(paired, privacies[:, :, None] + share * np.where(paired, rise, 0.0), -np.inf)
+        best = values.reshape(len(steps), -1).argmax(axis=1)
+        better = values.reshape(len(steps), -1)[rows, best] > alone[rows, left] + tolerances.CHORD
+        self.left[steps] = np.where(better, best // known, left)
+        self.right[steps] = np.where(better, best % known, _NONE)
+
+    def _slopes(self, steps: np.ndarray) -> Array:
+        """The slope of each chord; 0 for a decision alone."""
+        left, right = self.left[steps], self.right[steps]
+        run = self.regrets[steps, right] - self.regrets[steps, left]
+        rise = self.privacies[steps, right] - self.privacies[steps, left]
+        return np.asarray(np.where(right != _NONE, rise / np.where(right != _NONE, run, 1.0), 0.0))
+
+    def _next_prices(self, steps: np.ndarray, own: Array) -> Array:
+        """The slope of each chord; for a decision alone nothing where it leaves budget.
+
+        The price of every line through a decision with no known one above it lies between the slopes to its neighbours: it is
+        the decision's own where that is such a price, and else the middle.
+        """
+        left = (steps, self.left[steps])
+        run = self.regrets[steps] - self.regrets[left][:, None]
+        rise = self.privacies[steps] - self.privacies[left][:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes = rise / run
+        known = np.isfinite(slopes)
+        low = np.where(known & (run > 0.0), slopes, 0.0).max(axis=1)
+        high = np.where(known & (run < 0.0), slopes, np.inf).min(axis=1)
+        middle = np.where(high < np.inf, 0.5 * (low + high), 2.0 * low)
+        middle = np.where((own > low) & (own < high), own, middle)
+        spends = self.regrets[left] >= self.scene.limits[steps] * (1.0 - tolerances.ROW_IN_REACH)
+        return np.where(self.right[steps] != _NONE, self._slopes(steps), np.where(spends, middle, 0.0))
+
+    def _add(self, steps: np.ndarray, prices: Array) -> np.ndarray:
+        """Search at a price; keep what lies above the line of that slope through A, and return which beliefs gained."""
+        left = self.left[steps]
+        levels = self.privacies[steps, left] - prices * self.regrets[steps, left]
+        scene = cut(self.scene, steps)._replace(limits=np.full(len(steps), np.inf), prices=prices)
+        self.atlas.partition.make_room(self.atlas.patterns)
+        reached = search(self.atlas, scene, starts_of(self.atlas, scene, _STARTS, self._ends(scene, steps)))
+        gained = np.zeros(len(steps), dtype=np.bool_)
+        values = values_of(reached)
+        for entry in np.argsort(-values, axis=1)[:, :_NEW].T:
+            better = np.flatnonzero(values[np.arange(len(steps)), entry] > levels + tolerances.CHORD_GAIN)
+            if not better.size:
+                break
+            best = read(self.atlas, scene, reached, better, entry[better])
+            rows = steps[better]
+            place = self.used[rows]
+            self.actions[rows, place], self.decoys[rows, place] = best.actions, best.decoys
+            self.regrets[rows, place], self.privacies[rows, place] = best.regrets, best.privacies
+            self.polished[rows, place] = True
+            self.used[rows] += 1
+            gained[better] = True
+        return gained
+
+    def _ends(self, scene: Scene, steps: np.ndarray) -> list[SomeStarts]:
+        """Starts at A, at B, and where nothing is as far: at the decisions of the simplex's corners."""
+        parts = [] if scene.sign < 0.0 else [self._corners(scene)]
+        for end in (self.left[steps], self.right[steps]):
+            there = np.flatnonzero(end != _NONE)
+            at = (steps[there], end[there])
+            start = starts_at(self.atlas, scene, there, self.decoys[at], self.actions[at])
+            parts.append(start._replace(promise=np.full(len(start.belief), np.inf)))
+        return parts
+
+    def _corners(self, scene: Scene) -> SomeStarts:
+        """A start at each state known for certain."""
+        count, n_states = scene.beliefs.shape
+        steps, corner = (each.reshape(-1) for each in np.indices((count, n_states)))
+        actions = self.atlas.problem.solve(np.eye(n_states))
+        return starts_at(self.atlas, scene, steps, np.eye(n_states)[corner], actions[corner])
+
+    def lotteries(self) -> Lotteries:
+        """Return the lotteries."""
+        steps = np.arange(len(self.left))
+        double = self.right != _NONE
+        ends = np.column_stack([self.left, np.where(double, self.right, self.left)])
+        at = (steps[:, None], ends)
+        regrets = self.regrets[at]
+        # Rounding must not carry the expected regret over the budget.
+        spare = np.maximum(self.scene.limits * (1.0 - tolerances.BUDGET_SAFETY) - regrets[:, 0], 0.0)
+        share = np.where(double, spare / np.where(double, regrets[:, 1] - regrets[:, 0], 1.0), 0.0)
+        drawn = np.column_stack([share < 1.0, share > 0.0])
+        return Lotteries(
+            self.actions[at], self.decoys[at], regrets, self.privacies[at], np.column_stack([1.0 - share, share]),
+            np.where(double, self._slopes(steps), self.price), np.any(self.polished[at] & drawn, axis=1),
+        )  # fmt: skip

@@ -1,0 +1,371 @@
+"""The best decisions of many beliefs, each searched by itself, from critical region to critical region.
+
+A search starts at the best candidates of every region and orthant, and where the budget ends on the rays to those that are too
+dear; with more than four states also where climbs along the budget's edge end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.decision_makers.results import Progress
+from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.edge_climbs import edge_decoys
+from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.kernels.climb import Aim, Rules
+from inscrutable.kernels.region_climb import (
+    Climbs,
+    Scene,
+    Spots,
+    climb_decoys,
+    climb_room,
+    search_lines,
+    search_sets,
+)
+from inscrutable.kernels.region_search import (
+    BEST,
+    FAR,
+    NOT_BEGUN,
+    Explored,
+    Plans,
+    Starts,
+    Tolerances,
+    best_starts,
+    plan,
+    plan_room,
+    read_actions,
+)
+from inscrutable.kernels.regions import Regions
+from inscrutable.kernels.threads import in_chunks
+from inscrutable.problems import QuadraticProblem
+from inscrutable.validation import Array
+
+_BLOCK = 1024  # beliefs whose searches are kept in memory at once
+_CHUNK = 32  # beliefs, or climbs, that a thread takes at a time
+_STARTS, _SIGNS = 24, 3  # candidates that a search starts from; directions whose signs make an orthant
+"""With 12 starts one of 72 beliefs over six states loses 44 %."""
+_MOST_REACHED, _MOST_TRIED = 64, 1024  # regions that a search keeps, and that it may climb
+_FEW, _FARTHEST = 100, 1.5
+"""Candidates, and more than any two beliefs are apart: where fewer are affordable all starts are climbed. Otherwise 5 of 60
+decisions over four states lose up to 44 % at a budget of a hundredth."""
+_PROMISE = 1.15
+"""How much farther than its start a climb may come to rest; starts that promise less than is found are skipped."""
+_SET_PROMISE = 1.5
+"""The same where more than the decoy explains the decision: the search leaves the decoy."""
+_AT_PRICE = 0.1
+"""Share of that at a price, where starts already stand at their best budget: nothing is lost on 430 beliefs of X = 2, 3, 4."""
+_EDGE_STATES = 5
+"""Climbs along the edge (20 ms a belief) from so many states on: of 72 beliefs on concentrated markets none is lost without
+them at X = 3 and 4, two of X = 5 (up to 6 %) and seven of X = 6 (up to 3 %)."""
+_INWARD = 0.01
+"""Share of the way to the belief by which a climb beyond a row begins before the decision that asked for it: where the budget
+is spent and the row is met nothing is left to begin with."""
+_RAY_STEPS, _SPARED, _FARTHER = 8, 0.02, 4.0
+"""Steps on a ray, the share of the budget that is not spent there, and the longest step. Without them two of 60 beliefs
+over two states with budgets of 1e-5 are lost."""
+_PATIENCE, _PATIENCE_IN_PLANE, _FREED = 10, 4, 3
+"""Regions whose neighbours are searched in vain before a search ends: with 3, X = 5 loses twice as much; and tight rows that
+are freed, one at a time, where a set is larger than a point: with all of them nothing is gained."""
+
+
+class Best(NamedTuple):
+    """The best decision found for each of T beliefs; where there is none its privacy is −∞."""
+
+    actions: Array  # (T,U) in the variables of the problem's quadratic form
+    decoys: Array  # (T,X) the consistent belief nearest to the aim's point
+    privacies: Array  # (T,)
+    regrets: Array  # (T,)
+    prices: Array  # (T,) derivative of the privacy in the budget
+
+
+@cache
+def rules_for(n_states: int) -> Rules:
+    """Return the numbers that the kernels decide by."""
+    return Rules(
+        tolerances.PIVOT,
+        tolerances.EXPLAINED,
+        tolerances.POLISH**1.5,
+        tolerances.RANK,
+        tolerances.EXPLAINED,
+        tolerances.ON_FACE,
+        1.0 - tolerances.BUDGET_SAFETY,
+        tolerances.ROW_IN_REACH,
+        # A copy for every number of states: kernels would be compiled anew for one that is read-only.
+        np.array(sum_zero_basis(n_states), order="C"),
+    )
+
+
+_LIMITS = Tolerances(tolerances.POLISH, tolerances.ROW_IN_REACH, tolerances.STATIONARITY, _PATIENCE, _FREED)
+
+
+def _limits_for(n_states: int) -> Tolerances:
+    return _LIMITS._replace(patience=_PATIENCE if n_states > 3 else _PATIENCE_IN_PLANE)
+
+
+def best_in_regions(atlas: Atlas, scene: Scene, progress: Progress | None = None) -> Best:
+    """Return the best decisions of a scene.
+
+    Cost: one look at all candidates a belief and some dozen climbs; memory besides the result is that of a block.
+    """
+    count = len(scene.beliefs)
+    parts = []
+    for first in range(0, count, _BLOCK):
+        some = cut(scene, slice(first, min(first + _BLOCK, count)))
+        atlas.partition.make_room(atlas.patterns)
+        seen = None if progress is None else partial(_report, progress, first, count)
+        reached = search(atlas, some, starts_of(atlas, some, _STARTS), seen)
+        parts.append(read(atlas, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
+    return Best(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def values_of(reached: Explored) -> Array:
+    """Return the values (T,C) of what was reached; −∞ where there is nothing."""
+    return np.where(np.arange(reached.region.shape[1]) < reached.count[:, None], reached.numbers[:, :, 0], -np.inf)
+
+
+def read(atlas: Atlas, scene: Scene, reached: Explored, steps: np.ndarray, entries: np.ndarray) -> Best:
+    """Return some entries (n,) of what beliefs `steps` (n,) reached."""
+    privacies = values_of(reached)[steps, entries]
+    actions = np.zeros((len(steps), atlas.problem.n_actions))
+    found = np.flatnonzero(privacies > -np.inf)
+    at, placed = (steps[found], entries[found]), actions[found]
+    read_actions(*at, atlas.partition.arrays, _LIMITS, reached, placed)
+    actions[found] = placed
+    decoys, numbers = np.full((len(steps), scene.beliefs.shape[1]), np.nan), np.zeros((3, len(steps)))
+    decoys[found], numbers[:, found] = reached.nearest[at], reached.numbers[at][:, [1, 2, 4]].T
+    privacies[found] = numbers[0, found]
+    return Best(actions, decoys, privacies, numbers[1], numbers[2])
+
+
+def _report(progress: Progress, before: int, count: int, done: int, _: int) -> None:
+    progress(before + done, count)
+
+
+def cut(scene: Scene, rows: slice | np.ndarray) -> Scene:
+    """Return some beliefs of a scene."""
+    return Scene._make(field[rows] if isinstance(field, np.ndarray) else field for field in scene)
+
+
+def search(atlas: Atlas, scene: Scene, starts: Starts, progress: Progress | None = None) -> Explored:
+    """Return what the searches of a block reach from their starts."""
+    count, n_states = scene.beliefs.shape
+    rules, limits = rules_for(n_states), _limits_for(n_states)
+    partition = atlas.partition
+    partition.make(starts.region)
+    reached, plans = _explored(atlas, count), _plans(atlas, starts)
+    first, climbs = _planned(scene, plans, starts)
+    spots = _climbed(atlas, scene, climbs)
+    while True:
+        regions, last = partition.arrays, (first, climbs, spots)
+
+        def work(low: int, high: int, regions: Regions = regions, last: Any = last) -> None:
+            room = plan_room(*atlas.size)
+            plan(low, high, scene, regions, starts, rules, limits, (reached, plans, room, last))
+
+        in_chunks(work, count, _CHUNK)
+        asked = np.arange(plans.missing.shape[1]) < plans.n_missing[:, None]
+        if asked.any():
+            partition.reach(plans.missing[asked])
+        first, climbs = _planned(scene, plans, starts)
+        if progress is not None:
+            under_way = (plans.n_climbs > 0) | (plans.n_missing > 0)
+            progress(count - int(under_way.sum()), count)
+        if not len(climbs.belief) and not asked.any():
+            return reached
+        spots = _climbed(atlas, scene, climbs)
+
+
+def _explored(atlas: Atlas, count: int) -> Explored:
+    n_states, size = atlas.problem.n_states, atlas.problem.n_actions + 1
+    return Explored(
+        np.full(count, NOT_BEGUN), np.zeros(count, dtype=np.int64), np.full((count, 2), -np.inf),
+        np.zeros(count, dtype=np.int64),
+        np.empty((count, _MOST_REACHED), dtype=np.int64), np.empty((count, _MOST_REACHED), dtype=np.int64),
+        np.empty((count, _MOST_REACHED, 5)),
+        np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
+        np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
+        np.empty((count, _MOST_REACHED), dtype=np.bool_),
+        np.zeros(count, dtype=np.int64), np.empty((count, _MOST_TRIED), dtype=np.int64),
+    )  # fmt: skip
+
+
+def _plans(atlas: Atlas, starts: Starts) -> Plans:
+    count, n_states, n_actions = len(starts.first) - 1, atlas.problem.n_states, atlas.problem.n_actions
+    # All starts; every row from the best and from the farthest decision, freed ones, and those of a corner.
+    around = 2 * len(atlas.problem.constraints.b_ub) + _FREED + n_states
+    most = max(int(np.diff(starts.first).max(initial=0)), around)
+    return Plans(
+        np.empty(count), np.zeros(count, dtype=np.int64), np.empty((count, most), dtype=np.int64),
+        np.empty((count, most), dtype=np.int64), np.empty((count, FAR + 1 + _FREED, n_states)),
+        np.empty((count, FAR + 1, n_actions)), np.zeros(count, dtype=np.int64),
+        np.empty((count, most, 2), dtype=np.int64),
+    )  # fmt: skip
+
+
+def _planned(scene: Scene, plans: Plans, starts: Starts) -> tuple[np.ndarray, Climbs]:
+    """Return the climbs of all beliefs, and where each belief's begin; those that wait for a region have none."""
+    ready = np.where(plans.n_missing > 0, 0, plans.n_climbs)
+    first = np.concatenate([[0], np.cumsum(ready)])
+    belief, place = np.nonzero(np.arange(plans.source.shape[1]) < ready[:, None])
+    belief, source = np.ascontiguousarray(belief), plans.source[belief, place]
+    start = -1 - source
+    begun = np.flatnonzero(start >= 0)
+    decoys = plans.decoys[belief, np.maximum(source, BEST)]
+    beyond = np.flatnonzero(start < 0)
+    decoys[beyond] += _INWARD * (scene.beliefs[belief[beyond]] - decoys[beyond])
+    actions = plans.actions[belief, np.where(source == FAR, FAR, BEST)]
+    decoys[begun], actions[begun] = starts.decoys[start[begun]], starts.actions[start[begun]]
+    return first, Climbs(belief, plans.region[belief, place], decoys, actions, plans.floor[belief])
+
+
+def _climbed(atlas: Atlas, scene: Scene, climbs: Climbs) -> Spots:
+    """Return where climbs come to rest."""
+    count, n_states = climbs.decoys.shape
+    regions, rules, size = atlas.partition.arrays, rules_for(n_states), climbs.actions.shape[1] + 1
+    spots = Spots(
+        np.empty((count, 5)), np.empty((count, n_states)), np.empty((count, size)), np.empty((count, n_states)),
+        np.empty((count, size)),
+    )  # fmt: skip
+    kernels = [climb_decoys]
+    if scene.sign > 0.0:
+        larger, n_free = ~regions.is_point[climbs.region], regions.size[climbs.region]
+        kernels += [search_lines] if np.any(larger & (n_free <= 1)) else []
+        kernels += [search_sets] if np.any(larger & (n_free > 1)) else []
+
+    def work(low: int, high: int) -> None:
+        room = climb_room(*atlas.size)
+        for follow in kernels:
+            follow(low, high, climbs, scene, regions, rules, spots, room)
+
+    in_chunks(work, count, _CHUNK)
+    return spots
+
+
+def starts_of(atlas: Atlas, scene: Scene, n_starts: int, others: list[SomeStarts] | None = None) -> Starts:
+    """Return where the searches of a block begin: `n_starts` candidates each, and the rest."""
+    count, n_states = scene.beliefs.shape
+    n_worth = np.empty(count, dtype=np.int64)
+    chosen = (np.empty((count, n_starts), dtype=np.int64), np.empty((count, n_starts)), n_worth)
+    ends = np.empty((count, 2 ** min(_SIGNS, atlas.axes.shape[1]), n_states))
+
+    def look(low: int, high: int) -> None:
+        best_starts(low, high, scene, atlas.table, atlas.axes, len(atlas.patterns), chosen, ends)
+
+    in_chunks(look, count, _CHUNK)
+    parts = [_candidate_starts(atlas, scene, *chosen[:2]), *_end_starts(atlas, scene, ends)]
+    if n_states >= _EDGE_STATES:
+        parts += _edge_starts(atlas, scene)
+    belief, *rest = (np.concatenate(columns) for columns in zip(*parts, *(others or ()), strict=True))
+    # Few candidates say little of how far climbs from them come: then no start is skipped.
+    rest[-1] = rest[-1] + np.where(n_worth[belief] < _FEW, _FARTHEST, 0.0)
+    searched = np.flatnonzero(scene.limits[belief] > 0.0)
+    order = searched[np.lexsort((-rest[-1][searched], belief[searched]))]
+    first = np.searchsorted(belief[order], np.arange(count + 1))
+    return Starts(first, *(np.ascontiguousarray(column[order]) for column in rest))
+
+
+class SomeStarts(NamedTuple):
+    """Starts of beliefs in any order."""
+
+    belief: np.ndarray  # (n,)
+    region: np.ndarray  # (n,)
+    decoys: Array  # (n,X)
+    actions: Array  # (n,U)
+    promise: Array  # (n,)
+
+
+def _promises(scene: Scene, steps: np.ndarray, decoys: Array, factor: Array | float) -> Array:
+    # Near a ray little is farther than its end; toward a target nothing is better than the target itself.
+    if scene.sign < 0:
+        return np.zeros(len(steps))
+    factor = np.where(scene.prices[steps] > 0.0, 1.0 + _AT_PRICE * (factor - 1.0), factor)
+    return np.asarray(factor * np.linalg.norm(decoys - scene.points[steps], axis=1))
+
+
+def _candidate_starts(atlas: Atlas, scene: Scene, chosen: np.ndarray, values: Array) -> SomeStarts:
+    steps, places = np.nonzero(chosen >= 0)
+    index = chosen[steps, places]
+    decoys = atlas.table.decoys[index]
+    # At a price the value of a candidate is less than its distance by what it costs.
+    cost = np.linalg.norm((decoys - scene.points[steps]) @ atlas.axes, axis=1) - scene.sign * values[steps, places]
+    promise = _promises(scene, steps, decoys, _PROMISE) - np.where(scene.prices[steps] > 0.0, scene.sign * cost, 0.0)
+    return SomeStarts(steps, atlas.table.region[index], decoys, atlas.actions[index], promise)
+
+
+def _edge_starts(atlas: Atlas, scene: Scene) -> Iterator[SomeStarts]:
+    """Where climbs along the budget's edge end."""
+    for t in np.flatnonzero((scene.limits > 0.0) & (scene.limits < np.inf)):
+        aim = Aim(
+            scene.beliefs[t], scene.points[t], scene.sign, float(scene.optimal_costs[t]), float(scene.limits[t]), 0.0
+        )
+        decoys = edge_decoys(atlas.problem, aim, atlas.table.decoys, atlas.table.costs)[:_STARTS]
+        yield starts_at(atlas, scene, np.full(len(decoys), t), decoys, atlas.problem.solve(decoys))
+
+
+def _end_starts(atlas: Atlas, scene: Scene, ends: Array) -> Iterator[SomeStarts]:
+    """One start for every region on which ends of the budget (T,Q,X) lie."""
+    steps, places = np.nonzero(~np.isnan(ends[:, :, 0]))
+    if not steps.size:
+        return
+    decoys = ends[steps, places]
+    actions = _moved_to_the_budget(atlas.problem, scene, steps, decoys)
+    yield starts_at(atlas, scene, steps, decoys, actions)
+
+
+def _moved_to_the_budget(problem: QuadraticProblem, scene: Scene, steps: np.ndarray, decoys: Array) -> Array:
+    """Move decoys (n,X) on their rays to just before the budget ends, and return their decisions (n,U).
+
+    The regret grows along a ray, and its root is linear within a region: each step takes it as linear from the belief on, and
+    halves what is left where that leads out of the shares known to be affordable and not, or back too slowly.
+    """
+    beliefs, limits, best = scene.beliefs[steps], scene.limits[steps], scene.optimal_costs[steps]
+    away, share = decoys - beliefs, np.ones(len(steps))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Not out of the simplex: there a probability is zero.
+        room = np.where(away < 0.0, beliefs / -away, np.inf).min(axis=1)
+    low, high = np.zeros(len(steps)), np.maximum(room, 1.0)
+    actions, left = problem.solve(beliefs), np.arange(len(steps))
+    for turn in range(_RAY_STEPS):
+        tried = problem.solve(np.maximum(beliefs[left] + share[left, None] * away[left], 0.0))
+        regrets = (problem.state_costs(tried) * beliefs[left]).sum(axis=1) - best[left]
+        fits = regrets <= limits[left]
+        low[left[fits]], high[left[~fits]] = share[left[fits]], share[left[~fits]]
+        actions[left[fits]] = tried[fits]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ahead = np.sqrt((1.0 - _SPARED) * limits[left] / np.maximum(regrets, 0.0))
+        near = fits & ((ahead <= 1.0 + _SPARED) | (share[left] >= high[left]))
+        least, most = low[left], high[left]
+        ahead = share[left] * np.where(ahead < _FARTHER, ahead, _FARTHER)
+        to_the_end = fits & (ahead >= most) & (most >= room[left])
+        half = 0.5 * (least + most)
+        ahead = np.where((ahead > least) & (ahead < most), ahead, half)
+        share[left] = np.where(to_the_end, most, np.where(fits | (turn == 0), ahead, np.minimum(ahead, half)))
+        left = left[~near]
+        if not left.size:
+            break
+    decoys[:] = np.maximum(beliefs + low[:, None] * away, 0.0)
+    return np.asarray(actions)
+
+
+def starts_at(atlas: Atlas, scene: Scene, steps: np.ndarray, decoys: Array, actions: Array) -> SomeStarts:
+    """Return starts of beliefs `steps` (n,) at decoys (n,X) and their decisions (n,U)."""
+    region = atlas.problem.constraints
+    slack = region.slacks(actions)
+    # The region an observer sees; and, where rows are slack by less than the least, the one with those rows loose.
+    seen, exact = slack < region.observed_slack, slack <= tolerances.FEASIBILITY
+    other = np.flatnonzero((seen != exact).any(axis=1))
+    which = np.concatenate([np.arange(len(steps)), other])
+    numbers = atlas.partition.numbers(np.concatenate([seen, exact[other]]))
+    atlas.partition.make(numbers)
+    many = ~atlas.partition.arrays.is_point[numbers]
+    factor = np.where(many, _SET_PROMISE, _PROMISE)
+    promise = _promises(scene, steps[which], decoys[which], factor)
+    if scene.prices.any():
+        costs = (atlas.problem.state_costs(actions) * scene.beliefs[steps]).sum(axis=1) - scene.optimal_costs[steps]
+        promise -= (scene.prices[steps] * costs)[which]
+    return SomeStarts(steps[which], numbers, decoys[which], actions[which], promise)

@@ -1,0 +1,238 @@
+"""The best decisions of critical regions, uphill from their starts; many climbs in one call, each by itself.
+
+Where the consistent sets of a region are single beliefs the decision is climbed through its decoy. Where they are larger the
+decoy's climb leads to a decision that some belief explains; from there the search goes along the line or by the set's own
+slopes, for the privacy is the least distance of all beliefs of the set. Toward a point the decoy's climb is enough: the least
+distance to a set is the least to any of its members.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable.kernels.climb import Aim, climb
+from inscrutable.kernels.copies import put
+from inscrutable.kernels.face_ascent import ascend
+from inscrutable.kernels.face_lines import SAMPLES, best_place, interval, line_weight
+from inscrutable.kernels.face_sets import dearest, look_around, move_to_cheapest
+from inscrutable.kernels.options import bare, bare_kernel, kernel, woven
+from inscrutable.kernels.regions import face_of, locate
+from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
+
+_ROUNDS = 30  # of a climb, and golden sections on a line; a few times what the slowest of the kept instances took
+_STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
+
+
+class Scene(NamedTuple):
+    """What T beliefs seek: sign·distance from a point, under a budget or at a price."""
+
+    beliefs: Any  # (T,X)
+    points: Any  # (T,X)
+    sign: float
+    optimal_costs: Any  # (T,)
+    limits: Any  # (T,) infinite where a price is set
+    prices: Any  # (T,) 0 where a budget is set
+
+
+class Climbs(NamedTuple):
+    """n climbs, in the order of their beliefs: where each begins."""
+
+    belief: Any  # (n,) number of the belief
+    region: Any  # (n,)
+    decoys: Any  # (n,X)
+    actions: Any  # (n,U); NaN for the decoy's own
+    floor: Any  # (n,) the best value known: where no decoy of a region reaches it, its sets are not looked at
+
+
+class Spots(NamedTuple):
+    """Where n climbs came to rest."""
+
+    numbers: Any  # (n,5) value Ψ − μρ, privacy Ψ, regret ρ, potential: the value if the set were the one belief `far`, price μ
+    nearest: Any  # (n,X) the consistent belief nearest to the aim's point
+    place: Any  # (n,M) w = (v, 1) in the first k+1 entries
+    far: Any  # (n,X) the belief of the region that is farthest from the aim's point
+    far_place: Any  # (n,M) its decision
+
+
+class ClimbRoom(NamedTuple):
+    """Memory of climbs, one after the other."""
+
+    place: Any  # (M,)
+    decoy: Any  # (X,)
+    member: Any  # (X,)
+    along: Any  # (1,) the direction of a line
+    values: Any  # (S,) samples on it
+    distance: Any
+
+
+def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
+    """Return memory for climbs in a problem."""
+    return ClimbRoom(
+        np.empty(n_actions + 1), np.empty(n_states), np.empty(n_states), np.ones(1), np.empty(SAMPLES),
+        distance_room(n_states, n_actions, n_states + n_rows),
+    )  # fmt: skip
+
+
+@woven
+def aim_of(scene: Any, t: int, rules: Any) -> Aim:
+    """What belief t seeks."""
+    return Aim(
+        scene.beliefs[t], scene.points[t], scene.sign, scene.optimal_costs[t], scene.limits[t] * rules.inside,
+        scene.prices[t],
+    )  # fmt: skip
+
+
+@bare
+def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any, s: int, room: Any) -> None:
+    """Take over a trial that a belief explains, if it is admissible, affordable and better.
+
+    `weight` is the budget's multiplier for ½Ψ²; it is zero where budget is left over.
+    """
+    numbers, nearest, place, _, _ = spots
+    for r in range(face.n_set_rows, face.rows.shape[0]):
+        slack = 0.0
+        for a in range(trial.size):
+            slack += face.rows[r, 0, a] * trial[a]
+        if slack < -rules.near:
+            return
+    distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, room.member, room.distance)
+    regret = cost_at(face.curves, aim.belief, trial) - aim.optimal_cost
+    # Where a line ends at the budget, rounding may end it a little beyond; the aim's budget leaves room for that.
+    if not distance < np.inf or regret > aim.limit * (1.0 + rules.near):
+        return
+    value = aim.sign * distance
+    if aim.price > 0.0:
+        value -= aim.price * regret
+    if value > numbers[s, 0]:
+        put(trial, place[s])
+        put(room.member, nearest[s])
+        numbers[s, 0], numbers[s, 1], numbers[s, 2] = value, aim.sign * distance + 0.0, max(regret, 0.0)
+        numbers[s, 4] = aim.price
+        if aim.limit < np.inf:
+            is_spent = aim.limit - regret <= rules.spent * aim.limit and distance > 0.0
+            numbers[s, 4] = max(weight, 0.0) / distance if is_spent else 0.0
+
+
+@bare_kernel
+def climb_decoys(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
+    """Fill the spots of climbs low..high from their decoys; what no decoy allows has the value −∞."""
+    n_states, y = rules.basis.shape[0], room.decoy
+    for s in range(low, high):
+        number, aim = climbs.region[s], aim_of(scene, climbs.belief[s], rules)
+        face, w = face_of(regions, number, n_states), room.place[: regions.size[number] + 1]
+        spots.numbers[s, 0], spots.numbers[s, 3] = -np.inf, -np.inf
+        put(climbs.decoys[s], y)
+        loss, weight = climb(face, aim, rules, y, w, _ROUNDS)
+        if loss < np.inf:
+            _keep(face, aim, rules, w, weight, spots, s, room)
+            put(y, spots.far[s])
+            put(w, spots.far_place[s])
+            # Where the costs of states are alike, more than the decoy explains the decision: then the set decides.
+            spots.numbers[s, 3] = spots.numbers[s, 0]
+            if not regions.is_point[number]:
+                spots.numbers[s, 3] = -loss
+                if aim.limit < np.inf:
+                    spots.numbers[s, 3] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
+
+
+@woven
+def _begin(climbs: Any, regions: Any, spots: Any, s: int, w: Any) -> bool:
+    """Fill w with the best decision so far, or the one that the climb was given; False where there is none."""
+    if spots.numbers[s, 0] > -np.inf:
+        for a in range(w.size):
+            w[a] = spots.place[s, a]
+        return True
+    if np.isnan(climbs.actions[s, 0]):
+        return False
+    locate(regions, climbs.region[s], climbs.actions[s], w)
+    return True
+
+
+@woven
+def _is_hopeless(climbs: Any, spots: Any, rules: Any, s: int) -> bool:
+    """Whether the farthest decoy found in a region is worth less than what is known: no set is farther than its members.
+
+    Where it is worth as much it may be what is known, and the region has other peaks.
+    """
+    return bool(-np.inf < spots.numbers[s, 3] < climbs.floor[s] - rules.near)
+
+
+@bare_kernel
+def search_lines(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
+    """Improve the spots of climbs low..high in regions of at most one free coordinate with sets larger than points."""
+    n_states = rules.basis.shape[0]
+    work = (room.place[:2], room.member, room.values, room.distance)
+    for s in range(low, high):
+        number, aim = climbs.region[s], aim_of(scene, climbs.belief[s], rules)
+        k, w = regions.size[number], room.place[: regions.size[number] + 1]
+        if regions.is_point[number] or k > 1 or _is_hopeless(climbs, spots, rules, s):
+            continue
+        face = face_of(regions, number, n_states)
+        w[k], weight = 1.0, 0.0
+        if k == 1:
+            if not np.isnan(climbs.actions[s, 0]):
+                locate(regions, number, climbs.actions[s], w)
+                _keep(face, aim, rules, w, weight, spots, s, room)
+            if not _begin(climbs, regions, spots, s, w):
+                continue
+            floor = max(spots.numbers[s, 0], climbs.floor[s])
+            first, last = interval(face, aim, w, room.along, dearest(aim, floor), rules.near)
+            if first > last:
+                continue
+            line = (w[0] + first, w[0], w[0] + last)
+            w[0] = best_place(face, aim, rules, line, floor, _ROUNDS, work)
+            weight = line_weight(face, aim, rules, w, (line[0], line[2]), work)
+        _keep(face, aim, rules, w, weight, spots, s, room)
+
+
+@kernel
+def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
+    """Improve the spots of climbs low..high in regions of more coordinates with sets larger than points.
+
+    The slopes of the set are followed from the best ends of lines through the cheapest decision, and from the best so far.
+    """
+    n_states = rules.basis.shape[0]
+    for s in range(low, high):
+        number, aim = climbs.region[s], aim_of(scene, climbs.belief[s], rules)
+        k = regions.size[number]
+        if regions.is_point[number] or k < 2 or _is_hopeless(climbs, spots, rules, s):
+            continue
+        face, best = face_of(regions, number, n_states), np.empty(k + 1)
+        if not np.isnan(climbs.actions[s, 0]):
+            locate(regions, number, climbs.actions[s], best)
+            _keep(face, aim, rules, best, 0.0, spots, s, room)
+        if not _begin(climbs, regions, spots, s, best):
+            continue
+        centre, member = best.copy(), climbs.decoys[s].copy()
+        if spots.numbers[s, 0] > -np.inf:
+            put(spots.nearest[s], member)
+        move_to_cheapest(face, aim, rules.near, centre)
+        found = np.empty((_STARTS, k + 1))
+        n_found = look_around(face, aim, rules, centre, spots.numbers[s, 0], found, room.distance)
+        held = _with_equalities(face)
+        for e in range(n_found + 1):
+            trial, y = best.copy(), member.copy()
+            if e < n_found:
+                put(found[e], trial)
+            # Where no belief explains the start, the climb moves it and the known member together.
+            nearest_belief(face, trial, aim.point, rules, NO_ROW, y, room.distance)
+            value, weight = ascend(face, held, aim, rules, trial, y, _ROUNDS, room.distance)
+            if value > -np.inf:
+                _keep(face, aim, rules, trial, weight, spots, s, room)
+
+
+@woven
+def _with_equalities(face: Any) -> Any:
+    """The rows of a region behind the k equalities of stationarity, at the size of the gradients."""
+    curves, rows, _, scale = face
+    n_states, k, m = curves.shape[0], curves.shape[1] - 1, rows.shape[0]
+    held = np.empty((k + m, n_states, k + 1))
+    for i in range(n_states):
+        for c in range(k + 1):
+            for a in range(k):
+                held[a, i, c] = curves[i, a, c] / scale
+            for r in range(m):
+                held[k + r, i, c] = rows[r, i, c]
+    return held

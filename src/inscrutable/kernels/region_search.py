@@ -1,0 +1,458 @@
+"""The search over critical regions: from starts uphill, and on to the regions beyond the rows that are in reach.
+
+A search for one belief depends on nothing but its own starts. It takes turns: `plan` keeps what the last climbs found and says
+which come next; the climbs of all beliefs are then done together. A region whose programme is not made yet is asked for, and
+the search of that belief goes on once it is there.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inscrutable.kernels.copies import put, put_descending
+from inscrutable.kernels.options import bare, bare_kernel, kernel, woven
+from inscrutable.kernels.region_climb import aim_of
+from inscrutable.kernels.regions import (
+    UNKNOWN,
+    decision_in,
+    face_of,
+    has_multipliers,
+    rows_of,
+)
+from inscrutable.kernels.set_distance import distance_room, nearest_belief
+
+NOT_BEGUN, ENDED = -1, -2
+BEST, FAR = 0, 1
+"""Sources of climbs: an entry's best decision, and its farthest belief's; then the beliefs of freed rows."""
+_UNMET = 1e6  # below all distances: rows that no belief of a decision meets come last
+
+
+class Table(NamedTuple):
+    """Distinct admissible decisions that a belief explains."""
+
+    costs: Any  # (D,X) state costs
+    decoys: Any  # (D,X) a belief that each is optimal for
+    region: Any  # (D,) number of the region
+    places: Any  # (D,A) coordinates of the decoys in the directions that decisions can tell
+
+
+class Starts(NamedTuple):
+    """Where the searches of T beliefs begin, belief by belief, the most promising first."""
+
+    first: Any  # (T+1,)
+    region: Any  # (n,)
+    decoys: Any  # (n,X)
+    actions: Any  # (n,U); NaN for the decoy's own
+    promise: Any  # (n,) no more than this is expected of a start
+
+
+class Explored(NamedTuple):
+    """The best decisions of the regions that a search came across, C at most, and where it stands.
+
+    Where consistent sets are larger than points a region has an entry for each orthant in which climbs ended.
+    """
+
+    stage: Any  # (T,) how many regions may still be left without gain, NOT_BEGUN or ENDED
+    n_begun: Any  # (T,) starts looked at
+    before: Any  # (T,2) the best value and potential before the last region's neighbours were climbed
+    count: Any  # (T,)
+    region: Any  # (T,C)
+    orthant: Any  # (T,C) of the farthest belief, seen from the aim's point; 0 where consistent sets are points
+    numbers: Any  # (T,C,5) value, privacy, regret, potential, price
+    nearest: Any  # (T,C,X)
+    place: Any  # (T,C,M)
+    far: Any  # (T,C,X)
+    far_place: Any  # (T,C,M)
+    expanded: Any  # (T,C)
+    n_tried: Any  # (T,)
+    tried: Any  # (T,Q)
+
+
+class Plans(NamedTuple):
+    """The climbs that T beliefs ask for, and the regions that must be made first."""
+
+    floor: Any  # (T,) the best value known
+    n_climbs: Any  # (T,)
+    region: Any  # (T,P)
+    source: Any  # (T,P) BEST, FAR, those behind them, or −1 − s for start s
+    decoys: Any  # (T,2+F,X) of the sources
+    actions: Any  # (T,2,U) at BEST and FAR; those behind them have the first
+    n_missing: Any  # (T,)
+    missing: Any  # (T,P,2) region and row whose other side is asked for
+
+
+class PlanRoom(NamedTuple):
+    """Memory of plans, one after the other."""
+
+    values: Any  # (R,)
+    order: Any  # (R,)
+    members: Any  # (R,X)
+    distance: Any
+
+
+def plan_room(n_states: int, n_actions: int, n_rows: int) -> PlanRoom:
+    """Return memory for plans in a problem."""
+    return PlanRoom(
+        np.empty(n_rows), np.empty(n_rows, dtype=np.int64), np.empty((n_rows, n_states)),
+        distance_room(n_states, n_actions, n_states + n_rows),
+    )  # fmt: skip
+
+
+class Tolerances(NamedTuple):
+    """Numbers that decide in the search, besides those of a climb."""
+
+    polish: float  # a start must promise this much more than is found
+    reach: float  # a row is in reach up to this slack or multiplier
+    bound: float  # a coordinate this near to a bound of its own is put on it
+    patience: int  # regions whose neighbours are searched in vain before a search ends
+    freed: int  # tight rows that are freed, one at a time, where a set is larger than a point
+
+
+@bare
+def _top(reached: Any, t: int, what: int) -> float:
+    """The largest value (0) or potential (3) of what was reached."""
+    top = -np.inf
+    for e in range(reached.count[t]):
+        top = max(top, reached.numbers[t, e, what])
+    return top
+
+
+@bare
+def _orthant(belief: Any, point: Any) -> int:
+    """In which directions a belief lies from a point: a bit a state."""
+    bits = 0
+    for i in range(point.size):
+        bits = 2 * bits + (1 if belief[i] > point[i] else 0)
+    return bits
+
+
+@woven
+def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int) -> None:
+    """Keep the best decision of each region and orthant; where there is no room the worst goes."""
+    number, orthant = place_of
+    numbers, nearest, place, far, far_place = spots
+    value, potential = numbers[s, 0], numbers[s, 3]
+    is_nearest = not potential > value
+    potential = max(value, potential)
+    if not potential > -np.inf:
+        return
+    e, worst = -1, -1
+    for other in range(reached.count[t]):
+        if reached.region[t, other] == number and reached.orthant[t, other] == orthant:
+            e = other
+        if worst < 0 or reached.numbers[t, other, 0] < reached.numbers[t, worst, 0]:
+            worst = other
+    if e < 0:
+        e = worst
+        if reached.count[t] < reached.region.shape[1]:
+            e = reached.count[t]
+            reached.count[t] += 1
+        reached.expanded[t, e] = False
+        reached.region[t, e], reached.orthant[t, e] = number, orthant
+        reached.numbers[t, e, 0], reached.numbers[t, e, 3] = -np.inf, -np.inf
+    if value > reached.numbers[t, e, 0]:
+        for c in (0, 1, 2, 4):
+            reached.numbers[t, e, c] = numbers[s, c]
+        put(nearest[s], reached.nearest[t, e])
+        put(place[s], reached.place[t, e])
+    if potential > reached.numbers[t, e, 3]:
+        reached.numbers[t, e, 3] = potential
+        put(nearest[s] if is_nearest else far[s], reached.far[t, e])
+        put(place[s] if is_nearest else far_place[s], reached.far_place[t, e])
+
+
+@bare
+def _key(region: int, source: int, decoy: Any, point: Any) -> int:
+    """What is tried once: a region from the best decision of a neighbour, and from other beliefs of each orthant."""
+    kind = 0 if source == BEST else 1 + _orthant(decoy, point)
+    return int(region * 2 ** (point.size + 1) + kind)
+
+
+@woven
+def _is_new(reached: Any, t: int, number: int) -> bool:
+    """Mark a start in a region as tried; False where it was, or where no room is left: the search ends after this turn."""
+    count = reached.n_tried[t]
+    for other in range(count):
+        if reached.tried[t, other] == number:
+            return False
+    if count == reached.tried.shape[1]:
+        reached.stage[t] = ENDED
+        return False
+    reached.tried[t, count] = number
+    reached.n_tried[t] += 1
+    return True
+
+
+@bare
+def _ask(regions: Any, number: int, row: int, source: int, t: int, plans: Any) -> int:
+    """Ask for a climb in the region beyond a row, or for that region where it is missing."""
+    other = regions.beyond[number, row]
+    if other == UNKNOWN or regions.size[other] == UNKNOWN:
+        j = plans.n_missing[t]
+        plans.missing[t, j, 0], plans.missing[t, j, 1] = number, row
+        plans.n_missing[t] += 1
+        return UNKNOWN
+    j = plans.n_climbs[t]
+    plans.region[t, j], plans.source[t, j] = other, source
+    plans.n_climbs[t] += 1
+    return int(other)
+
+
+@bare
+def _row_at(row: Any, belief: Any, w: Any) -> float:
+    """Σ y_i R_i·w."""
+    total = 0.0
+    for i in range(belief.size):
+        for a in range(w.size):
+            total += belief[i] * row[i, a] * w[a]
+    return total
+
+
+@bare
+def _ask_at_corner(
+    regions: Any, number: int, limits: Any, w: Any, belief: Any, source: int, t: int, plans: Any
+) -> None:
+    """Ask for the regions beyond the rows whose multiplier or slack is zero at a decision and a belief that explains it."""
+    n_states, first = belief.size, regions.n_set_rows[number]
+    rows = rows_of(regions, number, n_states)
+    if has_multipliers(regions, number, n_states):
+        for r in range(regions.n_told[number]):
+            if _row_at(rows[n_states + r], belief, w) <= limits.reach:
+                _ask(regions, number, regions.told[number, r], source, t, plans)
+    for row in range(regions.tight.shape[1]):
+        if not regions.tight[number, row]:
+            if _row_at(rows[first], belief, w) <= limits.reach:
+                _ask(regions, number, row, source, t, plans)
+            first += 1
+
+
+@woven
+def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, limits: Any, w: Any, t: int, search: Any) -> None:
+    """Where the set of a decision is larger than a point: ask for the few tight rows that, freed, lead to the best members.
+
+    Where no member has a zero multiplier at this decision, the least multipliers at the farthest belief count instead: other
+    decisions of the region may meet those rows.
+    """
+    _, plans, room = search
+    n_states, n_told, far = rules.basis.shape[0], regions.n_told[number], plans.decoys[t, FAR]
+    face = face_of(regions, number, n_states)
+    for r in range(n_told):
+        distance = nearest_belief(face, w, aim.point, rules, n_states + r, room.members[r], room.distance)
+        room.values[r] = aim.sign * distance
+        if not distance < np.inf:
+            put(far, room.members[r])
+            room.values[r] = -_UNMET - _row_at(face.rows[n_states + r], far, w)
+    put_descending(room.values[:n_told], room.order)
+    for j in range(min(limits.freed, n_told)):
+        r = room.order[j]
+        put(room.members[r], plans.decoys[t, FAR + 1 + j])
+        _ask(regions, number, regions.told[number, r], FAR + 1 + j, t, plans)
+
+
+@woven
+def _ask_all_told(regions: Any, number: int, t: int, plans: Any) -> None:
+    """Ask for the regions beyond all tight rows: none has a multiplier of its own."""
+    for r in range(regions.n_told[number]):
+        _ask(regions, number, regions.told[number, r], BEST, t, plans)
+
+
+@woven
+def _ask_into_corner(regions: Any, number: int, n: int, limits: Any, w: Any, corner: Any, t: int, search: Any) -> None:
+    """Ask for the regions that meet at the member of w's set that is farthest from the aim's point, one after the other.
+
+    All members have the same decision and so the same regret. At a corner of the set the multipliers of some tight rows are
+    zero: with these freed the set shrinks to the corner at no cost to first order.
+    """
+    _, plans, room = search
+    n_states, n_told = corner.size, regions.n_told[number]
+    rows = rows_of(regions, number, n_states)
+    for r in range(n_told):
+        room.values[r] = -_row_at(rows[n_states + r], corner, w)
+    put_descending(room.values[:n_told], room.order)
+    here = number
+    for j in range(min(n - regions.size[number], n_told)):
+        r = room.order[j]
+        if -room.values[r] > limits.reach:
+            break
+        here = _ask(regions, here, regions.told[number, r], FAR, t, plans)
+        if here == UNKNOWN:
+            break
+
+
+@woven
+def _next(reached: Any, t: int) -> int:
+    """The entry of largest potential that is not expanded yet; −1 where there is none."""
+    e = -1
+    for other in range(reached.count[t]):
+        if not reached.expanded[t, other] and (e < 0 or reached.numbers[t, other, 3] > reached.numbers[t, e, 3]):
+            e = other
+    return e
+
+
+@woven
+def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search: Any) -> None:
+    """Ask for the neighbours of the best region not searched yet; nothing is asked where the search has ended."""
+    reached, plans, _ = search
+    e = _next(reached, t)
+    if e < 0:
+        reached.stage[t] = ENDED
+        return
+    n_states, n = rules.basis.shape
+    number = reached.region[t, e]
+    size, is_point = regions.size[number] + 1, regions.is_point[number]
+    w, v, far = reached.place[t, e, :size], reached.far_place[t, e, :size], plans.decoys[t, FAR]
+    put(reached.far[t, e], far)
+    decision_in(regions, number, v, limits.bound, plans.actions[t, FAR])
+    put(plans.actions[t, FAR], plans.actions[t, BEST])
+    is_set = aim.sign > 0.0 and not is_point
+    if reached.numbers[t, e, 0] > -np.inf:
+        nearest = plans.decoys[t, BEST]
+        put(reached.nearest[t, e], nearest)
+        decision_in(regions, number, w, limits.bound, plans.actions[t, BEST])
+        if not has_multipliers(regions, number, n_states):
+            _ask_all_told(regions, number, t, plans)
+        _ask_at_corner(regions, number, limits, w, nearest, BEST, t, plans)
+    if is_set:
+        _ask_at_corner(regions, number, limits, v, far, FAR, t, plans)
+        if has_multipliers(regions, number, n_states):
+            _ask_for_freed(regions, number, aim, rules, limits, v, t, search)
+            _ask_into_corner(regions, number, n, limits, v, far, t, search)
+    if plans.n_missing[t] > 0:
+        return
+    reached.expanded[t, e] = True
+    _is_new(reached, t, _key(number, BEST, far, aim.point))
+    count, plans.n_climbs[t] = plans.n_climbs[t], 0
+    for j in range(count):
+        source = plans.source[t, j]
+        if _is_new(reached, t, _key(plans.region[t, j], source, plans.decoys[t, source], aim.point)):
+            into = plans.n_climbs[t]
+            plans.region[t, into], plans.source[t, into] = plans.region[t, j], plans.source[t, j]
+            plans.n_climbs[t] += 1
+
+
+@woven
+def _ask_for_starts(starts: Any, limits: Any, reached: Any, t: int, plans: Any) -> None:
+    """Ask for the next starts of those that promise more than is found: one, and then three times as many as before."""
+    top, first, last = plans.floor[t], starts.first[t], starts.first[t + 1]
+    s, room = first + reached.n_begun[t], max(1, 3 * reached.n_begun[t])
+    while s < last and plans.n_climbs[t] < room:
+        if starts.promise[s] > top + limits.polish:
+            j = plans.n_climbs[t]
+            plans.region[t, j], plans.source[t, j] = starts.region[s], -1 - s
+            plans.n_climbs[t] += 1
+        s += 1
+    reached.n_begun[t] = s - first
+
+
+@bare_kernel
+def plan(low: int, high: int, scene: Any, regions: Any, starts: Any, rules: Any, limits: Any, found: Any) -> None:
+    """Keep what the climbs of beliefs low..high found, and plan the next ones, until a search has some or has ended.
+
+    found: (`Explored`, `Plans`, `PlanRoom`, (first (T+1,), `Climbs`, `Spots`) of the last turn).
+    """
+    reached, plans, room, last = found
+    first, climbs, spots = last
+    for t in range(low, high):
+        for s in range(first[t], first[t + 1]):
+            number = climbs.region[s]
+            orthant = 0 if regions.is_point[number] else _orthant(spots.far[s], scene.points[t])
+            _record(reached, t, (number, orthant), spots, s)
+        plans.n_climbs[t], plans.n_missing[t] = 0, 0
+        plans.floor[t] = _top(reached, t, 0)
+        if reached.stage[t] == NOT_BEGUN:
+            _ask_for_starts(starts, limits, reached, t, plans)
+            if plans.n_climbs[t] > 0:
+                continue
+            reached.stage[t] = limits.patience
+        value, potential = plans.floor[t], _top(reached, t, 3)
+        gains = value > reached.before[t, 0] or potential > reached.before[t, 1] + limits.polish
+        if gains and reached.stage[t] != ENDED:
+            reached.stage[t] = limits.patience
+        reached.before[t, 0], reached.before[t, 1] = value, potential
+        aim = aim_of(scene, t, rules)
+        while reached.stage[t] > 0 and plans.n_climbs[t] == 0 and plans.n_missing[t] == 0:
+            _ask_around(regions, aim, rules, limits, t, (reached, plans, room))
+            if plans.n_missing[t] == 0 and reached.stage[t] > 0:
+                reached.stage[t] -= 1
+
+
+@kernel
+def best_starts(low: int, high: int, scene: Any, table: Any, axes: Any, n_regions: int, chosen: Any, ends: Any) -> None:
+    """Fill, for beliefs low..high, the candidates `chosen` (index (T,S), value (T,S), n (T,)) that are the best of their region
+    and orthant, in order, −1 behind the last; how many are affordable, or at a price worth more than nothing; and the best
+    `ends` (T,Q,X) of the budget, one an orthant, NaN where there is none.
+
+    Distances are those in the directions `axes` (X,A), and orthants those of the first few. An end is where √ρ, taken as
+    linear on the ray to a candidate that is too dear, meets the budget.
+    """
+    index, values, n_worth = chosen
+    costs, decoys, region, places = table.costs, table.decoys, table.region, table.places
+    n_states, n_orthants = scene.beliefs.shape[1], ends.shape[1]
+    best, which = np.empty((n_regions, n_orthants)), np.empty((n_regions, n_orthants), dtype=np.int64)
+    far, n_signs = np.empty(n_orthants), int(np.log2(n_orthants))
+    for t in range(low, high):
+        belief, sign, limit, price = scene.beliefs[t], scene.sign, scene.limits[t], scene.prices[t]
+        origin, home = scene.points[t] @ axes, belief @ axes
+        best[:] = -np.inf
+        which[:] = -1
+        far[:] = -np.inf
+        ends[t] = np.nan
+        n_worth[t] = 0
+        for d in range(costs.shape[0]):
+            regret = -scene.optimal_costs[t]
+            for i in range(n_states):
+                regret += belief[i] * costs[d, i]
+            orthant = 0
+            for c in range(n_signs):
+                orthant = 2 * orthant + (1 if places[d, c] > origin[c] else 0)
+            total = 0.0
+            if regret > limit:
+                share = np.sqrt(limit / regret)
+                for c in range(origin.size):
+                    total += (home[c] + share * (places[d, c] - home[c]) - origin[c]) ** 2
+                if sign * total > far[orthant]:
+                    far[orthant] = sign * total
+                    for i in range(n_states):
+                        ends[t, orthant, i] = belief[i] + share * (decoys[d, i] - belief[i])
+                continue
+            for c in range(origin.size):
+                total += (origin[c] - places[d, c]) ** 2
+            value = sign * total
+            if price > 0.0:
+                value = sign * np.sqrt(total) - price * regret
+            n_worth[t] += price == 0.0 or value > 0.0
+            if value > best[region[d], orthant]:
+                best[region[d], orthant] = value
+                which[region[d], orthant] = d
+        _in_order(best, which, index[t], values[t])
+        if price == 0.0:
+            for s in range(index.shape[1]):
+                values[t, s] = sign * np.sqrt(abs(values[t, s]))
+
+
+@woven
+def _in_order(best: Any, which: Any, index: Any, values: Any) -> None:
+    """The largest of `best`, in order."""
+    index[:] = -1
+    values[:] = -np.inf
+    last = index.size - 1
+    for f in range(best.shape[0]):
+        for o in range(best.shape[1]):
+            if which[f, o] < 0 or not best[f, o] > values[last]:
+                continue
+            s = last
+            while s > 0 and best[f, o] > values[s - 1]:
+                values[s], index[s] = values[s - 1], index[s - 1]
+                s -= 1
+            values[s], index[s] = best[f, o], which[f, o]
+
+
+@bare_kernel
+def read_actions(steps: Any, entries: Any, regions: Any, limits: Any, reached: Any, actions: Any) -> None:
+    """Fill the decisions (n,U) of entries (n,) of beliefs (n,)."""
+    for j in range(steps.size):
+        t, e = steps[j], entries[j]
+        number = reached.region[t, e]
+        decision_in(regions, number, reached.place[t, e, : regions.size[number] + 1], limits.bound, actions[j])

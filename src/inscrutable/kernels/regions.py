@@ -1,0 +1,98 @@
+"""Critical regions: the decisions on which the same rows are tight, end to end in flat arrays.
+
+On a region u = u_0 + Z v with k free coordinates; with w = (v, 1) costs and rows are those of `faces`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from inscrutable.kernels.faces import place_on_face
+from inscrutable.kernels.options import bare, woven
+from inscrutable.kernels.set_distance import Face
+
+UNKNOWN = -1
+
+
+class Regions(NamedTuple):
+    """K regions of a problem with X states, U actions and R inequality rows."""
+
+    size: Any  # (K,) free coordinates k; UNKNOWN where the programme is not made yet
+    n_rows: Any  # (K,)
+    n_set_rows: Any  # (K,) how many of the rows describe the consistent set: probabilities, then multipliers
+    scale: Any  # (K,) size of the gradients
+    is_point: Any  # (K,) whether a decision has one belief: the gradients of X states have rank X − 1
+    curve_at: Any  # (K,) where the costs (X, k+1, k+1) of each begin
+    row_at: Any  # (K,) the rows (m, X, k+1)
+    chart_at: Any  # (K,) the origin (U,), then Z (U, k)
+    curves: Any  # flat
+    rows: Any  # flat
+    charts: Any  # flat
+    tight: Any  # (K,R)
+    n_told: Any  # (K,) how many tight rows have something to say of the set
+    told: Any  # (K,R) their numbers
+    beyond: Any  # (K,R) the region in which one row is loose instead of tight, or tight instead of loose
+    bounds: Any  # (low (U,), high (U,)) values that single rows leave to coordinates
+
+
+@woven
+def curves_of(regions: Any, number: int, n_states: int) -> Any:
+    """The costs (X, k+1, k+1) of a region."""
+    k = regions.size[number] + 1
+    first = regions.curve_at[number]
+    return regions.curves[first : first + n_states * k * k].reshape((n_states, k, k))
+
+
+@woven
+def rows_of(regions: Any, number: int, n_states: int) -> Any:
+    """The rows (m, X, k+1) of a region."""
+    k, m = regions.size[number] + 1, regions.n_rows[number]
+    first = regions.row_at[number]
+    return regions.rows[first : first + m * n_states * k].reshape((m, n_states, k))
+
+
+@woven
+def face_of(regions: Any, number: int, n_states: int) -> Face:
+    """Costs and rows of a region."""
+    return Face(
+        curves_of(regions, number, n_states),
+        rows_of(regions, number, n_states),
+        regions.n_set_rows[number],
+        regions.scale[number],
+    )
+
+
+@woven
+def chart_of(regions: Any, number: int) -> Any:
+    """The origin (U,) and Z (U, k) of a region."""
+    n_actions, first = regions.bounds[0].size, regions.chart_at[number]
+    origin = regions.charts[first : first + n_actions]
+    first += n_actions
+    return origin, regions.charts[first : first + n_actions * regions.size[number]].reshape((n_actions, -1))
+
+
+@woven
+def locate(regions: Any, number: int, action: Any, w: Any) -> None:
+    """Fill w = (Z'(u − u_0), 1) of a decision u (U,)."""
+    origin, span = chart_of(regions, number)
+    for a in range(span.shape[1]):
+        w[a] = 0.0
+    for j in range(origin.size):
+        away = action[j] - origin[j]
+        if away != 0.0:
+            for a in range(span.shape[1]):
+                w[a] += span[j, a] * away
+    w[span.shape[1]] = 1.0
+
+
+@bare
+def decision_in(regions: Any, number: int, w: Any, near: float, action: Any) -> None:
+    """Fill the decision (U,) at w; what is within `near` of a bound is put on it."""
+    origin, span = chart_of(regions, number)
+    place_on_face(origin, span, regions.bounds, near, w, action)
+
+
+@bare
+def has_multipliers(regions: Any, number: int, n_states: int) -> bool:
+    """Whether every row that tells has a multiplier of its own, in order."""
+    return bool(regions.n_set_rows[number] - n_states == regions.n_told[number])

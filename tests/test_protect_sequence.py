@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from inscrutable import Budget, GaussianEmission, HiddenMarkovModel, InputError, InvestorModel, MarkowitzProblem
+from inscrutable import (
+    Budget,
+    GaussianEmission,
+    HiddenMarkovModel,
+    InputError,
+    InvestorModel,
+    MarkowitzProblem,
+    SequentialDecisionMaker,
+)
 from inscrutable.cli import main
 from inscrutable.experiments import protect_sequence
 from inscrutable.experiments.attack import attack_weights
@@ -86,6 +95,42 @@ def test_a_file_of_another_budget_or_a_damaged_one_is_refused_and_kept(small, tm
     assert copy.read_bytes() == state.read_bytes()
 
 
+def test_what_was_recorded_last_is_shown_again(small, tmp_path: Path) -> None:
+    model, _, state, begun = small
+    copy = Path(shutil.copy(state, tmp_path / "state"))
+    assert begun.latest is None
+    assert "Last published" not in begun.summary()
+    found = protect_step(model, BELIEF, copy, publish=True, rng=np.random.default_rng(3))
+    looked = protect_step(model, BELIEF, copy)
+    np.testing.assert_array_equal(looked.latest, found.published)
+    assert f"Last published: A {found.published[0]:.6f}" in looked.summary()
+    assert looked.figures()["last_published"] == dict(zip(ASSETS, found.published, strict=True))
+
+
+def test_the_summary_names_the_ceiling_and_a_belief_off_the_grid(small) -> None:
+    model, _, state, begun = small
+    assert begun.is_off_grid
+    assert f"none of the grid's {begun.n_beliefs}" in begun.summary()
+    assert f"of at most {begun.ceiling:.3f}, on a grid of {begun.n_beliefs} beliefs" in begun.summary()
+    assert begun.long_run_error <= 1.02 * begun.ceiling <= 1.02 * begun.prior_error
+    on_grid = protect_step(model, protect_sequence.chain_of(model).prior.beliefs[0], state)
+    assert not on_grid.is_off_grid
+    assert "none of the grid" not in on_grid.summary()
+
+
+def test_weights_that_the_rule_plays_under_no_belief_of_the_grid_count_as_the_nearest(
+    small, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cap forbids all that is played to a belief between two of the grid, which then plays its own optimal decision."""
+    model, _, _, _ = small
+    capped = partial(SequentialDecisionMaker, worst_regret=Budget.regret(1e-6), information_price=float("inf"))
+    monkeypatch.setattr(protect_sequence, "SequentialDecisionMaker", capped)
+    found = protect_step(model, [0.41, 0.59], tmp_path / "state", publish=True, rng=np.random.default_rng(0))
+    assert found.is_approximate
+    assert "the observer's law takes the nearest" in found.summary()
+    np.testing.assert_allclose(found.published, model.problem.solve([0.41, 0.59]), atol=1e-9)
+
+
 def test_the_command_publishes_once(small, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, file, state, _ = small
     copy = Path(shutil.copy(state, tmp_path / "state"))
@@ -121,6 +166,22 @@ def test_who_knows_the_sequential_rule_reads_what_the_sequence_keeps(small, tmp_
     found = attack_over_time(attack_weights(model, published), "sequential", state=copy)
     np.testing.assert_allclose(found.inferred.mean, [step.after for step in steps], atol=1e-9)
     assert found.table()["expected error"].between(0.0, 1.0).all()
+    with pytest.raises(InputError, match="another budget"):
+        attack_over_time(found.attack, "sequential", Budget.regret(3e-4), state=copy)
+
+
+def test_a_sequence_of_another_model_is_refused(small) -> None:
+    model, _, state, _ = small
+    bolder = InvestorModel(
+        model.world,
+        MarkowitzProblem(model.problem.means, model.problem.covariances, 2.0),
+        ASSETS,
+        REGIMES,
+        model.budget,
+    )
+    attack = attack_weights(bolder, pd.DataFrame([[1.0, 0.0, 0.0]], columns=list(ASSETS)))
+    with pytest.raises(InputError, match="cannot be gone on with: it is of another problem"):
+        attack_over_time(attack, "sequential", state=state)
 
 
 def test_optimal_weights_of_beliefs_of_the_grid_are_read_exactly(small) -> None:
@@ -145,5 +206,7 @@ def test_attack_by_command_with_the_rule(small, tmp_path: Path, capsys: pytest.C
     assert len(pd.read_csv(tmp_path / "out" / "attack_over_time.csv")) == 2
     assert main([*call, "--mechanism", "sequential", "--state", str(state), "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["over_time"]) == 2
+    assert main([*call, "--mechanism", "sequential", "--state", str(state), "--budget", "regret:0.0003"]) == 3
+    assert "another budget" in capsys.readouterr().err
     assert main([*call, "--mechanism", "sequential"]) == 2
     assert main([*call, "--state", str(state)]) == 2

@@ -291,7 +291,7 @@ def attack(
         model: The model.json of a backtest.
         weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
         mechanism: How the weights are made, as the observer knows: optimal, cdm, pdm, or sequential.
-        budget: With `--mechanism`: what the rule spends, as in protect. Default: the model's.
+        budget: With `--mechanism`: what the rule spends, as in protect; with `--state` as in its file. Default: the model's.
         state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
         out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
     """

@@ -28,8 +28,6 @@ def protect_next(
         return
     show_table(found.lines(), "What the rule draws from at this step")
     if found.published is not None:
-        named = zip(found.model.assets, found.published, strict=True)
-        drawn = ", ".join(f"{asset} {share:.6f}" for asset, share in named)
-        results().print(f"Publish these weights, which are recorded: {drawn}.")
+        results().print(f"Publish these weights, which are recorded: {found.written(found.published)}.")
     for line in found.summary().splitlines():
         results().print(line)

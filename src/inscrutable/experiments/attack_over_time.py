@@ -16,11 +16,9 @@ from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     OriginalDecisionMaker,
-    PriceCalibration,
     ProbabilisticDecisionMaker,
     SequentialDecisionMaker,
 )
-from inscrutable.decision_makers.sequential.state import SequenceState
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack
 from inscrutable.experiments.investor_model import InvestorModel
@@ -70,15 +68,26 @@ def attack_over_time(
     Args:
         attack: From `attack_weights`.
         rule: How the weights are made: "optimal", "cdm", "pdm" or "sequential".
-        budget: What the rule spends; None is the model's. The sequential rule's is in its file.
+        budget: What the rule spends; None is the model's. For "sequential" it is that of the file.
         state: The file of the sequence, for "sequential": its prices are taken from there, and no decision.
 
     Raises:
-        InputError: There is no such rule, or the file is missing, damaged or not given.
+        InputError: There is no such rule, or the file is missing, damaged, in use, of another model or budget, or not given.
 
     Cost: one decision for each of some 500 beliefs, and a step of the filter a row.
 
-    Source: see `SequentialAdversary`. Example: see `protect_step`.
+    Source: see `SequentialAdversary`.
+
+    Example:
+        >>> from inscrutable.experiments.attack import attack_weights
+        >>> from inscrutable import GaussianEmission, HiddenMarkovModel, MarkowitzProblem
+        >>> sensor = GaussianEmission([[0.02, 0.0], [-0.03, 0.01]], [0.002 * np.eye(2), 0.006 * np.eye(2)])
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], sensor)
+        >>> problem = MarkowitzProblem(sensor.means, sensor.covariances, 4.0)
+        >>> model = InvestorModel(world, problem, ("A", "B"), ("calm", "turbulent"))
+        >>> published = pd.DataFrame(problem.solve([[0.8, 0.2], [0.3, 0.7]]), columns=["A", "B"])
+        >>> print(attack_over_time(attack_weights(model, published), "optimal").table()["calm"].round(2).tolist())
+        [0.8, 0.3]
     """
     model = attack.model
     chain = chain_of(model)
@@ -100,12 +109,8 @@ def _mechanism(model: InvestorModel, chain: BeliefChain, rule: str, budget: Budg
         raise InputError(f"rule must be one of {', '.join([*makers, 'sequential'])}, got {rule!r}")
     if state is None or not Path(state).exists():
         raise InputError("the sequential rule's prices are in the file of its sequence: give one that protect has made")
-    found = SequenceState.load(state)
-    price = float(found.calibration.regret_prices[found.price_index])
-    return SequentialDecisionMaker(
-        problem,
-        budget,
-        chain=chain,
-        calibration=PriceCalibration.at(price, found.calibration.information_price),
-        rng=np.random.default_rng(0),
-    )
+    sequence = SequentialDecisionMaker(problem, budget, chain=chain, rng=np.random.default_rng(0)).begin()
+    try:
+        return sequence.load(state)
+    finally:
+        sequence.close()

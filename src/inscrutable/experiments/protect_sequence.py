@@ -36,11 +36,16 @@ class ProtectedStep:
         after: The same after the published decision; None where nothing was published.
         expected: What this step costs and tells on average.
         published: The weights that were drawn and recorded, shape (U,), or None.
+        latest: The weights recorded last, by this step or an earlier one, shape (U,), or None.
+        is_off_grid: Whether the belief is none of the grid's, so that the observer's law misses it.
+        is_approximate: Whether the observer's law takes `published` for the nearest weights that the rule could have played.
         n_published: Decisions recorded, this one included.
         spent: Regret of all recorded decisions, by the observer's law, in the cost's unit.
         told: Bits that they told, by the observer's law.
         prior_error: Root mean square error of an observer who sees no decision.
         long_run_error: The same of one who has followed all decisions, in the long run.
+        ceiling: What no rule's long-run error exceeds, on the grid and these candidates.
+        n_beliefs: Beliefs of the grid.
     """
 
     model: InvestorModel
@@ -50,11 +55,16 @@ class ProtectedStep:
     after: Array | None
     expected: StepFigures
     published: Array | None
+    latest: Array | None
+    is_off_grid: bool
+    is_approximate: bool
     n_published: int
     spent: float
     told: float
     prior_error: float
     long_run_error: float
+    ceiling: float
+    n_beliefs: int
 
     def table(self) -> pd.DataFrame:
         """Return one row per portfolio of the lottery, the likeliest first: its probability, its regret, its weights."""
@@ -74,6 +84,7 @@ class ProtectedStep:
         return {
             "n_published": self.n_published,
             "published": named(self.published, self.model.assets),
+            "last_published": named(self.latest, self.model.assets),
             "lottery": self.table().to_dict("records"),
             "observer_before": named(self.before, self.model.regimes),
             "observer_after": named(self.after, self.model.regimes),
@@ -82,7 +93,11 @@ class ProtectedStep:
             "regret_so_far": self.spent,
             "bits_so_far": self.told,
             "long_run_error": self.long_run_error,
+            "ceiling": self.ceiling,
             "prior_error": self.prior_error,
+            "grid_beliefs": self.n_beliefs,
+            "belief_off_grid": self.is_off_grid,
+            "counted_as_nearest": self.is_approximate,
         }
 
     def lines(self) -> pd.DataFrame:
@@ -103,6 +118,10 @@ class ProtectedStep:
         order = [j for j in np.argsort(-np.abs(weights), kind="stable") if abs(weights[j]) >= _LEAST_SHOWN]
         return ", ".join(f"{self.model.assets[j]} {100.0 * weights[j]:.1f}" for j in order)
 
+    def written(self, weights: Array) -> str:
+        """Return weights (U,) as text to six digits, by asset."""
+        return ", ".join(f"{asset} {share:.6f}" for asset, share in zip(self.model.assets, weights, strict=True))
+
     def summary(self) -> str:
         """Return a few sentences: cost, what the observer holds, and what was published."""
         lines = [
@@ -111,13 +130,25 @@ class ProtectedStep:
             f"An observer who knows the rule and has seen {_counted(self.n_published - (self.published is not None))} holds "
             f"{self._named(self.before)}.",
         ]
+        if self.is_off_grid:
+            lines.append(
+                f"Your belief is none of the grid's {self.n_beliefs}: the observer's law does not have it, and the calibration "
+                "does not cover its regret."
+            )
+        if self.is_approximate:
+            lines.append(
+                "The rule plays these weights under no belief of the grid: the observer's law takes the nearest."
+            )
         if self.after is not None:
             lines.append(f"With the weights published now it holds {self._named(self.after)}.")
         lines.append(
             f"{_counted(self.n_published)} published so far: {self.spent:.3g} of regret, {self.told:.3f} bits. In the long run "
-            f"its error is {self.long_run_error:.3f}, and {self.prior_error:.3f} without seeing any."
+            f"its error is {self.long_run_error:.3f} of at most {self.ceiling:.3f}, on a grid of {self.n_beliefs} beliefs, and "
+            f"{self.prior_error:.3f} without seeing any."
         )
         if self.published is None:
+            if self.latest is not None:
+                lines.append(f"Last published: {self.written(self.latest)}.")
             lines.append("Nothing was drawn or recorded: --publish draws once and records what it drew.")
         return "\n".join(lines)
 
@@ -165,9 +196,16 @@ def protect_step(
     Source: see `SequentialDecisionMaker`.
 
     Example:
-        >>> import inspect
-        >>> list(inspect.signature(protect_step).parameters)
-        ['model', 'belief', 'state', 'budget', 'publish', 'rng']
+        >>> import tempfile
+        >>> from inscrutable import GaussianEmission, HiddenMarkovModel, MarkowitzProblem
+        >>> sensor = GaussianEmission([[0.02, 0.0], [-0.03, 0.01]], [0.002 * np.eye(2), 0.006 * np.eye(2)])
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], sensor)
+        >>> problem = MarkowitzProblem(sensor.means, sensor.covariances, 4.0)
+        >>> model = InvestorModel(world, problem, ("A", "B"), ("calm", "turbulent"))
+        >>> with tempfile.TemporaryDirectory() as folder:  # a budget that pays for silence, for which no price is sought
+        ...     found = protect_step(model, [0.25, 0.75], Path(folder) / "state", Budget.regret(1.0), publish=True)
+        >>> print(found.published.round(2), found.told)
+        [0.5 0.5] 0.0
     """
     checked_model(model)
     problem, path = model.problem, Path(state)
@@ -175,31 +213,40 @@ def protect_step(
     source = np.random.default_rng() if rng is None else validation.generator(rng)
     chain = chain_of(model)
     limit = model.budget if budget is None else as_budget(budget)
-    sequence = SequentialDecisionMaker(problem, limit, chain=chain, rng=source).begin()
+    maker = SequentialDecisionMaker(problem, limit, chain=chain, rng=source)
+    sequence = maker.begin()
     try:
         if path.exists():
             sequence.load(path)
         else:
             sequence.save(path)
-        return _step(model, held, sequence, path, source if publish else None)
+        return _step(model, held, (maker, sequence), path, source if publish else None)
     finally:
         sequence.close()
 
 
 def _step(
-    model: InvestorModel, belief: Array, sequence: DecisionSequence, path: Path, draw: np.random.Generator | None
+    model: InvestorModel,
+    belief: Array,
+    of: tuple[SequentialDecisionMaker, DecisionSequence],
+    path: Path,
+    draw: np.random.Generator | None,
 ) -> ProtectedStep:
+    maker, sequence = of
     lottery = sequence.decide(belief)
-    expected, before = sequence.expected, sequence.observer
-    published, after = None, None
+    expected, before, is_off_grid = sequence.expected, sequence.observer, sequence.is_off_grid
+    ceiling = float(np.sqrt(maker.ceiling))
+    published, after, is_approximate = None, None, False
     if draw is not None:
         published = lottery.sample(rng=draw).action
-        sequence.publish(published)
+        is_approximate = not sequence.could_play(published)
+        sequence.publish(published, as_nearest=is_approximate)
         after = sequence.observer.mean
         sequence.save(path)
     prior = sequence.begun
     spread = float(prior.weights @ ((prior.beliefs - prior.mean) ** 2).sum(axis=1))
     return ProtectedStep(
-        model, belief, lottery, before.mean, after, expected, published, sequence.n_published, sequence.total_regret,
-        sequence.total_bits, float(np.sqrt(spread)), float(np.sqrt(sequence.calibration.loss)),
+        model, belief, lottery, before.mean, after, expected, published, sequence.latest, is_off_grid, is_approximate,
+        sequence.n_published, sequence.total_regret, sequence.total_bits, float(np.sqrt(spread)),
+        float(np.sqrt(sequence.calibration.loss)), ceiling, len(prior),
     )  # fmt: skip

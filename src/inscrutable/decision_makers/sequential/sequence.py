@@ -93,6 +93,7 @@ class DecisionSequence:
         self._own, self._is_off_grid = float("nan"), False
         self.n_published = self.n_off_grid = self.n_approximate = 0
         self.total_regret = self.total_bits = 0.0
+        self._latest: Array | None = None
         self._lock: FileLock | None = None
         self._tree = cKDTree(self._table.prior.beliefs)
 
@@ -132,6 +133,16 @@ class DecisionSequence:
     def begun(self) -> Prior:
         """What the observer held of the belief before the first decision."""
         return self._table.prior
+
+    @property
+    def latest(self) -> Any:
+        """The decision published last, shape (U,); an int where decisions are finite choices; None before the first."""
+        return None if self._latest is None else self._table.columns.problem.as_actions(self._latest)
+
+    @property
+    def is_off_grid(self) -> bool:
+        """Whether the belief last decided for in this step is none of `beliefs`, so that the observer's law misses it."""
+        return self._is_off_grid
 
     @property
     def is_exact(self) -> bool:
@@ -204,6 +215,7 @@ class DecisionSequence:
         self.total_regret += step.regret
         self.total_bits += step.bits
         self._kept = int(step.numbers[place])
+        self._latest = self._table.columns.problem.check_action(action)
         self.n_published += 1
         self.n_approximate += not possible
         self.n_off_grid += self._is_off_grid
@@ -265,6 +277,7 @@ class DecisionSequence:
             self.n_off_grid,
             self.total_regret,
             self.total_bits,
+            self._latest,
         ).save(path)
 
     def load(self, path: PathLike) -> Self:
@@ -295,6 +308,7 @@ class DecisionSequence:
         self._published, self._looked = found.has_published, found.has_looked
         self.n_published, self.n_approximate = found.n_published, found.n_approximate
         self.n_off_grid, self.total_regret, self.total_bits = found.n_off_grid, found.regret, found.bits
+        self._latest = found.latest
         self._own, self._is_off_grid = float("nan"), False
         return self
 

@@ -87,6 +87,7 @@ class SequenceState(Saved):
     n_off_grid: int
     regret: float
     bits: float
+    latest: Array | None = None  # (U,): the decision published last
     version: int = VERSION
 
     def __post_init__(self) -> None:
@@ -101,3 +102,9 @@ class SequenceState(Saved):
             raise InputError(f"it has price {self.price_index} of {len(self.calibration.shares)}")
         if not -1 <= self.kept < len(self.problem.decisions):
             raise InputError(f"it kept decision {self.kept} of {len(self.problem.decisions)}")
+        if self.latest is not None:
+            shape = validation.finite_array(self.latest, "latest", ndim=1).shape
+            if shape != self.problem.decisions.shape[1:]:
+                raise InputError(
+                    f"its latest decision is of shape {shape}, expected {self.problem.decisions.shape[1:]}"
+                )

@@ -21,6 +21,7 @@ from inscrutable import (
     decoy_grid,
     uniform_prior,
 )
+from inscrutable.decision_makers.sequential.ceiling import _bound
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 
@@ -145,6 +146,15 @@ def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator, told: 
     assert path.n_off_grid == 0
     assert path.losses[20:].mean() == pytest.approx(found.loss, rel=0.15)
     assert found.loss - 4.0 * found.loss_se <= maker.ceiling
+
+
+def test_the_ceiling_is_the_least_bound_of_all_prices(fresh_rng: np.random.Generator) -> None:
+    maker = maker_of(fresh_rng, 0.3)
+    table = maker.table
+    silence = float((maker.chain.prior.weights @ table.regrets).min())
+    prices = table.prior_loss / silence * np.geomspace(0.05, 20.0, 80)
+    bounds = [found.value for found in (_bound(table, price, maker.limit) for price in prices) if found is not None]
+    assert maker.ceiling == pytest.approx(min(bounds), rel=2e-3)
 
 
 def test_a_budget_that_a_cap_keeps_from_being_spent_says_so(fresh_rng: np.random.Generator) -> None:

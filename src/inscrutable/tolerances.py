@@ -409,6 +409,9 @@ SPENDING_MET = 2e-3
 """Share of a budget by which a simulated long-run regret may miss it where its standard error is smaller: differences between
 rules at equal regret are of the order of a per cent."""
 
+CEILING_GAP = 2e-5
+"""Share of the prior loss to which the best price of a ceiling is found."""
+
 LEAST_TEMPTING = 1e-4
 """Share of the prior loss to which estimates after decisions that are not played are found for a bound, which they loosen by
 as much."""

@@ -8,6 +8,8 @@ seen exactly and at once is at most V1 of its mean regret. Any price s and estim
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from inscrutable import tolerances
@@ -15,10 +17,25 @@ from inscrutable.decision_makers.sequential.step import Prices, StepRule, StepTa
 from inscrutable.errors import SolverError
 from inscrutable.validation import Array
 
-_PRICES = 24
-_RANGE = 64.0
+_MOST_PRICES = 24
 _FORBIDDEN = 1_000_000.0
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+_INSIDE = 0.1
+"""Share of the way between two prices that a new one keeps from either."""
+_BESIDE = 0.95
+"""Factor of the price that is tried instead of one whose step was not solved."""
+
+
+class _Bound(NamedTuple):
+    """The bound at a price, convex in it, and its slope: the limit less the regret that is spent there."""
+
+    price: float
+    value: float
+    slope: float
+
+    def meeting(self, other: _Bound) -> float:
+        """Return the price at which the tangents of two bounds of different slopes meet."""
+        apart = (other.value - other.slope * other.price) - (self.value - self.slope * self.price)
+        return apart / (self.slope - other.slope)
 
 
 def ceiling_of(table: StepTable, limit: float) -> float:
@@ -28,36 +45,40 @@ def ceiling_of(table: StepTable, limit: float) -> float:
     unit = table.prior_loss
     if silence <= limit or not unit > 0:
         return unit
-    low, high = np.log(unit / silence / _RANGE), np.log(unit / silence * _RANGE)
-    best = unit
-    inner = [high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)]
-    values = [_bound(table, float(np.exp(each)), limit) for each in inner]
-    for _ in range(_PRICES):  # convex in the price
-        best = min(best, *values)
-        if values[0] < values[1]:
-            high, inner[1], values[1] = inner[1], inner[0], values[0]
-            inner[0] = high - _GOLDEN * (high - low)
-            values[0] = _bound(table, float(np.exp(inner[0])), limit)
-        else:
-            low, inner[0], values[0] = inner[0], inner[1], values[1]
-            inner[1] = low + _GOLDEN * (high - low)
-            values[1] = _bound(table, float(np.exp(inner[1])), limit)
-    return min(best, *values)
+    best, price = unit, unit / silence
+    low: _Bound | None = None
+    high: _Bound | None = None
+    for _ in range(_MOST_PRICES):
+        found = _bound(table, price, limit)
+        if found is None:
+            price *= _BESIDE
+            continue
+        best = min(best, found.value)
+        low, high = (found, high) if found.slope < 0 else (low, found)
+        if low is None or high is None:
+            price *= 2.0 if high is None else 0.5
+            continue
+        price = low.meeting(high)
+        if best - (low.value + low.slope * (price - low.price)) <= tolerances.CEILING_GAP * unit:
+            break
+        edge = _INSIDE * (high.price - low.price)
+        price = float(np.clip(price, low.price + edge, high.price - edge))
+    return best
 
 
-def _bound(table: StepTable, price: float, limit: float) -> float:
-    """The bound at a price, with the estimates of the step of the least price of information."""
+def _bound(table: StepTable, price: float, limit: float) -> _Bound | None:
+    """The bound at a price, with the estimates of the step of the least price of information; None where it fails."""
     law, points = table.prior.weights, table.points
     try:
         step = StepRule(table, Prices(price, 0.0)).step(law)
     except SolverError:
-        return np.inf
+        return None
     estimates = _all_estimates(table, step.numbers, step.estimates, price)
     squares = (points**2).sum(axis=1)[:, None] - 2.0 * points @ estimates.T + (estimates**2).sum(axis=1)
     worth = squares - price * table.regrets
     if table.allowed is not None:
         worth = np.where(table.allowed, worth, -np.inf)
-    return float(law @ worth.max(axis=1)) + price * limit
+    return _Bound(price, float(law @ worth.max(axis=1)) + price * limit, limit - step.regret)
 
 
 def _all_estimates(table: StepTable, numbers: np.ndarray, estimates: Array, price: float) -> Array:

@@ -40,7 +40,7 @@ def backtest(settings: BacktestSettings, n_assets: int) -> Backtest:
 
 @pytest.fixture(scope="module")
 def found() -> Backtest:
-    return backtest(BacktestSettings(train_until="2010-12", budget=0.05), 12)  # type: ignore[arg-type]
+    return backtest(BacktestSettings(train_until="2010-12", budget=0.05, sequential=False), 12)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -167,7 +167,9 @@ def test_the_month_can_be_chosen(found: Backtest) -> None:
 
 
 def test_missed_goals_and_two_regimes(tmp_path: Path) -> None:
-    settings = BacktestSettings(regimes=2, train_until="2011-03", measure=NonExistence(margin=0.9), budget=0.01)  # type: ignore[arg-type]
+    settings = BacktestSettings(
+        regimes=2, train_until="2011-03", measure=NonExistence(margin=0.9), budget=0.01, sequential=False
+    )  # type: ignore[arg-type]
     written = draw_backtest(backtest(settings, 3), tmp_path)
     assert not any(path.name.startswith("month") for path in written)
     assert len(written) == 8

@@ -23,7 +23,7 @@ def found() -> Backtest:
     spread = np.repeat([0.01, 0.05, 0.02, 0.06], 20)[:, None]
     months = pd.date_range("2001-01", periods=80, freq="ME")
     returns = pd.DataFrame(0.01 + spread * draw.normal(size=(80, 2)), index=months, columns=["A", "B"])
-    return run_backtest(returns, BacktestSettings(regimes=2, train_until="2006-06"), restarts=2)
+    return run_backtest(returns, BacktestSettings(regimes=2, train_until="2006-06", sequential=False), restarts=2)
 
 
 def with_figures(found: Backtest, **given: float) -> Backtest:

@@ -42,7 +42,7 @@ def backtest(regimes: int, budget: Budget | float = 0.05, **settings: Any) -> Ba
     frame = pd.DataFrame(
         returns, index=pd.date_range("2001-01", periods=rows, freq="ME"), columns=[EVIL, "B", "C", "D"]
     )
-    chosen = BacktestSettings(regimes=regimes, train_until="2008-12", budget=budget, **settings)  # type: ignore[arg-type]
+    chosen = BacktestSettings(regimes=regimes, train_until="2008-12", budget=budget, sequential=False, **settings)  # type: ignore[arg-type]
     return run_backtest(frame, chosen, restarts=2)
 
 

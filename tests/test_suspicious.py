@@ -98,6 +98,6 @@ def test_degenerate_tables() -> None:
 def test_a_backtest_says_it_beside_the_result() -> None:
     returns = monthly(np.random.default_rng(3), 60, 2)
     returns.iloc[20, 1] = 12.0
-    found = run_backtest(returns, BacktestSettings(regimes=2, train_until="2004-06"), restarts=2)
+    found = run_backtest(returns, BacktestSettings(regimes=2, train_until="2004-06", sequential=False), restarts=2)
     (said,) = found.market.suspicious
     assert f"Suspicious returns: {said}." in warnings_of(found)

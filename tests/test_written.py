@@ -84,7 +84,7 @@ def test_a_backtest_of_a_fit_that_is_no_result_says_so() -> None:
     rng = np.random.default_rng(1)
     months = pd.date_range("2001-01", periods=78, freq="ME")
     returns = pd.DataFrame(rng.normal(0.01, 0.05, size=(78, 24)), index=months, columns=[f"A{j}" for j in range(24)])
-    settings = BacktestSettings(regimes=3, train_until="2007-03", covariance="sample")
+    settings = BacktestSettings(regimes=3, train_until="2007-03", covariance="sample", sequential=False)
     found = run_backtest(returns, settings, restarts=1)
     assert found.doubts
     assert found.doubts[0].startswith(("the fit collapsed in the one of 1 starts", "the fit follows its sample"))

@@ -138,9 +138,10 @@ def backtest(
     covariance: Annotated[str | None, Parameter(group=_INVESTOR)] = None,
     risk_aversion: Annotated[float, Parameter(group=_INVESTOR)] = 5.0,
     cost_bps: Annotated[float, Parameter(group=_INVESTOR)] = 10.0,
-    budget: Annotated[str, Parameter(group=_PRIVACY)] = "0.1",
+    budget: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
     target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
+    sequential: Annotated[bool, Parameter(group=_PRIVACY)] = True,
     seed: Seed = 0,
     out: Out = Path("backtest"),
     strict: Annotated[bool, Parameter(group=_OUTPUT, negative=(), show_default=False)] = False,
@@ -164,9 +165,11 @@ def backtest(
             are ten rows per regime and asset, else ledoit-wolf.
         risk_aversion: gamma in gamma u'Su - m'u, without a half.
         cost_bps: Cost per unit traded, in basis points.
-        budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit.
+        budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit. Default: 0.1 for CDM and
+            PDM, half the silence regret for the sequential rule (SDM).
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
+        sequential: Play the sequential rule as well, whose prices take up to a minute to find.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
             report.html, one page to play with that works offline.
@@ -178,13 +181,13 @@ def backtest(
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
-    chosen_measure, chosen_budget = measure_of(measure, target), budget_of(budget)
+    chosen_measure, chosen_budget = measure_of(measure, target), None if budget is None else budget_of(budget)
     table, riskless = _returns(returns, prices, daily)
     if train_until is None:
         train_until = _middle(table) if riskless is None else "1989-12"
         speech.detail(f"Training sample: up to {train_until}")
     settings = BacktestSettings(
-        regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until, seed, covariance
+        regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until, seed, covariance, sequential
     )
     if regime_names is not None and beliefs is None:
         raise UsageError("--regime-names says which columns of --beliefs are which: give both")

@@ -7,6 +7,7 @@ holds the belief about row t+1 given the returns up to row t, publishes a portfo
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,8 @@ from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import ModelError
 from inscrutable.experiments.backtest_aware import read_knowingly
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
-from inscrutable.experiments.backtest_results import Backtest, SharpeComparison, resting_beliefs
+from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest, SharpeComparison, resting_beliefs
+from inscrutable.experiments.backtest_sequential import play_sequentially
 from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
 from inscrutable.filtering import filter_beliefs
@@ -46,6 +48,8 @@ large have one optimum: on 4,160 days of 20 stocks all of 20 starts came to it."
 _LOGGER = logging.getLogger(__name__)
 _NAMES = {2: ("calm", "turbulent"), 3: ("calm", "normal", "turbulent")}
 _BASIS_POINTS = 10_000.0
+_SEEDS = 6
+"""The fifth is that of the page's lotteries."""
 _KnownMaker = OriginalDecisionMaker | CounterAdversarialDecisionMaker | ProbabilisticDecisionMaker
 
 
@@ -61,9 +65,10 @@ def run_backtest(
     """Fit the regimes on the training sample, walk forward through the rest, and let a rival read every portfolio.
 
     Timing: at the end of row t the investor holds p(x_{t+1} | returns up to t) under the training sample's world,
-    decides as ODM, CDM and PDM, and earns the return of row t+1. The first decision is made at the end of the
-    training sample. One rival is the paper's: it knows means, covariances and γ, and takes what is published (of a
-    lottery, the draw) at face value. Another knows the decision makers, too, and how often which belief is held.
+    decides as ODM, CDM, PDM and SDM (the sequential rule), and earns the return of row t+1. The first decision is made at
+    the end of the training sample. One rival is the paper's: it knows means, covariances and γ, and takes what is published
+    (of a lottery, the draw) at face value. Others know the decision makers, too, and how often which belief is held: one
+    reads every decision alone, one remembers all before it and knows how the belief moves.
 
     Args:
         returns: (N,U) simple returns as fractions, U >= 2, with increasing dates and one labelled column per asset;
@@ -84,7 +89,7 @@ def run_backtest(
             inside the data, beliefs off the simplex or missing on some dates (they are listed).
         ModelError: Training returns without variance, or none of the restarts gave a usable world.
 
-    Cost: the fit, then some tens of milliseconds per decision of CDM and PDM.
+    Cost: the fit, then some tens of milliseconds per decision of CDM and PDM; up to a minute for the SDM's prices.
 
     Source: Lourenço et al. (2020), Section V, on data instead of a simulation.
 
@@ -93,18 +98,18 @@ def run_backtest(
         >>> spread = np.repeat([0.01, 0.05, 0.02], 20)[:, None]
         >>> months = pd.date_range("2001-01", periods=60, freq="ME")
         >>> returns = pd.DataFrame(0.01 + spread * draw.normal(size=(60, 2)), index=months, columns=["A", "B"])
-        >>> settings = BacktestSettings(regimes=2, train_until="2005-06")
+        >>> settings = BacktestSettings(regimes=2, train_until="2005-06", sequential=False)
         >>> found = run_backtest(returns, settings, restarts=2)
         >>> found.weights("ODM").shape, found.regimes
         ((6, 2), ('calm', 'turbulent'))
     """
     chosen = BacktestSettings() if settings is None else settings
     market = checked_market(returns, chosen, riskless)
-    seeds = np.random.SeedSequence(chosen.seed).spawn(4)
-    fit_rng, draw_rng, bootstrap_rng, aware_rng = (np.random.default_rng(seed) for seed in seeds)
+    seeds = np.random.SeedSequence(chosen.seed).spawn(_SEEDS)
+    fit_rng, draw_rng, bootstrap_rng, aware_rng, _, sequential_rng = map(np.random.default_rng, seeds)
     fit, world, problem = fitted_investor(market, chosen, restarts, rng=fit_rng)
     held = _held_beliefs(world, market, beliefs)
-    measure, budget = chosen.measure, chosen.budget
+    measure, budget = chosen.measure, chosen.budget_of_each
     candidates = candidates_for(problem, measure, None)
     decision_makers: dict[str, _KnownMaker] = {
         "ODM": OriginalDecisionMaker(problem),
@@ -112,12 +117,20 @@ def run_backtest(
         "PDM": ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates),
     }
     episode = run_episode(problem, held.to_numpy(), decision_makers, rng=draw_rng, progress=progress)
+    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng)
+    part = None
+    if aware is not None and chosen.sequential:
+        part = play_sequentially(world, problem, episode.beliefs, chosen.budget, rng=sequential_rng)
+    if aware is not None and part is not None:
+        aware = part.joined(aware, SEQUENTIAL)
+        episode = replace(episode, records={**episode.records, SEQUENTIAL: part.record(episode.beliefs, measure)})
     performance = _performance(episode, market, chosen)
     comparisons = {name: _comparison(earned, performance["ODM"], bootstrap_rng) for name, earned in performance.items()}
-    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng)
     for doubt in resting_beliefs(held):  # the fit says its own
         _LOGGER.warning("%s", doubt)
-    return Backtest(chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware)
+    return Backtest(
+        chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware, part
+    )
 
 
 class FittedInvestor(NamedTuple):

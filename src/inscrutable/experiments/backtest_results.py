@@ -16,6 +16,7 @@ from inscrutable.decision_makers import Candidates, DecisionStatus
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_aware import AwareReading
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample
+from inscrutable.experiments.backtest_sequential import SequentialPart
 from inscrutable.experiments.episodes import Episode, Record, relative_increase
 from inscrutable.experiments.holding import estimate_quality
 from inscrutable.experiments.performance import Performance, SharpeDifference
@@ -23,6 +24,9 @@ from inscrutable.mechanisms.joint import top_states
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, HiddenMarkovModel
+
+SEQUENTIAL = "SDM"
+"""What a backtest calls the sequential rule."""
 
 
 class SharpeComparison(NamedTuple):
@@ -47,7 +51,8 @@ class Backtest:
         episode: What each decision maker published and what the rival made of it.
         performance: What each decision maker earned.
         comparisons: Sharpe ratios against the ODM's.
-        aware: What a rival reads who knows how the weights are made; None where a target is given per step.
+        aware: What rivals read who know how the weights are made; None where a target is given per step.
+        sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
 
     Source: the paper's Section V-A on data instead of a simulation. Example: see `run_backtest`.
     """
@@ -63,6 +68,7 @@ class Backtest:
     performance: Mapping[str, Performance]
     comparisons: Mapping[str, SharpeComparison]
     aware: AwareReading | None = None
+    sequential: SequentialPart | None = None
 
     @property
     def assets(self) -> tuple[str, ...]:
@@ -76,8 +82,8 @@ class Backtest:
 
     @property
     def budget(self) -> Budget:
-        """What the investor spends on privacy."""
-        return self.settings.budget
+        """What CDM and PDM spend on privacy at every decision."""
+        return self.settings.budget_of_each
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -100,10 +106,19 @@ class Backtest:
         return self._frame(self._of(name).decisions.action, self.assets)
 
     def aware_estimates(self, name: str) -> pd.DataFrame:
-        """Return what the rival concludes who knows how the weights are made, (T,X) by date of decision; NaN without one."""
+        """Return what the rival concludes who knows how the weights are made and reads each alone, (T,X) by date of decision.
+
+        NaN without such a rival, and for the sequential rule, whose weights say nothing without those before them.
+        """
+        return self._read_as(name, {} if self.aware is None else self.aware.estimates)
+
+    def followed_estimates(self, name: str) -> pd.DataFrame:
+        """Return what the rival concludes from all weights so far who knows how they are made, (T,X); NaN without one."""
+        return self._read_as(name, {} if self.aware is None else self.aware.followed)
+
+    def _read_as(self, name: str, estimates: Mapping[str, Array]) -> pd.DataFrame:
         self._of(name)
-        unknown = np.full(self.beliefs.shape, np.nan)
-        return self._frame(unknown if self.aware is None else self.aware.estimates[name], self.regimes)
+        return self._frame(estimates.get(name, np.full(self.beliefs.shape, np.nan)), self.regimes)
 
     def estimates(self, name: str) -> pd.DataFrame:
         """Return the centres of the rival's consistent beliefs, (T,X) by date of decision; NaN for an empty set."""
@@ -248,13 +263,24 @@ def _privacy_figures(result: Backtest, name: str) -> dict[str, float]:
 
 
 def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
-    """What a rival reads who knows how the weights are made, beside one who sees no weights."""
-    keys = ("share_regime_named_aware", "error_aware", "error_without", "bits_aware", "bits_prior")
-    if result.aware is None:
-        return dict.fromkeys(keys, float("nan"))
-    beliefs, estimates = result.beliefs.to_numpy(), result.aware.estimates[name]
-    read = estimate_quality(estimates, beliefs)
-    without = estimate_quality(np.tile(result.aware.prior.mean, (len(beliefs), 1)), beliefs)
-    told = result.aware.leakages[name]
-    values = (read.named, read.error, without.error, told.mutual_information, told.prior_entropy)
-    return dict(zip(keys, values, strict=True))
+    """What rivals read who know how the weights are made, beside one who sees no weights."""
+    aware, beliefs, unknown = result.aware, result.beliefs.to_numpy(), float("nan")
+    read = estimate_quality(result.aware_estimates(name).to_numpy(), beliefs)
+    followed = estimate_quality(result.followed_estimates(name).to_numpy(), beliefs)
+    found = {
+        "share_regime_named_aware": read.named,
+        "error_aware": read.error,
+        "share_regime_named_followed": followed.named,
+        "error_followed": followed.error,
+    }
+    keys = ("error_without", "bits_aware", "bits_prior", "bits_followed", "error_ceiling")
+    if aware is None:
+        return found | dict.fromkeys(keys, unknown)
+    told = aware.leakages.get(name)
+    return found | {
+        "error_without": estimate_quality(np.tile(aware.prior.mean, (len(beliefs), 1)), beliefs).error,
+        "bits_aware": unknown if told is None else told.mutual_information,
+        "bits_prior": aware.prior.entropy,
+        "bits_followed": float(aware.bits[name].mean()),
+        "error_ceiling": aware.ceilings.get(name, unknown),
+    }

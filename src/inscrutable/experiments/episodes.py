@@ -43,14 +43,23 @@ class Record:
     Args:
         decisions: The played decisions, T of them.
         lotteries: The lotteries they were drawn from, or None.
+        expected: Regret in expectation over the draw, shape (T,), where the lotteries were not kept.
     """
 
     decisions: Decisions
     lotteries: MixedDecisions | None = None
+    expected: Array | None = None
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether the decisions were drawn."""
+        return self.lotteries is not None or self.expected is not None
 
     @property
     def expected_regret(self) -> Array:
         """Regret in expectation over the lottery, shape (T,), in the cost's unit."""
+        if self.expected is not None:
+            return self.expected
         if self.lotteries is None:
             return self.decisions.regret
         return np.asarray((self.lotteries.probabilities * self.lotteries.regrets).sum(axis=1))

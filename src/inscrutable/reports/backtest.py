@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +13,9 @@ import pandas as pd
 
 from inscrutable import __version__
 from inscrutable.datasets import output_folder, write_json, write_table
-from inscrutable.experiments.backtest_results import Backtest
-from inscrutable.experiments.holding import Reached, Requirement
+from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
+from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
+from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.performance import LEVEL, REPLICATES
 from inscrutable.reports.backtest_plots import draw_backtest
 from inscrutable.worlds import GaussianEmission
@@ -125,6 +126,15 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("error_aware", "  error of that rival's estimate, r.m.s.", style=".3f"),
         _Row("error_without", "  the same without seeing any weights", style=".3f"),
         _Row("bits_aware", "  what one decision tells that rival, bits"),
+        _Row(
+            "share_regime_named_followed",
+            f"{word}s in which a rival names it who also follows all {word}s, %",
+            _PERCENT,
+            ".1f",
+        ),
+        _Row("error_followed", "  error of that rival's estimate, r.m.s.", style=".3f"),
+        _Row("error_ceiling", "  the most that any rule of its regret leaves, long run", style=".3f"),
+        _Row("bits_followed", "  what one more decision tells that rival, bits"),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
     ]
 
@@ -135,7 +145,8 @@ def notes_of(result: Backtest) -> list[str]:
     word = market.frequency.word
     return [
         f"Regimes fitted on {market.n_training} {word}s to {market.training.index[-1]:%Y-%m-%d} and never again; "
-        f"risk aversion γ = {settings.risk_aversion:g} in γu'Σu − μ'u, no ½; budget {settings.budget}.",
+        f"risk aversion γ = {settings.risk_aversion:g} in γu'Σu − μ'u, no ½; budget {result.budget}.",
+        *_sequential_notes(result),
         *([] if result.fit.covariance == "sample" else [f"Covariances are not full ones: {result.fit.size}."]),
         "The rival knows means, covariances and γ, takes the published weights (of a lottery, the draw) at face value, "
         "and guesses the centre of the beliefs that explain them.",
@@ -150,17 +161,36 @@ def notes_of(result: Backtest) -> list[str]:
 def _aware_notes(result: Backtest) -> list[str]:
     if result.aware is None:
         return ["The target changes from step to step, so no rival who knows the method is modelled."]
-    prior = result.aware.prior
+    prior, word = result.aware.prior, result.market.frequency.word
     return [
         "The rival who knows the method knows each decision maker, budget included, and how often the fitted regimes lead to "
         f"which belief (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits, error {prior.error:.3f} without weights); "
-        "it reads the nearest decision that is played on that grid, each alone, and guesses the posterior mean."
+        "it reads the nearest decision that is played on that grid, each alone, and guesses the posterior mean. One who also "
+        f"follows all {word}s remembers every decision and knows how the belief moves in the fitted regimes, but for one "
+        f"{word} in a hundred, when it may go anywhere."
+    ]
+
+
+def _sequential_notes(result: Backtest) -> list[str]:
+    part = result.sequential
+    if part is None:
+        return []
+    word, beliefs = result.market.frequency.word, len(part.maker.beliefs)
+    share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of what silence costs there"
+    return [
+        "SDM, the sequential rule, knows what the rival holds who follows it. It may spend "
+        f"{part.maker.limit * _BASIS_POINTS:.2f} bp per {word} on average in the long run of the fitted regimes{share}; its "
+        f"price, of information alone, was simulated on a grid of {beliefs} beliefs, off which lie {part.path.n_off_grid} of "
+        f"{len(result.beliefs)} beliefs here.",
+        "No rule leaves the rival who follows it more than the ceiling, in expectation in the long run of the fitted regimes, "
+        f"on that grid and {len(part.maker.table.columns)} candidate portfolios; without weights it errs by "
+        f"{part.maker.chain.prior.error:.3f} there.",
     ]
 
 
 def verdict(result: Backtest) -> str:
     """Return in one sentence which protection holds against whom; empty where no rival knows the method."""
-    figures, (_, *hiding) = result.figures, result.names
+    figures, (_, *hiding), word = result.figures, result.names, result.market.frequency.word
     if result.aware is None or not hiding:
         return ""
     own = figures[hiding[0]]
@@ -170,24 +200,54 @@ def verdict(result: Backtest) -> str:
         + asked.judge([Reached(name, figures[name][error], figures[name][named]) for name in hiding])
         for who, error, named in (
             ("takes the weights at face value", "error_face_value", "share_regime_named"),
-            ("knows how they are made", "error_aware", "share_regime_named_aware"),
+            (f"knows how they are made and follows all {word}s", "error_followed", "share_regime_named_followed"),
         )
     ]
-    meant = asked.text(without="any weights", state="regime", cases=f"{result.market.frequency.word}s")
-    return f"A protection holds against a rival {meant}: {'; '.join(said)}."
+    meant = asked.text(without="any weights", state="regime", cases=f"{word}s")
+    return (
+        f"A protection holds against a rival {meant}: {'; '.join([*said, *_luck(result, asked), *_ceilings(result)])}."
+    )
+
+
+def _ceilings(result: Backtest) -> list[str]:
+    """What no rule exceeds that costs as much as each, as the end of a sentence; nothing where it is not known."""
+    known = {name: result.figures[name]["error_ceiling"] for name in result.names[1:]}
+    known = {name: most for name, most in known.items() if np.isfinite(most)}
+    if not known or result.sequential is None:
+        return []
+    without = result.sequential.maker.chain.prior.error
+    return [
+        f"in the long run of the fitted regimes no rule that costs as much as {_and(list(known))} leaves that one an error "
+        f"above {_and([f'{most:.2f}' for most in known.values()])}, of {without:.2f} without any weights"
+    ]
+
+
+def _luck(result: Backtest, asked: Requirement) -> list[str]:
+    """How often the sequential rule would have held had it drawn otherwise, as the end of a sentence."""
+    if result.sequential is None:
+        return []
+    beliefs, others = result.beliefs.to_numpy(), result.sequential.others
+    held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
+    return [f"of {len(others)} other draws of {SEQUENTIAL} {held or 'none'} would have held against that one"]
+
+
+def _and(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def headline(result: Backtest) -> str:
     """Return the verdict in one sentence: what the rival reads without and with hiding, and what hiding costs."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
-    named = " and ".join(f"{_share(figures[name]['share_regime_named'])} ({name})" for name in hiding)
+    named = _and([f"{_share(figures[name]['share_regime_named'])} ({name})" for name in hiding])
     shares = [figures[name]["mean_regret_share"] for name in hiding]
-    regret = " and ".join(f"{share:.1%}" for share in shares) + " of |c*|"
+    regret = _and([f"{share:.1%}" for share in shares]) + " of |c*|"
     if not np.isfinite(shares).all():
-        regret = " and ".join(f"{figures[name]['mean_regret']:.3g}" for name in hiding) + f" per {word}, where c* is 0,"
-    sharpe = " and ".join(_change(figures[name]) for name in hiding)
+        regret = _and([f"{figures[name]['mean_regret']:.3g}" for name in hiding]) + f" per {word}, where c* is 0,"
+    sharpe = _and([_change(figures[name]) for name in hiding])
     budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
+    if result.sequential is not None and result.settings.budget is None:
+        budget += f" ({SEQUENTIAL}: {SHARE_OF_SILENCE:.0%} of the silence regret, in the long run)"
     return (
         f"A rival who inverts the published weights names the investor's likeliest regime in "
         f"{_share(figures[odm]['share_regime_named'])} of {len(result.beliefs)} {word}s; hiding within a {budget} "
@@ -211,11 +271,13 @@ def cautions(result: Backtest) -> list[str]:
             said.append(
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(told)}."
             )
-    spent = min(figures[name]["mean_regret"] for name in hiding) if hiding else 0.0
-    if result.silence_regret < spent:
+    dearer = {
+        name: figures[name]["mean_regret"] for name in hiding if figures[name]["mean_regret"] > result.silence_regret
+    }
+    if dearer:
         said.append(
             f"One constant portfolio, known only in hindsight, would have cost {result.silence_regret:.3g} per {word} "
-            f"instead of {spent:.3g} and said nothing."
+            f"instead of {_and([f'{spent:.3g} ({name})' for name, spent in dearer.items()])} and said nothing."
         )
     return said
 
@@ -233,9 +295,9 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
     """Write everything about a backtest into a folder: tables, paths, pictures, and a summary that is all text.
 
     `table.csv`; `beliefs.csv` (fit to be read again as a user's beliefs); per decision maker `weights_*.csv`,
-    `estimates_*.csv` (what the rival concludes), `aware_*.csv` (what one concludes who knows the method) and `path_*.csv`
-    (regret, privacy, return per decision); five figures as PNG and SVG; `summary.json`. Each file appears whole or not at
-    all; the same backtest gives the same bytes.
+    `estimates_*.csv` (what the rival concludes), `aware_*.csv` (what one concludes who knows the method), `followed_*.csv`
+    (the same of one who remembers all weights before) and `path_*.csv` (regret, privacy, return per decision); five figures
+    as PNG and SVG; `summary.json`. Each file appears whole or not at all; the same backtest gives the same bytes.
 
     Args:
         result: A backtest.
@@ -266,7 +328,10 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
         table(result.estimates(name), f"estimates_{name}.csv", f"read from the weights of (about the next {word})")
         if result.aware is not None:
             header = f"read by a rival who knows the method from the weights of (about the next {word})"
-            table(result.aware_estimates(name), f"aware_{name}.csv", header)
+            if name in result.aware.estimates:
+                table(result.aware_estimates(name), f"aware_{name}.csv", header)
+            header = f"read by a rival who knows the method from all weights up to (about the next {word})"
+            table(result.followed_estimates(name), f"followed_{name}.csv", header)
         table(result.path(name), f"path_{name}.csv", f"decided at the end of (earns the next {word})")
     written += draw_backtest(result, target, month=month)
     write_json(summary_data(result), target / "summary.json")
@@ -276,7 +341,7 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
 def summary_data(result: Backtest) -> dict[str, Any]:
     """Return what `summary.json` holds: plain data, no clock, no path of this machine."""
     settings, market = result.settings, result.market
-    chosen = {**vars(settings), "measure": repr(settings.measure), "budget": asdict(settings.budget)}
+    chosen = {**vars(settings), "measure": repr(settings.measure), "budget": asdict(result.budget)}
     best = max(restart.log_likelihood for restart in result.fit.restarts)
     return {
         "version": __version__,
@@ -311,7 +376,28 @@ def summary_data(result: Backtest) -> dict[str, Any]:
         },
         "regimes": _regimes(result),
         "silence_regret": result.silence_regret,
+        "sequential": _sequential_data(result),
         "decision_makers": {name: dict(figures) for name, figures in result.figures.items()},
+    }
+
+
+def _sequential_data(result: Backtest) -> dict[str, Any] | None:
+    part = result.sequential
+    if part is None:
+        return None
+    prices = part.maker.calibration
+    return {
+        "mean_regret_allowed": part.maker.limit,
+        "silence_regret_long_run": part.silence_regret,
+        "error_without_long_run": part.maker.chain.prior.error,
+        "error_long_run": float(np.sqrt(prices.loss)),
+        "ceiling": result.figures[SEQUENTIAL]["error_ceiling"],
+        "bits_long_run": prices.bits,
+        "prices": prices.status.name.lower(),
+        "grid_beliefs": len(part.maker.beliefs),
+        "candidates": len(part.maker.table.columns),
+        "beliefs_off_grid": part.path.n_off_grid,
+        "other_draws": [estimate_quality(each, result.beliefs.to_numpy())._asdict() for each in part.others],
     }
 
 

@@ -33,6 +33,8 @@ PAGE_WIDTH = 7.0
 _ASSET_COLOURS = ("#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77", "#CC6677", "#882255", "#AA4499")
 _OTHERS = "#BBBBBB"
 _PERCENT = 100.0
+_STEEP = 15.0
+"""From this multiple of the budget the axis of regrets is logarithmic beyond the budget."""
 _WIDE = 4.0
 """From this ratio of wealth on its axis is logarithmic; below it too few round numbers fall on it."""
 
@@ -74,7 +76,9 @@ def draw_beliefs(result: Backtest, folder: Path) -> list[Path]:
     if result.aware is not None:
         hiding = result.names[1:]
         panels |= {
-            f"{_published(result, name)}, read by one who knows the method": result.aware_estimates(name)
+            f"{_published(result, name)}, read by one who knows the method and follows it": result.followed_estimates(
+                name
+            )
             for name in hiding
         }
     word = result.market.frequency.word
@@ -138,6 +142,11 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
             middle.annotate(
                 "budget", (1.0, _PERCENT * budget.amount), xycoords=("axes fraction", "data"), va="center", fontsize=7
             )
+        limit = _PERCENT * budget.amount if budget.is_relative else 1.0
+        if limit > 0 and middle.get_ylim()[1] > _STEEP * limit:
+            middle.set_yscale("symlog", linthresh=limit)
+            middle.set_ylim(-0.1 * limit, 1.6 * middle.get_ylim()[1])  # whole marks at the top
+            middle.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         below.margins(x=0.01)
         above.set_ylabel("privacy Ψ")
         middle.set_ylabel("regret, % of |c*|")
@@ -267,7 +276,13 @@ def _mark_decisions(axis: Any, result: Backtest, step: int, scale: float) -> Non
                 result.beliefs.to_numpy()[step], record.decisions.belief_set[step]
             )
             if np.isfinite(privacy):
-                axis.plot(scale * record.decisions.regret[step], privacy, label=name, clip_on=False, **dots)
+                axis.plot(
+                    scale * record.decisions.regret[step],
+                    privacy,
+                    label=_published(result, name),
+                    clip_on=False,
+                    **dots,
+                )
             continue
         lottery = record.lotteries[step]
         axis.plot(scale * lottery.regrets, lottery.privacies, fillstyle="none", label=f"{name}, atoms", **dots)
@@ -309,7 +324,7 @@ def _main_assets(result: Backtest) -> tuple[list[str], list[str]]:
 
 
 def _published(result: Backtest, name: str) -> str:
-    return name if result.episode.records[name].lotteries is None else f"{name}, drawn"
+    return f"{name}, drawn" if result.episode.records[name].is_drawn else name
 
 
 def _plain_ticks(axis: Any) -> None:

@@ -29,10 +29,11 @@ LOOKS = {
     "ODM": Look(GREEN, "^", "-"),
     "CDM": Look(BLUE, "x", "-"),
     "PDM": Look(ORANGE, "o", "-"),
+    "SDM": Look(PURPLE, "P", "-"),
     "rate-distortion": Look("#332288", "s", "-"),
     "Stackelberg": Look(BLACK, "D", "-"),
 }
-_VARIANTS = {"^": "v", "x": "+", "o": "s", "s": "p", "D": "d"}
+_VARIANTS = {"^": "v", "x": "+", "o": "s", "s": "p", "D": "d", "P": "X"}
 REGIME_COLOURS = ("#56B4E9", "#E69F00", "#882255", "#117733", "#332288", "#999933", "#AA4499", "#44AA99")
 
 _OTHERS = (

@@ -29,7 +29,7 @@ _TRIANGLE = 3
 def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str, str]) -> PageContent:
     """Return the content of a backtest's page; `manifest` are further lines of its own."""
     sweep = BudgetSweep(result)
-    played = {name: [sweep.played(name, b) for b in range(len(sweep.amounts))] for name in result.names}
+    played = {name: [sweep.played(name, b) for b in range(len(sweep.amounts))] for name in sweep.names}
     figures = sweep_figures(sweep, played)
     word, market = result.market.frequency.word, result.market
     start = int(np.abs(sweep.steps - step_of(result)).argmin())
@@ -46,7 +46,7 @@ def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str,
             PageSlider("budget", "Budget for privacy", budgets, sweep.own),
         ],
         figures=_figures(result, sweep),
-        details=[_budget_table(result, figures, budgets), *_asset_tables(result)],
+        details=[_budget_table(sweep, figures, budgets), *_asset_tables(result)],
         failures=_failures(result),
         notes=[*notes_of(result), *_own_notes(result, sweep)],
         manifest={
@@ -78,15 +78,15 @@ def budget_texts(result: Backtest, amounts: Array) -> list[str]:
 def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]]]) -> dict[str, Any]:
     """Return what the script reads: rounded numbers, every belief set once."""
     result, sets = sweep.result, _Sets()
-    looks = looks_of(result.names)
+    looks = looks_of(sweep.names)
     scale = np.where(sweep.scale > 0, sweep.scale, np.nan)
     relative = result.budget.is_relative
     return {
         "regimes": result.regimes,
         "colours": [REGIME_COLOURS[i % len(REGIME_COLOURS)] for i in range(len(result.regimes))],
-        "makers": result.names,
-        "looks": {name: looks[name]._asdict() for name in result.names},
-        "lotteries": [name for name in result.names if result.episode.records[name].lotteries is not None],
+        "makers": sweep.names,
+        "looks": {name: looks[name]._asdict() for name in sweep.names},
+        "lotteries": [name for name in sweep.names if result.episode.records[name].lotteries is not None],
         "word": result.market.frequency.word,
         "dates": sweep.dates,
         "unit": "% of |c*|" if relative else "the cost's unit",
@@ -237,8 +237,8 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
     ]
 
 
-def _budget_table(result: Backtest, figures: Mapping[str, Mapping[str, Any]], budgets: list[str]) -> PageTable:
-    hiding = result.names[1:]
+def _budget_table(sweep: BudgetSweep, figures: Mapping[str, Mapping[str, Any]], budgets: list[str]) -> PageTable:
+    result, hiding = sweep.result, sweep.names[1:]
     columns = ["Budget"]
     keys = {
         "privacy": "privacy, mean",

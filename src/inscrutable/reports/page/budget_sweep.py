@@ -122,6 +122,11 @@ class BudgetSweep:
         self._luck = np.random.default_rng(seed).random(len(self.steps))
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The decision makers of which it is known what they play at every budget."""
+        return tuple(name for name in self.result.names if name in ("ODM", *_RULES))
+
+    @property
     def dates(self) -> list[str]:
         """The date of every step."""
         return [f"{date:%Y-%m-%d}" for date in self.result.dates[self.steps]]

@@ -1,0 +1,169 @@
+"""The sequential rule in a backtest: what it may spend, what a rival reads who follows it, and what is said of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import Budget, CounterAdversarialDecisionMaker, GaussianEmission, HiddenMarkovModel, InputError
+from inscrutable.adversaries import SequentialAdversary
+from inscrutable.experiments import backtest_sequential
+from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
+from inscrutable.experiments.backtest_aware import doubted, resolution_for
+from inscrutable.geometry.grids import simplex_grid
+from inscrutable.mechanisms import mechanism
+from inscrutable.mechanisms.chains import predicted_chain
+from inscrutable.privacy import DesiredObfuscation
+from inscrutable.reports.backtest import headline, table_of, text_of, verdict, write_backtest
+
+TRAINING, DECISIONS, GRID = 480, 240, 12
+SETTINGS = BacktestSettings(regimes=2, train_until="2039-12")
+
+
+def market() -> pd.DataFrame:
+    """Returns of two regimes that last, of a world that a fit on forty years finds."""
+    means = np.array([[0.03, 0.0, 0.01], [-0.05, 0.02, 0.0]])
+    sensor = GaussianEmission(means, np.array([0.002 * np.eye(3), 0.005 * np.eye(3)]))
+    world = HiddenMarkovModel([[0.95, 0.05], [0.08, 0.92]], sensor)
+    rows = world.sample(TRAINING + DECISIONS, rng=np.random.default_rng(4)).observations
+    months = pd.date_range("2000-01", periods=len(rows), freq="ME")
+    return pd.DataFrame(np.asarray(rows), index=months, columns=["A", "B", "C"])
+
+
+@pytest.fixture(scope="module")
+def found() -> Backtest:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(backtest_sequential, "_MOST_BELIEFS", GRID)
+        return run_backtest(market(), SETTINGS, restarts=2)
+
+
+def test_it_is_one_more_column_and_the_others_stay_as_they_were(found: Backtest) -> None:
+    without = run_backtest(market(), replace(SETTINGS, sequential=False), restarts=2)
+    assert found.names == ("ODM", "CDM", "PDM", "SDM")
+    assert without.names == found.names[:3]
+    for name in without.names:
+        for key, value in without.figures[name].items():
+            assert key == "error_ceiling" or found.figures[name][key] == pytest.approx(value, nan_ok=True), (name, key)
+    assert np.isnan(without.figures["CDM"]["error_ceiling"])
+    assert found.figures["SDM"]["annual_turnover"] < found.figures["PDM"]["annual_turnover"]
+    assert "SDM" in table_of(found).columns
+
+
+def test_it_may_spend_half_of_what_silence_costs(found: Backtest) -> None:
+    """Against all constant portfolios on a fine grid, under the rule's own law."""
+    assert found.sequential is not None
+    maker, problem = found.sequential.maker, found.problem
+    prior = maker.chain.prior
+    costs = prior.beliefs @ problem.state_costs(simplex_grid(3, 150)).T
+    least = (prior.weights @ (costs - np.asarray(problem.optimal_cost(prior.beliefs))[:, None])).min()
+    assert maker.limit == pytest.approx(0.5 * least, rel=1e-3)
+    assert found.sequential.silence_regret <= least + 1e-15
+
+
+def test_its_regret_is_within_the_budget_in_expectation(found: Backtest) -> None:
+    assert found.sequential is not None
+    path, limit = found.sequential.path, found.sequential.maker.limit
+    for regrets in (path.expected_regrets, path.own_regrets):
+        blocks = regrets.reshape(12, -1).mean(axis=1)
+        assert regrets.mean() <= limit + 4.0 * blocks.std(ddof=1) / np.sqrt(len(blocks))
+    record = found.episode.records["SDM"]
+    np.testing.assert_array_equal(record.expected_regret, path.own_regrets)
+    weights, beliefs = found.weights("SDM").to_numpy(), found.beliefs.to_numpy()
+    np.testing.assert_allclose(found.problem.regret(beliefs, weights), record.decisions.regret, atol=1e-12)
+
+
+def test_the_rival_who_follows_it_holds_the_law_that_it_keeps(found: Backtest) -> None:
+    assert found.sequential is not None
+    maker = found.sequential.maker
+    read = SequentialAdversary(maker.chain, maker).filter(found.weights("SDM").to_numpy())
+    np.testing.assert_allclose(found.followed_estimates("SDM"), read.mean, atol=1e-9)
+    assert np.isnan(found.aware_estimates("SDM")).all(axis=None)
+    assert found.figures["SDM"]["bits_followed"] == pytest.approx(found.sequential.path.bits.mean())
+
+
+def test_the_rival_who_follows_another_by_loops(found: Backtest) -> None:
+    """Bayes' rule with the nearest decision that a belief still possible plays, one step after the other."""
+    seeds = np.random.SeedSequence(found.settings.seed).spawn(4)
+    chain = doubted(predicted_chain(found.world, resolution_for(2), rng=np.random.default_rng(seeds[3])))
+    maker = CounterAdversarialDecisionMaker(
+        found.problem, found.settings.measure, found.budget, candidates=found.candidates
+    )
+    played = mechanism(maker, chain.prior.beliefs)
+    table, moves = np.asarray(played.sparse.toarray()), chain.transition.toarray()
+    law, told, read = chain.prior.weights, [], []
+    for action in found.weights("CDM").to_numpy():
+        chances = law @ table
+        apart = np.where(chances > 0, ((played.actions - action) ** 2).sum(axis=1), np.inf)
+        ratios = np.divide(table, chances, out=np.ones_like(table), where=(table > 0) & (chances > 0))
+        told.append((law[:, None] * table * np.log2(ratios)).sum())
+        law = law * table[:, apart.argmin()]
+        law = law / law.sum()
+        read.append(law @ chain.prior.beliefs)
+        law = law @ moves
+    np.testing.assert_allclose(found.followed_estimates("CDM"), read, atol=1e-9)
+    assert found.aware is not None
+    np.testing.assert_allclose(found.aware.bits["CDM"], told, atol=1e-6)
+
+
+def test_one_who_follows_reads_optimal_portfolios_as_well_as_one_who_does_not(found: Backtest) -> None:
+    figures = found.figures["ODM"]
+    assert figures["error_followed"] == pytest.approx(figures["error_aware"], abs=1e-3)
+    assert np.isnan(figures["error_ceiling"])
+
+
+def test_doubt_keeps_the_law_and_rules_nothing_out(found: Backtest) -> None:
+    chain = predicted_chain(found.world, GRID, rng=np.random.default_rng(0))
+    moved = doubted(chain)
+    np.testing.assert_allclose(moved.transition.T @ chain.prior.weights, chain.prior.weights, atol=1e-12)
+    assert (moved.transition.toarray() > 0).all()
+    np.testing.assert_allclose(moved.transition.toarray(), chain.transition.toarray(), atol=0.011)
+
+
+def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
+    assert found.sequential is not None
+    prices, figures = found.sequential.maker.calibration, found.figures["SDM"]
+    assert prices.loss - 4.0 * prices.loss_se <= figures["error_ceiling"] ** 2
+    assert "(SDM: 50% of the silence regret, in the long run)" in headline(found)
+    said = verdict(found)
+    assert "of 8 other draws of SDM" in said
+    assert (
+        f"and {figures['error_ceiling']:.2f}, of {found.sequential.maker.chain.prior.error:.2f} without any weights"
+        in said
+    )
+    assert "on a grid of" in text_of(found)
+    written = {path.name for path in write_backtest(found, tmp_path)}
+    assert {"weights_SDM.csv", "path_SDM.csv", "followed_SDM.csv", "followed_CDM.csv", "aware_CDM.csv"} <= written
+    assert "aware_SDM.csv" not in written
+    held = json.loads((tmp_path / "summary.json").read_text("utf-8"))["sequential"]
+    assert held["mean_regret_allowed"] == found.sequential.maker.limit
+    assert len(held["other_draws"]) == 8
+
+
+def test_none_holds_is_said_as_such(found: Backtest) -> None:
+    weak = {name: {**found.figures[name], "error_followed": 0.0} for name in found.names}
+    assert found.sequential is not None
+    read = replace(found.sequential, others=(found.beliefs.to_numpy(),))
+    shifted = replace(found, sequential=read)
+    shifted.__dict__["figures"] = weak
+    assert "follows all months, none does: " in verdict(shifted)
+    assert "of 1 other draws of SDM none would have held" in verdict(shifted)
+
+
+def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backtest_sequential, "_MOST_BELIEFS", 5)
+    monkeypatch.setattr(backtest_sequential, "_OTHER_DRAWS", 0)
+    returns = market().iloc[: TRAINING + 6]
+    given = run_backtest(returns, replace(SETTINGS, budget=Budget.regret(1e-4)), restarts=1)
+    assert given.sequential is not None
+    assert given.sequential.maker.limit == 1e-4
+    assert "silence regret, in the long run" not in headline(given)
+    assert run_backtest(returns, replace(SETTINGS, budget=Budget.regret(0.0)), restarts=1).sequential is None
+    steps = replace(SETTINGS, measure=DesiredObfuscation(np.tile([0.3, 0.7], (6, 1))))
+    assert run_backtest(returns, steps, restarts=1).sequential is None
+    with pytest.raises(InputError, match="sequential must be True or False"):
+        replace(SETTINGS, sequential="no")  # type: ignore[arg-type]

@@ -86,8 +86,8 @@ def test_panels_show_the_investor_and_every_reading(found: Backtest, kept: list[
         "read from the ODM",
         "read from the CDM",
         "read from the PDM, drawn",
-        "CDM, read by one who knows the method",
-        "PDM, drawn, read by one who knows the method",
+        "CDM, read by one who knows the method and follows it",
+        "PDM, drawn, read by one who knows the method and follows it",
     ]
     for axis in kept[0].axes:
         assert axis.get_ylim() == (0.0, 1.0)

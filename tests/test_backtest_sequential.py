@@ -130,7 +130,7 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     assert prices.loss - 4.0 * prices.loss_se <= figures["error_ceiling"] ** 2
     assert "(SDM: 50% of the silence regret, in the long run)" in headline(found)
     said = verdict(found)
-    assert "of 8 other draws of SDM" in said
+    assert " of 8 other draws of SDM would have held" in said
     assert (
         f"and {figures['error_ceiling']:.2f}, of {found.sequential.maker.chain.prior.error:.2f} without any weights"
         in said
@@ -151,7 +151,7 @@ def test_none_holds_is_said_as_such(found: Backtest) -> None:
     shifted = replace(found, sequential=read)
     shifted.__dict__["figures"] = weak
     assert "follows all months, none does: " in verdict(shifted)
-    assert "of 1 other draws of SDM none would have held" in verdict(shifted)
+    assert "; none of 1 other draws of SDM would have held" in verdict(shifted)
 
 
 def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pytest.MonkeyPatch) -> None:

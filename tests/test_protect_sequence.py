@@ -196,6 +196,15 @@ def test_optimal_weights_of_beliefs_of_the_grid_are_read_exactly(small) -> None:
         attack_over_time(found.attack, "sequential")
 
 
+def test_no_row_contradicts_one_who_follows_optimal_weights(small, fresh_rng: np.random.Generator) -> None:
+    """Also where the belief leaps as the simulated path never did."""
+    model, _, _, _ = small
+    beliefs = fresh_rng.dirichlet([0.5, 0.5], 30)
+    published = pd.DataFrame(model.problem.solve(beliefs), columns=list(ASSETS))
+    found = attack_over_time(attack_weights(model, published), "optimal")
+    assert not found.table()["reading"].str.startswith("passed over").any()
+
+
 def test_attack_by_command_with_the_rule(small, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     model, file, state, _ = small
     published = pd.DataFrame(model.problem.solve([[0.4, 0.6], [0.5, 0.5]]), columns=list(ASSETS))

@@ -64,6 +64,7 @@ def test_a_run_with_other_settings_leaves_none_of_its_files_and_strict_doubts_be
         "2005-12",
         "--out",
         str(out),
+        "--no-sequential",
         "-q",
     ]
     assert cli.main([*command, "--regimes", "3"]) == 0

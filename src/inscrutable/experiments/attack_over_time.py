@@ -21,6 +21,7 @@ from inscrutable.decision_makers import (
 )
 from inscrutable.errors import InputError
 from inscrutable.experiments.attack import Attack
+from inscrutable.experiments.backtest_aware import doubted
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.protect_sequence import chain_of
 from inscrutable.mechanisms import mechanism
@@ -92,7 +93,9 @@ def attack_over_time(
     model = attack.model
     chain = chain_of(model)
     limit = model.budget if budget is None else as_budget(budget)
-    followed = SequentialAdversary(chain, _mechanism(model, chain, rule, limit, state))
+    known = _mechanism(model, chain, rule, limit, state)
+    # The sequential rule's law is by its own chain; any other is read by one who rules nothing out.
+    followed = SequentialAdversary(chain if rule == "sequential" else doubted(chain), known)
     return AttackOverTime(attack, rule, followed.filter(attack.actions, nearest=True))
 
 

@@ -128,13 +128,13 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("bits_aware", "  what one decision tells that rival, bits"),
         _Row(
             "share_regime_named_followed",
-            f"{word}s in which a rival names it who also follows all {word}s, %",
+            f"{word}s in which one who also follows all {word}s names it, %",
             _PERCENT,
             ".1f",
         ),
-        _Row("error_followed", "  error of that rival's estimate, r.m.s.", style=".3f"),
+        _Row("error_followed", "  error of that one's estimate, r.m.s.", style=".3f"),
         _Row("error_ceiling", "  the most that any rule of its regret leaves, long run", style=".3f"),
-        _Row("bits_followed", "  what one more decision tells that rival, bits"),
+        _Row("bits_followed", "  what one more decision tells that one, bits"),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
     ]
 
@@ -179,8 +179,9 @@ def _sequential_notes(result: Backtest) -> list[str]:
     share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of what silence costs there"
     return [
         "SDM, the sequential rule, knows what the rival holds who follows it. It may spend "
-        f"{part.maker.limit * _BASIS_POINTS:.2f} bp per {word} on average in the long run of the fitted regimes{share}; its "
-        f"price, of information alone, was simulated on a grid of {beliefs} beliefs, off which lie {part.path.n_off_grid} of "
+        f"{part.maker.limit * _BASIS_POINTS:.2f} bp per {word} on average in the long run of the fitted regimes{share}, and "
+        f"spends {part.path.own_regrets.mean() * _BASIS_POINTS:.2f} here, in expectation over each draw. Its price, of "
+        f"information alone, was simulated on a grid of {beliefs} beliefs, off which lie {part.path.n_off_grid} of "
         f"{len(result.beliefs)} beliefs here.",
         "No rule leaves the rival who follows it more than the ceiling, in expectation in the long run of the fitted regimes, "
         f"on that grid and {len(part.maker.table.columns)} candidate portfolios; without weights it errs by "
@@ -228,7 +229,7 @@ def _luck(result: Backtest, asked: Requirement) -> list[str]:
         return []
     beliefs, others = result.beliefs.to_numpy(), result.sequential.others
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
-    return [f"of {len(others)} other draws of {SEQUENTIAL} {held or 'none'} would have held against that one"]
+    return [f"{held or 'none'} of {len(others)} other draws of {SEQUENTIAL} would have held against that one"]
 
 
 def _and(words: Sequence[str]) -> str:

@@ -21,8 +21,9 @@ from inscrutable import (
     decoy_grid,
     uniform_prior,
 )
+from inscrutable.decision_makers.sequential import calibration
 from inscrutable.decision_makers.sequential.ceiling import _bound
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, SolverError
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 
 ALONE = float("inf")
@@ -146,6 +147,27 @@ def test_the_budget_is_met_on_fresh_seeds(fresh_rng: np.random.Generator, told: 
     assert path.n_off_grid == 0
     assert path.losses[20:].mean() == pytest.approx(found.loss, rel=0.15)
     assert found.loss - 4.0 * found.loss_se <= maker.ceiling
+
+
+def test_where_the_best_price_fails_in_the_end_the_next_best_is_taken(
+    fresh_rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maker = maker_of(fresh_rng)
+    tried: list[float] = []
+
+    def refined(market: object, told: float, ends: object) -> PriceCalibration:
+        tried.append(told)
+        if len(tried) == 1:
+            raise SolverError("a step was not solved")
+        return PriceCalibration.at(1.0, told)
+
+    monkeypatch.setattr(calibration, "_SHARES", (ALONE, 1.0))
+    monkeypatch.setattr(calibration, "_refined", refined)
+    found = calibration.calibrated(maker.table, maker.law, maker.limit, None, fresh_rng)
+    assert found.information_price == tried[1] != tried[0]
+    tried.clear()
+    with pytest.raises(SolverError, match="not solved"):
+        calibration.calibrated(maker.table, maker.law, maker.limit, ALONE, fresh_rng)
 
 
 def test_the_ceiling_is_the_least_bound_of_all_prices(fresh_rng: np.random.Generator) -> None:

@@ -89,8 +89,15 @@ def calibrated(
             _LOGGER.warning("information_price %.4g was left out of the comparison: %s", told, error)
     if not found:
         raise SolverError("no price of information gave steps that could be solved")
-    told, low, high = max(found, key=lambda each: _loss_at(limit, each[1], each[2]))
-    return _refined(market, told, (low, high))
+    found.sort(key=lambda each: _loss_at(limit, each[1], each[2]))
+    while True:
+        told, *ends = found.pop()
+        try:
+            return _refined(market, told, (ends[0], ends[1]))
+        except SolverError as error:  # longer simulations meet laws that short ones did not
+            if not found:
+                raise
+            _LOGGER.warning("information_price %.4g was given up for the next best: %s", told, error)
 
 
 def _silence(table: StepTable) -> float:

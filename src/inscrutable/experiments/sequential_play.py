@@ -23,7 +23,6 @@ from inscrutable.experiments.setting import Behaviour, Repeated, Seed, Setting, 
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.joint import top_states
-from inscrutable.privacy.sampling import adjusted_means
 from inscrutable.validation import Array
 
 WATCHED_FIRST = 20
@@ -35,7 +34,7 @@ LONG_PATHS = (10, 60)
 OTHER_PATHS = (5, 60)
 """The same where the belief moves otherwise than the rule takes it to."""
 
-STILL_PATHS = 6
+STILL_PATHS = 12
 """Paths on which the belief stays; each is as long as the largest number of repeated decisions."""
 
 
@@ -106,8 +105,10 @@ class SequentialPlay:
         maker = self._knowing(still) if told else self.maker
         found, _ = self._followed(maker, still, (STILL_PATHS, steps[-1]))
         at = np.array(steps) - 1
-        # The error after the first decision is known: what the paths at hand are off by there is taken off.
-        squared, spread = adjusted_means(found.squared[at].T, (found.squared[0] - maker.begin().expected.loss)[:, None])
+        # The error after the first decision is known, and paths say how much it falls from there. A slope fitted to a dozen
+        # paths in place of one would be luck.
+        since = found.squared[at] - found.squared[0]
+        squared, spread = since.mean(axis=1) + maker.begin().expected.loss, since.std(axis=1, ddof=1) / np.sqrt(STILL_PATHS)
         errors = np.sqrt(np.maximum(squared, 0.0))
         return Repeated(
             errors,

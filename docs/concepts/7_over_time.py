@@ -1,0 +1,126 @@
+"""
+Over time
+=========
+
+Who decides once a month is watched for years. A table K(u | π), drawn from afresh at every step, averages out: what it told
+is told again, and paid for again. The *sequential rule* keeps account of what the observer already holds. At every step it
+solves one problem with the observer's law p_t of the belief in the place of the prior, at two fixed prices,
+
+.. code-block:: text
+
+   K_t = argmax_K  E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u)   under p_t,    p_{t+1} = predict(Bayes(p_t, u_t))
+
+with the observer's loss L (here the variance of its estimate), the regret ρ and the information I. The price s is such that
+the mean regret in the long run is the budget.
+"""
+
+import numpy as np
+
+from inscrutable import MarkowitzProblem, compare, uniform_prior
+from inscrutable.experiments.comparison import ComparisonSettings, makers_of
+from inscrutable.mechanisms.chains import resting_chain
+from inscrutable.reports.style import drawing, looks_of
+
+means = [[0.02, 0.01, 0.005], [-0.03, 0.00, 0.004]]
+covariances = [np.diag([0.002, 0.001, 0.0002]), np.diag([0.010, 0.003, 0.0003])]
+problem = MarkowitzProblem(means, covariances, risk_aversion=5.0)
+chain = resting_chain(uniform_prior(2, 12), 0.9)
+
+settings = ComparisonSettings(budgets=(0.5,), repeats=(1, 2, 5, 10, 30), draws=400)
+names = ["CDM", "PDM", "Stackelberg", "rate-distortion", "delay", "sequential"]
+found = compare(
+    problem, chain, settings, makers=makers_of(names), rng=np.random.default_rng(0)
+)
+print(found.header())
+
+# %%
+# Each rule spends half the silence regret. Left: all decisions are made on one belief. The observer knows that it stays. The
+# rule does not, except on the dotted curve. Right: the belief moves, nine times in ten it stays where it is, and the observer
+# follows it for long. The dashed line is the error without any decision.
+
+looks = looks_of([*names])
+with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
+    for row in found.rows:
+        look = looks[row.maker]
+        left.plot(
+            found.repeats,
+            row.repeated_errors,
+            look.line,
+            color=look.colour,
+            marker=look.marker,
+            label=row.maker,
+        )
+    told = found.of("sequential")[0]
+    left.plot(
+        found.repeats, told.told_errors, ":", color=looks["sequential"].colour
+    )
+    left.set(xscale="log", xlabel="decisions on one belief", ylabel="error")
+    left.set_xticks(found.repeats, [str(n) for n in found.repeats])
+    left.minorticks_off()
+    places = np.arange(len(found.rows))
+    right.barh(
+        places,
+        [row.path_error for row in found.rows],
+        color=[looks[row.maker].colour for row in found.rows],
+    )
+    right.set_yticks(places, [row.maker for row in found.rows])
+    right.invert_yaxis()
+    right.set_xlabel("error, followed over time")
+    right.axvline(told.path_ceiling, color="#000000", linewidth=0.9)
+    right.set_title("solid line: no rule exceeds it", loc="left")
+    for line in (left.axhline, right.axvline):
+        line(found.prior_error, color="#000000", linestyle="--", linewidth=0.9)
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    figure.savefig("over_time.png")
+
+# %%
+# **Nothing is revealed twice** where rule and observer both know that the belief stays: the dotted curve is level. The proof
+# takes a few lines. Write
+#
+# .. code-block:: text
+#
+#    ψ_u(p) = L(p) + λ H(p) − s Σ p(π) ρ(π,u).
+#
+# 1. The value of a mechanism K at p is Σ_u Pr(u) ψ_u(p_u) − λ H(p), with p_u the posterior after u, because
+#    I(π;u) = H(p) − Σ_u Pr(u) H(p_u).
+# 2. The posteriors p_u average to p, and every family of laws that does so is that of some mechanism.
+# 3. So the optimum is Ψ(p) − λ H(p), with Ψ the concave envelope of max_u ψ_u.
+# 4. An optimal mechanism puts p_u where Ψ(p_u) = ψ_u(p_u): otherwise p_u could be split further, at a gain.
+# 5. From p_u, to play u for certain has the value ψ_u(p_u) − λ H(p_u) = Ψ(p_u) − λ H(p_u), which is the optimum.
+# 6. A decision that is played for certain tells nothing, so the law stays p_u, and the same holds at the next step.
+#
+# The conditions: the same prices, decisions and caps at every step, an exact optimum, and, among equal optima, the one of least
+# information. The rule tests whether the last decision is still optimal for certain before it solves anything else.
+#
+# **It is not so** for a belief that happens to stay while the rule takes it to move. The rule then believes that what it told
+# grows old, tells a little again, and an observer who knows better adds it up: the solid curve of the sequential rule falls.
+
+for row in found.rows:
+    once, last = row.repeated_errors[[0, -1]]
+    print(
+        f"{row.maker:16s}one decision {once:.2f}, {found.repeats[-1]} on one belief {last:.2f}, "
+        f"over time {row.path_error:.2f} at {row.path_bits:.2f} bits a step"
+    )
+print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
+
+# %%
+# **The ceiling.** Let V(r; w) be the largest expected loss of the observer after one decision of a belief of law w, at an
+# expected regret r. It is jointly concave in r and w. So, on average over the steps, no rule whose decisions are seen exactly
+# and at once keeps more than V(mean regret; mean law of the belief), whatever it remembers or draws. The line on the right is
+# its root, from a dual solution, so that it bounds whatever the solver did.
+#
+# **A delay is enough** where beliefs move faster than it. After d steps the observer knows the belief of d steps ago and is left
+# with the moves since: with a chain of two states that flips with probability p its guess is wrong with probability
+# (1 − (1 − 2p)^d)/2. A belief that rests longer than the delay is read like any other, as the left panel shows.
+#
+# **Nobody can be stopped from copying.** Let V(p) be the least expected cost under a belief, and r₀ = V(E π) − E V(π) what the
+# private belief is worth to the agent. A rival with the same problem who sees the decision u in time can play it. Its gain W over
+# one who sees nothing is at least r₀ − E ρ: what the agent does not give up, the rival can take. In shares of r₀,
+#
+# .. code-block:: text
+#
+#    given up + taken ≥ 1.
+#
+# To hide a view does not protect from a rival with the same problem at the same moment. It protects the view: from one with
+# other assets or limits, from one who comes later, and from one who wants to know the next decision.

@@ -384,6 +384,11 @@ LAW_RESIDUAL = 1e-13
 RETURNING_LAW = 1e-12
 """Probability with which a decision that is not played may come back in the next trial: it is then scaled up or goes to 0."""
 
+UNHEARD_BELIEF = 1e-10
+"""Weight of a belief in the observer's law below which a step is solved without it: it then plays what the others' law of the
+decisions makes of it. A decision that it alone plays would have a tenth of the digits of the others, and Newton's steps stall.
+It changes a value by less than the weight times some hundred nats, that is less than `KEPT_DECISION`."""
+
 LEAST_INFORMATION_PRICE = 1e-3
 """Least price of information, as a share of the prior loss per nat, at which a step is solved. A price of 0 is played as this
 one, the limit from above: what it costs in loss is at most a thousandth of the prior's for every nat that is told, and ties
@@ -393,10 +398,9 @@ STILL_CONTROL = 1e-4
 """Share of its prior variance below which a control variate says nothing of a simulated mean. Without it a sequential rule that
 falls silent, so that the law hardly moves, is taken to spend a million times its regret."""
 
-STEP_GAP = 1e-2
-"""Gap of a step's value, as a share of the prior loss, in nats where information alone counts, above which the step counts as
-not solved. Steps end at `SOLVED_STEP` times the price; one in some thousands at the smallest prices of information stays
-above it, most of them by less than this."""
+STEP_GAP = 1e-5
+"""Gap of a step's value by its dual bound, as a share of the prior loss, in nats where information alone counts, above which
+the step counts as not solved. Steps end at `SOLVED_STEP` times the price; this is a thousand times more."""
 
 SILENT_PRICE = 1e-6
 """Price of regret, in units of loss per mean regret of the cheapest constant decision, at which nothing is told: any so small

@@ -29,7 +29,6 @@ _REFRESHED = 3  # Newton steps of an estimate after a decision that is not playe
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
 _TINY = 1e-300
-_NEGLIGIBLE = 1e-250  # weight of a belief that counts for nothing: smaller ones have too few digits
 _SQUARINGS, _SQUARED, _STEEPEST = 12, 4096.0, 700.0
 
 
@@ -198,6 +197,10 @@ def _best_law(weights: Any, point: Point) -> float:
         if broken < _RESIDUAL:
             break
         if gains.max() > _LARGE_GAIN:
+            if (law < _BACK).any():  # a law of 0 stays 0 whatever it is multiplied by
+                law[:] = np.maximum(law, _BACK)
+                _law_value(weights, point.powers, law, point.held)
+                _gains(weights, point, gains)
             law *= gains
             value = _law_value(weights, point.powers, law, point.held)
             continue
@@ -216,6 +219,11 @@ def _best_law(weights: Any, point: Point) -> float:
         _non_negative(hessian, right, free, found)
         for m in range(n):
             slope += (gains[m] - 1.0) * (found[m] - law[m])
+        if slope < _RESIDUAL:  # the whole step is right to its square
+            law[:] = found
+            value = _law_value(weights, point.powers, law, point.held)
+            _gains(weights, point, gains)
+            break
         length, ahead = 1.0, -np.inf
         while length > _SHORTEST:
             for m in range(n):
@@ -224,7 +232,7 @@ def _best_law(weights: Any, point: Point) -> float:
             if ahead >= value + _ARMIJO * length * slope - _RESIDUAL * 1e-3 * abs(value):
                 break
             length *= _CUT
-        if length <= _SHORTEST or slope < _RESIDUAL * 1e-4:
+        if length <= _SHORTEST:
             value = _law_value(weights, point.powers, law, point.held)
             _gains(weights, point, gains)
             break
@@ -366,7 +374,7 @@ def quick_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, p
 def remaining_logs(weights: Any, point: Point, logs: Any) -> None:
     """log p_b − log z_b."""
     for b in range(weights.size):
-        logs[b] = np.log(weights[b]) - point.top[b] - np.log(point.held[b]) if weights[b] > _NEGLIGIBLE else -np.inf
+        logs[b] = np.log(weights[b]) - point.top[b] - np.log(point.held[b]) if weights[b] > 0.0 else -np.inf
 
 
 class SaddleModel(NamedTuple):
@@ -450,16 +458,18 @@ def _saddle_step(model: SaddleModel, law: Any, found: Any) -> Any:
 
 
 @part
-def _first_length(data: StepData, price: float, point: Point, played: Any, step: Any) -> float:
-    """How far log K may move, on average over the rows' decisions, for the model to be believed."""
-    d, most = data.points.shape[0], 0.0
-    for b in range(point.held.size):
-        moved = 0.0
+def _first_length(weights: Any, data: StepData, price: float, point: Point, played: Any, step: Any) -> float:
+    """How far log K may move, on average over the decisions of rows that count, for the model to be believed."""
+    d, most, turns = data.points.shape[0], 0.0, np.empty(played.size)
+    for b in np.flatnonzero(weights > 0.0):
+        mean, moved = 0.0, 0.0
         for a in range(played.size):
-            m, turn = played[a], 0.0
+            m, turns[a] = played[a], 0.0
             for i in range(d):
-                turn += (point.estimates[m, i] - data.points[i, b]) * step[a * d + i]
-            moved += point.law[m] * point.ratios[m, b] * abs(2.0 / price * turn)
+                turns[a] += 2.0 / price * (point.estimates[m, i] - data.points[i, b]) * step[a * d + i]
+            mean += point.law[m] * point.ratios[m, b] * turns[a]
+        for a in range(played.size):
+            moved += point.law[played[a]] * point.ratios[played[a], b] * abs(turns[a] - mean)
         most = max(most, moved)
     return min(1.0, _LOGIT / max(most, _TINY))
 
@@ -484,7 +494,7 @@ def settled(weights: Any, data: StepData, price: float, columns: Any, point: Poi
         slope = float((model.gradient * step).sum())
         last = slope > -_ROUNDING * max(1.0, abs(value))
         full += 1 if last else 0
-        length = 1.0 if last else _first_length(data, price, point, model.played, step)
+        length = 1.0 if last else _first_length(weights, data, price, point, model.played, step)
         reached = np.inf
         while length > _SHORTEST:
             ahead.estimates[:] = point.estimates

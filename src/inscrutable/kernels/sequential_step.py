@@ -25,7 +25,7 @@ from inscrutable.kernels.sequential_saddle import (
     solve_factored,
 )
 
-_KEPT, _SOLVED, _RARELY = tolerances.KEPT_DECISION, tolerances.SOLVED_STEP, tolerances.RARELY_PLAYED
+_KEPT, _SOLVED, _RARELY = tolerances.KEPT_DECISION, tolerances.SOLVED_STEP, tolerances.RETURNING_LAW
 _RESIDUAL, _BACK = tolerances.LAW_RESIDUAL, tolerances.RETURNING_LAW
 _ROUNDS, _PRICING_STEPS = 60, 30  # three to six, and three are usual
 _MOST_ADDED = 3  # decisions that join at once; a fourth one costs more in Newton's steps than it spares in rounds

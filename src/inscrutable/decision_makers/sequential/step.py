@@ -70,15 +70,15 @@ def step_table(prior: Prior, columns: Columns, cap: Budget | None) -> StepTable:
 class Step:
     """What is played under a law p of the belief: K (B,n) over the decisions `numbers` (n,), and what it gives away.
 
-    The law q (n,) of the decisions and the estimates (n,d) say what a belief off the grid plays. `violation` is the largest
-    log c [nats] of any decision: the value is within that, times λ, of the optimum.
+    The law q (n,) of the decisions and the estimates (n,d) say what a belief off the grid plays. The value is within `gap` of
+    the optimum, in units of the loss, or in nats where information alone counts.
     """
 
     numbers: np.ndarray
     rows: Array
     law: Array
     estimates: Array
-    violation: float
+    gap: float
     played: Array  # Σ p K, (n,)
     means: Array  # (n,d) posterior means after the decisions, in the table's directions
     regret: float  # Σ p K ρ
@@ -120,24 +120,42 @@ class StepRule:
         from inscrutable.kernels.sequential_step import solved_step
 
         table = self.table
-        numbers, shares, estimates, violation = solved_step(
-            np.array(law, dtype=np.float64), StepData(*self._kernel_parts), int(kept)
-        )
-        unit = 1.0 if self._informs_only else table.prior_loss
-        if not violation * self.price <= tolerances.STEP_GAP * unit:
-            raise SolverError(
-                f"a step was solved to {violation * self.price:g} of its value, expected "
-                f"{tolerances.STEP_GAP * unit:g} at most: take a larger information_price"
-            )
-        allowed = None if table.allowed is None else table.allowed[:, numbers]
-        regrets = table.regrets[:, numbers]
-        rows = self._rows(table.points, regrets, allowed, (shares, estimates))
+        heard = np.where(np.asarray(law) >= tolerances.UNHEARD_BELIEF, law, 0.0)
+        heard /= heard.sum()
+        numbers, shares, estimates, excess = solved_step(heard, StepData(*self._kernel_parts), int(kept))
+        rows = self._rows(table.points, *self._at(numbers), (shares, estimates))
+        gap = self._gap(heard, rows, (shares, estimates, float(excess)))
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
-        if (
-            lost.size
-        ):  # beliefs of no weight that are allowed nothing that is played: the cheapest of all, allowed or not
-            rows[lost, regrets[lost].argmin(axis=1)] = 1.0
-        return _measured(table, law, rows, (numbers, shares, estimates, float(violation)))
+        if lost.size:  # next to no weight, and allowed nothing that is played: each plays its own best decision
+            own, first, which = np.unique(table.regrets[lost].argmin(axis=1), return_index=True, return_inverse=True)
+            rows = np.hstack([rows, np.zeros((len(rows), len(own)))])
+            rows[lost, len(numbers) + which] = 1.0
+            numbers, shares = np.append(numbers, own), np.append(shares, np.zeros(len(own)))
+            estimates = np.vstack([estimates, table.points[lost[first], : estimates.shape[1]]])
+        return _measured(table, law, rows, (numbers, shares, estimates, gap))
+
+    def _gap(self, law: Array, rows: Array, found: tuple[Array, Array, float]) -> float:
+        """How far the value is from the optimum at most: Σ_m (p_m |mean_m − μ_m|² − λ p_m log(p_m/q_m)) + λ max log c."""
+        shares, estimates, excess = found
+        played = law @ rows
+        ratios = np.log(np.divide(played, shares, out=np.ones_like(played), where=played > 0))
+        gap = self.price * (max(excess, float(ratios.max())) - float(played @ ratios))
+        unit = 1.0
+        if not self._informs_only:
+            unit = self.table.prior_loss
+            moved = rows.T @ (law[:, None] * self.table.points) - played[:, None] * estimates
+            gap += float((moved**2).sum(axis=1) @ np.divide(1.0, played, out=np.zeros_like(played), where=played > 0))
+        if not gap <= tolerances.STEP_GAP * unit:
+            raise SolverError(
+                f"a step was solved to {gap:g} of its value, expected {tolerances.STEP_GAP * unit:g} at most: take a larger "
+                "information_price"
+            )
+        return max(gap, 0.0)
+
+    def _at(self, numbers: np.ndarray) -> tuple[Array, np.ndarray | None]:
+        """Regrets of some decisions, and which are allowed."""
+        allowed = self.table.allowed
+        return self.table.regrets[:, numbers], None if allowed is None else allowed[:, numbers]
 
     def _rows(self, points: Array, regrets: Array, allowed: np.ndarray | None, played: tuple[Array, Array]) -> Array:
         law, estimates = played
@@ -183,7 +201,7 @@ class StepRule:
 
 
 def _measured(table: StepTable, law: Array, rows: Array, found: tuple[np.ndarray, Array, Array, float]) -> Step:
-    numbers, shares, estimates, violation = found
+    numbers, shares, estimates, gap = found
     joint = law[:, None] * rows
     played = joint.sum(axis=0)
     means = (joint.T @ table.points) / np.where(played > 0, played, 1.0)[:, None]
@@ -192,4 +210,4 @@ def _measured(table: StepTable, law: Array, rows: Array, found: tuple[np.ndarray
     loss = float(law @ (table.points**2).sum(axis=1) - played @ (means**2).sum(axis=1))
     regret = float((joint * table.regrets[:, numbers]).sum())
     bits = max(float((joint * ratios).sum()), 0.0)
-    return Step(numbers, rows, shares, estimates, violation, played, means, regret, max(loss, 0.0), bits)
+    return Step(numbers, rows, shares, estimates, gap, played, means, regret, max(loss, 0.0), bits)

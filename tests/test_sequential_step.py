@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from inscrutable import Budget, FiniteProblem, PriceCalibration, Prior, SequentialDecisionMaker
+from inscrutable.decision_makers.sequential.step import Prices, StepRule
 from inscrutable.mechanisms.chains import BeliefChain
 
 NO_PRICE = float("inf")
@@ -189,3 +190,17 @@ def test_steps_of_uneven_laws_are_solved_to_their_dual_bound(
         law = fresh_rng.dirichlet(np.full(len(maker.beliefs), 0.1))
         law = np.where(law > 1e-6, law, 0.0)
         assert dual_gap(maker, law / law.sum(), price, told) <= 1e-6
+
+
+@pytest.mark.parametrize("information", [NO_PRICE, 1.0, 0.1, 0.03])
+def test_a_step_begun_from_another_one_is_as_good(fresh_rng: np.random.Generator, information: float) -> None:
+    for _ in range(12):
+        maker, price, told = drawn_case(fresh_rng, information, False)
+        rule = StepRule(maker.table, Prices(price, told))
+        laws = fresh_rng.dirichlet(np.full(len(maker.beliefs), 0.5), 2)
+        begun, cold = rule.step(laws[1], near=rule.step(laws[0])), rule.step(laws[1])
+        values = [
+            value_of(maker, laws[1], rule.mechanism(step).probabilities.toarray(), price, told)
+            for step in (begun, cold)
+        ]
+        assert abs(values[0] - values[1]) <= 1e-7 * (1.0 if np.isinf(told) else maker.chain.prior.error**2)

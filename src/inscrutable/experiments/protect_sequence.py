@@ -191,7 +191,7 @@ def protect_step(
         InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use; it is unchanged.
         SolverError: No price was found at which the budget is met.
 
-    Cost: some milliseconds, and the calibration of one to three minutes where the file is new.
+    Cost: some milliseconds, and the calibration of up to a minute where the file is new.
 
     Source: see `SequentialDecisionMaker`.
 

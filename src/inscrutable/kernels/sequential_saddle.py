@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.kernels.options import part, woven
+from inscrutable.kernels.options import fused, part, summed
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
 _ROUNDING, _BACK = tolerances.SADDLE_ROUNDING, tolerances.RETURNING_LAW
@@ -29,7 +29,14 @@ _REFRESHED = 3  # Newton steps of an estimate after a decision that is not playe
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
 _TINY = 1e-300
-_SQUARINGS, _SQUARED, _STEEPEST = 12, 4096.0, 700.0
+_SMALLEST, _STEEPEST = 1e-290, 700.0  # e^-700 has full precision, and thousands of e^700 add up to a number
+_TURN, _HIGH, _LOW = (
+    1.4426950408889634,
+    0.693147180369123816490,
+    1.90821492927058770002e-10,
+)  # 1 / log 2, log 2 in two parts
+_SHIFT = 6755399441055744.0  # 3 · 2^51: what is added to it is rounded to a whole number, in its last digits
+_BIAS, _EXPONENT = np.int64(1023), np.int64(52)  # of a float's bits
 
 
 class StepData(NamedTuple):
@@ -151,7 +158,45 @@ def _non_negative(hessian: Any, right: Any, free: Any, found: Any) -> None:
         found[i] = max(found[i], 0.0)
 
 
-@part
+@fused
+def _powers(values: Any) -> None:
+    """e^x to some 1e-15 in the place of every x, 0 below −700 and no more than e^700.
+
+    2^k by the bits of k, and a polynomial in what is left: by the lane, so that it takes a ninth of what it takes with the
+    library's function. Sums in another order would undo it.
+    """
+    for b in range(values.size):
+        x = values[b]
+        y = min(max(x, -_STEEPEST), _STEEPEST)
+        shifted = y * _TURN + _SHIFT
+        k = shifted - _SHIFT
+        r = (y - k * _HIGH) - k * _LOW
+        r2 = r * r
+        r4 = r2 * r2
+        low = (1.0 + r) + r2 * (1.0 / 2.0 + r * (1.0 / 6.0))
+        middle = (1.0 / 24.0 + r * (1.0 / 120.0)) + r2 * (1.0 / 720.0 + r * (1.0 / 5040.0))
+        high = (1.0 / 40320.0 + r * (1.0 / 362880.0)) + r2 * (1.0 / 3628800.0 + r * (1.0 / 39916800.0))
+        last = r4 * (1.0 / 479001600.0 + r * (1.0 / 6227020800.0))
+        scale = np.int64((np.float64(shifted).view(np.int64) + _BIAS) << _EXPONENT).view(np.float64)
+        values[b] = (low + r4 * (middle + r4 * (high + last))) * scale if x > -_STEEPEST else 0.0
+
+
+@summed
+def _offers(data: StepData, m: int, scale: float, estimate: Any, found: Any) -> None:
+    """(v_bm − 2 x_b·μ + |μ|²) · scale."""
+    d, count = data.points.shape
+    square, values = 0.0, data.values[m]
+    for i in range(d):
+        square += estimate[i] * estimate[i]
+    for b in range(count):
+        found[b] = (values[b] + square) * scale
+    for i in range(d):
+        turn, line = 2.0 * scale * estimate[i], data.points[i]
+        for b in range(count):
+            found[b] -= turn * line[b]
+
+
+@summed
 def _law_value(weights: Any, powers: Any, law: Any, held: Any) -> float:
     """Σ_b p_b log Σ_m q_m E_mb − Σ q."""
     held[:] = 0.0
@@ -171,15 +216,26 @@ def _law_value(weights: Any, powers: Any, law: Any, held: Any) -> float:
     return value
 
 
-@part
+@summed
 def _gains(weights: Any, point: Point, gains: Any) -> None:
     """Ratios e^{a}/z and c_m = Σ_b p_b e^{a_bm}/z_b."""
     for m in range(gains.size):
-        total = 0.0
+        total, ratios, powers = 0.0, point.ratios[m], point.powers[m]
         for b in range(weights.size):
-            point.ratios[m, b] = point.powers[m, b] / point.held[b]
-            total += weights[b] * point.ratios[m, b]
+            ratios[b] = powers[b] / point.held[b]
+            total += weights[b] * ratios[b]
         gains[m] = total
+
+
+@summed
+def _products(weights: Any, point: Point, found: Any) -> None:
+    """Σ_b p_b e^{a_bm} e^{a_bk} / z_b²: minus the second derivative in the law."""
+    for m in range(point.law.size):
+        for k in range(m + 1):
+            total, one, other = 0.0, point.ratios[m], point.ratios[k]
+            for b in range(weights.size):
+                total += weights[b] * one[b] * other[b]
+            found[m, k] = found[k, m] = total
 
 
 @part
@@ -205,12 +261,7 @@ def _best_law(weights: Any, point: Point) -> float:
             value = _law_value(weights, point.powers, law, point.held)
             continue
         slope = 0.0
-        for m in range(n):
-            for k in range(m + 1):
-                total = 0.0
-                for b in range(weights.size):
-                    total += weights[b] * point.ratios[m, b] * point.ratios[k, b]
-                hessian[m, k] = hessian[k, m] = total
+        _products(weights, point, hessian)
         for m in range(n):
             right[m] = gains[m] - 1.0
             for k in range(n):
@@ -241,54 +292,82 @@ def _best_law(weights: Any, point: Point) -> float:
     return value
 
 
-@part
-def saddle_value(weights: Any, data: StepData, price: float, columns: Any, point: Point) -> float:
-    """Φ at the point's estimates, with the law that attains it."""
+@summed
+def _set_powers(data: StepData, price: float, columns: Any, point: Point) -> None:
+    """Powers e^{a − top} and the tops, of the point's estimates."""
     top, powers = point.top, point.powers
     top[:] = -np.inf
     for m in range(columns.size):
-        square = 0.0
-        for i in range(data.points.shape[0]):
-            square += point.estimates[m, i] ** 2
-        for b in range(weights.size):
-            total = data.values[columns[m], b] + square
-            for i in range(data.points.shape[0]):
-                total -= 2.0 * data.points[i, b] * point.estimates[m, i]
-            powers[m, b] = total / price
-            top[b] = max(top[b], powers[m, b])
-    for b in range(weights.size):
+        row = powers[m]
+        _offers(data, columns[m], 1.0 / price, point.estimates[m], row)
+        for b in range(top.size):
+            top[b] = max(top[b], row[b])
+    for b in range(top.size):
         if top[b] == -np.inf:
             top[b] = 0.0
     for m in range(columns.size):
-        for b in range(weights.size):
-            powers[m, b] = np.exp(powers[m, b] - top[b])
-    value = _best_law(weights, point)
-    for b in range(weights.size):
-        value += weights[b] * top[b]
-    return value
+        row = powers[m]
+        for b in range(top.size):
+            row[b] -= top[b]
+        _powers(row)
 
 
 @part
-def _gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, powers: Any) -> float:
-    """log c_m = log Σ_b e^{logs_b + a_bm} at an estimate; leaves the sum's shares in `powers`."""
-    d, count = data.points.shape
-    square, top, whole = 0.0, -np.inf, 0.0
-    for i in range(d):
-        square += estimate[i] ** 2
-    for b in range(count):
-        total = data.values[m, b] + square
-        for i in range(d):
-            total -= 2.0 * data.points[i, b] * estimate[i]
-        powers[b] = logs[b] + total / price
-        top = max(top, powers[b])
-    if top == -np.inf:
-        return top
-    for b in range(count):
-        powers[b] = np.exp(powers[b] - top)
+def saddle_value(weights: Any, data: StepData, price: float, columns: Any, point: Point) -> float:
+    """Φ at the point's estimates, with the law that attains it."""
+    _set_powers(data, price, columns, point)
+    value = _best_law(weights, point)
+    for b in range(weights.size):
+        value += weights[b] * point.top[b]
+    return value
+
+
+@summed
+def _shares(powers: Any) -> float:
+    """Σ e^x, and shares of it in the place of every x."""
+    whole = 0.0
+    _powers(powers)
+    for b in range(powers.size):
         whole += powers[b]
-    for b in range(count):
-        powers[b] /= whole
+    part_of = 1.0 / max(whole, _SMALLEST)
+    for b in range(powers.size):
+        powers[b] *= part_of
+    return whole
+
+
+@summed
+def gain_at(logs: Any, data: StepData, price: float, m: int, estimate: Any, powers: Any) -> float:
+    """log c_m = log Σ_b e^{logs_b + a_bm} at an estimate; leaves the sum's shares in `powers`."""
+    _offers(data, m, 1.0 / price, estimate, powers)
+    for b in range(logs.size):
+        powers[b] += logs[b]
+    top, whole = 0.0, float(_shares(powers))
+    if not _SMALLEST < whole < 1.0 / _SMALLEST:  # seldom: the largest then counts for one
+        _offers(data, m, 1.0 / price, estimate, powers)
+        for b in range(logs.size):
+            powers[b] += logs[b]
+        top = powers.max()
+        if top == -np.inf:
+            return -np.inf
+        for b in range(logs.size):
+            powers[b] -= top
+        whole = _shares(powers)
     return float(top + np.log(whole))
+
+
+@summed
+def moments(shares: Any, points: Any, mean: Any, spread: Any) -> None:
+    """Mean (d,) and lower half of the covariance (d,d) of points (d,B) with shares that add up to one."""
+    for i in range(len(points)):
+        one, total = points[i], 0.0
+        for b in range(shares.size):
+            total += shares[b] * one[b]
+        mean[i] = total
+        for j in range(i + 1):
+            other, total = points[j], 0.0
+            for b in range(shares.size):
+                total += shares[b] * one[b] * other[b]
+            spread[i, j] = total - mean[i] * mean[j]
 
 
 @part
@@ -297,21 +376,15 @@ def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, m
     d, count = data.points.shape
     powers, mean, slope, step, trial = np.empty(count), np.empty(d), np.empty(d), np.empty(d), np.empty(d)
     hessian, factor = np.empty((d, d)), np.empty((d, d))
-    gain = _gain(logs, data, price, m, estimate, powers)
+    gain = gain_at(logs, data, price, m, estimate, powers)
     for _ in range(most):
         if gain <= floor or d == 0:
             return gain
-        mean[:] = 0.0
-        hessian[:] = 0.0
-        for b in range(count):
-            for i in range(d):
-                mean[i] += powers[b] * data.points[i, b]
-                for j in range(i + 1):
-                    hessian[i, j] += powers[b] * data.points[i, b] * data.points[j, b]
+        moments(powers, data.points, mean, hessian)
         fall = 0.0
         for i in range(d):
             for j in range(i + 1):
-                hessian[i, j] = 4.0 / price**2 * (hessian[i, j] - mean[i] * mean[j])
+                hessian[i, j] *= 4.0 / price**2
             hessian[i, i] += 2.0 / price
             slope[i] = step[i] = 2.0 / price * (estimate[i] - mean[i])
         factored(hessian, factor, d)
@@ -324,7 +397,7 @@ def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, m
         while length > _SHORTEST:
             for i in range(d):
                 trial[i] = estimate[i] - length * step[i]
-            reached = _gain(logs, data, price, m, trial, powers)
+            reached = gain_at(logs, data, price, m, trial, powers)
             if reached <= gain - _ARMIJO * length * fall:
                 break
             length *= _CUT
@@ -334,40 +407,6 @@ def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, m
         for i in range(d):
             estimate[i] = trial[i]
     return gain
-
-
-@woven
-def _power(x: float) -> float:
-    """e^x to some 1e-11 for |x| up to 700, by twelve squarings, because a loop over it is then taken by the lane: a look at
-    all decisions, most of a step's time, takes a fifth of what it takes with the library's function."""
-    y = min(max(x, -_STEEPEST), _STEEPEST) / _SQUARED
-    y = 1.0 + y * (
-        1.0 + y / 2 * (1.0 + y / 3 * (1.0 + y / 4 * (1.0 + y / 5 * (1.0 + y / 6 * (1.0 + y / 7 * (1.0 + y / 8))))))
-    )
-    for _ in range(_SQUARINGS):
-        y *= y
-    return y
-
-
-@part
-def quick_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, powers: Any) -> float:
-    """log c_m at an estimate."""
-    d, count = data.points.shape
-    square, whole, scale = 0.0, 0.0, 1.0 / price
-    for i in range(d):
-        square += estimate[i] * estimate[i]
-    values = data.values[m]
-    for b in range(count):
-        powers[b] = logs[b] + (values[b] + square) * scale
-    for i in range(d):
-        turn, line = 2.0 * scale * estimate[i], data.points[i]
-        for b in range(count):
-            powers[b] -= turn * line[b]
-    for b in range(count):
-        powers[b] = _power(powers[b])
-    for b in range(count):
-        whole += powers[b]
-    return float(np.log(whole))
 
 
 @part
@@ -388,44 +427,43 @@ class SaddleModel(NamedTuple):
     gains: Any  # (n,)
 
 
+@summed
+def _sum_of(weights: Any, one: Any, other: Any) -> float:
+    total = 0.0
+    for b in range(weights.size):
+        total += weights[b] * one[b] * other[b]
+    return total
+
+
 @part
 def _model(weights: Any, data: StepData, price: float, point: Point) -> SaddleModel:
     n, count = point.ratios.shape
     d = data.points.shape[0]
     played = np.flatnonzero(point.law > 0.0)
-    size = played.size * d
-    moves = np.empty((size, count))  # K ∂a/∂μ
+    size, ones = played.size * d, np.ones(count)
+    turns, moves = np.empty((size, count)), np.empty((size, count))  # ∂a/∂μ, and K of it
     for a in range(played.size):
         m = played[a]
         for i in range(d):
-            for b in range(count):
-                turn = 2.0 / price * (point.estimates[m, i] - data.points[i, b])
-                moves[a * d + i, b] = point.law[m] * point.ratios[m, b] * turn
+            turns[a * d + i] = 2.0 / price * (point.estimates[m, i] - data.points[i])
+            moves[a * d + i] = point.law[m] * point.ratios[m] * turns[a * d + i]
     gradient, hessian, mixed = np.zeros(size), np.zeros((size, size)), np.zeros((n, size))
     law, gains = np.zeros((n, n)), np.zeros(n)
+    _products(weights, point, law)
     for m in range(n):
-        for b in range(count):
-            gains[m] += weights[b] * point.ratios[m, b]
-        for k in range(m + 1):
-            for b in range(count):
-                law[m, k] += weights[b] * point.ratios[m, b] * point.ratios[k, b]
-            law[k, m] = law[m, k]
+        gains[m] = _sum_of(weights, point.ratios[m], ones)
         for r in range(size):
-            for b in range(count):
-                mixed[m, r] -= weights[b] * point.ratios[m, b] * moves[r, b]
+            mixed[m, r] = -_sum_of(weights, point.ratios[m], moves[r])
     for r in range(size):
         for s in range(r + 1):
-            for b in range(count):
-                hessian[r, s] -= weights[b] * moves[r, b] * moves[s, b]
+            hessian[r, s] = -_sum_of(weights, moves[r], moves[s])
     for a in range(played.size):
         m = played[a]
         for i in range(d):
             r = a * d + i
-            for b in range(count):
-                gradient[r] += weights[b] * moves[r, b]
-                for j in range(i + 1):
-                    turn = 2.0 / price * (point.estimates[m, j] - data.points[j, b])
-                    hessian[r, a * d + j] += weights[b] * moves[r, b] * turn
+            gradient[r] = _sum_of(weights, moves[r], ones)
+            for j in range(i + 1):
+                hessian[r, a * d + j] += _sum_of(weights, moves[r], turns[a * d + j])
             mixed[m, r] += gradient[r] / point.law[m]
             hessian[r, r] += 2.0 / price * point.law[m] * gains[m]
     return SaddleModel(played, gradient, hessian, mixed, law, gains)

@@ -16,8 +16,9 @@ from inscrutable.kernels.sequential_saddle import (
     Point,
     StepData,
     factored,
+    gain_at,
     least_gain,
-    quick_gain,
+    moments,
     remaining_logs,
     room_for_point,
     saddle_value,
@@ -50,19 +51,8 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
             square += data.points[i, b] ** 2
         farthest = max(farthest, square)
     for k in range(n):
-        mean[:] = 0.0
-        spread[:] = 0.0
-        whole = 0.0
-        for b in range(count):
-            share = weights[b] * point.ratios[k, b]
-            whole += share
-            for i in range(d):
-                mean[i] += share * data.points[i, b]
-                for j in range(i + 1):
-                    spread[i, j] += share * data.points[i, b] * data.points[j, b]
+        moments(weights * point.ratios[k] / (weights @ point.ratios[k]), data.points, mean, spread)
         for i in range(d):
-            for j in range(i + 1):
-                spread[i, j] = spread[i, j] / whole - mean[i] * mean[j] / whole**2
             spread[i, i] += 0.5 * price
         factored(spread, factors[k], d)
     for m in range(len(estimates)):
@@ -130,7 +120,7 @@ def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Poi
     for whole in range(2):
         for m in range(gains.size):
             if whole == 1 or gains[m] > _SOLVED:
-                gains[m] = quick_gain(logs, data, price, m, estimates[m], powers)
+                gains[m] = gain_at(logs, data, price, m, estimates[m], powers)
         for k in range(columns.size):
             gains[columns[k]] = 0.0
         added = _joining(logs, data, price, gains, estimates, _APART * apart)
@@ -183,10 +173,13 @@ def _joined(columns: Any, point: Point, added: Any, gains: Any, estimates: Any) 
 
 
 @part
-def _at_price(weights: Any, data: StepData, price: float, columns: Any, point: Point) -> Any:
-    """The optimal step at a price of information, from some decisions: which are played, how, and the largest log c."""
-    n_columns, d = data.values.shape[0], data.points.shape[0]
-    gains, estimates = np.full(n_columns, -np.inf), np.empty((n_columns, d))
+def _at_price(
+    weights: Any, data: StepData, price: float, columns: Any, point: Point, gains: Any, estimates: Any
+) -> Any:
+    """The optimal step at a price of information, from some decisions: which are played, how, and the largest log c.
+
+    `gains` and `estimates` of all decisions say where to look first.
+    """
     worst = np.inf
     for _ in range(_ROUNDS):
         added = _priced(weights, data, price, columns, point, gains, estimates)
@@ -226,12 +219,14 @@ def _copied(point: Point) -> Point:
 
 
 @kernel
-def solved_step(weights: Any, data: StepData, kept: int) -> Any:
+def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: Any, near_estimates: Any) -> Any:
     """Return the decisions (n,) that are played, their law, the estimates after them, and the largest log c.
 
-    First whether one decision for certain is optimal: `kept`, where its mean regret is the least, or the least one.
+    First whether one decision for certain is optimal: `kept`, where its mean regret is the least, or the least one. Then from
+    decisions `near` that are played in a case like this one, with their law and estimates, where there are any.
     """
     d, count = data.points.shape
+    gains, estimates = np.full(len(data.values), -np.inf), np.empty((len(data.values), d))
     columns = _covering(weights, data)
     point = room_for_point(columns.size, d, count)
     point.law[:] = 1.0 / columns.size
@@ -243,17 +238,23 @@ def solved_step(weights: Any, data: StepData, kept: int) -> Any:
         if kept >= 0 and _is_tied(weights, data, kept, columns[0]):
             columns[0] = kept
         saddle_value(weights, data, data.price, columns, point)
-        gains, estimates = np.full(len(data.values), -np.inf), np.empty((len(data.values), d))
         _priced(weights, data, data.price, columns, point, gains, estimates)
         if gains.max() <= _KEPT:
             return columns, point.law, point.estimates, max(gains.max(), 0.0)
+        if near.size:
+            begun = room_for_point(near.size, d, count)
+            begun.law[:], begun.estimates[:] = np.maximum(near_law, _BACK), near_estimates
+            begun = settled(weights, data, data.price, near, begun)
+            start, begun, worst = _at_price(weights, data, data.price, near, begun, gains, estimates)
+            if worst <= _KEPT:
+                return start, begun.law / begun.law.sum(), begun.estimates, worst
     above = max(data.first_price / data.price, 1.0)
     for _ in range(_WAYS):
         price = above * data.price
         start, begun = columns, _copied(point)
         while True:
             begun = settled(weights, data, price, start, begun)
-            start, begun, worst = _at_price(weights, data, price, start, begun)
+            start, begun, worst = _at_price(weights, data, price, start, begun, gains, estimates)
             if price <= data.price:
                 break
             price = max(_RATIO * price, data.price)

@@ -147,9 +147,9 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array) -> Array:
     """Mean regret, mean loss and bits of every step along the observer's path, and the control variates, shape (3+C,T)."""
     controls = _controls(rule.table)
     found = np.empty((3 + len(controls), len(draws)))
-    state, kept = law.start(), -1
+    state, kept, step = law.start(), -1, None
     for t, draw in enumerate(draws):
-        step = rule.step(law.weights(state), kept)
+        step = rule.step(law.weights(state), kept, step)
         found[:3, t] = step.regret, step.loss, step.bits
         found[3:, t] = controls @ law.weights(state)
         order = np.argsort(step.numbers)  # near laws then draw alike

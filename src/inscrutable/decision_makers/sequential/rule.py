@@ -65,8 +65,8 @@ class SequentialDecisionMaker(Described):
         InputError: An argument is malformed, or the chain has another number of states.
         SolverError: At first use: no price was found at which the budget is met, or a step was not solved to its gap.
 
-    Cost: some milliseconds a step for 500 beliefs and 500 candidates. The calibration simulates some thousand steps: one
-    to three minutes, or ten seconds where information alone counts. Save it, and pass it as `calibration` the next time.
+    Cost: some milliseconds a step for 500 beliefs and 500 candidates. The calibration simulates some thousand steps: half a
+    minute to a minute, or ten seconds where information alone counts. Save it, and pass it as `calibration` the next time.
 
     Source: Tanaka, Esfahani, Mitter, LQG control with minimum directed information (2018), and Kamenica and Gentzkow, Bayesian
     persuasion (2011), for one step.

@@ -114,17 +114,27 @@ class StepRule:
             values = values + (points**2).sum(axis=1)[:, None]
         return values if allowed is None else np.where(allowed, values, -np.inf)
 
-    def step(self, law: Array, kept: int = -1) -> Step:
-        """Return what is played under a law (B,); `kept` is the decision before, which a tie goes to."""
-        from inscrutable.kernels.sequential_saddle import StepData
-        from inscrutable.kernels.sequential_step import solved_step
+    def step(self, law: Array, kept: int = -1, near: Step | None = None) -> Step:
+        """Return what is played under a law (B,); `kept` is the decision before, which a tie goes to.
 
+        `near` is the step of a law like this one, to begin with: the digits that the gap leaves open then depend on it.
+        """
         table = self.table
         heard = np.where(np.asarray(law) >= tolerances.UNHEARD_BELIEF, law, 0.0)
         heard /= heard.sum()
-        numbers, shares, estimates, excess = solved_step(heard, StepData(*self._kernel_parts), int(kept))
-        rows = self._rows(table.points, *self._at(numbers), (shares, estimates))
-        gap = self._gap(heard, rows, (shares, estimates, float(excess)))
+        unit = 1.0 if self._informs_only else table.prior_loss
+        for start in (near, None) if near is not None and table.allowed is None else (None,):
+            found = self._solved(heard, kept, start)
+            numbers, shares, estimates, _ = found
+            rows = self._rows(table.points, *self._at(numbers), (shares, estimates))
+            gap = self._gap(heard, rows, found[1:])
+            if gap <= tolerances.STEP_GAP * unit:
+                break
+        else:
+            raise SolverError(
+                f"a step was solved to {gap:g} of its value, expected {tolerances.STEP_GAP * unit:g} at most: take a larger "
+                "information_price"
+            )
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
         if lost.size:  # next to no weight, and allowed nothing that is played: each plays its own best decision
             own, first, which = np.unique(table.regrets[lost].argmin(axis=1), return_index=True, return_inverse=True)
@@ -134,22 +144,27 @@ class StepRule:
             estimates = np.vstack([estimates, table.points[lost[first], : estimates.shape[1]]])
         return _measured(table, law, rows, (numbers, shares, estimates, gap))
 
+    def _solved(self, law: Array, kept: int, near: Step | None) -> tuple[np.ndarray, Array, Array, float]:
+        """Decisions, their law, the estimates after them, and by how much any other tempts at most."""
+        from inscrutable.kernels.sequential_saddle import StepData
+        from inscrutable.kernels.sequential_step import solved_step
+
+        if near is None:
+            begun = np.empty(0, np.int64), np.empty(0), np.empty((0, len(self._kernel_parts[0])))
+        else:
+            begun = near.numbers, near.law, near.estimates
+        numbers, shares, estimates, excess = solved_step(law, StepData(*self._kernel_parts), int(kept), *begun)
+        return numbers, shares, estimates, float(excess)
+
     def _gap(self, law: Array, rows: Array, found: tuple[Array, Array, float]) -> float:
         """How far the value is from the optimum at most: Σ_m (p_m |mean_m − μ_m|² − λ p_m log(p_m/q_m)) + λ max log c."""
         shares, estimates, excess = found
         played = law @ rows
         ratios = np.log(np.divide(played, shares, out=np.ones_like(played), where=played > 0))
         gap = self.price * (max(excess, float(ratios.max())) - float(played @ ratios))
-        unit = 1.0
         if not self._informs_only:
-            unit = self.table.prior_loss
             moved = rows.T @ (law[:, None] * self.table.points) - played[:, None] * estimates
             gap += float((moved**2).sum(axis=1) @ np.divide(1.0, played, out=np.zeros_like(played), where=played > 0))
-        if not gap <= tolerances.STEP_GAP * unit:
-            raise SolverError(
-                f"a step was solved to {gap:g} of its value, expected {tolerances.STEP_GAP * unit:g} at most: take a larger "
-                "information_price"
-            )
         return max(gap, 0.0)
 
     def _at(self, numbers: np.ndarray) -> tuple[Array, np.ndarray | None]:

@@ -108,7 +108,10 @@ class SequentialPlay:
         # The error after the first decision is known, and paths say how much it falls from there. A slope fitted to a dozen
         # paths in place of one would be luck.
         since = found.squared[at] - found.squared[0]
-        squared, spread = since.mean(axis=1) + maker.begin().expected.loss, since.std(axis=1, ddof=1) / np.sqrt(STILL_PATHS)
+        squared, spread = (
+            since.mean(axis=1) + maker.begin().expected.loss,
+            since.std(axis=1, ddof=1) / np.sqrt(STILL_PATHS),
+        )
         errors = np.sqrt(np.maximum(squared, 0.0))
         return Repeated(
             errors,

@@ -313,6 +313,8 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
         decision_in(regions, number, w, limits.bound, plans.actions[t, BEST])
         if not has_multipliers(regions, number, n_states):
             _ask_all_told(regions, number, t, plans)
+        elif not is_point and not is_set:
+            _ask_for_freed(regions, number, aim, rules, limits, w, t, search)
         _ask_at_corner(regions, number, limits, w, nearest, BEST, t, plans)
     if is_set:
         _ask_at_corner(regions, number, limits, v, far, FAR, t, plans)

@@ -28,7 +28,9 @@ from inscrutable.kernels.region_climb import Scene
 from inscrutable.validation import Array
 
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
-_STARTS = 12  # candidates that a search at a price starts from; with 4, 6 of 900 beliefs over three states lose up to 6 %
+_STARTS = (
+    12  # candidates that a search at a price starts from; with 4, 6 of 900 beliefs over three states lose up to 6 %
+)
 _NEW = 4  # decisions that a search at a price adds at most
 _ROUNDS = 8  # prices; most chords are closed after three
 _KNOWN = 3 + _NEW * _ROUNDS  # decisions kept of a belief: three known beforehand, and what is added

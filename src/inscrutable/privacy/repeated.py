@@ -171,7 +171,7 @@ def repeated_leakage(
 
 
 def _averages(sampled: _Sampled) -> tuple[Array, Array]:
-    """Means of the three figures and their standard errors, less what the figures of known mean explain of the luck."""
+    """Means of the three figures and their standard errors, with figures of known mean as control variates."""
     means, errors = adjusted_means(np.array(sampled[:3]).T, np.array(sampled[3:]).T)
     return np.maximum(means, 0.0), errors
 

@@ -1,4 +1,4 @@
-"""Averages of sampled figures, less what figures of known mean explain of the luck."""
+"""Averages of sampled figures, with control variates."""
 
 from __future__ import annotations
 

@@ -61,7 +61,8 @@ MISSED = {"X8-U90-gamma0.4-seed174-open-0.02"}
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.xfail] if name in MISSED else []) for name in INSTANCES]
+    "name",
+    [pytest.param(name, marks=[pytest.mark.xfail(reason="missed")] if name in MISSED else []) for name in INSTANCES],
 )
 def test_a_decision_is_as_private_as_the_best_known(name):
     instance = INSTANCES[name]

@@ -296,6 +296,24 @@ def test_identical_states_say_nothing_even_in_the_interior():
     assert found.distance([1.0, 0, 0, 0]) == pytest.approx(0, abs=1e-9)
 
 
+@settings(max_examples=60, deadline=None)
+@given(SEEDS, st.integers(1, 4), st.sampled_from(["simplex", "box"]))
+def test_states_that_want_the_same_decision_say_nothing_about_themselves(seed, n_states, kind):
+    """Gradients are rounding there, and every belief explains the decision."""
+    rng = np.random.default_rng(seed)
+    factors = rng.normal(size=(n_states, 3, 5))
+    hessians = factors @ factors.transpose(0, 2, 1)
+    wanted = rng.dirichlet(np.ones(3)) if kind == "simplex" else rng.uniform(-0.3, 0.8, 3)
+    region = simplex(3) if kind == "simplex" else box(np.full(3, -0.5), np.ones(3))
+    problem = QuadraticProblem(hessians, -(hessians @ wanted), constraints=region)
+    belief = rng.dirichlet(np.ones(n_states))
+    action = problem.solve(belief)
+    found = consistent_beliefs(problem, action)
+    assert found.dimension == n_states - 1
+    assert found.contains(belief)
+    assert consistent_sets(problem, action[None]).dimension[0] == min(n_states - 1, 2)
+
+
 def test_one_state_one_asset_and_both():
     one_state = MarkowitzProblem([[0.1, 0.2]], [np.eye(2)], 1.0)
     found = consistent_beliefs(one_state, one_state.solve([1.0]))

@@ -272,7 +272,7 @@ three digits then. Below it costs are used as they are given."""
 
 LEAST_DIFFERENCE = 1e-5
 """Differences of gradients across decisions count as no smaller than this share of the gradients, over `COMMON_COST`: their
-rounding, 1e-16, then stays a tenth of `EXPLAINED`."""
+rounding, 1e-16, then stays a tenth of `EXPLAINED`. Gradients count as no smaller than this share of the terms they add up."""
 
 EXACT_COST = 1e-13
 """The same for quadratic programmes solved by active sets: stationary to 1e-12, so optimal to its square and rounding."""

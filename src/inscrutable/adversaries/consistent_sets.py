@@ -136,7 +136,7 @@ def consistent_sets(problem: DecisionProblem, actions: Array, members: Array | N
     for number, pattern in enumerate(patterns):
         index = np.flatnonzero(pattern_of == number)
         rows = region.stationarity(pattern)
-        scaled = scaled_gradients(form.gradients(points[index]), common).transpose(0, 2, 1)
+        scaled = scaled_gradients(form.gradients(points[index]), common, form.size).transpose(0, 2, 1)
         inequalities = rows.inequalities @ scaled
         equalities = rows.equalities @ scaled
         dimension[index], ends[index] = described_sets(equalities, inequalities, tolerances.EXPLAINED)

@@ -57,18 +57,20 @@ def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = toleran
         form = smooth_form_of(problem)
         point, region = form.variables(u), form.constraints
         rows = region.stationarity(region.tight_rows(point))
-        scaled = scaled_gradients(form.gradients(point[None]), orth(region.A_eq.T))[0].T
+        scaled = scaled_gradients(form.gradients(point[None]), orth(region.A_eq.T), form.size)[0].T
         equalities, inequalities = rows.equalities @ scaled, rows.inequalities @ scaled
     gap = partial(gap_compared, problem, u)
     return BeliefSet(equalities, inequalities, tolerance, gap, problem.state_names)
 
 
-def scaled_gradients(gradients: Array, common: Array) -> Array:
+def scaled_gradients(gradients: Array, common: Array, size: float) -> Array:
     """Return gradients (M,X,U) over their largest entry; where most of that lies along the equalities, of which `common`
-    (U,e) is an orthonormal basis and which say nothing of a belief, over a thousand times what does not."""
+    (U,e) is an orthonormal basis and which say nothing of a belief, over a thousand times what does not. Where terms of
+    this `size` cancel, what remains is rounding."""
     scale = np.abs(gradients).max(axis=(1, 2), initial=0.0)
     across = np.abs(gradients - gradients @ common @ common.T).max(axis=(1, 2), initial=0.0)
     scale = np.clip(tolerances.COMMON_COST * across, tolerances.LEAST_DIFFERENCE * scale, scale)
+    scale = np.maximum(scale, tolerances.LEAST_DIFFERENCE * size)
     return np.asarray(gradients / np.where(scale > 0, scale, 1.0)[:, None, None])
 
 

@@ -17,11 +17,12 @@ from inscrutable.kernels.options import kernel, part
 
 
 class Costs(NamedTuple):
-    """H (X,U,U), g (X,U), r (X,)."""
+    """H (X,U,U), g (X,U), r (X,), and the least size of gradients that are not rounding."""
 
     hessians: Any
     linear: Any
     constants: Any
+    least: float
 
 
 class Region(NamedTuple):
@@ -169,8 +170,8 @@ def _is_finite(u: Any) -> bool:
 
 
 @part
-def _scaled(table: Any) -> None:
-    scale = 0.0
+def _scaled(table: Any, scale: float) -> None:
+    """Divide by the largest entry, or by this scale where that is larger."""
     for j in range(table.shape[0]):
         for i in range(table.shape[1]):
             scale = max(scale, abs(table[j, i]))
@@ -212,7 +213,7 @@ def judge_trials(
         known = _pattern_of(judged.tight, patterns)
         if known < 0:
             return t
-        _scaled(table)
+        _scaled(table, costs.least)
         k, m = patterns.counts[known, 0], patterns.counts[known, 1]
         _times(patterns.residual_rows[known], k, table, residuals)
         _times(patterns.multiplier_rows[known], m, table, multipliers)

@@ -109,7 +109,14 @@ class ConvexProblem(DecisionProblem):
 
     def smooth_form(self) -> SmoothForm | None:
         """Return the costs with their gradients, None where they have kinks."""
-        return super().smooth_form() if self.differentiable else None
+        return SmoothForm(self.constraints, self.cost_gradients, size=self._gradient_size) if self.differentiable else None
+
+    @cached_property
+    def _gradient_size(self) -> float:
+        """How large gradients are where the search begins; 0 where they are infinite there."""
+        with np.errstate(all="ignore"):
+            size = float(np.abs(self._gradients(self._start[None])).max(initial=0.0))
+        return size if np.isfinite(size) else 0.0
 
     @property
     def cost_accuracy(self) -> float:  # type: ignore[override]

@@ -116,6 +116,8 @@ class SmoothForm(_Form):
         constraints: The feasible set of v.
         gradients: ∇c(i,v) for variables (m,V), shape (m,X,V).
         lift: From decisions to variables and back; None where v = u.
+        size: Size of the terms whose sum the gradients are, in the cost's unit; gradients that are smaller by as much as
+            rounding are counted as zero. 0 where it is not known.
 
     Source: the paper, Theorem 1.
 
@@ -129,3 +131,4 @@ class SmoothForm(_Form):
     constraints: Polyhedron
     gradients: Callable[[Array], Array]
     lift: Lift | None = None
+    size: float = 0.0

@@ -15,7 +15,7 @@ from inscrutable.geometry.morton import morton_order
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.copied_coordinates import Merged, merged_copies
-from inscrutable.problems.forms import LinearForm, QuadraticForm
+from inscrutable.problems.forms import LinearForm, QuadraticForm, SmoothForm
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
@@ -107,6 +107,11 @@ class QuadraticProblem(DecisionProblem):
         """Return g_i and C where no cost bends."""
         flat = self._has_these_costs and not self.hessians.any()
         return LinearForm(self.linear, self.constraints) if flat else None
+
+    def smooth_form(self) -> SmoothForm:
+        """Return the costs' gradients and the size of g_i: H_i u is as large where the two cancel."""
+        size = float(np.abs(self.linear).max(initial=0.0)) if self._has_these_costs else 0.0
+        return SmoothForm(self.constraints, self.cost_gradients, size=size)
 
     @property
     def _has_these_costs(self) -> bool:

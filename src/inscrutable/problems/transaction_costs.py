@@ -198,7 +198,8 @@ class TradingProblem(DecisionProblem):
 
     def smooth_form(self) -> SmoothForm:
         """Return the same with its gradients; an observer counts as the kink what is tight."""
-        return SmoothForm(self._lifted.constraints, self._lifted.cost_gradients, Lift(self._trades, self._traded))
+        form = self._lifted.smooth_form()
+        return SmoothForm(form.constraints, form.gradients, Lift(self._trades, self._traded), form.size)
 
     def _trades(self, actions: Array) -> Array:
         """Purchases, sales, and what has no kink, of decisions (…,U)."""

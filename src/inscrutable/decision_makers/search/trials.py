@@ -85,7 +85,7 @@ class QuadraticJudge:
         equal_scales = np.abs(region.A_eq).max(axis=1, initial=0.0)
         rows = (region.A_ub, region.b_ub, region.row_scale, region.A_eq, region.b_eq, equal_scales)
         self._fixed = (
-            kernel.Costs(*map(_own, parts)),
+            kernel.Costs(*map(_own, parts), tolerances.LEAST_DIFFERENCE * problem.smooth_form().size),
             kernel.Region(*map(_own, rows)),
             kernel.Slack(region.observed_slack, tolerances.FEASIBILITY, float(region.min_slack)),
         )

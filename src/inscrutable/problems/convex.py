@@ -109,7 +109,9 @@ class ConvexProblem(DecisionProblem):
 
     def smooth_form(self) -> SmoothForm | None:
         """Return the costs with their gradients, None where they have kinks."""
-        return SmoothForm(self.constraints, self.cost_gradients, size=self._gradient_size) if self.differentiable else None
+        return (
+            SmoothForm(self.constraints, self.cost_gradients, size=self._gradient_size) if self.differentiable else None
+        )
 
     @cached_property
     def _gradient_size(self) -> float:

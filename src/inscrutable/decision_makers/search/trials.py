@@ -81,12 +81,12 @@ class QuadraticJudge:
         region, size = problem.constraints, problem.n_actions
         n_rows = len(region.b_ub)
         self._problem, self._point = problem, reference.point
-        parts = map(_own, (problem.hessians, problem.linear, problem.constants))
+        hessians, linear, constants = map(_own, (problem.hessians, problem.linear, problem.constants))
         least = tolerances.LEAST_DIFFERENCE * problem.smooth_form().size
         equal_scales = np.abs(region.A_eq).max(axis=1, initial=0.0)
         rows = (region.A_ub, region.b_ub, region.row_scale, region.A_eq, region.b_eq, equal_scales)
         self._fixed = (
-            kernel.Costs(*parts, least=least),
+            kernel.Costs(hessians, linear, constants, least),
             kernel.Region(*map(_own, rows)),
             kernel.Slack(region.observed_slack, tolerances.FEASIBILITY, float(region.min_slack)),
         )

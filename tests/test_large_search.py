@@ -56,14 +56,7 @@ def test_the_kept_decisions_of_the_oracle_are_worth_what_it_says(name):
     assert verdict.privacy == pytest.approx(known.privacy, abs=CLOSE)
 
 
-MISSED = {"X8-U90-gamma0.4-seed174-open-0.02"}
-"""Kept decisions that the search does not find again."""
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.xfail(reason="missed")] if name in MISSED else []) for name in INSTANCES],
-)
+@pytest.mark.parametrize("name", INSTANCES)
 def test_a_decision_is_as_private_as_the_best_known(name):
     instance = INSTANCES[name]
     decision = decided(instance)

@@ -107,7 +107,6 @@ class Tolerances(NamedTuple):
     reach: float  # a row is in reach up to this slack or multiplier
     bound: float  # a coordinate this near to a bound of its own is put on it
     patience: int  # regions whose neighbours are searched in vain before a search ends
-    freed: int  # tight rows that are freed, one at a time, where a set is larger than a point
 
 
 @bare
@@ -229,11 +228,13 @@ def _ask_at_corner(
 
 
 @woven
-def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, limits: Any, w: Any, t: int, search: Any) -> None:
+def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: int, search: Any) -> None:
     """Where the set of a decision is larger than a point: ask for the few tight rows that, freed, lead to the best members.
 
-    Where no member has a zero multiplier at this decision, the least multipliers at the farthest belief count instead: other
-    decisions of the region may meet those rows.
+    One row a state: with three 1 of 22 decisions over eight states loses 2 %, and lotteries over six states up to 6 %; with
+    six nothing is gained over three and four states, and a fifth of the time is lost. Where no member has a zero multiplier
+    at this decision, the least multipliers at the farthest belief count instead: other decisions of the region may meet
+    those rows.
     """
     _, plans, room = search
     n_states, n_told, far = rules.basis.shape[0], regions.n_told[number], plans.decoys[t, FAR]
@@ -245,7 +246,7 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, limits: Any,
             put(far, room.members[r])
             room.values[r] = -_UNMET - _row_at(face.rows[n_states + r], far, w)
     put_descending(room.values[:n_told], room.order)
-    for j in range(min(limits.freed, n_told)):
+    for j in range(min(n_states, n_told)):
         r = room.order[j]
         put(room.members[r], plans.decoys[t, FAR + 1 + j])
         _ask(regions, number, regions.told[number, r], FAR + 1 + j, t, plans)
@@ -314,12 +315,12 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
         if not has_multipliers(regions, number, n_states):
             _ask_all_told(regions, number, t, plans)
         elif not is_point and not is_set:
-            _ask_for_freed(regions, number, aim, rules, limits, w, t, search)
+            _ask_for_freed(regions, number, aim, rules, w, t, search)
         _ask_at_corner(regions, number, limits, w, nearest, BEST, t, plans)
     if is_set:
         _ask_at_corner(regions, number, limits, v, far, FAR, t, plans)
         if has_multipliers(regions, number, n_states):
-            _ask_for_freed(regions, number, aim, rules, limits, v, t, search)
+            _ask_for_freed(regions, number, aim, rules, v, t, search)
             _ask_into_corner(regions, number, n, limits, v, far, t, search)
     if plans.n_missing[t] > 0:
         return

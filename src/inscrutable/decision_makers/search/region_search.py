@@ -68,9 +68,8 @@ is spent and the row is met nothing is left to begin with."""
 _RAY_STEPS, _SPARED, _FARTHER = 8, 0.02, 4.0
 """Steps on a ray, the share of the budget that is not spent there, and the longest step. Without them two of 60 beliefs
 over two states with budgets of 1e-5 are lost."""
-_PATIENCE, _PATIENCE_IN_PLANE, _FREED = 10, 4, 3
-"""Regions whose neighbours are searched in vain before a search ends: with 3, X = 5 loses twice as much; and tight rows that
-are freed, one at a time, where a set is larger than a point: with all of them nothing is gained."""
+_PATIENCE, _PATIENCE_IN_PLANE = 10, 4
+"""Regions whose neighbours are searched in vain before a search ends: with 3, X = 5 loses twice as much."""
 
 
 class Best(NamedTuple):
@@ -100,7 +99,7 @@ def rules_for(n_states: int) -> Rules:
     )
 
 
-_LIMITS = Tolerances(tolerances.POLISH, tolerances.ROW_IN_REACH, tolerances.STATIONARITY, _PATIENCE, _FREED)
+_LIMITS = Tolerances(tolerances.POLISH, tolerances.ROW_IN_REACH, tolerances.STATIONARITY, _PATIENCE)
 
 
 def _limits_for(n_states: int) -> Tolerances:
@@ -197,11 +196,11 @@ def _explored(atlas: Atlas, count: int) -> Explored:
 def _plans(atlas: Atlas, starts: Starts) -> Plans:
     count, n_states, n_actions = len(starts.first) - 1, atlas.problem.n_states, atlas.problem.n_actions
     # All starts; every row from the best and from the farthest decision, freed ones, and those of a corner.
-    around = 2 * len(atlas.problem.constraints.b_ub) + _FREED + n_states
+    around = 2 * (len(atlas.problem.constraints.b_ub) + n_states)
     most = max(int(np.diff(starts.first).max(initial=0)), around)
     return Plans(
         np.empty(count), np.zeros(count, dtype=np.int64), np.empty((count, most), dtype=np.int64),
-        np.empty((count, most), dtype=np.int64), np.empty((count, FAR + 1 + _FREED, n_states)),
+        np.empty((count, most), dtype=np.int64), np.empty((count, FAR + 1 + n_states, n_states)),
         np.empty((count, FAR + 1, n_actions)), np.zeros(count, dtype=np.int64),
         np.empty((count, most, 2), dtype=np.int64),
     )  # fmt: skip

@@ -35,11 +35,13 @@ def random_region(rng: np.random.Generator, kind: str, size: int) -> Polyhedron:
         return around & cut
     if kind == "redundant":
         return around & cut & invested & Polyhedron([rows[0] + rows[1], ones], [sides[0] + sides[1], 1.0])
-    if kind == "duplicated":
-        return around & cut & cut & around
+    if kind == "duplicated":  # in one set: an intersection keeps each limit once
+        both = around & cut
+        return Polyhedron(np.vstack([both.A_ub, both.A_ub]), np.tile(both.b_ub, 2))
     if kind == "scaled":
         units = 10.0 ** rng.integers(-3, 4, size=count)
-        return around & cut & Polyhedron(rows * units[:, None], sides * units) & Polyhedron(7.3 * rows, 7.3 * sides)
+        scaled = (rows, rows * units[:, None], 7.3 * rows), (sides, sides * units, 7.3 * sides)
+        return around & Polyhedron(np.vstack(scaled[0]), np.concatenate(scaled[1]))
     if kind == "opposite rows":
         return around & cut & Polyhedron([ones, -ones], [1.0, -1.0])
     if kind == "repeated equality":

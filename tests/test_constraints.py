@@ -39,6 +39,12 @@ def test_a_box_drops_its_infinite_bounds():
     assert region.names == ("u[0] >= 0", "u[1] <= 2")
 
 
+def test_an_intersection_keeps_each_limit_once():
+    region = simplex(2) & box([0.0, 0.2], [0.7, np.inf]) & Polyhedron([[2.0, 2.0], [3.0, 0.0]], [4.0, 2.1])
+    assert region.names == ("u[0] >= 0", "u[1] >= 0.2", "u[0] <= 0.7", "A_ub[0]", "sum(u) = 1")
+    assert region.slacks([0.5, 0.5]).round(12).tolist() == [0.5, 0.3, 0.2, 1.0]
+
+
 def test_intersection_keeps_rows_names_and_the_larger_slack():
     first = Polyhedron([[1.0, 0.0]], [0.5], [[1.0, 1.0]], [1.0], names=["cap", "net"], min_slack=1e-3)
     second = Polyhedron([[0.0, -1.0]], [0.0], names=["floor"], min_slack=0.0)

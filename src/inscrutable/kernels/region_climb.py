@@ -191,7 +191,8 @@ def search_lines(low: int, high: int, climbs: Any, scene: Any, regions: Any, rul
 def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
     """Improve the spots of climbs low..high in regions of more coordinates with sets larger than points.
 
-    The slopes of the set are followed from the best ends of lines through the cheapest decision, and from the best so far.
+    The slopes of the set are followed from the best ends of lines through the cheapest decision, from the decision that the
+    climb was given, and from the best so far.
     """
     n_states = rules.basis.shape[0]
     for s in range(low, high):
@@ -199,10 +200,11 @@ def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rule
         k = regions.size[number]
         if regions.is_point[number] or k < 2 or _is_hopeless(climbs, spots, rules, s):
             continue
-        face, best = face_of(regions, number, n_states), np.empty(k + 1)
-        if not np.isnan(climbs.actions[s, 0]):
-            locate(regions, number, climbs.actions[s], best)
-            _keep(face, aim, rules, best, 0.0, spots, s, room)
+        face, best, given = face_of(regions, number, n_states), np.empty(k + 1), np.empty(k + 1)
+        is_given = not np.isnan(climbs.actions[s, 0])
+        if is_given:
+            locate(regions, number, climbs.actions[s], given)
+            _keep(face, aim, rules, given, 0.0, spots, s, room)
         if not _begin(climbs, regions, spots, s, best):
             continue
         centre, member = best.copy(), climbs.decoys[s].copy()
@@ -212,10 +214,12 @@ def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rule
         found = np.empty((_STARTS, k + 1))
         n_found = look_around(face, aim, rules, centre, spots.numbers[s, 0], found, room.distance)
         held = _with_equalities(face)
-        for e in range(n_found + 1):
+        for e in range(n_found + 1 + is_given):
             trial, y = best.copy(), member.copy()
             if e < n_found:
                 put(found[e], trial)
+            elif e > n_found:
+                put(given, trial)
             # Where no belief explains the start, the climb moves it and the known member together.
             nearest_belief(face, trial, aim.point, rules, NO_ROW, y, room.distance)
             value, weight = ascend(face, held, aim, rules, trial, y, _ROUNDS, room.distance)

@@ -210,19 +210,25 @@ class Polyhedron:
         return found
 
     def __and__(self, other: Polyhedron) -> Polyhedron:
-        """Return the intersection; names are kept, coordinates aligned by them, the larger `min_slack` is used."""
+        """Return the intersection; names are kept, coordinates aligned by them, the larger `min_slack` is used.
+
+        Of inequalities with the same direction the tighter one is kept, the first of equal ones: an observer and a search
+        count each limit once.
+        """
         if not isinstance(other, Polyhedron):
             return NotImplemented
         if other.n_actions != self.n_actions:
             raise InputError(f"cannot intersect sets in {self.n_actions} and {other.n_actions} coordinates")
         other = other.in_order(Axis("asset", self.asset_names, learns=True), "the second set")
         n, m = len(self.b_ub), len(other.b_ub)
+        rows, sides = np.vstack([self.A_ub, other.A_ub]), np.concatenate([self.b_ub, other.b_ub])
+        kept, names = _tightest(rows, sides), self.names[:n] + other.names[:m]
         return Polyhedron(
-            np.vstack([self.A_ub, other.A_ub]),
-            np.concatenate([self.b_ub, other.b_ub]),
+            rows[kept],
+            sides[kept],
             np.vstack([self.A_eq, other.A_eq]),
             np.concatenate([self.b_eq, other.b_eq]),
-            names=self.names[:n] + other.names[:m] + self.names[n:] + other.names[m:],
+            names=[*(names[row] for row in kept), *self.names[n:], *other.names[m:]],
             min_slack=max(self.min_slack, other.min_slack),
             asset_names=other.asset_names,
         )
@@ -311,6 +317,14 @@ def _rows(
     if rows.shape[0] != sides.shape[0]:
         raise InputError(f"A_{kind} has {rows.shape[0]} rows but b_{kind} has {sides.shape[0]} entries")
     return rows, sides
+
+
+def _tightest(rows: Array, sides: Array) -> np.ndarray:
+    """The numbers, in order, of rows (m,U) that are the first tightest of their direction."""
+    scale = np.abs(rows).max(axis=1, initial=0.0)
+    order = np.lexsort((np.arange(len(sides)), sides / scale))
+    _, first = np.unique((rows / scale[:, None] + 0.0)[order], axis=0, return_index=True)
+    return np.sort(order[first])
 
 
 def _row_names(A: ArrayLike | None, name: str, count: int) -> list[str]:

@@ -278,10 +278,13 @@ class SomeStarts(NamedTuple):
     promise: Array  # (n,)
 
 
-def _promises(scene: Scene, steps: np.ndarray, decoys: Array, factor: Array | float) -> Array:
+def _promises(atlas: Atlas, scene: Scene, steps: np.ndarray, numbers: np.ndarray, decoys: Array) -> Array:
+    """What climbs of beliefs `steps` (n,) in regions `numbers` (n,) may reach from decoys (n,X), without what they cost."""
     # Near a ray little is farther than its end; toward a target nothing is better than the target itself.
     if scene.sign < 0:
         return np.zeros(len(steps))
+    atlas.partition.make(numbers)
+    factor = np.where(atlas.partition.arrays.is_point[numbers], _PROMISE, _SET_PROMISE)
     factor = np.where(scene.prices[steps] > 0.0, 1.0 + _AT_PRICE * (factor - 1.0), factor)
     return np.asarray(factor * np.linalg.norm(decoys - scene.points[steps], axis=1))
 
@@ -292,8 +295,11 @@ def _candidate_starts(atlas: Atlas, scene: Scene, chosen: np.ndarray, values: Ar
     decoys = atlas.table.decoys[index]
     # At a price the value of a candidate is less than its distance by what it costs.
     cost = np.linalg.norm((decoys - scene.points[steps]) @ atlas.axes, axis=1) - scene.sign * values[steps, places]
-    promise = _promises(scene, steps, decoys, _PROMISE) - np.where(scene.prices[steps] > 0.0, scene.sign * cost, 0.0)
-    return SomeStarts(steps, atlas.table.region[index], decoys, atlas.actions[index], promise)
+    numbers = atlas.table.region[index]
+    promise = _promises(atlas, scene, steps, numbers, decoys) - np.where(
+        scene.prices[steps] > 0.0, scene.sign * cost, 0.0
+    )
+    return SomeStarts(steps, numbers, decoys, atlas.actions[index], promise)
 
 
 def _edge_starts(atlas: Atlas, scene: Scene) -> Iterator[SomeStarts]:
@@ -360,10 +366,7 @@ def starts_at(atlas: Atlas, scene: Scene, steps: np.ndarray, decoys: Array, acti
     other = np.flatnonzero((seen != exact).any(axis=1))
     which = np.concatenate([np.arange(len(steps)), other])
     numbers = atlas.partition.numbers(np.concatenate([seen, exact[other]]))
-    atlas.partition.make(numbers)
-    many = ~atlas.partition.arrays.is_point[numbers]
-    factor = np.where(many, _SET_PROMISE, _PROMISE)
-    promise = _promises(scene, steps[which], decoys[which], factor)
+    promise = _promises(atlas, scene, steps[which], numbers, decoys[which])
     if scene.prices.any():
         costs = (atlas.problem.state_costs(actions) * scene.beliefs[steps]).sum(axis=1) - scene.optimal_costs[steps]
         promise -= (scene.prices[steps] * costs)[which]

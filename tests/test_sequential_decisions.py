@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,10 +20,12 @@ from inscrutable import (
     Prior,
     SequentialDecisionMaker,
     decoy_grid,
+    tolerances,
     uniform_prior,
 )
 from inscrutable.decision_makers.sequential import calibration
 from inscrutable.decision_makers.sequential.ceiling import _bound
+from inscrutable.decision_makers.sequential.step import Prices
 from inscrutable.errors import InputError, SolverError
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 
@@ -177,6 +180,24 @@ def test_the_ceiling_is_the_least_bound_of_all_prices(fresh_rng: np.random.Gener
     prices = table.prior_loss / silence * np.geomspace(0.05, 20.0, 80)
     bounds = [found.value for found in (_bound(table, price, maker.limit) for price in prices) if found is not None]
     assert maker.ceiling == pytest.approx(min(bounds), rel=2e-3)
+
+
+def test_a_price_is_found_where_regret_falls_steeply(fresh_rng: np.random.Generator) -> None:
+    """The regret is a power of the price, and short simulations are off by more than what is near enough."""
+    maker = maker_of(fresh_rng)
+    asked: list[int] = []
+
+    def tried(market: Any, prices: Prices, n_steps: int) -> calibration.PriceTrial:
+        asked.append(n_steps)
+        regret = market.limit * (prices.regret / (50.0 - 40.0 / n_steps)) ** -12
+        return calibration.PriceTrial(prices.regret, regret, 0.0, 0.1, 0.0, 0.1)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration, "tried", tried)
+        found = calibration.calibrated(maker.table, maker.law, maker.limit, ALONE, fresh_rng)
+    assert found.status is PriceStatus.CALIBRATED
+    assert found.regret == pytest.approx(maker.limit, rel=tolerances.SPENDING_MET)
+    assert asked.count(max(asked)) <= 3
 
 
 def test_a_budget_that_a_cap_keeps_from_being_spent_says_so(fresh_rng: np.random.Generator) -> None:

@@ -30,7 +30,7 @@ _SHARES = (float("inf"), 1.0, 0.3, 0.1, 0.03)
 gained by 0.01 and 0 (.138 and .137 against .137 on a chain that rests, three states), which take three times as long as all
 others."""
 _PATHS = 2  # simulated at a time, on as many threads
-_COARSE, _FINE, _LAST = 40, 150, 500  # steps of each path: to compare prices, to find one, and to measure it
+_COARSE, _FINE, _LAST = 40, 150, 1000  # steps of each path: to compare prices, to find one, and to measure it
 _SKIPPED = 20  # first steps, in which the observer knows less than in the long run
 _BATCH = 50  # steps whose mean counts as one observation: several times what a law remembers
 _NEAR, _LEAP, _NARROW = 0.02, 0.1, 1.02  # regrets that are near enough, that leap, and prices that are one
@@ -188,15 +188,17 @@ def _narrowed(
     for _ in range(_MOST_TRIALS):
         if high.price <= low.price * _NARROW:
             break
-        share = np.log(low.regret / market.limit) / np.log(
-            low.regret / max(high.regret, tolerances.SILENT_PRICE * low.regret)
-        )
-        share = float(np.clip(share, 0.15, 0.85))
-        trial = tried(market, Prices(float(low.price * (high.price / low.price) ** share), told), n_steps)
+        trial = tried(market, Prices(_between(market.limit, low, high), told), n_steps)
         if abs(trial.regret - market.limit) <= _NEAR * market.limit:
             return trial, trial
         low, high = (trial, high) if trial.regret > market.limit else (low, trial)
     return low, high
+
+
+def _between(limit: float, low: PriceTrial, high: PriceTrial) -> float:
+    """The price where a line through the logarithms of two trials meets the limit."""
+    share = np.log(low.regret / limit) / np.log(low.regret / max(high.regret, tolerances.SILENT_PRICE * low.regret))
+    return float(low.price * (high.price / low.price) ** np.clip(share, 0.15, 0.85))
 
 
 def _share(limit: float, low: PriceTrial, high: PriceTrial) -> float:
@@ -221,18 +223,38 @@ def _refined(market: _Market, told: float, ends: tuple[PriceTrial, PriceTrial]) 
         low, high = (tried(market, Prices(each.price, told), _FINE) for each in ends)
         if _leaps(market.limit, low, high):
             return _made(market.limit, told, [low, high])
-    near = ends[0] if abs(ends[0].regret - market.limit) < abs(ends[1].regret - market.limit) else ends[1]
-    price, last = near.price, near
-    for n_steps, most in ((_FINE, 4), (_LAST, 6)):
-        for _ in range(most):
-            trial = tried(market, Prices(price, told), n_steps)
-            apart = abs(trial.regret - market.limit)
-            if apart <= max(tolerances.SPENDING_MET * market.limit, 0.5 * trial.regret_se) or not trial.regret > 0:
-                break
-            slope = _slope(last, trial)
-            price = trial.price * float(np.clip((market.limit / trial.regret) ** (1.0 / slope), 0.7, 1.4))
-            last = trial
-    return _met(_made(market.limit, told, [trial]))
+    near, slope = _nearest(market.limit, ends), -1.0
+    for n_steps, most in ((_FINE, 4), (_LAST, 5)):
+        near, slope = _approached(market, Prices(near.price, told), slope, n_steps, most)
+    return _met(_made(market.limit, told, [near]))
+
+
+def _nearest(limit: float, trials: Sequence[PriceTrial]) -> PriceTrial:
+    return min(trials, key=lambda each: abs(each.regret - limit))
+
+
+def _approached(market: _Market, prices: Prices, slope: float, n_steps: int, most: int) -> tuple[PriceTrial, float]:
+    """The nearest to the limit of some trials of so many steps, and d log regret / d log price as it was seen last.
+
+    Regrets of shorter or longer trials are off by another error, so that they bracket nothing here.
+    """
+    limit, trials = market.limit, list[PriceTrial]()
+    low = high = None
+    for _ in range(most):
+        trial = tried(market, prices, n_steps)
+        trials.append(trial)
+        if abs(trial.regret - limit) <= max(tolerances.SPENDING_MET * limit, 0.5 * trial.regret_se):
+            break
+        low, high = (trial, high) if trial.regret > limit else (low, trial)
+        slope = _slope(trials[-2], trial) if len(trials) > 1 else slope
+        if low is not None and high is not None:
+            price = _between(limit, low, high)
+        elif trial.regret > 0:
+            price = trial.price * float(np.clip((limit / trial.regret) ** (1.0 / slope), 0.7, 1.4))
+        else:
+            break
+        prices = prices._replace(regret=price)
+    return _nearest(limit, trials), slope
 
 
 def _met(found: PriceCalibration) -> PriceCalibration:
@@ -247,9 +269,9 @@ def _met(found: PriceCalibration) -> PriceCalibration:
 
 
 def _slope(one: PriceTrial, other: PriceTrial) -> float:
-    """d log regret / d log price, of trials with the same draws; −1 where they are too near to say."""
+    """d log regret / d log price, of trials with the same draws; −1 where they are too near to say, or silent."""
     apart = np.log(other.price / one.price)
-    if abs(apart) < tolerances.SAME_PRICES:
+    if abs(apart) < tolerances.SAME_PRICES or not min(one.regret, other.regret) > 0:
         return -1.0
     return float(np.clip(np.log(other.regret / one.regret) / apart, -5.0, -0.3))
 

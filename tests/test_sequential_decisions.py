@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import cvxpy as cp
 import numpy as np
 import pytest
 
@@ -301,3 +302,33 @@ def test_public_information_is_refused(fresh_rng: np.random.Generator) -> None:
     sequence = maker_of(fresh_rng).begin()
     with pytest.raises(InputError, match="public must be None"):
         sequence.observe(3)
+
+
+def one_shot_loss(maker: SequentialDecisionMaker) -> float:
+    """max E‖π − mean_u‖² over all tables of probabilities that cost no more than the budget on average, by a cone programme."""
+    beliefs, law = maker.beliefs, maker.chain.prior.weights
+    regrets = maker.mechanism_for(maker.chain.prior).regrets
+    joint = cp.Variable(regrets.shape, nonneg=True)
+    loss = law @ (beliefs**2).sum(axis=1)
+    for m in range(regrets.shape[1]):
+        loss -= cp.quad_over_lin(beliefs.T @ joint[:, m], cp.sum(joint[:, m]))
+    limits = [cp.sum(joint, axis=1) == law, cp.sum(cp.multiply(joint, regrets)) <= maker.limit]
+    return float(cp.Problem(cp.Maximize(loss), limits).solve(solver=cp.CLARABEL))
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+def test_the_ceiling_is_the_largest_loss_of_one_shot(fresh_rng: np.random.Generator, share: float) -> None:
+    seen = 0
+    while seen < 4:
+        beliefs = fresh_rng.dirichlet(np.ones(3), 6)
+        prior = Prior(beliefs, fresh_rng.dirichlet(np.ones(6)))
+        problem = FiniteProblem(fresh_rng.random((3, 5)))
+        regrets = beliefs @ problem.costs - problem.optimal_cost(beliefs)[:, None]
+        silence = float((prior.weights @ regrets).min())
+        if silence < 0.01:  # next to nothing to spend
+            continue
+        seen += 1
+        given = {"chain": resting_chain(prior, 0.7), "calibration": PriceCalibration.at(1.0, ALONE), "rng": fresh_rng}
+        maker = SequentialDecisionMaker(problem, Budget.regret(share * silence), **given)
+        best, unit = one_shot_loss(maker), prior.error**2
+        assert best - 1e-6 * unit <= maker.ceiling <= best + 1e-3 * unit

@@ -44,6 +44,7 @@ class Climbs(NamedTuple):
     decoys: Any  # (n,X)
     actions: Any  # (n,U); NaN for the decoy's own
     floor: Any  # (n,) the best value known: where no decoy of a region reaches it, its sets are not looked at
+    is_known: Any  # (n,) whether lines through the region's cheapest decision were looked at in an earlier turn
 
 
 class Spots(NamedTuple):
@@ -54,6 +55,7 @@ class Spots(NamedTuple):
     place: Any  # (n,M) w = (v, 1) in the first k+1 entries
     far: Any  # (n,X) the belief of the region that is farthest from the aim's point
     far_place: Any  # (n,M) its decision
+    is_known: Any  # (n,) whether lines through the region's cheapest decision were looked at
 
 
 class ClimbRoom(NamedTuple):
@@ -90,7 +92,7 @@ def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any
 
     `weight` is the budget's multiplier for ½Ψ²; it is zero where budget is left over.
     """
-    numbers, nearest, place, _, _ = spots
+    numbers, nearest, place = spots.numbers, spots.nearest, spots.place
     for r in range(face.n_set_rows, face.rows.shape[0]):
         slack = 0.0
         for a in range(trial.size):
@@ -122,7 +124,7 @@ def climb_decoys(low: int, high: int, climbs: Any, scene: Any, regions: Any, rul
     for s in range(low, high):
         number, aim = climbs.region[s], aim_of(scene, climbs.belief[s], rules)
         face, w = face_of(regions, number, n_states), room.place[: regions.size[number] + 1]
-        spots.numbers[s, 0], spots.numbers[s, 3] = -np.inf, -np.inf
+        spots.numbers[s, 0], spots.numbers[s, 3], spots.is_known[s] = -np.inf, -np.inf, False
         put(climbs.decoys[s], y)
         loss, weight = climb(face, aim, rules, y, w, _ROUNDS)
         if loss < np.inf:
@@ -187,12 +189,26 @@ def search_lines(low: int, high: int, climbs: Any, scene: Any, regions: Any, rul
         _keep(face, aim, rules, w, weight, spots, s, room)
 
 
+@bare
+def _was_known(climbs: Any, spots: Any, s: int, low: int) -> bool:
+    """Whether another climb of the same belief has looked at the lines of the region."""
+    if climbs.is_known[s]:
+        return True
+    for other in range(s - 1, low - 1, -1):
+        if climbs.belief[other] != climbs.belief[s]:
+            return False
+        if climbs.region[other] == climbs.region[s] and spots.is_known[other]:
+            return True
+    return False
+
+
 @kernel
 def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
     """Improve the spots of climbs low..high in regions of more coordinates with sets larger than points.
 
     The slopes of the set are followed from the best ends of lines through the cheapest decision, from the decision that the
-    climb was given, and from the best so far.
+    climb was given, and from the best so far. The lines are the same for all climbs of a belief in a region: one looks at
+    them.
     """
     n_states = rules.basis.shape[0]
     for s in range(low, high):
@@ -210,9 +226,11 @@ def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rule
         centre, member = best.copy(), climbs.decoys[s].copy()
         if spots.numbers[s, 0] > -np.inf:
             put(spots.nearest[s], member)
-        move_to_cheapest(face, aim, rules.near, centre)
-        found = np.empty((_STARTS, k + 1))
-        n_found = look_around(face, aim, rules, centre, spots.numbers[s, 0], found, room.distance)
+        found, n_found = np.empty((_STARTS, k + 1)), 0
+        if not _was_known(climbs, spots, s, low):
+            move_to_cheapest(face, aim, rules.near, centre)
+            n_found = look_around(face, aim, rules, centre, spots.numbers[s, 0], found, room.distance)
+            spots.is_known[s] = True
         held = _with_equalities(face)
         for e in range(n_found + 1 + is_given):
             trial, y = best.copy(), member.copy()

@@ -66,6 +66,7 @@ class Explored(NamedTuple):
     far: Any  # (T,C,X)
     far_place: Any  # (T,C,M)
     expanded: Any  # (T,C)
+    is_known: Any  # (T,C) whether lines through the region's cheapest decision were looked at
     n_tried: Any  # (T,)
     tried: Any  # (T,Q)
 
@@ -131,7 +132,7 @@ def _orthant(belief: Any, point: Any) -> int:
 def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int) -> None:
     """Keep the best decision of each region and orthant; where there is no room the worst goes."""
     number, orthant = place_of
-    numbers, nearest, place, far, far_place = spots
+    numbers, nearest, place, far, far_place, is_known = spots
     value, potential = numbers[s, 0], numbers[s, 3]
     is_nearest = not potential > value
     potential = max(value, potential)
@@ -148,9 +149,10 @@ def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int)
         if reached.count[t] < reached.region.shape[1]:
             e = reached.count[t]
             reached.count[t] += 1
-        reached.expanded[t, e] = False
+        reached.expanded[t, e], reached.is_known[t, e] = False, False
         reached.region[t, e], reached.orthant[t, e] = number, orthant
         reached.numbers[t, e, 0], reached.numbers[t, e, 3] = -np.inf, -np.inf
+    reached.is_known[t, e] = reached.is_known[t, e] or is_known[s]
     if value > reached.numbers[t, e, 0]:
         for c in (0, 1, 2, 4):
             reached.numbers[t, e, c] = numbers[s, c]

@@ -46,9 +46,10 @@ from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
-_CHUNK = 32  # beliefs, or climbs, that a thread takes at a time
-_STARTS, _SIGNS = 24, 3  # candidates that a search starts from; directions whose signs make an orthant
-"""With 12 starts one of 72 beliefs over six states loses 44 %."""
+_CHUNK, _FEW_BELIEFS = 32, 4  # beliefs of which a thread takes all at a time, to choose starts and to climb
+_STARTS, _SIGNS = 24, 5  # candidates that a search starts from; directions whose signs make an orthant
+"""With 12 starts one of 72 beliefs over six states loses 44 %; with three directions 9 of 144 beliefs over five and six states
+with as many assets or fewer lose up to 37 %."""
 _MOST_REACHED, _MOST_TRIED = 64, 1024  # regions that a search keeps, and that it may climb
 _FEW, _FARTHEST = 100, 1.5
 """Candidates, and more than any two beliefs are apart: where fewer are affordable all starts are climbed. Otherwise 5 of 60
@@ -157,8 +158,8 @@ def search(atlas: Atlas, scene: Scene, starts: Starts, progress: Progress | None
     partition = atlas.partition
     partition.make(starts.region)
     reached, plans = _explored(atlas, count), _plans(atlas, starts)
-    first, climbs = _planned(scene, plans, starts)
-    spots = _climbed(atlas, scene, climbs)
+    first, climbs = _planned(atlas, scene, (reached, plans), starts)
+    spots = _climbed(atlas, scene, first, climbs)
     while True:
         regions, last = partition.arrays, (first, climbs, spots)
 
@@ -170,13 +171,13 @@ def search(atlas: Atlas, scene: Scene, starts: Starts, progress: Progress | None
         asked = np.arange(plans.missing.shape[1]) < plans.n_missing[:, None]
         if asked.any():
             partition.reach(plans.missing[asked])
-        first, climbs = _planned(scene, plans, starts)
+        first, climbs = _planned(atlas, scene, (reached, plans), starts)
         if progress is not None:
             under_way = (plans.n_climbs > 0) | (plans.n_missing > 0)
             progress(count - int(under_way.sum()), count)
         if not len(climbs.belief) and not asked.any():
             return reached
-        spots = _climbed(atlas, scene, climbs)
+        spots = _climbed(atlas, scene, first, climbs)
 
 
 def _explored(atlas: Atlas, count: int) -> Explored:
@@ -188,7 +189,7 @@ def _explored(atlas: Atlas, count: int) -> Explored:
         np.empty((count, _MOST_REACHED, 5)),
         np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
         np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
-        np.empty((count, _MOST_REACHED), dtype=np.bool_),
+        np.empty((count, _MOST_REACHED), dtype=np.bool_), np.empty((count, _MOST_REACHED), dtype=np.bool_),
         np.zeros(count, dtype=np.int64), np.empty((count, _MOST_TRIED), dtype=np.int64),
     )  # fmt: skip
 
@@ -206,8 +207,9 @@ def _plans(atlas: Atlas, starts: Starts) -> Plans:
     )  # fmt: skip
 
 
-def _planned(scene: Scene, plans: Plans, starts: Starts) -> tuple[np.ndarray, Climbs]:
+def _planned(atlas: Atlas, scene: Scene, state: tuple[Explored, Plans], starts: Starts) -> tuple[np.ndarray, Climbs]:
     """Return the climbs of all beliefs, and where each belief's begin; those that wait for a region have none."""
+    reached, plans = state
     ready = np.where(plans.n_missing > 0, 0, plans.n_climbs)
     first = np.concatenate([[0], np.cumsum(ready)])
     belief, place = np.nonzero(np.arange(plans.source.shape[1]) < ready[:, None])
@@ -219,16 +221,21 @@ def _planned(scene: Scene, plans: Plans, starts: Starts) -> tuple[np.ndarray, Cl
     decoys[beyond] += _INWARD * (scene.beliefs[belief[beyond]] - decoys[beyond])
     actions = plans.actions[belief, np.where(source == FAR, FAR, BEST)]
     decoys[begun], actions[begun] = starts.decoys[start[begun]], starts.actions[start[begun]]
-    return first, Climbs(belief, plans.region[belief, place], decoys, actions, plans.floor[belief])
+    region = plans.region[belief, place]
+    is_known = np.zeros(len(belief), dtype=np.bool_)
+    if not atlas.partition.arrays.is_point[region].all():
+        held = np.arange(reached.region.shape[1]) < reached.count[belief, None]
+        is_known = (held & reached.is_known[belief] & (reached.region[belief] == region[:, None])).any(axis=1)
+    return first, Climbs(belief, region, decoys, actions, plans.floor[belief], is_known)
 
 
-def _climbed(atlas: Atlas, scene: Scene, climbs: Climbs) -> Spots:
-    """Return where climbs come to rest."""
+def _climbed(atlas: Atlas, scene: Scene, first: np.ndarray, climbs: Climbs) -> Spots:
+    """Return where climbs come to rest; those of each belief begin at `first` (T+1,)."""
     count, n_states = climbs.decoys.shape
     regions, rules, size = atlas.partition.arrays, rules_for(n_states), climbs.actions.shape[1] + 1
     spots = Spots(
         np.empty((count, 5)), np.empty((count, n_states)), np.empty((count, size)), np.empty((count, n_states)),
-        np.empty((count, size)),
+        np.empty((count, size)), np.empty(count, dtype=np.bool_),
     )  # fmt: skip
     kernels = [climb_decoys]
     if scene.sign > 0.0:
@@ -239,9 +246,9 @@ def _climbed(atlas: Atlas, scene: Scene, climbs: Climbs) -> Spots:
     def work(low: int, high: int) -> None:
         room = climb_room(*atlas.size)
         for follow in kernels:
-            follow(low, high, climbs, scene, regions, rules, spots, room)
+            follow(int(first[low]), int(first[high]), climbs, scene, regions, rules, spots, room)
 
-    in_chunks(work, count, _CHUNK)
+    in_chunks(work, len(first) - 1, _FEW_BELIEFS)
     return spots
 
 

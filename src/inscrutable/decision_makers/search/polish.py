@@ -26,6 +26,7 @@ from inscrutable.validation import Array
 _FACES = 10
 _STARTS_A_FACE = 3
 _STARTS_APART = 0.1
+_MORE = 3  # times as many starts at a time as before, beginning with one: with all at once four are searched in vain
 _PROMISE = 1.15
 """How much farther than its start a local search may come to rest; starts that promise less than is found are skipped."""
 _ZOOM_POINTS = 41
@@ -52,24 +53,38 @@ def polish(goal: Goal, scores: Scores) -> Trial | None:
     """Return the best decision reached from the most promising faces and their neighbours."""
     tried: set[bytes] = set()
     best: Trial | None = None
-    for start in _starts(goal, scores):
-        if best is not None and start.promise <= best.privacy + tolerances.POLISH:
-            continue
-        tried.add(start.tight.tobytes())
-        best = _better(best, _improve(goal, start, best))
+    starts, count = _starts(goal, scores), 1
+    while starts:
+        some, starts, count = starts[:count], starts[count:], _MORE * count
+        promising = [start for start in some if best is None or start.promise > best.privacy + tolerances.POLISH]
+        tried |= {start.tight.tobytes() for start in promising}
+        best = _improved(goal, promising, best)
     while best is not None:
         before = best
-        for start in _neighbours(goal, best):
-            if start.tight.tobytes() not in tried:
-                tried.add(start.tight.tobytes())
-                best = _better(best, _improve(goal, start, best))
+        untried = [start for start in _neighbours(goal, best) if start.tight.tobytes() not in tried]
+        tried |= {start.tight.tobytes() for start in untried}
+        best = _improved(goal, untried, best)
         if best is before:
             return best
     return None
 
 
-def _better(best: Trial | None, trial: Trial | None) -> Trial | None:
-    return trial if trial is not None and (best is None or trial.privacy > best.privacy) else best
+def _improved(goal: Goal, starts: list[Start], best: Trial | None) -> Trial | None:
+    """The best of what searches from some starts reach and what is known."""
+    known = -np.inf if best is None else best.privacy
+    free = [_free_directions(goal, start) for start in starts]
+    on_rays = [start for start, each in zip(starts, free, strict=True) if _goes_on_rays(goal, each)]
+    reached = climb_on_rays(goal, [start.tight for start in on_rays], [start.decoy for start in on_rays], known)
+    trials = [
+        judge(goal, start.action if action is None else action) for start, action in zip(on_rays, reached, strict=True)
+    ]
+    trials += [
+        _improve(goal, start, each) for start, each in zip(starts, free, strict=True) if not _goes_on_rays(goal, each)
+    ]
+    for trial in trials:
+        if trial is not None and (best is None or trial.privacy > best.privacy):
+            best = trial
+    return best
 
 
 def _starts(goal: Goal, scores: Scores) -> list[Start]:
@@ -140,19 +155,33 @@ def _neighbours(goal: Goal, trial: Trial) -> list[Start]:
     return found
 
 
-def _improve(goal: Goal, start: Start, best: Trial | None) -> Trial | None:
-    problem = goal.problem
-    region = problem.constraints
+def _free_directions(goal: Goal, start: Start) -> Array:
+    """An orthonormal basis (U,k) of the directions on the face of a start."""
+    region = goal.problem.constraints
     normals = np.vstack([region.A_ub[start.tight], region.A_eq])
-    free = null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(start.action.size)
-    # A face of k free coordinates leaves consistent sets of dimension X − 1 − k.
-    form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
-    if free.shape[1] >= problem.n_states - 1 and quadratic is not None and form is not None and form.lift is None:
+    return null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(start.action.size)
+
+
+def _explained_by_points(goal: Goal, free: Array) -> bool:
+    """Whether a face's consistent sets are single beliefs: with k free coordinates their dimension is X − 1 − k."""
+    return bool(free.shape[1] >= goal.problem.n_states - 1)
+
+
+def _quadratic(goal: Goal) -> QuadraticProblem | None:
+    """The problem, where it is quadratic in the decision itself."""
+    form = goal.problem.quadratic_form()
+    return quadratic_problem(goal.problem) if form is not None and form.lift is None else None
+
+
+def _goes_on_rays(goal: Goal, free: Array) -> bool:
+    return _explained_by_points(goal, free) and goal.problem.n_states > 1 and _quadratic(goal) is None
+
+
+def _improve(goal: Goal, start: Start, free: Array) -> Trial | None:
+    quadratic = _quadratic(goal)
+    if _explained_by_points(goal, free) and quadratic is not None:
         return _through_decoys(goal, quadratic, start.tight, start.decoy)
-    if free.shape[1] >= problem.n_states - 1 and problem.n_states > 1:
-        action = climb_on_rays(goal, start.tight, start.decoy, -np.inf if best is None else best.privacy)
-        return judge(goal, start.action) if action is None else judge(goal, action)
-    if free.shape[1] == 0 or not np.array_equal(region.tight_rows(start.action), start.tight):
+    if free.shape[1] == 0 or not np.array_equal(goal.problem.constraints.tight_rows(start.action), start.tight):
         return judge(goal, start.action)
     return _on_face(goal, start.action, free)
 

@@ -6,6 +6,7 @@ ray. So one length a direction says all; the direction is searched by patterns o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -32,38 +33,61 @@ class Rays(NamedTuple):
     values: Array  # (n,)
 
 
-def climb_on_rays(goal: Goal, tight: np.ndarray, decoy: Array, known: float) -> Array | None:
-    """Return the decision on the face `tight` whose decoy is best, from a decoy's direction.
+class _Climb:
+    """Where the climb from one decoy stands."""
 
-    None where the face is left, or where a privacy that is `known` already is out of reach.
+    def __init__(self, goal: Goal, tight: np.ndarray, decoy: Array, basis: Array) -> None:
+        self.tight, self.length = tight, float(np.linalg.norm(decoy - goal.belief))
+        self.value, self.action = -np.inf, np.zeros(0)
+        self.direction = basis.T @ (decoy - goal.belief) / max(self.length, tolerances.SAME_BELIEF)
+        self.is_open = self.length > tolerances.SAME_BELIEF
+        self._rng = np.random.default_rng(0)  # the pattern of trial points, the same at every call
+
+    def turned(self, spread: float) -> Array:
+        """Directions (n,X−1) around the best so far."""
+        return self.direction + spread * _pattern(self.direction, self._rng)
+
+    def take(self, goal: Goal, turned: Array, trial: Rays) -> None:
+        """Keep the best of some rays, if it is on the face and better than what is known."""
+        values = np.where(_on_face(goal, self.tight, trial.actions), trial.values, -np.inf)
+        index = int(values.argmax())
+        if values[index] > self.value:
+            self.value, self.action = float(values[index]), trial.actions[index]
+            self.direction = turned[index] / np.linalg.norm(turned[index])
+
+
+def climb_on_rays(goal: Goal, tight: Sequence[np.ndarray], decoys: Sequence[Array], known: float) -> list[Array | None]:
+    """Return, for each of some decoys, the decision on its face `tight` whose decoy is best, from the decoy's direction.
+
+    None where the face is left, or where a privacy that is `known` already is out of reach. All climb at the same time: a
+    problem solves many beliefs almost as fast as one.
     """
     basis = sum_zero_basis(goal.belief.size)
-    direction = basis.T @ (decoy - goal.belief)
-    length = np.linalg.norm(direction)
-    if length <= tolerances.SAME_BELIEF:
-        return None
-    direction /= length
-    best: tuple[float, Array] | None = None
-    rng = np.random.default_rng(0)  # the pattern of trial points, the same at every call
-    spread = _FIRST_SPREAD
-    for _ in range(_ROUNDS if direction.size > 1 else 1):
-        turned = direction + spread * _pattern(direction, rng)
+    climbs = [_Climb(goal, *start, basis) for start in zip(tight, decoys, strict=True)]
+    spread, size = _FIRST_SPREAD, basis.shape[1]
+    for _ in range(_ROUNDS if size > 1 else 1):
         # What turning still gains is of the order of the spread's square: lengths need to be no better known.
-        accuracy = max(_ROUGH * spread**2, tolerances.BUDGET_SAFETY)
-        trial = best_on_rays(goal, turned @ basis.T, accuracy)
-        values = np.where(_on_face(goal, tight, trial.actions), trial.values, -np.inf)
-        index = int(values.argmax())
-        if np.isfinite(values[index]) and (best is None or values[index] > best[0]):
-            best = float(values[index]), trial.actions[index]
-            direction = turned[index] / np.linalg.norm(turned[index])
-        if best is not None and best[0] + _HOPE * spread * length < known:
-            return None
-        spread *= _SHRINK if direction.size == 2 else np.sqrt(_SHRINK)
-    if best is None:
-        return None
-    last = best_on_rays(goal, direction[None] @ basis.T)
-    kept = _on_face(goal, tight, last.actions)[0] and last.values[0] >= best[0]
-    return last.actions[0] if kept else best[1]
+        _turn(goal, climbs, basis, spread, max(_ROUGH * spread**2, tolerances.BUDGET_SAFETY))
+        for climb in climbs:
+            climb.is_open &= climb.value == -np.inf or climb.value + _HOPE * spread * climb.length >= known
+        spread *= _SHRINK if size == 2 else np.sqrt(_SHRINK)
+    for climb in climbs:
+        climb.is_open &= climb.value > -np.inf
+    _turn(goal, climbs, basis, 0.0, tolerances.BUDGET_SAFETY)
+    return [climb.action if climb.is_open else None for climb in climbs]
+
+
+def _turn(goal: Goal, climbs: list[_Climb], basis: Array, spread: float, accuracy: float) -> None:
+    """Try directions around the best of each climb, or these again where the spread is zero."""
+    under_way = [climb for climb in climbs if climb.is_open]
+    if not under_way:
+        return
+    turned = [climb.turned(spread) if spread else climb.direction[None] for climb in under_way]
+    trial = best_on_rays(goal, np.vstack(turned) @ basis.T, accuracy)
+    ends = np.cumsum([0, *map(len, turned)])
+    for number, climb in enumerate(under_way):
+        rows = slice(ends[number], ends[number + 1])
+        climb.take(goal, turned[number], Rays(*(column[rows] for column in trial)))
 
 
 def _on_face(goal: Goal, tight: np.ndarray, actions: Array) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,15 +26,6 @@ _FEW = 16  # decisions whose costs are found in one product
 _LARGE = 32_768  # numbers in decisions from which on a kernel repays loading it
 _MOST_EQUALITIES = 8
 _BLOCK_ENTRIES = 4_000_000
-
-
-class FaceSolution(NamedTuple):
-    """Minimiser on a face of C and its derivative in the belief; multipliers belong to the face's rows."""
-
-    action: Array  # (U,)
-    action_slope: Array  # (U, X)
-    multipliers: Array  # (n,)
-    multiplier_slope: Array  # (n, X)
 
 
 class QuadraticProblem(DecisionProblem):
@@ -271,24 +262,6 @@ class QuadraticProblem(DecisionProblem):
         points = self.as_points(action)
         return np.asarray(np.einsum("xuv,...v->...xu", self.hessians, points) + self.linear)
 
-    def face_solution(self, belief: Array, tight: np.ndarray) -> FaceSolution:
-        """Return the minimiser with the inequality rows `tight` held as equalities, and its slope in the belief."""
-        region = self.constraints
-        normals = np.vstack([region.A_ub[tight], region.A_eq])
-        sides = np.concatenate([region.b_ub[tight], region.b_eq])
-        size, rows = self.n_actions, sides.size
-        matrix = np.zeros((size + rows, size + rows))
-        matrix[:size, :size] = np.tensordot(belief, self.hessians, axes=1)
-        matrix[:size, size:] = normals.T
-        matrix[size:, :size] = normals
-        answer = _solve_or_least_squares(matrix, np.concatenate([-belief @ self.linear, sides])[:, None])[:, 0]
-        action = answer[:size]
-        right = np.zeros((size + rows, self.n_states))
-        right[:size] = -self.cost_gradients(action).T
-        slope = _solve_or_least_squares(matrix, right)
-        n = int(np.count_nonzero(tight))
-        return FaceSolution(action, slope[:size], answer[size : size + n], slope[size : size + n])
-
 
 def quadratic_problem(problem: DecisionProblem) -> QuadraticProblem | None:
     """Return the quadratic problem in the variables of a problem's quadratic form, made once and kept with the problem;
@@ -324,13 +297,6 @@ def _null_space(matrix: Array, scale: float = 0.0) -> Array:
     _, sizes, rows = np.linalg.svd(matrix, full_matrices=True)
     rank = int((sizes > tolerances.CURVATURE * max(sizes.max(initial=0.0), scale)).sum())
     return np.asarray(rows[rank:].T)
-
-
-def _solve_or_least_squares(matrix: Array, right: Array) -> Array:
-    try:
-        return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.lstsq(matrix, right, rcond=tolerances.STATIONARITY)[0])
 
 
 def _checked_hessians(value: ArrayLike, name: str, axes: tuple[Axis, ...]) -> Array:

@@ -7,11 +7,10 @@ free, and these are searched directly, the set's distance being judged at every 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import minimize
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
@@ -19,8 +18,6 @@ from inscrutable.decision_makers.scores import Scores
 from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.ray_climb import climb_on_rays
 from inscrutable.decision_makers.search.rays import farthest_decoys
-from inscrutable.problems import QuadraticProblem, quadratic_problem
-from inscrutable.problems.quadratic import FaceSolution
 from inscrutable.validation import Array
 
 _FACES = 10
@@ -162,106 +159,15 @@ def _free_directions(goal: Goal, start: Start) -> Array:
     return null_space(normals, rcond=tolerances.ON_FACE) if len(normals) else np.eye(start.action.size)
 
 
-def _explained_by_points(goal: Goal, free: Array) -> bool:
-    """Whether a face's consistent sets are single beliefs: with k free coordinates their dimension is X − 1 − k."""
-    return bool(free.shape[1] >= goal.problem.n_states - 1)
-
-
-def _quadratic(goal: Goal) -> QuadraticProblem | None:
-    """The problem, where it is quadratic in the decision itself."""
-    form = goal.problem.quadratic_form()
-    return quadratic_problem(goal.problem) if form is not None and form.lift is None else None
-
-
 def _goes_on_rays(goal: Goal, free: Array) -> bool:
-    return _explained_by_points(goal, free) and goal.problem.n_states > 1 and _quadratic(goal) is None
+    """Whether a face's consistent sets are single beliefs: with k free coordinates their dimension is X − 1 − k."""
+    return bool(free.shape[1] >= goal.problem.n_states - 1 and goal.problem.n_states > 1)
 
 
 def _improve(goal: Goal, start: Start, free: Array) -> Trial | None:
-    quadratic = _quadratic(goal)
-    if _explained_by_points(goal, free) and quadratic is not None:
-        return _through_decoys(goal, quadratic, start.tight, start.decoy)
     if free.shape[1] == 0 or not np.array_equal(goal.problem.constraints.tight_rows(start.action), start.tight):
         return judge(goal, start.action)
     return _on_face(goal, start.action, free)
-
-
-class _FaceProgramme:
-    """The smooth programme over the decoy y of one face: constraints and their slopes, for a sequential solver."""
-
-    def __init__(self, goal: Goal, problem: QuadraticProblem, tight: np.ndarray) -> None:
-        self.goal, self.problem, self.tight = goal, problem, tight
-        own = problem.state_costs(problem.solve(goal.belief))
-        self.scale = max(float(np.abs(own).max()), goal.limit, np.finfo(float).tiny)
-        # Inside the budget by more than the solver's own violations, which are absolute.
-        self.allowed = goal.limit * (1.0 - tolerances.BUDGET_SAFETY)
-        self.budget_scale = max(goal.limit, tolerances.BUDGET * self.scale)
-        self._last: tuple[bytes, FaceSolution] | None = None
-
-    def _at(self, y: Array) -> FaceSolution:
-        key = y.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = (key, self.problem.face_solution(y, self.tight))
-        return self._last[1]
-
-    def objective(self, y: Array) -> tuple[float, Array]:
-        sign, away = self.goal.reference.sign, y - self.goal.reference.point
-        return -sign * float(away @ away), -2.0 * sign * away
-
-    def margins(self, y: Array) -> Array:
-        """Budget left, slack above the least of every loose row, multipliers of the tight ones: all to be ≥ 0."""
-        face = self._at(y)
-        cost = self.problem.state_costs(face.action) @ self.goal.belief
-        left = (self.allowed - cost + self.goal.optimal_cost) / self.budget_scale
-        slack = self.problem.constraints.slacks(face.action)[~self.tight] - self.problem.constraints.played_slack
-        return np.concatenate([[left], slack, face.multipliers / self.scale])
-
-    def margin_slopes(self, y: Array) -> Array:
-        face, region = self._at(y), self.problem.constraints
-        gradient = self.goal.belief @ self.problem.cost_gradients(face.action)
-        slack = -(region.A_ub @ face.action_slope)[~self.tight] / region.row_scale[~self.tight, None]
-        return np.vstack(
-            [-(gradient @ face.action_slope) / self.budget_scale, slack, face.multiplier_slope / self.scale]
-        )
-
-
-def _through_decoys(goal: Goal, problem: QuadraticProblem, tight: np.ndarray, start: Array) -> Trial | None:
-    """Sequential quadratic programming over the decoy y of a face whose consistent sets are single beliefs."""
-    programme = _FaceProgramme(goal, problem, tight)
-    rules: list[Any] = [
-        {"type": "eq", "fun": lambda y: np.array([y.sum() - 1.0]), "jac": lambda y: np.ones((1, y.size))},
-        {"type": "ineq", "fun": programme.margins, "jac": programme.margin_slopes},
-    ]
-    answer = minimize(
-        programme.objective,
-        start,
-        jac=True,
-        method="SLSQP",
-        bounds=[(0.0, 1.0)] * start.size,
-        constraints=rules,
-        options={"ftol": tolerances.POLISH**1.5, "maxiter": 200},
-    )
-    decoy = np.maximum(answer.x, 0.0)
-    if not np.all(np.isfinite(decoy)) or decoy.sum() <= 0:
-        return None
-    return _pulled_back(goal, problem, decoy / decoy.sum(), tight)
-
-
-def _pulled_back(goal: Goal, problem: QuadraticProblem, decoy: Array, tight: np.ndarray) -> Trial | None:
-    """Move the decoy toward the true belief, where regret falls, until its decision is affordable and admissible."""
-    for step in (0.0, *(tolerances.POLISH * 10.0**k for k in range(6))):
-        moved = goal.belief + (1.0 - step) * (decoy - goal.belief)
-        action = problem.solve(moved)
-        if not np.array_equal(problem.constraints.tight_rows(action), tight):
-            # With copies of an asset the optimal decision is not unique, and this face has another one.
-            action = problem.face_solution(moved, tight).action
-            action = np.where(np.abs(action) <= tolerances.STATIONARITY, 0.0, action)
-            if not np.array_equal(problem.constraints.tight_rows(action), tight):
-                continue
-        trial = judge(goal, action)
-        if trial is not None:
-            return trial
-    return None
 
 
 def judge(goal: Goal, action: Array) -> Trial | None:

@@ -60,6 +60,7 @@ _SET_PROMISE = 1.5
 """The same where more than the decoy explains the decision: the search leaves the decoy."""
 _AT_PRICE = 0.1
 """Share of that at a price, where starts already stand at their best budget: nothing is lost on 430 beliefs of X = 2, 3, 4."""
+_PAIRS = 4  # beliefs in two states only
 _EDGE_STATES = 5
 """Climbs along the edge (20 ms a belief) from so many states on: of 72 beliefs on concentrated markets none is lost without
 them at X = 3 and 4, two of X = 5 (up to 6 %) and seven of X = 6 (up to 3 %)."""
@@ -264,6 +265,8 @@ def starts_of(atlas: Atlas, scene: Scene, n_starts: int, others: list[SomeStarts
 
     in_chunks(look, count, _CHUNK)
     parts = [_candidate_starts(atlas, scene, *chosen[:2]), *_end_starts(atlas, scene, ends)]
+    if scene.sign > 0.0 and atlas.axes.shape[1] > atlas.problem.n_actions - len(atlas.problem.constraints.b_eq):
+        parts.append(_pair_starts(atlas, scene))
     if n_states >= _EDGE_STATES:
         parts += _edge_starts(atlas, scene)
     belief, *rest = (np.concatenate(columns) for columns in zip(*parts, *(others or ()), strict=True))
@@ -307,6 +310,18 @@ def _candidate_starts(atlas: Atlas, scene: Scene, chosen: np.ndarray, values: Ar
         scene.prices[steps] > 0.0, scene.sign * cost, 0.0
     )
     return SomeStarts(steps, numbers, decoys, atlas.actions[index], promise)
+
+
+def _pair_starts(atlas: Atlas, scene: Scene) -> SomeStarts:
+    """The best beliefs in two states only whose decisions no other belief explains, at most a few."""
+    pairs = atlas.pairs
+    regrets = scene.beliefs @ atlas.problem.state_costs(pairs.actions).T - scene.optimal_costs[:, None]
+    far = np.linalg.norm(pairs.decoys - scene.points[:, None], axis=2)
+    values = np.where(regrets <= scene.limits[:, None], far - scene.prices[:, None] * regrets, -np.inf)
+    chosen = np.argsort(-values, axis=1)[:, :_PAIRS]
+    steps, places = np.nonzero(np.take_along_axis(values, chosen, axis=1) > -np.inf)
+    index = chosen[steps, places]
+    return starts_at(atlas, scene, steps, pairs.decoys[index], pairs.actions[index])
 
 
 def _edge_starts(atlas: Atlas, scene: Scene) -> Iterator[SomeStarts]:

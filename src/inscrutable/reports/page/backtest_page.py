@@ -9,7 +9,7 @@ import numpy as np
 
 from inscrutable.decision_makers import Frontier
 from inscrutable.experiments.backtest_results import Backtest
-from inscrutable.experiments.holding import estimate_quality
+from inscrutable.experiments.holding import Requirement, estimate_quality
 from inscrutable.geometry import BeliefSet
 from inscrutable.reports.backtest import cautions, headline, notes_of, timing_of, verdict, warnings_of, written_table
 from inscrutable.reports.backtest_plots import step_of
@@ -78,14 +78,14 @@ def budget_texts(result: Backtest, amounts: Array) -> list[str]:
 def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]]]) -> dict[str, Any]:
     """Return what the script reads: rounded numbers, every belief set once."""
     result, sets = sweep.result, _Sets()
-    looks = looks_of(sweep.names)
+    looks = looks_of(result.names)
     scale = np.where(sweep.scale > 0, sweep.scale, np.nan)
     relative = result.budget.is_relative
     return {
         "regimes": result.regimes,
         "colours": [REGIME_COLOURS[i % len(REGIME_COLOURS)] for i in range(len(result.regimes))],
         "makers": sweep.names,
-        "looks": {name: looks[name]._asdict() for name in sweep.names},
+        "looks": {name: look._asdict() for name, look in looks.items()},
         "lotteries": [name for name in sweep.names if result.episode.records[name].lotteries is not None],
         "word": result.market.frequency.word,
         "dates": sweep.dates,
@@ -105,6 +105,30 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
         "frontiers": [
             _curves(front, float(scale[t]), float(sweep.amounts[-1])) for t, front in enumerate(sweep.frontiers)
         ],
+        "followed": _followed(sweep),
+    }
+
+
+def _followed(sweep: BudgetSweep) -> dict[str, Any] | None:
+    """What one holds who follows what was published, what it has told so far, and how far off that one is so far."""
+    result = sweep.result
+    if result.aware is None:
+        return None
+    read = {name: result.followed_estimates(name).to_numpy() for name in result.names}
+    own = result.beliefs.to_numpy()
+    counted = np.arange(1, len(own) + 1)
+    figures = result.figures[result.names[0]]
+    return {
+        # The last first: where the sequential rule plays, it stands beside the investor's own belief.
+        "beliefs": {name: read[name][sweep.steps].round(_DIGITS) for name in result.names[:0:-1]},
+        "bits": {name: result.aware.bits[name].cumsum()[sweep.steps].round(_DIGITS) for name in result.names},
+        "errors": {
+            name: np.sqrt(((rows - own) ** 2).sum(axis=1).cumsum() / counted)[sweep.steps].round(_DIGITS)
+            for name, rows in read.items()
+        },
+        "ceilings": {name: _rounded(most) for name, most in result.aware.ceilings.items()},
+        "without": _rounded(figures["error_without"]),
+        "asked": _rounded(Requirement(figures["error_without"], figures["base_rate"]).least_error),
     }
 
 
@@ -231,8 +255,42 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
             "the draw) at face value, and by an observer who knows the method. Gaps: no belief explains the decision.",
             True,
         ),
+        *_followed_figures(result),
         PageFigure(
             "sweep", "Both observers at every budget", "Error of the estimate, root mean square; means over time.", True
+        ),
+    ]
+
+
+def _followed_figures(result: Backtest) -> list[PageFigure]:
+    if result.aware is None:
+        return []
+    word, ceiling = result.market.frequency.word, ""
+    if result.sequential is not None:
+        without = result.sequential.maker.chain.prior.error
+        ceiling = (
+            " Dashed, the ceiling: the most that any rule of the same regret leaves, in expectation in the long run of the "
+            f"fitted regimes, where one who sees no weights errs by {without:.2f}."
+        )
+    return [
+        PageFigure(
+            "followed",
+            f"What one holds who knows the method and follows all {word}s",
+            "Shares of the regimes: first the investor's own belief, then what is held by one who remembers all that was "
+            "published, and knows how it is made and how the belief moves. At the backtest's own budget.",
+            True,
+        ),
+        PageFigure(
+            "bits",
+            f"What the {word}s have told that one",
+            f"What each {word} tells beyond those before it, added up; the numbers are those at the decision above. At the "
+            "backtest's own budget.",
+        ),
+        PageFigure(
+            "errors",
+            "What is still hidden from that one",
+            f"Error of the estimate over all {word}s so far, root mean square; the numbers are those at the decision above. At "
+            f"the backtest's own budget.{ceiling}",
         ),
     ]
 

@@ -1,7 +1,7 @@
 // The page of a backtest.
 (() => {
   const { data, texts, svg, html, at, closed, marks, line, short, widthOf, empty, chart, cursor, legend, sampleMark, sampleArea, follow, GREY } = Page;
-  const { regimes, makers, looks, beliefs, sets, factor, unit } = data;
+  const { regimes, makers, looks, beliefs, sets, factor, unit, followed } = data;
   const hiding = makers.slice(1);
   const steps = data.dates.length;
   const isLottery = (name) => data.lotteries.includes(name);
@@ -230,19 +230,24 @@
     return starts.filter((_, k) => k % every === 0);
   }
 
+  function timeChart(id, step, series, { yLabel, least, more }) {
+    const every = series.flatMap(([, values]) => values).filter((value) => value !== null);
+    const now = series.map(([name, values]) => `${name} ${short(values[step])}`).join(", ");
+    const frame = chart(id, {
+      height: 190, label: `${yLabel}; at ${texts.step[step]}: ${now}${more || ""}`, x: [-0.5, steps - 0.5],
+      y: [Math.min(0, ...every), Math.max(least, ...every) * 1.05], xTicks: years(widthOf(id)), yLabel,
+    });
+    cursor(frame, step);
+    return frame;
+  }
+
   function overTime(id, step, budget, { part, scale, yLabel, least }) {
     const series = makers.map((name) => [name, data.dates.map((_, t) => {
       const value = expected(entry(name, t, budget)[0], part);
       return value === null ? null : scale * value;
     })]);
-    const every = series.flatMap(([, values]) => values).filter((value) => value !== null);
     const width = widthOf(id);
-    const now = series.map(([name, values]) => `${name} ${short(values[step])}`).join(", ");
-    const frame = chart(id, {
-      height: 190, label: `${yLabel}; at ${texts.step[step]}: ${now}`, x: [-0.5, steps - 0.5],
-      y: [Math.min(0, ...every), Math.max(least, ...every) * 1.05], xTicks: years(width), yLabel,
-    });
-    cursor(frame, step);
+    const frame = timeChart(id, step, series, { yLabel, least });
     for (const [name, values] of onTop(series, ([name]) => name)) {
       const points = values.map((value, t) => value === null ? null : frame.place([t, value])).filter((each) => each);
       marks(frame.drawing, looks[name].marker, points, Math.max(1.8, Math.min(4, width / steps / 4)), looks[name].colour, name !== makers[0]);
@@ -261,8 +266,13 @@
       const rows = data.dates.map((_, t) => entry(name, t, budget)[2]);
       if (rows.some((each) => each)) strips.push([`read from ${played(name)} by one who knows the method`, rows]);
     }
+    drawStrips("beliefs", step, strips);
+  }
+
+  // Strips [title, beliefs], one below the other.
+  function drawStrips(id, step, strips) {
     const [tall, gap] = [56, 26];
-    const { drawing, width } = empty("beliefs", strips.length * (tall + gap) + 24, strips.map(([title, rows]) => `${title} at ${texts.step[step]}: ${guess(rows[step] || null)}`).join("; "));
+    const { drawing, width } = empty(id, strips.length * (tall + gap) + 24, strips.map(([title, rows]) => `${title} at ${texts.step[step]}: ${guess(rows[step] || null)}`).join("; "));
     const px = (t) => 8 + (t / steps) * (width - 16);
     strips.forEach(([title, rows], k) => {
       const top = k * (tall + gap) + 18;
@@ -281,6 +291,47 @@
     });
     const foot = strips.length * (tall + gap) + 12;
     for (const [t, year] of years(width)) svg(drawing, "text", { x: at(px(t)), y: foot, "text-anchor": px(t) > 24 ? "middle" : "start" }, year);
+  }
+
+  // ---- one who knows the method and follows every decision, at the backtest's own budget
+  function drawFollowed(step) {
+    const held = Object.entries(followed.beliefs).map(([name, rows]) => [`held by one who follows the ${name} all along`, rows]);
+    drawStrips("followed", step, [["the investor's own belief π", beliefs], ...held]);
+  }
+
+  function drawLines(id, step, values, { levels, ceilings, ...rest }) {
+    const series = Object.entries(values);
+    const frame = timeChart(id, step, series, rest);
+    const level = (height, colour, style) => line(frame.drawing, [-0.5, steps - 0.5].map((t) => frame.place([t, height])), colour, style, 1.2);
+    for (const [name, height] of Object.entries(ceilings)) level(height, looks[name].colour, "--");
+    for (const [, height, colour, style] of levels) level(height, colour, style);
+    const apart = Math.ceil(steps / 8);
+    for (const [name, heights] of onTop(series, ([name]) => name)) {
+      const points = heights.map((value, t) => frame.place([t, value]));
+      line(frame.drawing, points, looks[name].colour, looks[name].line);
+      marks(frame.drawing, looks[name].marker, points.filter((_, t) => t % apart === 0), 3.5, looks[name].colour, name !== makers[0]);
+    }
+    legend(id, [
+      ...series.map(([name, heights]) => [
+        `${name} ${short(heights[step])}${name in ceilings ? `, ceiling ${short(ceilings[name])}` : ""}`,
+        sampleMark(looks[name].marker, looks[name].colour, name !== makers[0], looks[name].line),
+      ]),
+      ...levels.map(([text, height, colour, style]) => [`${text} ${short(height)}`, sampleMark(null, colour, false, style)]),
+    ]);
+  }
+
+  function drawBits(step) {
+    drawLines("bits", step, followed.bits, { yLabel: "bits told so far", least: 0.01, levels: [], ceilings: {} });
+  }
+
+  function drawErrors(step) {
+    const { errors, ceilings, without, asked } = followed;
+    const levels = [["without any weights", without, GREY, "-."], ["a protection leaves at least", asked, "#000", ":"]];
+    const told = [...Object.entries(ceilings).map(([name, height]) => [`ceiling of the ${name}`, height]), ...levels];
+    drawLines("errors", step, errors, {
+      yLabel: "error so far", least: Math.max(...told.map(([, height]) => height)), levels, ceilings,
+      more: told.map(([text, height]) => `; ${text} ${short(height)}`).join(""),
+    });
   }
 
   // ---- every budget
@@ -306,7 +357,7 @@
     legend("simplex", [["belief π", sampleMark("*", "#000", true)], ...makers.map(maker)]);
     legend("frontier", [["best single decision", sampleMark(null, looks.CDM.colour, false, "-")], ["best lottery", sampleMark(null, looks.PDM.colour, false, "--")], ...makers.map((name) => [name, maker(name)[1]])]);
     for (const id of ["privacy", "cost"]) legend(id, makers.map((name) => [name, maker(name)[1]]));
-    legend("beliefs", regimes.map((name, i) => [name, sampleArea(data.colours[i])]));
+    for (const id of followed ? ["beliefs", "followed"] : ["beliefs"]) legend(id, regimes.map((name, i) => [name, sampleArea(data.colours[i])]));
     legend("sweep", hiding.flatMap((name) => [
       [`${name}, at face value`, sampleMark(looks[name].marker, looks[name].colour, true, "-")],
       [`${name}, knows the method`, sampleMark(looks[name].marker, looks[name].colour, "#fff", ":")],
@@ -321,6 +372,7 @@
     overTime("privacy", step, budget, { part: 3, scale: 1, yLabel: "privacy Ψ", least: 0.01 });
     overTime("cost", step, budget, { part: 2, scale: factor, yLabel: `regret, ${unit}`, least: factor * data.amounts[1] });
     drawBeliefs(step, budget);
+    if (followed) for (const draw of [drawFollowed, drawBits, drawErrors]) draw(step);
     drawSweep(budget);
   });
 })();

@@ -21,7 +21,8 @@ from inscrutable.experiments.sequential_play import SequentialPlay, sequential, 
 from inscrutable.experiments.setting import Setting
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.reports import comparison_plots
-from inscrutable.reports.comparison import notes_of, short_table
+from inscrutable.reports.comparison import notes_of, short_table, terminal_table
+from inscrutable.reports.page import comparison_page
 
 
 @cache
@@ -107,8 +108,15 @@ def test_the_sequential_rule_stands_beside_the_others(tmp_path: Path, monkeypatc
     assert table.loc["ceiling", "error, aware, over time"] == f"{rows[0].path_ceiling:.3f}"
     assert table.loc["sequential", "error, aware, 5 decisions, rule told"] != "-"
     assert any("no figure here holds without the chain" in note for note in notes_of(found))
+    assert not any("told" in title for title in terminal_table(found, found.budgets[0]))
+    stays = 0.8 + 0.2 * (held.prior.weights**2).sum()
+    assert f"by the chain of beliefs, on which it stays as it is in {stays:.0%} of the steps, " in found.summary()
+    assert "5 decisions on one belief, which the sequential rule takes to move by that chain, " in found.summary()
     drawn: Any = comparison_plots.draw_comparison(found, tmp_path)
     assert all(each.exists() for each in drawn)
+    assert "no rule exceeds, over time" in (tmp_path / "comparison.svg").read_text("utf-8")
+    shown = comparison_page.page_data(found)["ceilings"]
+    np.testing.assert_allclose(shown, [[100.0 * row.silence_share, row.path_ceiling] for row in rows], rtol=1e-3)
     alone = compare(
         held.problem,
         held.prior,

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import browser
 from inscrutable import InputError, MarkowitzProblem, ModelError, Study, cli, resume_study, run_study
 from inscrutable.datasets import write_json
-from inscrutable.experiments.comparison import USUAL, ComparisonSettings, compare
+from inscrutable.experiments.comparison import COMPARED, ComparisonSettings, compare
 from inscrutable.experiments.comparison_markets import market_of
 from inscrutable.experiments.comparison_study import compared, comparison_of, comparison_study
 from inscrutable.experiments.investor_model import InvestorModel
@@ -76,7 +76,7 @@ def test_what_is_shipped_are_the_defaults_of_both_verbs() -> None:
     assert Study.of(ReproductionSettings()).plan == Study.of(shipped("reproduction")).plan
     chosen = comparison_study(ComparisonSettings(), market="paper", resolution=30, seed=0)
     assert chosen.plan == Study.of(shipped("comparison")).plan
-    assert Study.of(shipped("comparison")).n_tasks == 4 * (len(USUAL) - 1) + 1
+    assert Study.of(shipped("comparison")).n_tasks == 4 * (len(COMPARED) - 1) + 1
     assert Study.of(SETTINGS).n_tasks == 4
 
 

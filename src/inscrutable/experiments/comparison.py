@@ -84,6 +84,7 @@ class Comparison(Saved):
         silence_regret: r₀, in the cost's unit.
         mean_cost: E|c*| under the prior, in the cost's unit.
         per_belief_unit: What budgets per belief are shares of: "|c*|", or "regret" where c* comes near zero.
+        stays: How often the belief is the same at the next decision, by the chain; NaN where it is not known how it moves.
 
     Source: for each measure the function that computes it; the paper, Section V-B, for the trade-off.
     """
@@ -102,6 +103,7 @@ class Comparison(Saved):
     silence_regret: float
     mean_cost: float
     per_belief_unit: str
+    stays: float = float("nan")
 
     @property
     def makers(self) -> tuple[str, ...]:
@@ -180,10 +182,14 @@ class Comparison(Saved):
             "knows the mechanism and the prior": [(row.bayes_error, row.top_state_accuracy) for row in rows],
         }
         if self.is_moving:
-            following = "knows the mechanism and follows the belief over time"
+            following = (
+                "knows the mechanism and follows the belief over time, by the chain of beliefs, on which it stays as it is in "
+                f"{self.stays:.0%} of the steps"
+            )
             seen[following] = [(row.path_error, row.path_top_state) for row in rows]
         if self.repeats[last] > 1:
             later = f"knows the mechanism and sees {self.repeats[last]} decisions on one belief"
+            later += ", which the sequential rule takes to move by that chain" if self.ceilings else ""
             seen[later] = [(float(row.repeated_errors[last]), float(row.repeated_top_state[last])) for row in rows]
         asked = Requirement(self.prior_error, self.prior_top_state)
         parts = [
@@ -217,8 +223,8 @@ def compare(
         prior: The law of the private belief, known to the observers who use one; or a `BeliefChain`, which also says how
             the belief moves, as delay and partial trading need it.
         settings: Budgets and numbers of repeated decisions; None is the default ones.
-        makers: Functions (setting, regret) -> `experiments.setting.Behaviour` by name; None is `USUAL`, of which the
-            rules with a memory need a chain.
+        makers: Functions (setting, regret) -> `experiments.setting.Behaviour` by name; None is all of `COMPARED`, of which
+            the rules with a memory need a chain.
         candidates: Decisions to choose from; None is a grid of decoys about as many as the prior has beliefs.
         rng: Source of the sampled sequences of repeated decisions.
         progress: Called with (rows done, rows in all).
@@ -229,7 +235,8 @@ def compare(
     Raises:
         InputError: An argument is malformed, or the prior has another number of states than the problem.
 
-    Cost: for 500 beliefs and as many candidates some seconds per decision maker and budget.
+    Cost: for 500 beliefs and as many candidates some seconds per decision maker and budget, of the sequential rule up to a
+    minute.
 
     Source: each measure's own; see `ComparisonRow`.
 
@@ -243,7 +250,7 @@ def compare(
     """
     source = validation.generator(rng)
     setting = Setting.of(problem, prior, candidates)
-    known = makers_of(USUAL, setting) if makers is None else checked_makers(makers)
+    known = makers_of(COMPARED, setting) if makers is None else checked_makers(makers)
     tasks = ComparisonTasks(setting, ComparisonSettings() if settings is None else settings, known)
     rows = []
     with threadpool_limits(limits=1):  # many small products: threads would wait for one another, and change last digits
@@ -301,6 +308,7 @@ class ComparisonTasks:
             silence_regret=setting.silence_regret,
             mean_cost=setting.mean_cost,
             per_belief_unit="|c*|" if setting.is_relative else "regret",
+            stays=np.nan if setting.chain is None else float(prior.weights @ setting.chain.transition.diagonal()),
         )
 
 
@@ -317,11 +325,7 @@ COMPARED: Mapping[str, Mapping[str, Any]] = {
     # To try other prices of information as well takes several times as long.
     "sequential": {"name": "sequential", "information_price": float("inf")},
 }
-"""What can be compared: decision makers of the registry by the names of rows, with their keys."""
-
-USUAL = tuple(name for name in COMPARED if name != "sequential")
-"""What is compared where nothing else is asked for: the sequential rule takes minutes a budget to find its prices, so it is
-named where it is wanted."""
+"""What is compared where nothing else is asked for: decision makers of the registry by the names of rows, with their keys."""
 
 SPENDS_NOTHING = ("ODM",)
 """Those whose expected regret is zero whatever the budget: they are judged once."""

@@ -36,6 +36,7 @@ _NOT_ON_TERMINAL = (
 
 
 _OVER_TIME = "error, aware, over time"
+_TOLD = ", rule told"
 
 
 class _Column(NamedTuple):
@@ -52,7 +53,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
         for s, n in enumerate(comparison.repeats)
     ]
     told = [
-        _Column(f"error, aware, {n} decisions, rule told", _told(s))
+        _Column(f"error, aware, {n} decisions{_TOLD}", _told(s))
         for s, n in enumerate(comparison.repeats)
         if n > 1 and comparison.ceilings
     ]
@@ -144,7 +145,7 @@ def _name(row: ComparisonRow) -> str:
 def terminal_table(comparison: Comparison, budget: float) -> pd.DataFrame:
     """Return the short table of one budget with titles broken into lines, for a terminal."""
     table = short_table(comparison, budget)
-    table = table.drop(columns=[title for title in _NOT_ON_TERMINAL if title in table.columns])
+    table = table.drop(columns=[title for title in table if title in _NOT_ON_TERMINAL or str(title).endswith(_TOLD)])
     table.index.name = None
     return table.rename(columns=lambda title: "\n".join(wrap(title, _TITLE_WIDTH, break_long_words=False)))
 
@@ -229,9 +230,10 @@ def _on_paths(comparison: Comparison) -> list[str]:
             "sequential: goes by what its decisions have told already, and by the chain of beliefs that it is given. After "
             "several decisions on one belief its error is shown twice: where the rule takes the belief to move by that chain, "
             "while it happens to stay, and where the rule knows that it stays, at the same prices (rule told; its regret is "
-            "then its own, told_regret in the CSV file). Long-run figures are simulated; single decisions are read by one who "
-            "knows what the rule plays in the long run. stays half, twice as long: the error over time where the chain that "
-            "the rule takes to be true is wrong about how long beliefs stay. ceiling: no rule of the same expected regret "
+            "then its own, told_regret in the CSV file). Long-run figures are simulated, the expected regret among them, which "
+            "is the one asked for up to its standard error; single decisions are read by one who knows what the rule plays in "
+            "the long run. stays half, twice as long: the error over time where the chain that the rule takes to be true is "
+            "wrong about how long beliefs stay. ceiling: no rule of the same expected regret "
             "leaves one who follows it a larger error over time, on this chain of these beliefs; no figure here holds without "
             "the chain."
         )

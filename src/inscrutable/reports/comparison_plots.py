@@ -68,7 +68,7 @@ def draw_comparison(comparison: Comparison, folder: Path) -> list[Path]:
         highest = max(axis.get_ylim()[1] for axis in places[: len(panels)])
         for axis in places[: len(panels)]:
             axis.set_ylim(0.0, highest)
-        lines, names = places[0].get_legend_handles_labels()
+        lines, names = places[len(panels) - 1].get_legend_handles_labels()  # the ceiling is in the last
         figure.legend(
             lines,
             names,
@@ -97,9 +97,9 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
     axes.axhline(comparison.prior_error, color=BLACK, linestyle="--", linewidth=0.8, zorder=1, label="prior alone")
     if panel.ceilings:
         along = scale * np.array(list(panel.ceilings))
-        axes.plot(along, list(panel.ceilings.values()), color=BLACK, linestyle=":", linewidth=1.2, zorder=2)
-        axes.annotate(
-            "no rule exceeds", (along[0], panel.ceilings[next(iter(panel.ceilings))]), fontsize=6, va="bottom"
+        heights = list(panel.ceilings.values())
+        axes.plot(
+            along, heights, color=BLACK, linestyle=":", linewidth=1.2, zorder=2, label="no rule exceeds, over time"
         )
     axes.set_title(panel.title, loc="left")
     nothing = max(comparison.budgets) <= 0  # else the axis would be as long as rounding is

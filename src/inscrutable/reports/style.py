@@ -30,6 +30,7 @@ LOOKS = {
     "CDM": Look(BLUE, "x", "-"),
     "PDM": Look(ORANGE, "o", "-"),
     "SDM": Look(PURPLE, "P", "-"),
+    "sequential": Look(PURPLE, "P", "-"),
     "rate-distortion": Look("#332288", "s", "-"),
     "Stackelberg": Look(BLACK, "D", "-"),
 }

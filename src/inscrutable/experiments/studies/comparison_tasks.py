@@ -17,7 +17,6 @@ from pydantic import model_validator
 from inscrutable.errors import InputError
 from inscrutable.experiments.comparison import (
     COMPARED,
-    USUAL,
     Comparison,
     ComparisonSettings,
     ComparisonTasks,
@@ -47,7 +46,7 @@ class ComparisonFile(ComparisonSettings, PlanFile):
     kind: Literal["comparison"] = "comparison"
     market: str = PAPER
     resolution: Count = 30
-    decision_makers: Grid[str] = USUAL
+    decision_makers: Grid[str] = tuple(COMPARED)
 
     @model_validator(mode="after")
     def _known(self) -> Self:

@@ -45,7 +45,11 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
             PageFigure(
                 "aware",
                 "Knows the mechanism and the prior",
-                "The same for an observer who knows how decisions are made; bars are 95 % intervals where sampled.",
+                "The same for an observer who knows how decisions are made; bars are 95 % intervals where sampled."
+                + (
+                    " Dotted, of all decisions so far: no rule of the same expected regret exceeds it."
+                    * bool(comparison.ceilings)
+                ),
             ),
             PageFigure(
                 "both",
@@ -103,6 +107,9 @@ def page_data(comparison: Comparison) -> dict[str, Any]:
         "budgets": [float(f"{scale * budget:.6g}") for budget in comparison.budgets],
         "unit": "% of the silence regret" if silent else "the cost's unit",
         "prior": round(comparison.prior_error, _DIGITS),
+        "ceilings": [
+            [float(f"{scale * budget:.6g}"), round(most, _DIGITS)] for budget, most in comparison.ceilings.items()
+        ],
         "rows": {
             maker: [
                 {

@@ -14,6 +14,7 @@
     });
     const { drawing, place, inside, py } = frame;
     svg(drawing, "line", { x1: inside.left, x2: inside.right, y1: at(py(data.prior)), y2: at(py(data.prior)), stroke: "#000", "stroke-dasharray": "6 4" });
+    if (seen === texts.seen.length - 1) line(drawing, data.ceilings.map(place), "#000", ":");
     cursor(frame, data.budgets[budget]);
     for (const name of makers) {
       const look = looks[name];
@@ -46,7 +47,7 @@
 
   const entries = [...makers.map((name) => [name, sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]), ["prior alone", sampleMark(null, "#000", false, "--")]];
   legend("naive", entries);
-  legend("aware", entries);
+  legend("aware", data.ceilings.length ? [...entries, ["no rule exceeds, over time", sampleMark(null, "#000", false, ":")]] : entries);
   legend("both", [
     ["takes one decision at face value", sampleMark("s", "#000", true)],
     ["knows the mechanism and the prior", sampleMark("o", "#000", "#fff")],

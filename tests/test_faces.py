@@ -31,7 +31,7 @@ def quadratic(rng, n_states, region):
 @pytest.mark.parametrize(
     ("region", "rows"),
     [
-        (simplex(4) & box(np.zeros(4), np.array([2e-4, 1.0, 1.0, 1.0])), [0, 8]),  # both bounds of one weight
+        (simplex(4) & box(np.zeros(4), np.array([2e-4, 1.0, 1.0, 1.0])), [0, 4]),  # both bounds of one weight
         (simplex(3), [0, 1, 2]),  # nothing is held
         (simplex(4) & Polyhedron([[1.0, 1.0, 0.0, 0.0], [-1.0, -1.0, 0.0, 0.0]], [0.6, -0.5]), [4, 5]),
     ],

@@ -16,7 +16,7 @@ from benchmarks.table import Quality, Row, Target, at_most, seconds_text, times_
 TITLE = "Start-up: each in new processes"
 OVER_NUMPY = 3.0
 FIRST_SECONDS, COMPILE_SECONDS = 8.0, 15.0
-REPRODUCE_SECONDS = 15.0
+REPRODUCE_SECONDS = 60.0
 
 _IMPORT = "import time; start = time.perf_counter(); import {0}; print(time.perf_counter() - start)"
 _NAMES = "CounterAdversarialDecisionMaker, MarkowitzProblem, ProbabilisticDecisionMaker, consistent_beliefs"

@@ -121,7 +121,15 @@ def best_in_regions(atlas: Atlas, scene: Scene, progress: Progress | None = None
         seen = None if progress is None else partial(_report, progress, first, count)
         reached = search(atlas, some, starts_of(atlas, some, _STARTS), seen)
         parts.append(read(atlas, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
-    return Best(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return _on_simplex(Best(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), scene)
+
+
+def _on_simplex(found: Best, scene: Scene) -> Best:
+    """The same with beliefs that left the simplex by a billionth put back: an observer finds them there."""
+    for i in np.flatnonzero((found.decoys < -tolerances.EXPLAINED).any(axis=1)):
+        found.decoys[i] = np.maximum(found.decoys[i], 0.0) / np.maximum(found.decoys[i], 0.0).sum()
+        found.privacies[i] = scene.sign * np.linalg.norm(found.decoys[i] - scene.points[i])
+    return found
 
 
 def values_of(reached: Explored) -> Array:

@@ -11,6 +11,7 @@ from inscrutable import (
     LinearProblem,
     MarkowitzProblem,
     PowerNetwork,
+    ProbabilisticDecisionMaker,
     box,
     consistent_beliefs,
     dispatch_problem,
@@ -106,3 +107,45 @@ def test_the_search_finds_what_random_decoys_find_where_beliefs_share_decisions(
     rng = np.random.default_rng(seed)
     problem = PROBLEMS[name](rng)
     assert_not_below_random(problem, rng.dirichlet(np.ones(problem.n_states)), share, rng)
+
+
+STEPS = (-1e-2, -1e-3, -1e-4, 1e-4, 1e-3, 1e-2)
+
+
+def gain_along_edges(problem, belief, mixed, share_of_cost):
+    """How much a lottery gains where an atom that a belief in two states explains moves along their edge."""
+    optimal, gain = float(problem.optimal_cost(belief)), 0.0
+    limit = share_of_cost * abs(optimal)
+    for moved, fixed in ((0, -1), (-1, 0)):
+        decoy, kept = mixed.decoys[moved], (float(mixed.regrets[fixed]), float(mixed.privacies[fixed]))
+        held = np.flatnonzero(decoy > 1e-5)
+        if len(held) != 2:
+            continue
+        for step in STEPS:
+            tried = np.zeros(problem.n_states)
+            tried[held] = np.clip(decoy[held] + [step, -step], 0.0, 1.0)
+            action = problem.solve(tried / tried.sum())
+            regret = float(problem.state_costs(action) @ belief) - optimal
+            privacy = consistent_beliefs(problem, action).distance(belief)
+            low, high = sorted([kept, (regret, privacy)])
+            if low[0] <= limit < high[0]:
+                chord = low[1] + (limit - low[0]) / (high[0] - low[0]) * (high[1] - low[1])
+                gain = max(gain, chord - float(mixed.expected_privacy))
+    return gain
+
+
+@pytest.mark.parametrize("shape", [(4, 3), (5, 3), (6, 3)])
+def test_no_step_along_an_edge_improves_a_lottery(shape, fresh_rng):
+    problem, share = MarkowitzProblem(*random_market(fresh_rng, *shape)), 0.1
+    maker = ProbabilisticDecisionMaker(problem, budget=share)
+    for belief in fresh_rng.dirichlet(np.ones(shape[0]), 30):
+        mixed = maker.decide(belief)
+        assert gain_along_edges(problem, belief, mixed, share) <= 1e-3 * float(mixed.expected_privacy)
+
+
+def test_a_lottery_goes_on_to_where_two_edges_cross():
+    """Beyond the crossing nearer beliefs explain the decision; steps that are cut there gain .4417 of .4436 in eight rounds."""
+    rng = np.random.default_rng(63)
+    problem = MarkowitzProblem(*random_market(rng, 6, 3))
+    belief = rng.dirichlet(np.ones(6), 40)[29]
+    assert ProbabilisticDecisionMaker(problem, budget=0.1).decide(belief).expected_privacy > 0.4436

@@ -352,9 +352,8 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
 
 
 @woven
-def _room(n_states: int, k: int, m: int, count: int) -> Any:
+def _room(n_states: int, n: int, k: int, m: int, count: int) -> Any:
     """The arrays of a climb, out of one memory: by states and free coordinates, by rows, and by states alone."""
-    n = n_states - 1
     floats = k * k + (3 * n_states + 2) * k + n_states * n_states + 3 * n_states + 2 * n + 2 * n * n
     floats += 2 * count * n + 5 * count + (n + 1) * (2 * n + 4) + n
     flat, whole, bits = np.empty(floats), np.empty(n + 1, dtype=np.int64), np.empty(count + m, dtype=np.bool_)
@@ -389,7 +388,7 @@ def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple
     n_states, n = rules.basis.shape
     k, m = w.size - 1, rows.shape[0]
     count = m + 1 if has_budget else m
-    places, steps, sides_of = _room(n_states, k, m, count)
+    places, steps, sides_of = _room(n_states, n, k, m, count)
     factor, gradients, slopes, scratch, full, budget, trial, normal = places
     step, slope, hessian, half = steps
     units, turned, sides, moved, lengths, weights, stretch, room, live = sides_of

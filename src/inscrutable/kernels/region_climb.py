@@ -12,16 +12,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.climb import Aim, climb
+from inscrutable.kernels.climb import Aim, Rules, climb
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.face_ascent import ascend
-from inscrutable.kernels.face_lines import SAMPLES, best_place, interval, line_weight
+from inscrutable.kernels.face_lines import SAMPLES, best_place, decision_value, interval, line_weight
 from inscrutable.kernels.face_sets import dearest, look_around, move_to_cheapest
-from inscrutable.kernels.options import bare, bare_kernel, kernel, woven
+from inscrutable.kernels.options import bare, bare_kernel, kernel, part, whole, woven
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
 
 _ROUNDS = 30  # of a climb, and golden sections on a line; a few times what the slowest of the kept instances took
+_HALVINGS = 12  # to where borders cross; 20 gain less than 1e-5
+_IMPOSSIBLE = 1e-5  # a probability that counts as zero on a border: what climbs leave of it is larger than rounding
+_NO_ROUNDS = whole(0)
 _STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
 
 
@@ -139,6 +142,26 @@ def climb_decoys(low: int, high: int, climbs: Any, scene: Any, regions: Any, rul
                     spots.numbers[s, 3] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
 
 
+@bare_kernel
+def fill_distances(
+    low: int, high: int, starts: Any, scene: Any, regions: Any, rules: Any, distances: Any, room: Any
+) -> None:
+    """Fill how far the consistent sets of starts low..high are from their aims; NaN in regions where sets are points.
+
+    starts: (belief (n,), region (n,), actions (n,U)). A decision that no belief explains is infinitely far.
+    """
+    belief, region, actions = starts
+    n_states = rules.basis.shape[0]
+    for s in range(low, high):
+        number = region[s]
+        distances[s] = np.nan
+        if not regions.is_point[number]:
+            w = room.place[: regions.size[number] + 1]
+            locate(regions, number, actions[s], w)
+            face = face_of(regions, number, n_states)
+            distances[s] = nearest_belief(face, w, scene.points[belief[s]], rules, NO_ROW, room.member, room.distance)
+
+
 @woven
 def _begin(climbs: Any, regions: Any, spots: Any, s: int, w: Any) -> bool:
     """Fill w with the best decision so far, or the one that the climb was given; False where there is none."""
@@ -202,6 +225,71 @@ def _was_known(climbs: Any, spots: Any, s: int, low: int) -> bool:
     return False
 
 
+@woven
+def _is_on_border(y: Any, k: int) -> bool:
+    """Whether a belief of few states explains a decision with k free coordinates: such decisions are a surface of the region,
+    beyond which there is one that no belief explains."""
+    n_likely = 0
+    for i in range(y.size):
+        n_likely += y[i] > _IMPOSSIBLE
+    return bool(2 <= n_likely <= k)
+
+
+@woven
+def _directions_between(y: Any) -> Any:
+    """Orthonormal directions (X, S−1) in which the S probabilities above zero change and their sum does not: Helmert's."""
+    n_likely = 0
+    for i in range(y.size):
+        n_likely += y[i] > 0.0
+    basis, before = np.zeros((y.size, n_likely - 1)), 0
+    for i in range(y.size):
+        if y[i] > 0.0:
+            for j in range(i):
+                if before > 0 and y[j] > 0.0:
+                    basis[j, before - 1] = 1.0 / np.sqrt(before * (before + 1.0))
+            if before > 0:
+                basis[i, before - 1] = -before / np.sqrt(before * (before + 1.0))
+            before += 1
+    return basis
+
+
+@part
+def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) -> float:
+    """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier.
+
+    On the border of the decisions that some belief explains a set is a point, and the slopes of sets are no guide. Where
+    another border crosses, nearer beliefs explain the decisions beyond it: the last one before is found by halving.
+    """
+    for i in range(y.size):
+        if y[i] <= _IMPOSSIBLE:
+            y[i] = 0.0
+    held = Rules(
+        rules.pivot, rules.near, rules.accuracy, rules.rank, rules.explained, rules.on_face, rules.inside, rules.spent,
+        _directions_between(y),
+    )  # fmt: skip
+    end, trial, there = y.copy(), y.copy(), w.copy()
+    best, low, high, share = decision_value(face, aim, rules, w, room.member, room.distance), 0.0, 1.0, 1.0
+    loss, weight = climb(face, aim, held, end, there, _ROUNDS)
+    if not loss < np.inf:
+        return 0.0
+    for _ in range(_HALVINGS):
+        value = decision_value(face, aim, rules, there, room.member, room.distance)
+        if value > best and cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit:
+            best, low = value, share
+            put(there, w)
+            if share == 1.0:
+                break
+        else:
+            high = share
+        share = 0.5 * (low + high)
+        for i in range(y.size):
+            trial[i] = (1.0 - share) * y[i] + share * end[i]
+        climb(face, aim, held, trial, there, _NO_ROUNDS)
+    for i in range(y.size):
+        y[i] = (1.0 - low) * y[i] + low * end[i]
+    return float(weight)
+
+
 @kernel
 def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
     """Improve the spots of climbs low..high in regions of more coordinates with sets larger than points.
@@ -240,9 +328,17 @@ def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rule
                 put(given, trial)
             # Where no belief explains the start, the climb moves it and the known member together.
             nearest_belief(face, trial, aim.point, rules, NO_ROW, y, room.distance)
-            value, weight = ascend(face, held, aim, rules, trial, y, _ROUNDS, room.distance)
-            if value > -np.inf:
-                _keep(face, aim, rules, trial, weight, spots, s, room)
+            # From the border inward, and from inside to a border and along it.
+            for _ in range(2):
+                was_on_border = _is_on_border(y, k)
+                if was_on_border:
+                    weight = _climb_border(face, aim, rules, y, trial, room)
+                    _keep(face, aim, rules, trial, weight, spots, s, room)
+                value, weight = ascend(face, held, aim, rules, trial, y, _ROUNDS, room.distance)
+                if value > -np.inf:
+                    _keep(face, aim, rules, trial, weight, spots, s, room)
+                if was_on_border or not _is_on_border(y, k):
+                    break
 
 
 @woven

@@ -20,19 +20,17 @@ from inscrutable.kernels.region_search import Table
 from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
 
-_ON_EDGE = (
-    50  # beliefs on an edge of the simplex; with 12, 2 of 40 lotteries over six states and three assets lose 28 %
-)
+_ON_EDGE = 50
+"""Beliefs on an edge of the simplex; with 12, 2 of 40 lotteries over six states and three assets lose 28 %."""
 _ENOUGH = 1000
 """Candidates to start from: with the 66 of a grid of tenths alone 1 of 60 decisions over three states loses 70 %."""
 
 
 class Pairs(NamedTuple):
-    """E beliefs on the edges of the simplex, and which edge each lies on."""
+    """E beliefs on the edges of the simplex."""
 
     decoys: Array  # (E,X)
     actions: Array  # (E,U)
-    pair: np.ndarray  # (E,)
 
 
 class Atlas:
@@ -84,7 +82,7 @@ class Atlas:
         decoys = decoys.reshape(-1, n_states)
         actions = self.problem.solve(decoys)
         alone = consistent_sets(self.problem, actions).dimension == 0
-        return Pairs(decoys[alone], actions[alone], np.repeat(np.arange(len(first)), _ON_EDGE)[alone])
+        return Pairs(decoys[alone], actions[alone])
 
     def __len__(self) -> int:
         return len(self.index)

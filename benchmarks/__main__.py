@@ -23,7 +23,7 @@ from benchmarks.table import Group, Row, Target, between, markdown, missed_rows,
 GROUPS = ("forward", "decision", "proof", "many", "growth", "start", "large")
 SLOW = ("large",)
 RESULTS = ROOT / "benchmarks" / "results"
-README = ROOT / "README.md"
+PAGE = ROOT / "docs" / "benchmarks.md"
 WRONG, INTERRUPTED = 1, 130
 PRINTED_WIDTH = 240  # characters of a table that goes to a file
 _QUICK = "Tiny sizes: only that everything runs; no target applies."
@@ -43,7 +43,7 @@ def measure(name: str, *, quick: bool = False) -> Group:
 
 
 def write(folder: Path, fresh: Sequence[Group]) -> None:
-    """Keep fresh groups, and write table and pictures of all groups that are kept; README.md quotes the kept results."""
+    """Keep fresh groups, and write table and pictures of all groups that are kept; the documents quote the kept results."""
     folder.mkdir(parents=True, exist_ok=True)
     for group in fresh:
         group.save(folder)
@@ -56,7 +56,7 @@ def write(folder: Path, fresh: Sequence[Group]) -> None:
             pictures = draw_growth(group.rows, folder)
     (folder / "table.md").write_text(markdown(groups, pictures), encoding="utf-8")
     if folder == RESULTS:
-        README.write_text(between(README.read_text("utf-8"), summary(groups)), encoding="utf-8")
+        PAGE.write_text(between(PAGE.read_text("utf-8"), summary(groups)), encoding="utf-8")
 
 
 def kept(folder: Path) -> list[Group]:
@@ -103,7 +103,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"{', '.join(GROUPS)}; default: all but the last")
     parser.add_argument("--quick", action="store_true", help="tiny sizes, nothing written unless --out is given")
     parser.add_argument(
-        "--out", type=Path, help="folder of the results; default benchmarks/results, which README.md quotes"
+        "--out", type=Path, help="folder of the results; default benchmarks/results, which the documents quote"
     )
     return parser
 

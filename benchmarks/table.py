@@ -12,7 +12,7 @@ from rich.table import Table
 
 HEADS = ("what", "size", "inscrutable", "peer", "peer takes", "ratio", "quality", "target", "met")
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
-"""What stands between these marks in README.md is written with the table."""
+"""What stands between these marks in docs/benchmarks.md is written with the table."""
 
 _UNITS = ((1.0, "s", 1.0), (1e-3, "ms", 1e3), (1e-6, "µs", 1e6), (0.0, "ns", 1e9))
 

@@ -95,7 +95,7 @@ def test_the_short_table_holds_what_is_asked():
 
 
 def test_the_pages_show_the_results_that_are_kept():
-    page = (ROOT / "README.md").read_text("utf-8")
+    page = (ROOT / "docs" / "benchmarks.md").read_text("utf-8")
     assert BEGIN in page
     assert between(page, summary(kept(RESULTS))) == page
     pictures = sorted(path.name for path in RESULTS.glob("*.png"))

@@ -69,14 +69,17 @@ def polish(goal: Goal, scores: Scores) -> Trial | None:
 def _improved(goal: Goal, starts: list[Start], best: Trial | None) -> Trial | None:
     """The best of what searches from some starts reach and what is known."""
     known = -np.inf if best is None else best.privacy
-    free = [_free_directions(goal, start) for start in starts]
-    on_rays = [start for start, each in zip(starts, free, strict=True) if _goes_on_rays(goal, each)]
+    on_rays: list[Start] = []
+    trials = []
+    for start in starts:
+        free = _free_directions(goal, start)
+        if _goes_on_rays(goal, free):
+            on_rays.append(start)
+        else:
+            trials.append(_improve(goal, start, free))
     reached = climb_on_rays(goal, [start.tight for start in on_rays], [start.decoy for start in on_rays], known)
-    trials = [
-        judge(goal, start.action if action is None else action) for start, action in zip(on_rays, reached, strict=True)
-    ]
     trials += [
-        _improve(goal, start, each) for start, each in zip(starts, free, strict=True) if not _goes_on_rays(goal, each)
+        judge(goal, start.action if action is None else action) for start, action in zip(on_rays, reached, strict=True)
     ]
     for trial in trials:
         if trial is not None and (best is None or trial.privacy > best.privacy):

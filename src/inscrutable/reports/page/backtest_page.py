@@ -140,6 +140,7 @@ class _Sets:
         self._places: dict[bytes, int] = {}
 
     def place(self, found: BeliefSet) -> int:
+        """The number of a set among those that the page holds once each."""
         corners = found.vertices()
         if found.dimension > 1 and found.n_states == _TRIANGLE:
             corners = around(corners)

@@ -107,3 +107,11 @@ def test_the_same_frontier_for_any_number_of_threads(monkeypatch):
         found = privacy_frontier(problem, [0.2, 0.3, 0.5], None, decoy_grid(problem, 300))
         answers.add(found.points.tobytes() + found.indices.tobytes())
     assert len(answers) == 1
+
+
+def test_a_frontier_prints_its_summary():
+    found = privacy_frontier(problem_of("plain"), [0.2, 0.3, 0.5])
+    assert repr(found) == found.summary()
+    assert f"{len(found.points)} decisions" in found.summary()
+    assert f"{found.points[-1, 1]:.4f}" in found.summary()
+    assert "\n" not in found.summary()

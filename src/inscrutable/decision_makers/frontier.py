@@ -50,6 +50,19 @@ class Frontier(Saved):
     corners: Array
     indices: np.ndarray
 
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a line for a person to read."""
+        if not len(self.points):
+            return "frontier: no decision has a privacy"
+        (least, first), (most, last) = self.points[[0, -1]]
+        return (
+            f"frontier: {len(self.points)} decisions, from a privacy of {first:.4f} at a regret of {least:.4g} to {last:.4f} at "
+            f"{most:.4g}; lotteries between {len(self.corners)} of them"
+        )
+
     def deterministic(self, regret: ArrayLike) -> float | Array:
         """Return the privacy of the best single decision at a regret, or at many; −∞ where none is affordable."""
         limits = _regrets(regret)

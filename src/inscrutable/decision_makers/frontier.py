@@ -59,8 +59,8 @@ class Frontier(Saved):
             return "frontier: no decision has a privacy"
         (least, first), (most, last) = self.points[[0, -1]]
         return (
-            f"frontier: {len(self.points)} decisions, from a privacy of {first:.4f} at a regret of {least:.4g} to {last:.4f} at "
-            f"{most:.4g}; lotteries between {len(self.corners)} of them"
+            f"frontier: {len(self.points)} decisions, from a privacy of {first:.4f} at a regret of {least:.4g} to {last:.4f} "
+            f"at {most:.4g}; lotteries between {len(self.corners)} of them"
         )
 
     def deterministic(self, regret: ArrayLike) -> float | Array:

@@ -21,8 +21,10 @@ from inscrutable.kernels.options import bare, bare_kernel, kernel, part, whole, 
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
 
-_ROUNDS = 30  # of a climb, and golden sections on a line; a few times what the slowest of the kept instances took
-_HALVINGS = 12  # to where borders cross; 20 gain less than 1e-5
+_ROUNDS = whole(
+    30
+)  # of a climb, and golden sections on a line; a few times what the slowest of the kept instances took
+_HALVINGS = 12  # to where borders cross; with 20 no privacy is larger by 1e-5 of itself
 _IMPOSSIBLE = 1e-5  # a probability that counts as zero on a border: what climbs leave of it is larger than rounding
 _NO_ROUNDS = whole(0)
 _STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
@@ -90,18 +92,26 @@ def aim_of(scene: Any, t: int, rules: Any) -> Aim:
 
 
 @bare
+def _is_admissible(face: Any, trial: Any, near: float) -> bool:
+    """Whether no slack is negative."""
+    for r in range(face.n_set_rows, face.rows.shape[0]):
+        slack = 0.0
+        for a in range(trial.size):
+            slack += face.rows[r, 0, a] * trial[a]
+        if slack < -near:
+            return False
+    return True
+
+
+@bare
 def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any, s: int, room: Any) -> None:
     """Take over a trial that a belief explains, if it is admissible, affordable and better.
 
     `weight` is the budget's multiplier for ½Ψ²; it is zero where budget is left over.
     """
     numbers, nearest, place = spots.numbers, spots.nearest, spots.place
-    for r in range(face.n_set_rows, face.rows.shape[0]):
-        slack = 0.0
-        for a in range(trial.size):
-            slack += face.rows[r, 0, a] * trial[a]
-        if slack < -rules.near:
-            return
+    if not _is_admissible(face, trial, rules.near):
+        return
     distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, room.member, room.distance)
     regret = cost_at(face.curves, aim.belief, trial) - aim.optimal_cost
     # Where a line ends at the budget, rounding may end it a little beyond; the aim's budget leaves room for that.
@@ -227,12 +237,14 @@ def _was_known(climbs: Any, spots: Any, s: int, low: int) -> bool:
 
 @woven
 def _is_on_border(y: Any, k: int) -> bool:
-    """Whether a belief of few states explains a decision with k free coordinates: such decisions are a surface of the region,
-    beyond which there is one that no belief explains."""
+    """Whether a belief in at most k of the states explains a decision with k free coordinates.
+
+    The decisions of such beliefs are of fewer dimensions than the region: they border on decisions that no belief explains.
+    """
     n_likely = 0
     for i in range(y.size):
         n_likely += y[i] > _IMPOSSIBLE
-    return bool(2 <= n_likely <= k)
+    return bool(2 <= n_likely <= min(k, y.size - 1))
 
 
 @woven
@@ -255,7 +267,7 @@ def _directions_between(y: Any) -> Any:
 
 @part
 def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) -> float:
-    """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier.
+    """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier, 0 where it is not known.
 
     On the border of the decisions that some belief explains a set is a point, and the slopes of sets are no guide. Where
     another border crosses, nearer beliefs explain the decisions beyond it: the last one before is found by halving.
@@ -274,7 +286,9 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
         return 0.0
     for _ in range(_HALVINGS):
         value = decision_value(face, aim, rules, there, room.member, room.distance)
-        if value > best and cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit:
+        # The climb's end may exceed the budget by rounding; the aim's budget leaves room for that.
+        fits = cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit * (1.0 + rules.near)
+        if value > best and fits and _is_admissible(face, there, rules.near):
             best, low = value, share
             put(there, w)
             if share == 1.0:
@@ -287,7 +301,7 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
         climb(face, aim, held, trial, there, _NO_ROUNDS)
     for i in range(y.size):
         y[i] = (1.0 - low) * y[i] + low * end[i]
-    return float(weight)
+    return float(weight) if low == 1.0 else 0.0
 
 
 @kernel

@@ -70,18 +70,18 @@ def _improved(goal: Goal, starts: list[Start], best: Trial | None) -> Trial | No
     """The best of what searches from some starts reach and what is known."""
     known = -np.inf if best is None else best.privacy
     on_rays: list[Start] = []
-    trials = []
+    others = []
     for start in starts:
         free = _free_directions(goal, start)
         if _goes_on_rays(goal, free):
             on_rays.append(start)
         else:
-            trials.append(_improve(goal, start, free))
+            others.append(_improve(goal, start, free))
     reached = climb_on_rays(goal, [start.tight for start in on_rays], [start.decoy for start in on_rays], known)
-    trials += [
+    trials = [
         judge(goal, start.action if action is None else action) for start, action in zip(on_rays, reached, strict=True)
     ]
-    for trial in trials:
+    for trial in trials + others:
         if trial is not None and (best is None or trial.privacy > best.privacy):
             best = trial
     return best

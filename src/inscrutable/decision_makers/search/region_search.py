@@ -68,7 +68,7 @@ _PAIRS = 4  # beliefs in two states only
 _EDGE_STATES = 5
 """Climbs along the edge (20 ms a belief) from so many states on: of 72 beliefs on concentrated markets none is lost without
 them at X = 3 and 4, two of X = 5 (up to 6 %) and seven of X = 6 (up to 3 %). Where decisions have fewer free coordinates than
-beliefs, pairs do as much: of 1,080 decisions and lotteries there 6 change, by -.2 to 7 %, in half the time."""
+beliefs, pairs do as much: of 1,080 decisions and lotteries there 6 change, by −0.2 % to 7 %, in half the time."""
 _INWARD = 0.01
 """Share of the way to the belief by which a climb beyond a row begins before the decision that asked for it: where the budget
 is spent and the row is met nothing is left to begin with."""
@@ -313,8 +313,8 @@ class SomeStarts(NamedTuple):
 def _promises(
     atlas: Atlas, scene: Scene, steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Array
 ) -> Array:
-    """What climbs of beliefs `steps` (n,) in regions `numbers` (n,) may reach from decoys (n,X) and their decisions (n,U),
-    without what they cost."""
+    """How far climbs of beliefs `steps` (n,) in regions `numbers` (n,) may come from decoys (n,X) and their decisions (n,U);
+    what that costs at a price is not taken off yet."""
     # Near a ray little is farther than its end; toward a target nothing is better than the target itself.
     if scene.sign < 0:
         return np.zeros(len(steps))

@@ -132,6 +132,15 @@ def test_equal_spending_is_equal(tmp_path: Path) -> None:
     assert np.all(spent <= 0.4 * (1.0 + 1e-12))
 
 
+def test_a_budget_that_no_noise_spends_is_met_from_below(tmp_path: Path) -> None:
+    """Market 14 of 15 cannot spend it: steps that grow until the amount of noise overflowed failed there."""
+    plan = SMALL | {"repeats": 15, "decision_makers": [SMALL["decision_makers"][-1]], "adversaries": ["naive"]}
+    study = Study.of(plan | {"budgets": {"values": [0.3]}})
+    frame = run_study(study, tmp_path).frame()
+    assert (frame["status"] == "done").all(), frame["failure"].unique()
+    assert (frame["expected_regret"] > 0.0).all()
+
+
 def test_aware_mechanisms_and_searches_among_candidates_alone(tmp_path: Path) -> None:
     """Each budget per belief, built by hand: by enumeration, the paper's programme, and the library's own Stackelberg."""
     plan = SMALL | {

@@ -88,4 +88,5 @@ def test_fifty_runs_killed_and_resumed_have_the_same_rows(tmp_path: Path, monkey
     frame = Study.load(folder).frame()
     print(f"\n50 kills, {studies + 1} studies of {len(frame)} rows: none lost, none doubled")
     assert frame["task"].is_unique
+    assert (frame["status"] == "done").all(), frame["failure"].unique()
     assert table(Study.load(folder)) == table(whole)

@@ -22,6 +22,9 @@ _LONGEST_STEP = float(np.log(4.0))
 """Of the logarithm of an amount, where the first trial says little of the right one."""
 _MOST_IDLE = 3
 """Steps running that change nothing: beyond hundreds of times the amount nothing more is taken to be spent."""
+_FARTHEST = float(np.log(1e12))
+"""Of the logarithm of an amount from the first trial: noise of a trillionth or a trillion times the cost changes nothing more,
+and beyond that amounts overflow."""
 Made = TypeVar("Made")
 
 
@@ -151,8 +154,9 @@ def spending(make: Callable[[float], Made], regret_of: Callable[[Made], float], 
 
     if regret <= 0.0:
         return make(regret)
-    search = _Search(made, regret, np.finfo(float).tiny, np.inf)
-    search.from_guess(float(np.log(regret)))
+    guess = float(np.log(regret))
+    search = _Search(made, regret, np.exp(guess - _FARTHEST), np.exp(guess + _FARTHEST))
+    search.from_guess(guess)
     found: Made = search.best.made
     return found
 
@@ -202,13 +206,17 @@ class _Search:
 
     def from_guess(self, place: float) -> None:
         """Step from a place towards the target, as if the regret grew with the parameter, each time counting double, and
-        narrow what lies between. After a step that changed nothing the next is a long one."""
+        narrow what lies between. After a step that changed nothing the next is a long one; the ends of the range are the
+        farthest trials."""
         trial, weight, idle = self._at(place), 1.0, 0
         aim = self.target * (1.0 - 0.5 * tolerances.CALIBRATED)  # the middle of what counts as reached
         while not self._is_reached() and idle < _MOST_IDLE:
             missing = abs(np.log(aim / trial.regret)) if trial.regret > 0 and not idle else np.inf
             step = weight * min(float(missing), _LONGEST_STEP)
-            ahead = self._at(trial.place + (step if self._is_below(trial) else -step))
+            place = float(np.clip(trial.place + (step if self._is_below(trial) else -step), *np.log(self.ends)))
+            if place == trial.place:
+                return
+            ahead = self._at(place)
             if self._is_below(ahead) != self._is_below(trial):
                 self._narrow(trial, ahead)
                 return

@@ -44,7 +44,7 @@ from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, Store, locked, speaking
-from inscrutable.experiments.studies.tasks import DONE, FAILED, Row, Work, chunk_of_rows
+from inscrutable.experiments.studies.tasks import DONE, FAILED, Done, Row, Work, chunk_of_rows
 from study_runs import SMALL, environment, killed, table, worker_processes
 
 TALKATIVE = (
@@ -214,7 +214,8 @@ def test_the_order_of_tasks_and_what_was_done_before_change_nothing(whole: Study
     grid = whole.grid
     work = Work(GridRunner, whole.plan.model_dump_json(), None, "[]")
     backwards = chunk_of_rows(work, reversed(range(0, len(grid), 7)))
-    alone = [GridRunner(work).row(row.number) for row in backwards]
+    runners = [GridRunner(work) for _ in backwards]
+    alone = [runner.row_of(runner.done(row.number)) for row, runner in zip(backwards, runners, strict=True)]
     stored = whole.frame()
     for row, other in zip(backwards, alone, strict=True):
         assert row._replace(duration=0) == other._replace(duration=0)
@@ -278,7 +279,7 @@ def test_an_unexpected_error_is_a_failed_row_too(whole: Study, monkeypatch: pyte
         raise ZeroDivisionError("oh")
 
     monkeypatch.setattr(runner, "observed", broken)
-    row = runner.row(0)
+    row = runner.row_of(runner.done(0))
     assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", "{}")
 
 
@@ -287,14 +288,14 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
 ) -> None:
     plan = tmp_path / "study.toml"
     plan.write_text(toml_of(SMALL), "utf-8")
-    row = GridRunner.row
+    one = GridRunner.done
 
-    def interrupted(self: GridRunner, number: int) -> Row:
+    def interrupted(self: GridRunner, number: int) -> Done:
         if number == 40:
             raise KeyboardInterrupt
-        return row(self, number)
+        return one(self, number)
 
-    monkeypatch.setattr(GridRunner, "row", interrupted)
+    monkeypatch.setattr(GridRunner, "done", interrupted)
     out = tmp_path / "out"
     assert cli.main(["study", "run", str(plan), "--out", str(out)]) == 130
     assert f"inscrutable study resume {out}" in capsys.readouterr().err

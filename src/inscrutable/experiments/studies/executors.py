@@ -17,7 +17,7 @@ from itertools import islice
 from typing import Any
 
 from inscrutable.errors import InputError, SolverError
-from inscrutable.experiments.studies.tasks import FAILED, Row, Work, chunk_of_rows, rows_one_by_one, runner_of
+from inscrutable.experiments.studies.tasks import FAILED, Done, Row, Work, chunk_of_rows, one_by_one, rows_of, runner_of
 
 Keep = Callable[[list[Row]], None]
 """Takes rows for good."""
@@ -63,18 +63,18 @@ class Chunks:
 
 def serial(work: Work, numbers: Iterable[int], keep: Keep) -> None:
     """Do tasks in this process; what is done when Ctrl-C comes is kept."""
-    batch: list[Row] = []
+    batch: list[Done] = []
     kept_at = time.monotonic()
     try:
-        for row in rows_one_by_one(work, numbers):
-            batch.append(row)
+        for done in one_by_one(work, numbers):
+            batch.append(done)
             if time.monotonic() - kept_at >= _SECONDS:
                 ready, batch = batch, []
-                keep(ready)
+                keep(rows_of(work, ready))
                 kept_at = time.monotonic()
     finally:
         if batch:
-            keep(batch)
+            keep(rows_of(work, batch))
 
 
 def in_processes(jobs: int) -> Executor:
@@ -314,4 +314,4 @@ def lost_row(work: Work, number: int) -> Row:
     """Return the row of a task that took its workers down with it."""
     runner = runner_of(work)
     error = "SolverError: the workers doing this task were lost each time (killed, or out of memory)"
-    return runner.row_of(runner.grid.task(number), FAILED, {}, 0.0, error)
+    return runner.row_of(Done(runner.grid.task(number), FAILED, {}, 0.0, error))

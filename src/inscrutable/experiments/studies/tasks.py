@@ -131,6 +131,16 @@ class Row(NamedTuple):
     error: str
 
 
+class Done(NamedTuple):
+    """What came of one task."""
+
+    task: Task
+    status: str
+    figures: dict[str, float]
+    duration: float
+    error: str
+
+
 class TaskRunner(ABC):
     """Does the tasks of one study."""
 
@@ -144,8 +154,8 @@ class TaskRunner(ABC):
     def figures(self, task: Task) -> dict[str, float]:
         """Return the figures of one task, by name."""
 
-    def row(self, number: int) -> Row:
-        """Do one task and return its row; that of one that fails says why."""
+    def done(self, number: int) -> Done:
+        """Do one task; one that fails says why."""
         started = time.perf_counter()
         task = self.grid.task(number)
         status, error, found = DONE, "", {}
@@ -156,10 +166,11 @@ class TaskRunner(ABC):
         except Exception as reason:
             _pass_interrupt(reason)
             status, error = FAILED, f"unexpected {type(reason).__name__}: {reason}"
-        return self.row_of(task, status, found, time.perf_counter() - started, error)
+        return Done(task, status, found, time.perf_counter() - started, error)
 
-    def row_of(self, task: Task, status: str, figures: dict[str, float], duration: float, error: str) -> Row:
+    def row_of(self, done: Done) -> Row:
         """Return the row of a task, with its identity and the first 64 bits of its child seed."""
+        task, status, figures, duration, error = done
         seed = int(self.grid.task_seed(task).generate_state(1, np.uint64)[0])
         return Row(task.number, task.key, task.text, str(seed), status, figures_text(figures), duration, error)
 
@@ -194,7 +205,7 @@ def runner_of(work: Work) -> TaskRunner:
     return work.runner(work)
 
 
-def rows_one_by_one(work: Work, numbers: Iterable[int]) -> Iterator[Row]:
+def one_by_one(work: Work, numbers: Iterable[int]) -> Iterator[Done]:
     """Do some tasks one after another, each as soon as the one before is taken.
 
     Linear algebra runs on one thread: with several, the order of a sum, and with it the last digit, may change.
@@ -202,9 +213,16 @@ def rows_one_by_one(work: Work, numbers: Iterable[int]) -> Iterator[Row]:
     with threadpool_limits(limits=1):
         runner = runner_of(work)
         for number in numbers:
-            yield runner.row(number)
+            yield runner.done(number)
 
 
 def chunk_of_rows(work: Work, numbers: Iterable[int]) -> list[Row]:
     """Do some tasks and return their rows."""
-    return list(rows_one_by_one(work, numbers))
+    return rows_of(work, list(one_by_one(work, numbers)))
+
+
+def rows_of(work: Work, done: list[Done]) -> list[Row]:
+    """Return the rows of tasks, made together: between two tasks that take 1.5 ms each a row takes three times as long, 5 % of
+    a study."""
+    runner = runner_of(work)
+    return [runner.row_of(each) for each in done]

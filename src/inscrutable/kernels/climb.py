@@ -27,7 +27,7 @@ from inscrutable.kernels.faces import (
     settle,
 )
 from inscrutable.kernels.options import bare, kernel, part, whole, woven
-from inscrutable.kernels.projection import NO_EQUALITIES, carved, project_in, room_for
+from inscrutable.kernels.projection import NO_EQUALITIES, project_in, room_for
 
 # Newton steps onto the rows: from a start, from a step's end, and to see whether they hold.
 _FIRST_TURNS, _LATER_TURNS, _NO_TURNS = whole(8), whole(3), whole(0)
@@ -61,6 +61,24 @@ class Rules(NamedTuple):
     basis: Any  # (X, n) orthonormal, columns sum to zero
 
 
+class _Place(NamedTuple):
+    """What is known at a decoy, k free coordinates."""
+
+    factor: Any  # (k,k) Cholesky factor of the Hessian of its expected cost
+    gradients: Any  # (X,k) of the states' costs
+    slopes: Any  # (X,k) of its decision
+    budget: Any  # (X,) slope of the regret
+
+
+class _Lines(NamedTuple):
+    """The rows at a decoy as half-spaces of the step, the budget's last."""
+
+    units: Any  # (c,n)
+    sides: Any  # (c,)
+    lengths: Any  # (c,)
+    live: Any  # (m,) rows that have come near
+
+
 @woven
 def _loss(aim: Any, y: Any, regret: float) -> float:
     total = 0.0
@@ -84,9 +102,9 @@ def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
 
 
 @woven
-def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, lengths: Any, r: int) -> None:
+def _write_row(slope: Any, value: float, basis: Any, lines: Any, r: int) -> None:
     """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length; a flat one is void."""
-    n = basis.shape[1]
+    units, n = lines.units, basis.shape[1]
     length = 0.0
     for c in range(n):
         total = 0.0
@@ -100,38 +118,25 @@ def _write_row(slope: Any, value: float, basis: Any, units: Any, sides: Any, len
         value = max(value, 0.0)
     for c in range(n):
         units[r, c] /= length
-    sides[r] = -value / length
-    lengths[r] = length
+    lines.sides[r] = -value / length
+    lines.lengths[r] = length
 
 
 @bare
-def _linearise(
-    rows: Any,
-    y: Any,
-    w: Any,
-    slopes: Any,
-    basis: Any,
-    budget: Any,
-    left: float,
-    units: Any,
-    sides: Any,
-    lengths: Any,
-    slope: Any,
-    live: Any,
-) -> None:
-    """The live rows at y, the budget's last; `budget` is its slope."""
+def _linearise(rows: Any, y: Any, w: Any, place: Any, left: float, basis: Any, lines: Any, slope: Any) -> None:
+    """The live rows at y, the budget's last; `slope` (X,) is memory."""
     m = rows.shape[0]
     for r in range(m):
-        if not live[r]:
-            units[r, :] = 0.0
-            sides[r], lengths[r] = -1.0, 1.0
+        if not lines.live[r]:
+            lines.units[r, :] = 0.0
+            lines.sides[r], lines.lengths[r] = -1.0, 1.0
             continue
-        row_slope(rows[r], y, w, slopes, slope)
-        _write_row(slope, row_value(rows[r], y, w), basis, units, sides, lengths, r)
-    if units.shape[0] > m:
+        row_slope(rows[r], y, w, place.slopes, slope)
+        _write_row(slope, row_value(rows[r], y, w), basis, lines, r)
+    if lines.units.shape[0] > m:
         for i in range(y.size):
-            slope[i] = -budget[i]
-        _write_row(slope, left, basis, units, sides, lengths, m)
+            slope[i] = -place.budget[i]
+        _write_row(slope, left, basis, lines, m)
 
 
 @woven
@@ -155,40 +160,31 @@ def _convexified(matrix: Any, n: int, factor: Any) -> None:
         shift = max(4.0 * shift, 1e-3 * size, 1e-300)
 
 
+class StepRoom(NamedTuple):
+    """Memory of a quadratic programme in n coordinates with m rows."""
+
+    factor: Any  # (n,n)
+    turned: Any  # (m,n)
+    moved: Any  # (m,)
+    lengths: Any  # (m,)
+    projection: Any
+
+
 @part
-def quadratic_step(
-    hessian: Any,
-    slope: Any,
-    units: Any,
-    sides: Any,
-    near: float,
-    factor: Any,
-    turned: Any,
-    moved: Any,
-    step: Any,
-    weights: Any,
-) -> bool:
-    """`quadratic_step_in` with memory of its own."""
-    room, lengths = room_for(step.size, sides.size), np.empty(sides.size)
-    return quadratic_step_in(hessian, slope, units, sides, near, factor, turned, moved, step, weights, lengths, room)
+def step_room(size: int, n_rows: int) -> StepRoom:
+    """Return memory for quadratic programmes in `size` coordinates with `n_rows` rows."""
+    return StepRoom(
+        np.empty((size, size)), np.empty((n_rows, size)), np.empty(n_rows), np.empty(n_rows), room_for(size, n_rows)
+    )
 
 
 @bare
-def quadratic_step_in(
-    hessian: Any,
-    slope: Any,
-    units: Any,
-    sides: Any,
-    near: float,
-    factor: Any,
-    turned: Any,
-    moved: Any,
-    step: Any,
-    weights: Any,
-    lengths: Any,
-    room: Any,
-) -> bool:
-    """Minimise ½d'Wd + slope·d under the rows: with W = LL' the projection of −L⁻¹ slope in x = L'd."""
+def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any, room: Any) -> bool:
+    """Minimise ½d'Wd + slope·d under rows N d ≥ b: with W = LL' the projection of −L⁻¹ slope in x = L'd.
+
+    model: (W (n,n), slope (n,)); lines: (N (m,n) at unit length, b (m,), how many of the first rows are equalities).
+    """
+    (hessian, slope), (units, sides, n_equal), (factor, turned, moved, lengths, projection) = model, lines, room
     n = step.size
     _convexified(hessian, n, factor)
     for i in range(n):
@@ -209,7 +205,7 @@ def quadratic_step_in(
             turned[r, i] /= length
         moved[r] = sides[r] / length
         lengths[r] = length
-    if not project_in(turned, moved, sides.size, NO_EQUALITIES, near, step, weights, room):
+    if not project_in(turned, moved, sides.size, n_equal, near, step, weights, projection):
         return False
     for r in range(sides.size):
         weights[r] /= lengths[r]
@@ -221,19 +217,9 @@ def quadratic_step_in(
 
 
 @woven
-def _curvature(
-    curves: Any,
-    rows: Any,
-    aim: Any,
-    y: Any,
-    factor: Any,
-    gradients: Any,
-    slopes: Any,
-    weights: Any,
-    scratch: Any,
-    out: Any,
-) -> None:
-    """Hessian (X,X) of the loss minus the weighted rows; the budget's weight is the last."""
+def _curvature(curves: Any, rows: Any, aim: Any, y: Any, place: Any, weights: Any, out: Any) -> None:
+    """Hessian of the loss minus the weighted rows; the budget's weight is the last. out: ((X,X), memory (X+2,k))."""
+    full, scratch = out
     n_states = y.size
     square = 0.0
     for i in range(n_states):
@@ -246,38 +232,27 @@ def _curvature(
         for k in range(n_states):
             same = 1.0 if i == k else 0.0
             if aim.limit < np.inf:
-                out[i, k] = -aim.sign * same
+                full[i, k] = -aim.sign * same
             else:
                 along = (y[i] - aim.point[i]) * (y[k] - aim.point[k]) / max(square, 1e-300)
-                out[i, k] = -aim.sign * (same - along) / max(length, 1e-12)
+                full[i, k] = -aim.sign * (same - along) / max(length, 1e-12)
     if on_regret != 0.0:
-        add_regret_curvature(curves, aim.belief, y, gradients, slopes, on_regret, scratch, out)
+        add_regret_curvature(curves, aim.belief, y, place.gradients, place.slopes, on_regret, scratch, full)
     for r in range(rows.shape[0]):
         if weights[r] != 0.0:
-            add_row_curvature(curves, rows[r], y, factor, slopes, -weights[r], scratch, out)
+            add_row_curvature(curves, rows[r], y, place.factor, place.slopes, -weights[r], scratch, full)
 
 
 @bare
-def _model(
-    curves: Any,
-    rows: Any,
-    aim: Any,
-    basis: Any,
-    y: Any,
-    factor: Any,
-    gradients: Any,
-    slopes: Any,
-    budget: Any,
-    weights: Any,
-    units: Any,
-    scratch: Any,
-    full: Any,
-    hessian: Any,
-    slope: Any,
-) -> None:
-    """Slope and Hessian of the step's programme in the reduced coordinates."""
+def _model(curves: Any, rows: Any, aim: Any, basis: Any, y: Any, place: Any, held: Any, out: Any) -> None:
+    """Slope and Hessian of the step's programme in the reduced coordinates.
+
+    held: (multipliers of the rows, their unit normals); out: (slope (n,), Hessian (n,n), memory of `_curvature`).
+    """
+    (weights, units), (slope, hessian, memory) = held, out
     n_states, n = basis.shape
-    _curvature(curves, rows, aim, y, factor, gradients, slopes, weights, scratch, full)
+    _curvature(curves, rows, aim, y, place, weights, memory)
+    full, _ = memory
     length = 0.0
     for i in range(n_states):
         length += (y[i] - aim.point[i]) ** 2
@@ -288,7 +263,7 @@ def _model(
         for i in range(n_states):
             pull = -aim.sign * (y[i] - aim.point[i])
             if not aim.limit < np.inf:
-                pull = pull / length + aim.price * budget[i]
+                pull = pull / length + aim.price * place.budget[i]
             total += basis[i, c] * pull
         slope[c] = total
         for d in range(n):
@@ -306,26 +281,25 @@ def _model(
 
 
 @bare
-def _restore(
-    curves: Any, rows: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place: Any, lines: Any
-) -> tuple[bool, float]:
+def _restore(face: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place: Any, room: Any) -> tuple[bool, float]:
     """Pull y the shortest way onto the linearised rows until all hold: whether they do, and the regret reached."""
-    factor, gradients, slopes, budget = place
-    units, sides, lengths, moved, step, room, normal, live = lines
+    curves, rows = face.curves, face.rows
+    lines, moved, step, normal, projection = room
     regret = 0.0
     for turn in range(turns + 1):
-        if not settle(curves, y, rules.pivot, w, factor, gradients, slopes):
+        if not settle(curves, y, rules.pivot, w, place.factor, place.gradients, place.slopes):
             return False, regret
-        regret = cost_under(curves, aim.belief, w, gradients) - aim.optimal_cost
+        regret = cost_under(curves, aim.belief, w, place.gradients) - aim.optimal_cost
         over = (regret - aim.limit) / aim.limit if aim.limit < np.inf else 0.0
-        if _shortfall(rows, y, w, over, live) <= rules.near:
+        if _shortfall(rows, y, w, over, lines.live) <= rules.near:
             return True, regret
         if turn == turns:
             return False, regret
-        regret_slope(aim.belief, gradients, slopes, budget)
-        _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths, normal, live)
+        regret_slope(aim.belief, place.gradients, place.slopes, place.budget)
+        _linearise(rows, y, w, place, aim.limit - regret, rules.basis, lines, normal)
         step[:] = 0.0
-        if not project_in(units, sides, sides.size, NO_EQUALITIES, 0.01 * rules.near, step, moved, room):
+        units, sides = lines.units, lines.sides
+        if not project_in(units, sides, sides.size, NO_EQUALITIES, 0.01 * rules.near, step, moved, projection):
             return False, regret
         _move(rules.basis, y, step, 1.0, y)
     return False, regret
@@ -351,35 +325,6 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 
 
-@woven
-def _room(n_states: int, n: int, k: int, m: int, count: int) -> Any:
-    """The arrays of a climb, out of one memory: by states and free coordinates, by rows, and by states alone."""
-    floats = k * k + (3 * n_states + 2) * k + n_states * n_states + 3 * n_states + 2 * n + 2 * n * n
-    floats += 2 * count * n + 5 * count + (n + 1) * (2 * n + 4) + n
-    flat, whole, bits = np.empty(floats), np.empty(n + 1, dtype=np.int64), np.empty(count + m, dtype=np.bool_)
-    factor, at = flat[: k * k].reshape((k, k)), k * k
-    gradients, at = flat[at : at + n_states * k].reshape((n_states, k)), at + n_states * k
-    slopes, at = flat[at : at + n_states * k].reshape((n_states, k)), at + n_states * k
-    scratch, at = flat[at : at + (n_states + 2) * k].reshape((n_states + 2, k)), at + (n_states + 2) * k
-    full, at = flat[at : at + n_states * n_states].reshape((n_states, n_states)), at + n_states * n_states
-    budget, trial, normal = flat[at : at + n_states], flat[at + n_states : at + 2 * n_states], flat[at + 2 * n_states :]
-    normal, at = normal[:n_states], at + 3 * n_states
-    step, slope, at = flat[at : at + n], flat[at + n : at + 2 * n], at + 2 * n
-    hessian, at = flat[at : at + n * n].reshape((n, n)), at + n * n
-    half, at = flat[at : at + n * n].reshape((n, n)), at + n * n
-    units, at = flat[at : at + count * n].reshape((count, n)), at + count * n
-    turned, at = flat[at : at + count * n].reshape((count, n)), at + count * n
-    sides, moved, at = flat[at : at + count], flat[at + count : at + 2 * count], at + 2 * count
-    lengths, weights, at = flat[at : at + count], flat[at + count : at + 2 * count], at + 2 * count
-    stretch, at = flat[at : at + count], at + count
-    room, live = carved(flat[at:], whole, bits, n, count), bits[count : count + m]
-    return (
-        (factor, gradients, slopes, scratch, full, budget, trial, normal),
-        (step, slope, hessian, half),
-        (units, turned, sides, moved, lengths, weights, stretch, room, live),
-    )
-
-
 @kernel
 def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple[float, float]:
     """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed, and
@@ -388,18 +333,15 @@ def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple
     n_states, n = rules.basis.shape
     k, m = w.size - 1, rows.shape[0]
     count = m + 1 if has_budget else m
-    places, steps, sides_of = _room(n_states, n, k, m, count)
-    factor, gradients, slopes, scratch, full, budget, trial, normal = places
-    step, slope, hessian, half = steps
-    units, turned, sides, moved, lengths, weights, stretch, room, live = sides_of
-    live[:] = False
-    weights[:] = 0.0
-    for i in range(n_states):
-        trial[i] = y[i]
-    place, lines = (factor, gradients, slopes, budget), (units, sides, lengths, moved, slope, room, normal, live)
+    place = _Place(np.empty((k, k)), np.empty((n_states, k)), np.empty((n_states, k)), np.empty(n_states))
+    lines = _Lines(np.empty((count, n)), np.empty(count), np.empty(count), np.zeros(m, dtype=np.bool_))
+    step, slope, hessian, weights = np.empty(n), np.empty(n), np.empty((n, n)), np.zeros(count)
+    memory, curving = step_room(n, count), (np.empty((n_states, n_states)), np.empty((n_states + 2, k)))
+    trial, normal = y.copy(), np.empty(n_states)
+    room = (lines, memory.moved, slope, normal, memory.projection)
     best, share, turns = np.inf, 1.0, _FIRST_TURNS
     for _ in range(rounds * _TRIALS_A_ROUND):
-        allowed, regret = _restore(curves, rows, aim, rules, turns, trial, w, place, lines)
+        allowed, regret = _restore(face, aim, rules, turns, trial, w, place, room)
         loss = _loss(aim, trial, regret)
         if allowed and loss < best:
             gain, best = best - loss, loss
@@ -407,24 +349,20 @@ def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple
                 y[i] = trial[i]
             if gain <= rules.accuracy and share == 1.0:
                 break
-            regret_slope(aim.belief, gradients, slopes, budget)
-            _linearise(rows, y, w, slopes, rules.basis, budget, aim.limit - regret, units, sides, lengths, normal, live)
+            regret_slope(aim.belief, place.gradients, place.slopes, place.budget)
+            _linearise(rows, y, w, place, aim.limit - regret, rules.basis, lines, normal)
             if turns == _FIRST_TURNS and has_budget:
-                weights[m] = _price_of_budget(aim, y, budget)
+                weights[m] = _price_of_budget(aim, y, place.budget)
             share, turns = 1.0, _LATER_TURNS
-            _model(
-                curves, rows, aim, rules.basis, y, factor, gradients, slopes, budget, weights, units, scratch, full,
-                hessian, slope,
-            )  # fmt: skip
-            if not quadratic_step_in(
-                hessian, slope, units, sides, 0.01 * rules.near, half, turned, moved, step, weights, stretch, room
-            ):
+            _model(curves, rows, aim, rules.basis, y, place, (weights, lines.units), (slope, hessian, curving))
+            below = (lines.units, lines.sides, NO_EQUALITIES)
+            if not quadratic_step((hessian, slope), below, 0.01 * rules.near, step, weights, memory):
                 break
             promise = 0.0
             for c in range(n):
                 promise -= slope[c] * step[c]
             for r in range(count):
-                weights[r] /= lengths[r]
+                weights[r] /= lines.lengths[r]
             if promise <= rules.accuracy:
                 break
         else:
@@ -436,11 +374,11 @@ def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple
         # The distance has a kink at the point itself, where steps by slopes do not end.
         for i in range(n_states):
             trial[i] = aim.point[i]
-        allowed, regret = _restore(curves, rows, aim, rules, _NO_TURNS, trial, w, place, lines)
+        allowed, regret = _restore(face, aim, rules, _NO_TURNS, trial, w, place, room)
         loss = _loss(aim, trial, regret)
         if allowed and loss < best:
             best = loss
             for i in range(n_states):
                 y[i] = trial[i]
-    settle(curves, y, rules.pivot, w, factor, gradients, slopes)
+    settle(curves, y, rules.pivot, w, place.factor, place.gradients, place.slopes)
     return best, weights[m] if has_budget else 0.0

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.climb import quadratic_step
+from inscrutable.kernels.climb import quadratic_step, step_room
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
 from inscrutable.kernels.options import kernel, part, whole, woven
@@ -26,6 +26,9 @@ _NONE = whole(0)
 _WITNESS = 1e-2
 _ACROSS = 3.0
 _GROWTH = 2.0
+_CREEP = 1e-5
+"""Of the value, that all rounds left would add at the last one's gain. At 0, two thirds of all rounds gain less; of 1,080 decisions
+and lotteries over 4 to 8 states four lose more than 1e-4, .8 % at most, and two gain, up to 11 %."""
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
 
 
@@ -283,14 +286,13 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
     size, m = k + n, rows.shape[0]
     curves, has_budget = face.curves, aim.limit < np.inf
     lines = m + 1 if has_budget else m
-    units, turned = np.empty((lines + k, size)), np.empty((lines + k, size))
-    sides, moved, lengths, weights = np.empty(lines + k), np.empty(lines + k), np.empty(lines + k), np.zeros(lines + k)
-    hessian, half, slope, step = np.empty((size, size)), np.empty((size, size)), np.empty(size), np.empty(size)
+    units, sides, lengths, weights = np.empty((lines, size)), np.empty(lines), np.empty(lines), np.zeros(lines)
+    hessian, slope, step, memory = np.empty((size, size)), np.empty(size), np.empty(size), step_room(size, lines)
     cost_slope, bend = np.empty(k), np.empty((k, k))
     trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
-    written, active = (units[:lines], sides[:lines], lengths[:lines]), room.active[: k + face.n_set_rows]
+    written, active = (units, sides, lengths), room.active[: k + face.n_set_rows]
     best, known, share, weight = np.inf, False, 1.0, 0.0
-    for _ in range(2 * rounds):
+    for turn in range(2 * rounds):
         loss, distance = np.inf, np.inf
         if _pull(curves, rows, aim, rules, 3 if known else 8, (trial, member), written):
             distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
@@ -309,7 +311,7 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
             best = loss
             put(trial, w)
             put(nearest, z)
-            if known and gain <= rules.accuracy and share == 1.0:
+            if known and share == 1.0 and (2 * rounds - turn) * gain <= max(rules.accuracy, _CREEP * abs(best)):
                 break
             share = 1.0
             told = (distance, weight, known)
@@ -318,18 +320,13 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
             cost_model(curves, aim.belief, w, cost_slope, bend)
             left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
             _write_rows(rows, rules.basis, (w, z), cost_slope, left, written)
-            for a in range(k):
-                sides[lines + a] = -sides[a]
-                for c in range(size):
-                    units[lines + a, c] = -units[a, c]
-            _bend_rows(rows, rules.basis, weights, lengths[:lines], units, hessian)
-            if not quadratic_step(hessian, slope, units, sides, 0.01 * rules.near, half, turned, moved, step, weights):
+            _bend_rows(rows, rules.basis, weights, lengths, units, hessian)
+            near = 0.01 * rules.near
+            if not quadratic_step((hessian, slope), (units, sides, k), near, step, weights, memory):
                 break
             promise = 0.0
             for a in range(k):
                 promise -= slope[a] * step[a]
-            for a in range(k):
-                weights[a] -= weights[lines + a]
             for r in range(lines):
                 weights[r] /= lengths[r]
             if has_budget:

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.climb import quadratic_step
+from inscrutable.kernels.climb import quadratic_step, step_room
 from inscrutable.kernels.copies import put, put_shifted
 from inscrutable.kernels.face_ascent import cost_model
 from inscrutable.kernels.face_lines import decision_value, interval
 from inscrutable.kernels.faces import cholesky
 from inscrutable.kernels.options import bare, part, woven
+from inscrutable.kernels.projection import NO_EQUALITIES
 
 _FARTHEST = 1.5  # more than any two beliefs are apart
 _FLAT = 1e-13  # a row that no free coordinate moves
@@ -25,9 +26,8 @@ def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
     """Move v to the least cost of the face under the true belief, inside the slacks."""
     first, k = face.n_set_rows, w.size - 1
     m = face.rows.shape[0] - first
-    units, sides, turned = np.empty((m, k)), np.empty(m), np.empty((m, k))
-    slope, bend, factor = np.empty(k), np.empty((k, k)), np.empty((k, k))
-    weights, moved, step = np.empty(m), np.empty(m), np.empty(k)
+    units, sides, weights = np.empty((m, k)), np.empty(m), np.empty(m)
+    slope, bend, step = np.empty(k), np.empty((k, k)), np.empty(k)
     cost_model(face.curves, aim.belief, w, slope, bend)
     for r in range(m):
         # value + row·step ≥ 0 at unit length; a row that no coordinate moves holds, or nothing does.
@@ -41,7 +41,7 @@ def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
         for a in range(k):
             units[r, a] = face.rows[first + r, 0, a] / length
         sides[r] = -value / length
-    if quadratic_step(bend, slope, units, sides, 0.01 * near, factor, turned, moved, step, weights):
+    if quadratic_step((bend, slope), (units, sides, NO_EQUALITIES), 0.01 * near, step, weights, step_room(k, m)):
         put_shifted(w, 1.0, step, w)
 
 

@@ -30,18 +30,6 @@ class ProjectionRoom(NamedTuple):
     normal: Any  # (n,)
 
 
-@woven
-def carved(flat: Any, whole: Any, bits: Any, size: int, n_rows: int) -> ProjectionRoom:
-    """Return the memory of projections out of given arrays: (n+1)(2n+4) + n floats, n+1 integers and m truth values."""
-    one = size + 1
-    square, upper = one + one * size, one + one * size + one * one
-    return ProjectionRoom(
-        whole[:one], bits[:n_rows], flat[:one], flat[one:square].reshape((one, size)),
-        flat[square:upper].reshape((one, one)), flat[upper : upper + size], flat[upper + size : upper + size + one],
-        flat[upper + size + one : upper + 2 * size + one],
-    )  # fmt: skip
-
-
 @part
 def room_for(size: int, n_rows: int) -> ProjectionRoom:
     """Return memory for projections in `size` coordinates on at most `n_rows` rows."""
@@ -52,10 +40,10 @@ def room_for(size: int, n_rows: int) -> ProjectionRoom:
 
 
 @woven
-def _orthonormal(rows: Any, active: Any, n_active: int, basis: Any, upper: Any) -> None:
-    """basis (q,n) and upper triangle R with rows[active]' = basis' R, by modified Gram-Schmidt."""
+def _orthonormal(rows: Any, active: Any, first: int, n_active: int, basis: Any, upper: Any) -> None:
+    """basis (q,n) and upper triangle R with rows[active]' = basis' R, from column `first` on, by modified Gram-Schmidt."""
     size = rows.shape[1]
-    for c in range(n_active):
+    for c in range(first, n_active):
         for i in range(size):
             basis[c, i] = rows[active[c], i]
         for k in range(c):
@@ -127,7 +115,7 @@ def project_in(
     for r in range(n_rows):
         multipliers[r] = 0.0
         entered[r] = False
-    n_active = _NONE
+    n_active, n_split = _NONE, _NONE
     for _ in range(20 + 4 * n_rows):
         new = _most_violated(rows, sides, n_rows, n_equal, x, near, entered)
         if new < 0:
@@ -144,7 +132,8 @@ def project_in(
         entering = 0.0
         entered[new] = True
         while True:
-            _orthonormal(rows, active, n_active, basis, upper)
+            _orthonormal(rows, active, n_split, n_active, basis, upper)
+            n_split = n_active
             for i in range(size):
                 along[i] = 0.0
             left = _split(normal, n_active, basis, upper, across, along)
@@ -179,6 +168,7 @@ def project_in(
                 active[c] = active[c + 1]
                 eta[c] = eta[c + 1]
             n_active -= 1
+            n_split = leaving
     return False
 
 

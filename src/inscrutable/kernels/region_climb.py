@@ -325,7 +325,7 @@ def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rule
             _keep(face, aim, rules, given, 0.0, spots, s, room)
         if not _begin(climbs, regions, spots, s, best):
             continue
-        is_given = is_given and np.any(given != best)
+        is_given = is_given and bool(np.any(given != best))
         centre, member = best.copy(), climbs.decoys[s].copy()
         if spots.numbers[s, 0] > -np.inf:
             put(spots.nearest[s], member)

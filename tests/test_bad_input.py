@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from inscrutable import (
     Budget,
     CounterAdversarialDecisionMaker,
     DesiredObfuscation,
+    FiniteProblem,
     InputError,
     InscrutableError,
     LocalSearch,
@@ -54,6 +56,12 @@ BAD_BELIEFS = [
     (None, "dimensional"),
     ([], "0 entries, expected one per state: 2"),
 ]
+
+
+def test_states_that_a_belief_lacks_are_named(problem):
+    named = FiniteProblem(pd.DataFrame([[0.0, 1.0], [1.0, 0.0]], index=["calm", "wild"]))
+    with pytest.raises(InputError, match=r"1 entries, expected one per state: 2 \(calm, wild\)"):
+        OriginalDecisionMaker(named).decide([1.0])
 
 
 @pytest.mark.parametrize(("belief", "message"), BAD_BELIEFS, ids=lambda value: repr(value)[:24])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -24,7 +26,7 @@ from inscrutable import (
     tolerances,
     uniform_prior,
 )
-from inscrutable.decision_makers.sequential import calibration
+from inscrutable.decision_makers.sequential import calibration, state
 from inscrutable.decision_makers.sequential.ceiling import _bound
 from inscrutable.decision_makers.sequential.step import Prices
 from inscrutable.errors import InputError, SolverError
@@ -268,6 +270,61 @@ def test_foreign_and_damaged_states_are_refused(fresh_rng: np.random.Generator, 
         maker_of(fresh_rng).begin().load(path)
     with pytest.raises(InputError, match="no such file"):
         maker_of(fresh_rng).begin().load(tmp_path / "none.npz")
+
+
+def test_a_state_of_another_version_is_refused(
+    fresh_rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, maker = tmp_path / "state.npz", maker_of(fresh_rng)
+    with monkeypatch.context() as later:
+        later.setattr(state, "VERSION", 2)
+        later.setattr(state.SequenceState.__init__, "__defaults__", (None, 2))
+        saved(maker, path, fresh_rng)
+    held = path.read_bytes()
+    with pytest.raises(InputError, match="its version is 2, expected 1"):
+        maker.begin().load(path)
+    assert path.read_bytes() == held
+
+
+DYING = """
+import os, signal, sys
+import numpy as np
+from test_sequential_decisions import maker_of
+maker = maker_of(np.random.default_rng(0))
+sequence = maker.begin().load(sys.argv[2])
+sequence.publish(sequence.decide(maker.beliefs[3]).actions[0])
+setattr(os, sys.argv[1], lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
+sequence.save(sys.argv[2])
+"""
+
+
+@pytest.mark.parametrize("moment", ["fsync", "replace"])
+def test_a_kill_while_a_state_is_written_leaves_the_old_one(tmp_path: Path, moment: str) -> None:
+    path, maker = tmp_path / "state.npz", maker_of(np.random.default_rng(0))
+    sequence = saved(maker, path, np.random.default_rng(1))
+    sequence.close()
+    held = path.read_bytes()
+    run = [sys.executable, "-c", DYING, moment, str(path)]
+    place = {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    assert subprocess.run(run, env=os.environ | place, capture_output=True).returncode == -signal.SIGKILL
+    assert path.read_bytes() == held
+    assert maker.begin().load(path).summary() == sequence.summary()
+
+
+def test_what_the_law_cannot_take_leaves_the_sequence_as_it_was(fresh_rng: np.random.Generator, tmp_path: Path) -> None:
+    maker = maker_of(fresh_rng)
+    path = tmp_path / "state.npz"
+    sequence = saved(maker, path, fresh_rng)
+    said = sequence.summary()
+    with pytest.raises(InputError):
+        sequence.publish([2.0, -1.0, 0.5])
+    with pytest.raises(InputError, match="sums to"):
+        sequence.decide([0.9, 0.9, 0.9])
+    with pytest.raises(InputError, match="beliefs"):
+        maker.mechanism_for(uniform_prior(3, 5))
+    assert sequence.summary() == said
+    sequence.save(path)
+    assert maker.begin().load(path).summary() == said
 
 
 def test_a_second_process_is_refused(fresh_rng: np.random.Generator, tmp_path: Path) -> None:

@@ -382,6 +382,8 @@ def test_weights_are_aligned_and_left_as_written(file: Path) -> None:
     assert table.frame.index.name == "month"
     assert table.decimals == 4
     assert "rounded to 4 decimals" in table.summary()
+    file.write_text("A,B\n0.3,0.7\n")
+    assert read_weights(file, assets=["A", "B"]).summary().endswith("rounded to 1 decimal")
 
 
 def test_a_row_without_a_label_is_numbered(file: Path) -> None:

@@ -75,7 +75,8 @@ def beliefs(
     """
     array = finite_array(value, name, ndim=(1, 2), axes=(rows, Axis("state", names)))
     if array.shape[-1] != n_states:
-        raise InputError(f"{name} has {array.shape[-1]} entries, expected one per state: {n_states}")
+        which = f" ({', '.join(map(str, names))})" if names else ""
+        raise InputError(f"{name} has {array.shape[-1]} entries, expected one per state: {n_states}{which}")
     return _on_simplex(array, name, tolerances.BELIEF_SUM)
 
 

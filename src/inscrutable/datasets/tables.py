@@ -29,6 +29,11 @@ weight to eight digits."""
 _LISTED = 8
 
 
+def decimal_places(count: int) -> str:
+    """Return how many decimals in words."""
+    return f"{count} decimal{'' if count == 1 else 's'}"
+
+
 @dataclass(frozen=True)
 class WeightsTable:
     """Weights as a file states them, and how many decimals they were rounded to.
@@ -44,7 +49,7 @@ class WeightsTable:
 
     def summary(self) -> str:
         """Say in one line how many rows of how many assets were read and how they are rounded."""
-        precision = "full precision" if self.decimals is None else f"rounded to {self.decimals} decimals"
+        precision = "full precision" if self.decimals is None else f"rounded to {decimal_places(self.decimals)}"
         return f"{len(self.frame)} rows of weights of {self.frame.shape[1]} assets, {precision}"
 
 

@@ -27,7 +27,7 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries import consistent_beliefs, near_optimal_beliefs
 from inscrutable.adversaries.plausibility import nearest_explanation
 from inscrutable.datasets import WeightsTable
-from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
+from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.investor_model import InvestorModel, checked_model
@@ -125,7 +125,7 @@ class Attack:
             gap = max(row.gap - row.allowance for row in self.rows)
             parts.append(f"{len(self) - len(explained)} are implausible (by up to {gap:.2g} of regret)")
         if self.decimals is not None:
-            parts.append(f"rounding to {self.decimals} decimals is allowed for")
+            parts.append(f"rounding to {decimal_places(self.decimals)} is allowed for")
         return "; ".join(parts)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.datasets import output_folder, write_json, write_table
-from inscrutable.datasets.tables import FULL_PRECISION_DIGITS
+from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
 from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.labels import label_text
 from inscrutable.reports.style import (
@@ -84,8 +84,8 @@ def reading_notes(attack: Attack) -> list[str]:
     notes = {
         Reading.EXACT: "exact: these beliefs, and no others, make the weights optimal.",
         Reading.ROUNDED: (
-            f"rounded to {digits} decimals: the near-optimal set is read, every belief that leaves the weights at most ε of "
-            "regret, the most that rounding can cause."
+            f"rounded to {decimal_places(digits)}: the near-optimal set is read, every belief that leaves the weights at most "
+            "ε of regret, the most that rounding can cause."
         ),
         Reading.IMPLAUSIBLE: (
             "implausible: no belief explains the weights, rounded or not; shown is the nearest explanation, the belief "
@@ -102,7 +102,7 @@ def reading_of(attack: Attack, step: int) -> str:
         return "exact"
     if row.reading is Reading.ROUNDED:
         digits = FULL_PRECISION_DIGITS if attack.decimals is None else attack.decimals
-        return f"near-optimal within regret {row.allowance:.1e} because weights are rounded to {digits} decimals"
+        return f"near-optimal within regret {row.allowance:.1e} because weights are rounded to {decimal_places(digits)}"
     nearest = ", ".join(f"{share:.3f}" for share in row.estimate)
     return f"implausible: no belief explains this; least regret {row.gap:.1e}, nearest explanation ({nearest})"
 

@@ -79,7 +79,7 @@ def distance_points(own: Decision, belief: Array, measure: PrivacyMeasure, candi
     arrays = (table.costs, table.start, table.along, table.kind)
 
     def work(first: int, last: int) -> None:
-        rate(first, last, arrays, belief, own.optimal_cost, reference.point, reference.sign, regrets, privacies)
+        rate(first, last, arrays, belief, own.optimal_cost, reference.point, reference.sign, (regrets, privacies))
 
     in_chunks(work, count, _CHUNK)
     chosen = np.empty(count, dtype=np.int64)

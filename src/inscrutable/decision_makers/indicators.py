@@ -109,10 +109,8 @@ class IndicatorTable:
         left = np.arange(count)
         while left.size:
             found, regrets = answer.found[left], np.empty(left.size)
-            self._scan(
-                *self._arrays, self._kind, *self._rule, beliefs[left], optimal_costs[left], limits[left],
-                floors[left], found, regrets,
-            )  # fmt: skip
+            asked = (beliefs[left], optimal_costs[left], limits[left], floors[left])
+            self._scan(self._arrays, self._kind, self._rule, asked, (found, regrets))
             answer.found[left], answer.regrets[left], floors[left] = found, regrets, regrets
             again = zip(left, found, regrets, strict=True)
             left = left[[d >= 0 and not self._holds(beliefs[t], int(d), float(regret)) for t, d, regret in again]]

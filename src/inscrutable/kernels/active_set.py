@@ -97,11 +97,9 @@ def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
 
 
 @woven
-def _assemble(
-    belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: int, matrix: Any, curved: Any, n_equal: int
-) -> None:
+def _assemble(belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: int, n_equal: int, out: Any) -> None:
     """H_FF over A_F, and H_FF once more; a coordinate not free in a lane has a row of the unit matrix and of zeros there."""
-    size, n_states = state.shape[0], belief.shape[0]
+    (matrix, curved), size, n_states = out, state.shape[0], belief.shape[0]
     zero = spread(0.0)
     for a in range(n):
         j = free[a]
@@ -312,7 +310,7 @@ def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, 
         if (n + n_equal + _TILE) * n > matrix.shape[0]:
             matrix = blank((n + 2 * _TILE + n_equal + _TILE) * (n + 2 * _TILE))
             curved = blank((n + 2 * _TILE) * (n + 2 * _TILE))
-        _assemble(belief, costs[0], region[4], state, free, n, matrix, curved, n_equal)
+        _assemble(belief, costs[0], region[4], state, free, n, n_equal, (matrix, curved))
         store(lanes, _SCALE, spread(0.0))
         store(lanes, _OFFENDERS, spread(0.0))
         for e in range(n_equal):

@@ -17,11 +17,10 @@ EMPTY, LARGER = -1, 2
 
 @kernel
 def rate(
-    first: int, last: int, table: Any, belief: Any, optimal_cost: float, point: Any, sign: float, regrets: Any,
-    privacies: Any,
-) -> None:  # fmt: skip
+    first: int, last: int, table: Any, belief: Any, optimal_cost: float, point: Any, sign: float, out: Any
+) -> None:
     """Fill the regrets and privacies of decisions first … last − 1; −∞ where no belief explains one."""
-    costs, start, along, kind = table
+    (costs, start, along, kind), (regrets, privacies) = table, out
     for d in range(first, last):
         cost, inner, square, total = 0.0, 0.0, 0.0, 0.0
         for i in range(belief.size):

@@ -43,14 +43,15 @@ def _meets(start: Any, along: Any, kind: int, belief: Any, rule: int, least: flo
 
 
 @kernel
-def cheapest_that_meet(
-    costs: Any, start: Any, along: Any, kind: Any, rule: int, least: float, beliefs: Any, optimal_costs: Any, limits: Any,
-    floors: Any, found: Any, regrets: Any,
-) -> None:  # fmt: skip
+def cheapest_that_meet(table: Any, kind: Any, goal: tuple[int, float], asked: Any, answer: Any) -> None:
     """Fill, for beliefs (T,X), the decision (−1: none) of least regret up to the limit, the first of equals.
 
-    Only those count that come after `found` at the regret `floors` in the order of (regret, number).
+    table: (costs (D,X), start, along); goal: (rule, least); asked: (beliefs (T,X), optimal costs, limits, floors (T,));
+    answer: (decisions, regrets (T,)). Only those count that come after the answer given at the regret `floors` in the order of
+    (regret, number).
     """
+    (costs, start, along), (rule, least), (beliefs, optimal_costs, limits, floors) = table, goal, asked
+    found, regrets = answer
     for t in range(beliefs.shape[0]):
         best, which = np.inf, -1
         for d in range(costs.shape[0]):

@@ -47,11 +47,6 @@ def bare_kernel(function: Function) -> Function:
     return cast(Function, _njit(**_options, _nrt=False)(function))
 
 
-def inlined(function: Function) -> Function:
-    """Compile a small function into each of its callers, where an argument that is constant there unrolls its loops."""
-    return cast(Function, _njit(**_options, no_cpython_wrapper=True, forceinline=True, _nrt=False)(function))
-
-
 def woven(function: Function) -> Function:
     """Copy a function into its callers before they are compiled, as if it were written there: a loop is then taken by the
     lane, and what is called once is compiled once. Copies of large functions that hold copies are slow to make."""

@@ -182,19 +182,10 @@ def _scaled(table: Any, scale: float) -> None:
 
 
 @kernel
-def judge_trials(
-    trials: Any,
-    costs: Any,
-    region: Any,
-    slack: Any,
-    patterns: Any,
-    goal: Any,
-    basis: Any,
-    limits: Any,
-    judged: Any,
-) -> int:
+def judge_trials(trials: Any, problem: Any, patterns: Any, goal: Any, basis: Any, limits: Any, judged: Any) -> int:
     """Judge trials (n,U). Returns the number of the first one whose tight pattern is not known and stops there, or `ALL`,
-    or `SOME`."""
+    or `SOME`. problem: (`Costs`, `Region`, `Slack`)."""
+    costs, region, slack = problem
     n_states = basis.shape[0]
     k, m = patterns.residual_rows.shape[1], patterns.multiplier_rows.shape[1]
     table = np.empty((trials.shape[1], n_states))

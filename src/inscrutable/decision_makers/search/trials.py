@@ -110,10 +110,10 @@ class QuadraticJudge:
         tight = np.empty(self._patterns.tight.shape[1], dtype=np.bool_)
         judged = self._judged(found.costs, found.slopes, found.privacies, found.admissible, tight)
         held = np.ascontiguousarray(trials)
-        answer = self._judge_trials(held, *self._fixed, self._patterns, *self._rest, judged)
+        answer = self._judge_trials(held, self._fixed, self._patterns, *self._rest, judged)
         while answer >= 0:
             self._learn(tight)
-            answer = self._judge_trials(held, *self._fixed, self._patterns, *self._rest, judged)
+            answer = self._judge_trials(held, self._fixed, self._patterns, *self._rest, judged)
         if answer != self._all:
             for index in np.flatnonzero(np.isnan(found.privacies)):
                 distance = belief_set_of(self._problem, held[index]).distance(self._point)

@@ -33,7 +33,7 @@ from inscrutable.kernels.projection import NO_EQUALITIES, project_in, room_for
 _FIRST_TURNS, _LATER_TURNS, _NO_TURNS = whole(8), whole(3), whole(0)
 _TRIALS_A_ROUND = 6
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
-_SHORTER, _SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
+SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
 
 
 class Aim(NamedTuple):
@@ -366,8 +366,8 @@ def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple
             if promise <= rules.accuracy:
                 break
         else:
-            share *= _SHORTER
-            if turns == _FIRST_TURNS or share < _SHORTEST:
+            share *= SHORTER
+            if turns == _FIRST_TURNS or share < SHORTEST:
                 break
         _move(rules.basis, y, step, share, trial)
     if not has_budget and aim.sign < 0.0:

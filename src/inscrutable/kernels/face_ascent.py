@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.climb import quadratic_step, step_room
+from inscrutable.kernels.climb import SHORTER, SHORTEST, quadratic_step, step_room
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
 from inscrutable.kernels.options import kernel, part, whole, woven
@@ -303,8 +303,8 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
         if not loss < best:
             if not known:
                 return -np.inf, 0.0
-            share *= 0.3
-            if share < 1e-3:
+            share *= SHORTER
+            if share < SHORTEST:
                 break
         else:
             gain = best - loss

@@ -101,6 +101,15 @@ def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, nea
     return worst
 
 
+@woven
+def _without(leaving: int, active: Any, eta: Any, n_active: int) -> int:
+    """Take an active row out; returns how many are left."""
+    for c in range(leaving, n_active - 1):
+        active[c] = active[c + 1]
+        eta[c] = eta[c + 1]
+    return n_active - 1
+
+
 @bare
 def project_in(
     rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any, room: Any
@@ -164,11 +173,7 @@ def project_in(
                 n_active += 1
                 break
             entered[active[leaving]] = False
-            for c in range(leaving, n_active - 1):
-                active[c] = active[c + 1]
-                eta[c] = eta[c + 1]
-            n_active -= 1
-            n_split = leaving
+            n_active, n_split = _without(leaving, active, eta, n_active), leaving
     return False
 
 

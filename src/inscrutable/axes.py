@@ -55,7 +55,7 @@ class Axis:
             return None
         if names is None:
             raise InputError(
-                f"{name} has the {self.what} labels {_few(found)}, but nothing says in which order they belong: build the "
+                f"{name} has the {self.what} labels {few(found)}, but nothing says in which order they belong: build the "
                 "object from labelled tables, or give the numbers alone (to_numpy()) in its order"
             )
         if found == tuple(range(len(names))):
@@ -63,10 +63,8 @@ class Axis:
         if place.keys() != set(names):
             missing = [label for label in names if label not in place]
             extra = [label for label in found if label not in set(names)]
-            said = [
-                f"{word}: {_few(these)}" for word, these in (("missing", missing), ("not expected", extra)) if these
-            ]
-            raise InputError(f"{name} has other {self.what} labels than expected, {_few(names)}; {'; '.join(said)}")
+            said = [f"{word}: {few(these)}" for word, these in (("missing", missing), ("not expected", extra)) if these]
+            raise InputError(f"{name} has other {self.what} labels than expected, {few(names)}; {'; '.join(said)}")
         return [place[label] for label in names]
 
     @staticmethod
@@ -149,6 +147,6 @@ def axis_labels(value: Any, k: int) -> Names | None:
     return tuple(found)
 
 
-def _few(labels: Iterable[Any], most: int = 8) -> str:
+def few(labels: Iterable[Any], most: int = 8) -> str:
     held = [str(label) for label in labels]
     return ", ".join(held[:most]) + (f", … ({len(held)} in all)" if len(held) > most else "")

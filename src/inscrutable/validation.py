@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import tolerances
-from inscrutable.axes import Axis, Names, ordered
+from inscrutable.axes import Axis, Names, few, ordered
 from inscrutable.errors import InputError
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def beliefs(
     """
     array = finite_array(value, name, ndim=(1, 2), axes=(rows, Axis("state", names)))
     if array.shape[-1] != n_states:
-        which = f" ({', '.join(map(str, names))})" if names else ""
+        which = f" ({few(names)})" if names else ""
         raise InputError(f"{name} has {array.shape[-1]} entries, expected one per state: {n_states}{which}")
     return _on_simplex(array, name, tolerances.BELIEF_SUM)
 

@@ -182,7 +182,9 @@ def step_room(size: int, n_rows: int) -> StepRoom:
 def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any, room: Any) -> bool:
     """Minimise ½d'Wd + slope·d under rows N d ≥ b: with W = LL' the projection of −L⁻¹ slope in x = L'd.
 
-    model: (W (n,n), slope (n,)); lines: (N (m,n) at unit length, b (m,), how many of the first rows are equalities).
+    model: (W (n,n), slope (n,)); lines: (N (m,n) at unit length, b (m,), how many of the first rows are equalities). `step`
+    (n,) and the multipliers `weights` (m,), of either sign for equalities, are filled; where False is returned they say
+    nothing.
     """
     (hessian, slope), (units, sides, n_equal), (factor, turned, moved, lengths, projection) = model, lines, room
     n = step.size
@@ -282,7 +284,10 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, y: Any, place: Any, hel
 
 @bare
 def _restore(face: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place: Any, room: Any) -> tuple[bool, float]:
-    """Pull y the shortest way onto the linearised rows until all hold: whether they do, and the regret reached."""
+    """Pull y the shortest way onto the linearised rows until all hold: whether they do, and the regret reached.
+
+    room: (`_Lines`, multipliers (c,), step (n,), slope (X,), `ProjectionRoom`), all but the lines of no use afterwards.
+    """
     curves, rows = face.curves, face.rows
     lines, moved, step, normal, projection = room
     regret = 0.0

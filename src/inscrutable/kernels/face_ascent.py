@@ -27,8 +27,8 @@ _WITNESS = 1e-2
 _ACROSS = 3.0
 _GROWTH = 2.0
 _CREEP = 1e-5
-"""Of the value, that all rounds left would add at the last one's gain. At 0 two thirds of all rounds gain less; of 1,080
-decisions and lotteries over 4 to 8 states six lose more than 1e-4, .8 % at most, and two gain, 11 % at most."""
+"""An ascent ends where its last gain and the next one promised, each repeated in all trials left, are less than this share of
+the value: half to two thirds of all trials gain less."""
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
 
 
@@ -311,8 +311,9 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
             best = loss
             put(trial, w)
             put(nearest, z)
-            if known and share == 1.0 and (2 * rounds - turn) * gain <= max(rules.accuracy, _CREEP * abs(best)):
+            if known and gain <= rules.accuracy and share == 1.0:
                 break
+            creeps = share == 1.0 and (2 * rounds - turn) * gain <= _CREEP * abs(best)
             share = 1.0
             told = (distance, weight, known)
             weight = _model(curves, rows, aim, rules.basis, (w, z), active, told, (slope, hessian))
@@ -331,7 +332,9 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
                 weights[r] /= lengths[r]
             if has_budget:
                 weight = weights[m]
-            if promise <= rules.accuracy:
+            if has_budget:  # the model is of ½Ψ²
+                promise /= max(distance, rules.near)
+            if promise <= rules.accuracy or (creeps and (2 * rounds - turn) * promise <= _CREEP * abs(best)):
                 break
         _move(w, z, step, share, rules.basis, trial, member)
     return -best, weight

@@ -23,8 +23,8 @@ _LONGEST_STEP = float(np.log(4.0))
 _MOST_IDLE = 3
 """Steps running that change nothing: beyond hundreds of times the amount nothing more is taken to be spent."""
 _FARTHEST = float(np.log(1e12))
-"""Of the logarithm of an amount from the first trial: noise of a trillionth or a trillion times the cost changes nothing more,
-and beyond that amounts overflow."""
+"""Of the logarithm of an amount from the first trial, the regret asked for: a trillion times more or less noise changes
+nothing more, and farther away amounts overflow."""
 Made = TypeVar("Made")
 
 
@@ -155,7 +155,8 @@ def spending(make: Callable[[float], Made], regret_of: Callable[[Made], float], 
     if regret <= 0.0:
         return make(regret)
     guess = float(np.log(regret))
-    search = _Search(made, regret, np.exp(guess - _FARTHEST), np.exp(guess + _FARTHEST))
+    least = max(float(np.exp(guess - _FARTHEST)), np.finfo(float).tiny)
+    search = _Search(made, regret, least, float(np.exp(guess + _FARTHEST)))
     search.from_guess(guess)
     found: Made = search.best.made
     return found

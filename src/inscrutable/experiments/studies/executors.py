@@ -17,7 +17,7 @@ from itertools import islice
 from typing import Any
 
 from inscrutable.errors import InputError, SolverError
-from inscrutable.experiments.studies.tasks import FAILED, Done, Row, Work, chunk_of_rows, one_by_one, rows_of, runner_of
+from inscrutable.experiments.studies.tasks import FAILED, Done, Row, Work, chunk_of_rows, one_by_one, runner_of
 
 Keep = Callable[[list[Row]], None]
 """Takes rows for good."""
@@ -63,18 +63,18 @@ class Chunks:
 
 def serial(work: Work, numbers: Iterable[int], keep: Keep) -> None:
     """Do tasks in this process; what is done when Ctrl-C comes is kept."""
-    batch: list[Done] = []
+    batch: list[Row] = []
     kept_at = time.monotonic()
     try:
         for done in one_by_one(work, numbers):
-            batch.append(done)
+            batch.append(runner_of(work).row_of(done))
             if time.monotonic() - kept_at >= _SECONDS:
                 ready, batch = batch, []
-                keep(rows_of(work, ready))
+                keep(ready)
                 kept_at = time.monotonic()
     finally:
         if batch:
-            keep(rows_of(work, batch))
+            keep(batch)
 
 
 def in_processes(jobs: int) -> Executor:

@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ from inscrutable.experiments.studies import StudyProgress, executors, runner
 from inscrutable.experiments.studies.executors import Chunks
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, Store, locked, speaking
-from inscrutable.experiments.studies.tasks import DONE, FAILED, Done, Row, Work, chunk_of_rows
+from inscrutable.experiments.studies.tasks import DONE, FAILED, Row, Work, chunk_of_rows
 from study_runs import SMALL, environment, killed, table, worker_processes
 
 TALKATIVE = (
@@ -283,19 +284,21 @@ def test_an_unexpected_error_is_a_failed_row_too(whole: Study, monkeypatch: pyte
     assert (row.status, row.error, row.figures) == (FAILED, "unexpected ZeroDivisionError: oh", "{}")
 
 
+@pytest.mark.parametrize("part", ["done", "row_of"])
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(
-    whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    whole: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], part: str
 ) -> None:
     plan = tmp_path / "study.toml"
     plan.write_text(toml_of(SMALL), "utf-8")
-    one = GridRunner.done
+    one = getattr(GridRunner, part)
+    tasks = iter(range(41))
 
-    def interrupted(self: GridRunner, number: int) -> Done:
-        if number == 40:
+    def interrupted(self: GridRunner, which: Any) -> Any:
+        if next(tasks) == 40:
             raise KeyboardInterrupt
-        return one(self, number)
+        return one(self, which)
 
-    monkeypatch.setattr(GridRunner, "done", interrupted)
+    monkeypatch.setattr(GridRunner, part, interrupted)
     out = tmp_path / "out"
     assert cli.main(["study", "run", str(plan), "--out", str(out)]) == 130
     assert f"inscrutable study resume {out}" in capsys.readouterr().err

@@ -148,5 +148,6 @@ def axis_labels(value: Any, k: int) -> Names | None:
 
 
 def few(labels: Iterable[Any], most: int = 8) -> str:
+    """Return the first labels, and how many there are in all."""
     held = [str(label) for label in labels]
     return ", ".join(held[:most]) + (f", … ({len(held)} in all)" if len(held) > most else "")

@@ -348,7 +348,8 @@ NO_ARRAYS = """
     ActionExplanation Adversary AffordableBeliefs Budget Calibration CalibrationStatus CheapestPrivacy CostStatus
     Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
-    LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions PathLeakage Posterior
+    FiniteRule FiniteStatus LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions
+    PathLeakage Posterior
     PosteriorStatus PriceCalibration PriceStatus PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus
     SolverError Study Trajectory UnionBeliefs action_grid check_adversary check_decision_maker
     check_decision_problem check_emission

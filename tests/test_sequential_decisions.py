@@ -17,6 +17,8 @@ from inscrutable import (
     Budget,
     DecisionSequence,
     FiniteProblem,
+    FiniteRule,
+    FiniteStatus,
     MarkowitzProblem,
     PriceCalibration,
     PriceStatus,
@@ -230,6 +232,49 @@ def test_a_decision_that_could_not_be_played_is_refused_unless_told(fresh_rng: n
     sequence.publish(other, as_nearest=True)
     assert not sequence.is_exact
     assert "approximate" in sequence.summary()
+
+
+def assert_follows(maker: SequentialDecisionMaker, found: FiniteRule, rng: np.random.Generator) -> None:
+    """Along drawn paths the mechanism plays under its memory what the sequence plays under its law."""
+    held = found.mechanism
+    assert held is not None
+    shape = (len(held.beliefs), held.n_memories, -1, held.n_memories)
+    table = held.probabilities.toarray().reshape(shape)  # K(u_m, n' | π_b, n)
+    for _ in range(5):
+        sequence, memory = maker.begin(), int(held.initial.argmax())
+        for _ in range(6):
+            np.testing.assert_allclose(
+                table[:, memory].sum(axis=2), sequence.mechanism.probabilities.toarray(), atol=1e-4
+            )
+            np.testing.assert_allclose(found.laws[memory], sequence.observer.weights, atol=1e-5)
+            law = sequence.observer.weights
+            played = (law @ table[:, memory].sum(axis=2)).clip(0.0)
+            atom = int(rng.choice(len(played), p=played / played.sum()))
+            belief = int((law * table[:, memory, atom].sum(axis=1)).argmax())
+            memory = int(table[belief, memory, atom].argmax())
+            sequence.publish(held.actions[atom])
+            sequence.observe()
+
+
+@pytest.mark.parametrize("stay", [0.6, 0.9, 1.0])
+def test_a_rule_of_finitely_many_laws_is_a_mechanism_with_a_memory(fresh_rng: np.random.Generator, stay: float) -> None:
+    chain = resting_chain(Prior(np.eye(2), [0.5, 0.5]), stay)
+    prices = PriceCalibration.at(np.log(4.0), ALONE)
+    maker = SequentialDecisionMaker(TWO, Budget.regret(0.2), chain=chain, calibration=prices, rng=fresh_rng)
+    found = maker.as_mechanism()
+    assert (found.status, len(found.laws)) == (FiniteStatus.FINITE, 3)
+    assert_follows(maker, found, fresh_rng)
+    fewer = maker.as_mechanism(most=2)
+    assert (fewer.status, fewer.mechanism) == (FiniteStatus.TOO_MANY, None)
+    with pytest.raises(InputError, match="most"):
+        maker.as_mechanism(most=0)
+
+
+def test_a_market_of_finitely_many_laws_is_one_too(fresh_rng: np.random.Generator) -> None:
+    maker = maker_of(fresh_rng)
+    found = maker.as_mechanism(most=200)
+    if found.status is FiniteStatus.FINITE:
+        assert_follows(maker, found, fresh_rng)
 
 
 def test_a_belief_off_the_grid_is_answered_and_counted(fresh_rng: np.random.Generator) -> None:

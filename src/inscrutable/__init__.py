@@ -42,6 +42,8 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers import DecisionSequence as DecisionSequence
     from inscrutable.decision_makers import DecisionStatus as DecisionStatus
     from inscrutable.decision_makers import Envelope as Envelope
+    from inscrutable.decision_makers import FiniteRule as FiniteRule
+    from inscrutable.decision_makers import FiniteStatus as FiniteStatus
     from inscrutable.decision_makers import Frontier as Frontier
     from inscrutable.decision_makers import GlobalSearch as GlobalSearch
     from inscrutable.decision_makers import LinearProgramme as LinearProgramme

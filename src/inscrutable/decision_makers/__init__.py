@@ -14,6 +14,7 @@ from inscrutable.decision_makers.local_search import LocalSearch
 from inscrutable.decision_makers.original import OriginalDecisionMaker
 from inscrutable.decision_makers.probabilistic import Envelope, LinearProgramme, ProbabilisticDecisionMaker
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecision, MixedDecisions
+from inscrutable.decision_makers.sequential.finite import FiniteRule, FiniteStatus
 from inscrutable.decision_makers.sequential.path import PathDecisions
 from inscrutable.decision_makers.sequential.prices import PriceCalibration, PriceStatus
 from inscrutable.decision_makers.sequential.rule import SequentialDecisionMaker
@@ -28,6 +29,8 @@ __all__ = [
     "DecisionStatus",
     "Decisions",
     "Envelope",
+    "FiniteRule",
+    "FiniteStatus",
     "Frontier",
     "GlobalSearch",
     "LinearProgramme",

@@ -15,6 +15,7 @@ from inscrutable.decision_makers.candidates import Candidates, as_candidates, de
 from inscrutable.decision_makers.described import Described
 from inscrutable.decision_makers.sequential.calibration import calibrated
 from inscrutable.decision_makers.sequential.ceiling import ceiling_of
+from inscrutable.decision_makers.sequential.finite import FiniteRule, finite_rule
 from inscrutable.decision_makers.sequential.laws import ChainLaw
 from inscrutable.decision_makers.sequential.path import PathDecisions
 from inscrutable.decision_makers.sequential.prices import PriceCalibration
@@ -182,6 +183,33 @@ class SequentialDecisionMaker(Described):
     @cached_property
     def _any_sequence(self) -> DecisionSequence:
         return self.begin()
+
+    def as_mechanism(self, most: int = 100) -> FiniteRule:
+        """Return the rule as a mechanism with a memory, where the observer can come to hold at most `most` laws.
+
+        Laws that differ by no more than `tolerances.SAME_LAW` anywhere count as one; decisions that come less often than
+        `tolerances.RARELY_PLAYED` leave the memory as it is.
+
+        Args:
+            most: The largest number of memories, at least 1.
+
+        Raises:
+            InputError: `most` is not a whole number of at least 1.
+
+        Cost: a step for every memory.
+
+        Source: finite-state controllers (Hansen, 1998).
+
+        Example:
+            >>> from inscrutable import FiniteProblem, Prior
+            >>> from inscrutable.mechanisms.chains import resting_chain
+            >>> prices = PriceCalibration.at(np.log(3.0), float("inf"))
+            >>> chain = resting_chain(Prior(np.eye(2), [0.5, 0.5]), 0.8)
+            >>> problem, rng = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0)
+            >>> SequentialDecisionMaker(problem, Budget.regret(0.25), chain=chain, calibration=prices, rng=rng).as_mechanism()
+            3 laws found; finite: every law that the observer can come to hold is a memory
+        """
+        return finite_rule(self.table, self.law, self.calibration, validation.count(most, "most"))
 
     def begin(self) -> DecisionSequence:
         """Return a new sequence of decisions; where one of two prices is to be drawn, each sequence draws its own."""

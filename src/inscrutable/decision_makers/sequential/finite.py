@@ -1,0 +1,121 @@
+"""The sequential rule as a mechanism with a memory, where the observer can come to hold finitely many laws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from inscrutable import tolerances, validation
+from inscrutable.decision_makers.sequential.laws import ChainLaw
+from inscrutable.decision_makers.sequential.prices import PriceCalibration
+from inscrutable.decision_makers.sequential.step import Step, StepRule, StepTable
+from inscrutable.mechanisms.memory import MemoryMechanism
+from inscrutable.validation import Array
+
+
+class FiniteStatus(Enum):
+    """Whether a sequential rule was written as a mechanism with a memory; the text says what to do about it.
+
+    Example:
+        >>> FiniteStatus.FINITE.value
+        'finite: every law that the observer can come to hold is a memory'
+    """
+
+    FINITE = "finite: every law that the observer can come to hold is a memory"
+    TOO_MANY = "too many: more laws than asked for can come about, perhaps without end; ask for more, or play the rule"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FiniteRule:
+    """A sequential rule as a mechanism with a memory, or why it is none.
+
+    Args:
+        mechanism: Its memory is the law that the observer holds before a decision, and the decision before; it is public. None
+            where the laws are too many.
+        laws: The laws that were found, shape (N,B), in the order of the memories.
+        status: Whether these are all.
+
+    Example:
+        >>> FiniteRule(None, np.full((1, 2), 0.5), FiniteStatus.TOO_MANY)
+        1 laws found; too many: more laws than asked for can come about, perhaps without end; ask for more, or play the rule
+    """
+
+    mechanism: MemoryMechanism | None
+    laws: Array
+    status: FiniteStatus
+
+    def __post_init__(self) -> None:
+        validation.read_only(self, "laws")
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return one line for a person to read."""
+        return f"{len(self.laws)} laws found; {self.status.value}"
+
+
+class _Memory(NamedTuple):
+    """One memory: which price was drawn, the law before the decision, and the decision before."""
+
+    price: int
+    law: Array
+    kept: int
+
+
+@dataclass
+class _Found:
+    """Memories found so far, and what is played under each."""
+
+    memories: list[_Memory] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    after: list[np.ndarray] = field(default_factory=list)  # of each step's decisions, the memory that follows
+
+    def number(self, memory: _Memory) -> int:
+        """Return the place of a memory, which is added where none is like it."""
+        for place, known in enumerate(self.memories):
+            same = (known.price, known.kept) == (memory.price, memory.kept)
+            if same and np.abs(known.law - memory.law).max() <= tolerances.SAME_LAW:
+                return place
+        self.memories.append(memory)
+        return len(self.memories) - 1
+
+
+def finite_rule(table: StepTable, law: ChainLaw, calibration: PriceCalibration, most: int) -> FiniteRule:
+    """Return the rule as a mechanism with at most so many memories: laws are followed from the first one, breadth first."""
+    rules = [StepRule(table, calibration.prices(index)) for index in range(len(calibration.shares))]
+    found = _Found([_Memory(index, law.start(), -1) for index in range(len(rules))])
+    while len(found.steps) < len(found.memories) <= most:
+        place = len(found.steps)
+        price, state, kept = found.memories[place]
+        step = rules[price].step(law.weights(state), kept)
+        after = np.full(len(step.numbers), place)  # where the observer's law rules a decision out, it stays as it is
+        for atom in np.flatnonzero(step.played >= tolerances.RARELY_PLAYED):
+            ahead = law.moved(law.seen(state, step.rows[:, atom]))
+            after[atom] = found.number(_Memory(price, ahead, int(step.numbers[atom])))
+        found.steps.append(step)
+        found.after.append(after)
+    laws = np.array([each.law for each in found.memories])
+    if len(found.steps) < len(found.memories):
+        return FiniteRule(None, laws, FiniteStatus.TOO_MANY)
+    return FiniteRule(_mechanism(table, found, calibration.shares), laws, FiniteStatus.FINITE)
+
+
+def _mechanism(table: StepTable, found: _Found, shares: Array) -> MemoryMechanism:
+    count, n_decisions = len(found.memories), len(table.columns)
+    rows, columns, entries = [], [], []
+    for memory, (step, after) in enumerate(zip(found.steps, found.after, strict=True)):
+        belief, atom = np.nonzero(step.rows > 0)
+        rows.append(belief * count + memory)
+        columns.append(step.numbers[atom] * count + after[atom])
+        entries.append(step.rows[belief, atom])
+    places = np.concatenate(rows), np.concatenate(columns)
+    shape = (len(table.prior.beliefs) * count, n_decisions * count)
+    held = sparse.csr_array(sparse.coo_array((np.concatenate(entries), places), shape=shape))
+    actions = table.columns.problem.as_actions(table.columns.points)
+    initial = np.concatenate([shares, np.zeros(count - len(shares))])
+    return MemoryMechanism(table.prior.beliefs, actions, held, initial, table.regrets, is_public=True)

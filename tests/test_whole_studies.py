@@ -34,7 +34,7 @@ from inscrutable.experiments.reproduction import (
 from inscrutable.experiments.studies.flat import flat, unflat
 from inscrutable.experiments.studies.reproduction_tasks import MarketRunner
 from inscrutable.experiments.studies.store import STORE
-from inscrutable.experiments.studies.tasks import Row, TaskRunner
+from inscrutable.experiments.studies.tasks import Done, TaskRunner
 from inscrutable.experiments.studies.whole import BEFORE, all_rows, shipped
 from inscrutable.reports.reproduction import summary_of
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
@@ -59,14 +59,14 @@ def interrupted_at(
     number: int, monkeypatch: pytest.MonkeyPatch, error: type[BaseException] = KeyboardInterrupt
 ) -> None:
     """Have a task stop the run."""
-    do = TaskRunner.row
+    do = TaskRunner.done
 
-    def row(self: TaskRunner, place: int) -> Row:
+    def done(self: TaskRunner, place: int) -> Done:
         if place == number:
             raise error
         return do(self, place)
 
-    monkeypatch.setattr(TaskRunner, "row", row)
+    monkeypatch.setattr(TaskRunner, "done", done)
 
 
 # ---- the studies -----------------------------------------------------------------------------------

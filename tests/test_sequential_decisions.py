@@ -271,10 +271,14 @@ def test_a_rule_of_finitely_many_laws_is_a_mechanism_with_a_memory(fresh_rng: np
 
 
 def test_a_market_of_finitely_many_laws_is_one_too(fresh_rng: np.random.Generator) -> None:
-    maker = maker_of(fresh_rng)
-    found = maker.as_mechanism(most=200)
+    known, fresh = maker_of(np.random.default_rng(0)), maker_of(fresh_rng)
+    found = known.as_mechanism()
+    assert (found.status, len(found.laws)) == (FiniteStatus.FINITE, 5)
+    assert_follows(known, found, fresh_rng)
+    found = fresh.as_mechanism(most=200)
+    assert (found.status is FiniteStatus.FINITE) == (len(found.laws) <= 200)
     if found.status is FiniteStatus.FINITE:
-        assert_follows(maker, found, fresh_rng)
+        assert_follows(fresh, found, fresh_rng)
 
 
 def test_a_belief_off_the_grid_is_answered_and_counted(fresh_rng: np.random.Generator) -> None:

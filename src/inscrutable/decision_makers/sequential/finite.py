@@ -41,7 +41,7 @@ class FiniteRule:
 
     Example:
         >>> FiniteRule(None, np.full((1, 2), 0.5), FiniteStatus.TOO_MANY)
-        1 laws found; too many: more laws than asked for can come about, perhaps without end; ask for more, or play the rule
+        laws found: 1; too many: more laws than asked for can come about, perhaps without end; ask for more, or play the rule
     """
 
     mechanism: MemoryMechanism | None
@@ -56,7 +56,7 @@ class FiniteRule:
 
     def summary(self) -> str:
         """Return one line for a person to read."""
-        return f"{len(self.laws)} laws found; {self.status.value}"
+        return f"laws found: {len(self.laws)}; {self.status.value}"
 
 
 class _Memory(NamedTuple):

@@ -207,7 +207,7 @@ class SequentialDecisionMaker(Described):
             >>> chain = resting_chain(Prior(np.eye(2), [0.5, 0.5]), 0.8)
             >>> problem, rng = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0)
             >>> SequentialDecisionMaker(problem, Budget.regret(0.25), chain=chain, calibration=prices, rng=rng).as_mechanism()
-            3 laws found; finite: every law that the observer can come to hold is a memory
+            laws found: 3; finite: every law that the observer can come to hold is a memory
         """
         return finite_rule(self.table, self.law, self.calibration, validation.count(most, "most"))
 

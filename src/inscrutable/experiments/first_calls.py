@@ -69,11 +69,14 @@ def compile_kernels(*, n_jobs: int = -1, progress: Callable[[int, int], None] = 
 
 def _quietly(calls: Callable[[], None]) -> None:
     """Without the word that kernels are being compiled, which is what was asked for."""
+    from inscrutable.kernels.deferred import compiled_at_once
+
     logger = logging.getLogger(_NOTICE)
     before = logger.level
     logger.setLevel(logging.ERROR)
     try:
-        calls()
+        with compiled_at_once():
+            calls()
     finally:
         logger.setLevel(before)
 

@@ -21,6 +21,7 @@ from inscrutable.validation import Array
 if TYPE_CHECKING:
     from inscrutable.kernels.belief_sets import Limits
 
+_CHUNK = 256  # sets that a thread describes at a time
 _FARTHEST = 2.0
 """No two beliefs are farther apart than √2; twice the distance from the centre, rounded up."""
 
@@ -138,12 +139,17 @@ def described_sets(equalities: Array, inequalities: Array, tolerance: float) -> 
     Those of dimension two and more have the dimension of their hull and no ends; empty ones have dimension −1.
     """
     from inscrutable.kernels.belief_sets import describe_sets
+    from inscrutable.kernels.threads import in_chunks
 
     count, _, n_states = equalities.shape
-    dimension, residual = np.empty(count, dtype=np.int64), np.empty(count)
-    ends = np.zeros((count, 2, n_states))
+    dimension, ends = np.empty(count, dtype=np.int64), np.zeros((count, 2, n_states))
     rows = (np.ascontiguousarray(equalities), np.ascontiguousarray(inequalities))
-    describe_sets(*rows, sum_zero_basis(n_states), kernel_limits(tolerance), dimension, ends, residual)
+    basis, limits = sum_zero_basis(n_states), kernel_limits(tolerance)
+
+    def work(low: int, high: int) -> None:
+        describe_sets(low, high, *rows, basis, limits, dimension, ends)
+
+    in_chunks(work, count, _CHUNK)
     return dimension, ends
 
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import kernel, part, woven
 
 LARGER = 2
@@ -259,18 +260,18 @@ def cut_hull(rows: Any, n_rows: int, dimension: int, noise: float, limits: Any, 
     return 1 if np.sqrt(total) > limits.same_belief else 0
 
 
-@kernel
+@deferred(kernel)
 def describe_sets(
-    equalities: Any, inequalities: Any, basis: Any, limits: Any, dimension: Any, ends: Any, residual: Any
+    low: int, high: int, equalities: Any, inequalities: Any, basis: Any, limits: Any, dimension: Any, ends: Any
 ) -> None:
-    """Dimension, both ends (n, 2, X) and residual of the sets of stacked systems P (n,k,X), Q (n,m,X).
+    """Dimension and both ends (n, 2, X) of the sets low..high of stacked systems P (n,k,X), Q (n,m,X).
 
     Sets of dimension two and more have the dimension of their hull; their ends are not written.
     """
-    n, k, n_states = equalities.shape
+    _, k, n_states = equalities.shape
     room = room_for(k, n_states)
-    for i in range(n):
-        size, residual[i], noise = hull_of(equalities[i], k, basis, limits, room)
+    for i in range(low, high):
+        size, _, noise = hull_of(equalities[i], k, basis, limits, room)
         if 0 <= size < LARGER:
             size = cut_hull(inequalities[i], inequalities.shape[1], size, noise, limits, room, ends[i])
         dimension[i] = size

@@ -83,7 +83,7 @@ class _Lines(NamedTuple):
 def _loss(aim: Any, y: Any, regret: float) -> float:
     total = 0.0
     for i in range(y.size):
-        total += (y[i] - aim.point[i]) ** 2
+        total += (y[i] - aim.point[i]) * (y[i] - aim.point[i])
     if aim.limit < np.inf:
         return float(-aim.sign * 0.5 * total)
     return float(-aim.sign * np.sqrt(total) + aim.price * regret)
@@ -201,7 +201,7 @@ def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any,
             for k in range(i):
                 total -= factor[i, k] * turned[r, k]
             turned[r, i] = total / factor[i, i]
-            length += turned[r, i] ** 2
+            length += turned[r, i] * turned[r, i]
         length = np.sqrt(length) if length > 0.0 else 1.0
         for i in range(n):
             turned[r, i] /= length
@@ -225,7 +225,7 @@ def _curvature(curves: Any, rows: Any, aim: Any, y: Any, place: Any, weights: An
     n_states = y.size
     square = 0.0
     for i in range(n_states):
-        square += (y[i] - aim.point[i]) ** 2
+        square += (y[i] - aim.point[i]) * (y[i] - aim.point[i])
     length = np.sqrt(square)
     on_regret = aim.price
     if aim.limit < np.inf:
@@ -257,7 +257,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, y: Any, place: Any, hel
     full, _ = memory
     length = 0.0
     for i in range(n_states):
-        length += (y[i] - aim.point[i]) ** 2
+        length += (y[i] - aim.point[i]) * (y[i] - aim.point[i])
     length = max(np.sqrt(length), 1e-12)
     size = 0.0
     for c in range(n):
@@ -325,7 +325,7 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     """The budget's multiplier if its slope were along y − p: a first guess."""
     length, lean = 0.0, 0.0
     for i in range(y.size):
-        length += (y[i] - aim.point[i]) ** 2
+        length += (y[i] - aim.point[i]) * (y[i] - aim.point[i])
         lean += (y[i] - aim.point[i]) * budget[i]
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 

@@ -193,7 +193,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
             if aim.limit < np.inf:
                 hessian[a, b] *= -aim.sign
             else:
-                hessian[a, b] = -aim.sign * (hessian[a, b] - slope[a] * slope[b] / length**2) / length
+                hessian[a, b] = -aim.sign * (hessian[a, b] - slope[a] * slope[b] / (length * length)) / length
     inner, square = 0.0, 0.0
     for a in range(k):
         if aim.limit < np.inf:
@@ -201,7 +201,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
         else:
             slope[a] = -aim.sign * slope[a] / length + aim.price * cost_slope[a]
         inner -= slope[a] * cost_slope[a]
-        square += cost_slope[a] ** 2
+        square += cost_slope[a] * cost_slope[a]
     if aim.limit < np.inf and not is_told and square > 0.0:
         weight = max(inner / square, 0.0)
     bending = weight if aim.limit < np.inf else aim.price
@@ -238,7 +238,7 @@ def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, he
                     hessian[k + c, a] -= total
         square = 0.0
         for a in range(k):
-            square += units[r, a] ** 2
+            square += units[r, a] * units[r, a]
         across = _ACROSS * top / max(square, 1e-8)
         for a in range(k + n):
             for b in range(k + n):

@@ -33,7 +33,7 @@ def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
         # value + row·step ≥ 0 at unit length; a row that no coordinate moves holds, or nothing does.
         length, value = 0.0, face.rows[first + r, 0, k]
         for a in range(k):
-            length += face.rows[first + r, 0, a] ** 2
+            length += face.rows[first + r, 0, a] * face.rows[first + r, 0, a]
             value += face.rows[first + r, 0, a] * w[a]
         length = np.sqrt(length)
         if length <= _FLAT:

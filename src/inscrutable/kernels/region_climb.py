@@ -14,6 +14,7 @@ import numpy as np
 
 from inscrutable.kernels.climb import Aim, Rules, climb
 from inscrutable.kernels.copies import put
+from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.face_ascent import ascend
 from inscrutable.kernels.face_lines import SAMPLES, best_place, decision_value, interval, line_weight
 from inscrutable.kernels.face_sets import dearest, look_around, move_to_cheapest
@@ -130,7 +131,7 @@ def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any
             numbers[s, 4] = max(weight, 0.0) / distance if is_spent else 0.0
 
 
-@bare_kernel
+@deferred(bare_kernel)
 def climb_decoys(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
     """Fill the spots of climbs low..high from their decoys; what no decoy allows has the value −∞."""
     n_states, y = rules.basis.shape[0], room.decoy
@@ -152,7 +153,7 @@ def climb_decoys(low: int, high: int, climbs: Any, scene: Any, regions: Any, rul
                     spots.numbers[s, 3] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
 
 
-@bare_kernel
+@deferred(bare_kernel)
 def fill_distances(
     low: int, high: int, starts: Any, scene: Any, regions: Any, rules: Any, distances: Any, room: Any
 ) -> None:
@@ -194,7 +195,7 @@ def _is_hopeless(climbs: Any, spots: Any, rules: Any, s: int) -> bool:
     return bool(-np.inf < spots.numbers[s, 3] < climbs.floor[s] - rules.near)
 
 
-@bare_kernel
+@deferred(bare_kernel)
 def search_lines(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
     """Improve the spots of climbs low..high in regions of at most one free coordinate with sets larger than points."""
     n_states = rules.basis.shape[0]
@@ -304,7 +305,7 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
     return float(weight) if low == 1.0 else 0.0
 
 
-@kernel
+@deferred(kernel)
 def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
     """Improve the spots of climbs low..high in regions of more coordinates with sets larger than points.
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable.kernels.copies import put, put_descending
+from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import bare, bare_kernel, kernel, woven
 from inscrutable.kernels.region_climb import aim_of
 from inscrutable.kernels.regions import (
@@ -351,7 +352,7 @@ def _ask_for_starts(starts: Any, limits: Any, reached: Any, t: int, plans: Any) 
     reached.n_begun[t] = s - first
 
 
-@bare_kernel
+@deferred(bare_kernel)
 def plan(low: int, high: int, scene: Any, regions: Any, starts: Any, rules: Any, limits: Any, found: Any) -> None:
     """Keep what the climbs of beliefs low..high found, and plan the next ones, until a search has some or has ended.
 
@@ -383,7 +384,7 @@ def plan(low: int, high: int, scene: Any, regions: Any, starts: Any, rules: Any,
                 reached.stage[t] -= 1
 
 
-@kernel
+@deferred(kernel)
 def best_starts(low: int, high: int, scene: Any, table: Any, axes: Any, n_regions: int, chosen: Any, ends: Any) -> None:
     """Fill, for beliefs low..high, the candidates `chosen` (index (T,S), value (T,S), n (T,)) that are the best of their region
     and orthant, in order, −1 behind the last; how many are affordable, or at a price worth more than nothing; and the best
@@ -397,9 +398,14 @@ def best_starts(low: int, high: int, scene: Any, table: Any, axes: Any, n_region
     n_states, n_orthants = scene.beliefs.shape[1], ends.shape[1]
     best, which = np.empty((n_regions, n_orthants)), np.empty((n_regions, n_orthants), dtype=np.int64)
     far, n_signs = np.empty(n_orthants), int(np.log2(n_orthants))
+    origin, home = np.empty(axes.shape[1]), np.empty(axes.shape[1])
     for t in range(low, high):
         belief, sign, limit, price = scene.beliefs[t], scene.sign, scene.limits[t], scene.prices[t]
-        origin, home = scene.points[t] @ axes, belief @ axes
+        for c in range(origin.size):
+            origin[c], home[c] = 0.0, 0.0
+            for i in range(n_states):
+                origin[c] += scene.points[t, i] * axes[i, c]
+                home[c] += belief[i] * axes[i, c]
         best[:] = -np.inf
         which[:] = -1
         far[:] = -np.inf
@@ -416,14 +422,15 @@ def best_starts(low: int, high: int, scene: Any, table: Any, axes: Any, n_region
             if regret > limit:
                 share = np.sqrt(limit / regret)
                 for c in range(origin.size):
-                    total += (home[c] + share * (places[d, c] - home[c]) - origin[c]) ** 2
+                    apart = home[c] + share * (places[d, c] - home[c]) - origin[c]
+                    total += apart * apart
                 if sign * total > far[orthant]:
                     far[orthant] = sign * total
                     for i in range(n_states):
                         ends[t, orthant, i] = belief[i] + share * (decoys[d, i] - belief[i])
                 continue
             for c in range(origin.size):
-                total += (origin[c] - places[d, c]) ** 2
+                total += (origin[c] - places[d, c]) * (origin[c] - places[d, c])
             value = sign * total
             if price > 0.0:
                 value = sign * np.sqrt(total) - price * regret
@@ -454,7 +461,7 @@ def _in_order(best: Any, which: Any, index: Any, values: Any) -> None:
             values[s], index[s] = best[f, o], which[f, o]
 
 
-@bare_kernel
+@deferred(bare_kernel)
 def read_actions(steps: Any, entries: Any, regions: Any, limits: Any, reached: Any, actions: Any) -> None:
     """Fill the decisions (n,U) of entries (n,) of beliefs (n,)."""
     for j in range(steps.size):

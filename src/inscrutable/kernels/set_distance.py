@@ -184,7 +184,7 @@ def nearest_belief(face: Any, w: Any, point: Any, rules: Any, reversed_row: int,
         for c in range(n):
             total += rules.basis[i, c] * z[c]
         out[i] = total
-        square += (total - point[i]) ** 2
+        square += (total - point[i]) * (total - point[i])
     return float(np.sqrt(square))
 
 

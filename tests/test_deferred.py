@@ -1,0 +1,106 @@
+"""Kernels that the interpreter runs first: same digits, compiled when that pays."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from inscrutable import (
+    CounterAdversarialDecisionMaker,
+    DesiredObfuscation,
+    MarkowitzProblem,
+    MaximalObfuscation,
+    NonUniqueness,
+    ProbabilisticDecisionMaker,
+)
+from inscrutable.kernels import deferred
+
+pytestmark = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
+
+FIRST_DECISION = """
+import numpy as np
+from numba.core import event
+from inscrutable import CounterAdversarialDecisionMaker, MarkowitzProblem
+with event.install_recorder("numba:compile") as compiled:
+    problem = MarkowitzProblem([[0.02, 0.01], [-0.03, 0.0], [0.0, 0.01]], [np.eye(2), 2 * np.eye(2), np.eye(2)], 1.0)
+    CounterAdversarialDecisionMaker(problem, budget=0.1).decide([0.5, 0.3, 0.2])
+print(*{each.data["dispatcher"].__name__ for _, each in compiled.buffer})
+"""
+
+
+def market(rng: np.random.Generator, n_states: int, n_assets: int) -> MarkowitzProblem:
+    factors = rng.normal(size=(n_states, n_assets, n_assets))
+    covariances = 0.01 * (factors @ factors.swapaxes(1, 2) + np.eye(n_assets))
+    return MarkowitzProblem(0.02 * rng.normal(size=(n_states, n_assets)), covariances, rng.uniform(1.0, 5.0))
+
+
+def numbers(decided) -> list[np.ndarray]:
+    """Everything that decisions state, in order."""
+    names = ("action", "regret", "privacy", "actions", "regrets", "privacies", "probabilities")
+    return [np.asarray(getattr(one, name)) for one in decided for name in names if hasattr(one, name)]
+
+
+@pytest.mark.parametrize(("n_states", "n_assets"), [(2, 1), (2, 4), (3, 2), (3, 6), (4, 3), (5, 2)])
+def test_interpreted_and_compiled_decisions_have_the_same_digits(n_states, n_assets, fresh_rng, monkeypatch):
+    problem = market(fresh_rng, n_states, n_assets)
+    beliefs, target = fresh_rng.dirichlet(np.ones(n_states), 2), fresh_rng.dirichlet(np.ones(n_states))
+    for measure in (MaximalObfuscation(), DesiredObfuscation(target), NonUniqueness()):
+        for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
+            compiled = numbers(maker(problem, measure).decide_many(beliefs))
+            with monkeypatch.context() as interpreted:
+                interpreted.setattr(deferred, "_patience", [np.inf])
+                interpreted.setattr(deferred._Deferred, "_is_cached", lambda kernel, arguments: False)
+                found = numbers(maker(problem, measure).decide_many(beliefs))
+            assert len(found) == len(compiled)
+            for one, other in zip(found, compiled, strict=True):
+                np.testing.assert_array_equal(one, other)
+
+
+def test_a_first_decision_compiles_no_search(tmp_path: Path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    run = subprocess.run(
+        [sys.executable, "-c", FIRST_DECISION], env=environment, capture_output=True, text=True, timeout=300
+    )
+    compiled = set(run.stdout.split())
+    assert "solve_path" in compiled, run.stderr  # many beliefs at once: only compiled code is fast enough
+    assert not compiled & {"plan", "best_starts", "climb_decoys", "climb", "project_in", "describe_sets"}
+
+
+@numba.njit
+def tripled(x):
+    return 3.0 * x
+
+
+def waiting(turns):
+    """Takes a while in the interpreter."""
+    total = 0.0
+    for _ in range(turns):
+        total += tripled(1.0)
+    return total
+
+
+def test_a_kernel_is_compiled_when_the_interpreter_had_its_time(monkeypatch):
+    monkeypatch.setattr(deferred, "_patience", [0.1])
+    compiled = numba.njit(waiting)
+    kernel = deferred.deferred(lambda function: compiled)(waiting)
+    start = time.perf_counter()
+    assert kernel(1) == 3.0
+    assert not compiled.signatures
+    while not compiled.signatures:
+        assert kernel(10_000) == 30_000.0
+        assert time.perf_counter() - start < 60.0
+
+
+def test_inside_the_context_kernels_are_compiled_at_their_first_call():
+    compiled = numba.njit(tripled.py_func)
+    kernel = deferred.deferred(lambda function: compiled)(tripled.py_func)
+    with deferred.compiled_at_once():
+        assert kernel(1.0) == 3.0
+    assert len(compiled.signatures) == 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
-from inscrutable.decision_makers.candidates import Candidates, make_candidates
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.indicated import Hiding, Met
 from inscrutable.decision_makers.indicators import is_streamed
@@ -31,15 +30,12 @@ from inscrutable.decision_makers.search.polish import Trial, polish
 from inscrutable.decision_makers.search.region_search import best_in_regions
 from inscrutable.decision_makers.search.scenes import farthest_corners, scene_of
 from inscrutable.errors import InputError
-from inscrutable.geometry.crossings import first_met
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.region_climb import Scene
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
-
-_DIRECTIONS = 300
 
 
 @dataclass(frozen=True)
@@ -201,7 +197,7 @@ def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None)
 def hidden(case: Case, beliefs: Array, progress: Progress | None = None) -> Met:
     """Return how beliefs (T,X) meet a goal that is met or missed; a distance from the belief at the least regret found."""
     distance = case.measure.least_distance()
-    hiding = Hiding(case.problem, case.candidates, case.measure, case.budget)
+    hiding = Hiding(case.problem, case.candidates, case.measure, case.budget, case.on_empty)
     if distance is None or quadratic_problem(case.problem) is None:
         return hiding.met(beliefs, progress)
     met = hiding.met(beliefs)
@@ -297,7 +293,7 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
     limit = case.budget.limit(optimal_cost)
     quadratic = quadratic_problem(problem)
     if case.measure.is_indicator:
-        return _meeting(case, belief, optimal, optimal_cost, limit)
+        return hidden(case, belief[None]).decisions()[0]
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
         found = _search_faces(case, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
         if quadratic.bends or not _some_candidate_is_better(case, belief, found, limit):
@@ -305,19 +301,6 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
         other = _search_candidates(case, belief, optimal, optimal_cost, limit)
         return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
     return _search_candidates(case, belief, optimal, optimal_cost, limit)
-
-
-def _meeting(case: Case, belief: Array, optimal: Array, optimal_cost: float, limit: float) -> Decision:
-    """The cheapest decision found for a goal that is met or missed, judged set by set."""
-    found = _search_candidates(case, belief, optimal, optimal_cost, limit)
-    distance = case.measure.least_distance()
-    if distance is None or found.status is DecisionStatus.OPTIMAL or quadratic_problem(case.problem) is None:
-        return found
-    most = limit if np.isneginf(found.privacy) else found.regret
-    cheaper = _cheapest_at_distance(case, belief, most, distance)
-    if cheaper is None:
-        return found
-    return replace(cheaper, privacy=0.0, privacy_bound=0.0, status=DecisionStatus.BEST_CANDIDATE)
 
 
 def _search_faces(case: Case, aim: Aim, optimal: Array) -> Decision:
@@ -374,8 +357,6 @@ def _search_candidates(case: Case, belief: Array, optimal: Array, optimal_cost: 
     reference = measure.reference(belief)
     if reference is None:
         action = None if index is None else scores.candidates.actions[index]
-        if index is not None and measure.is_indicator and not problem.is_discrete:
-            action = _cheapest(problem, scores, index, optimal)
     else:
         action, status = _most_private(Goal(problem, belief, limit, optimal_cost, reference), scores, index)
     own = decision_for(problem, belief, optimal, measure, DecisionStatus.OPTIMAL)
@@ -405,49 +386,3 @@ def _most_private(goal: Goal, scores: Scores, index: int | None) -> tuple[Array 
     if found is not None and (start is None or found.privacy > start.privacy):
         return found.action, DecisionStatus.POLISHED
     return (None if start is None else start.action), DecisionStatus.BEST_CANDIDATE
-
-
-def _cheapest(problem: DecisionProblem, scores: Scores, index: int, optimal: Array) -> Array:
-    """Return the cheapest decision found that meets an indicator's goal, starting from its cheapest candidate."""
-    sets, belief = scores.candidates.sets, scores.belief
-    candidate, member = scores.candidates.actions[index], sets.start[index]
-    if sets.dimension[index] < 0:
-        return _shortened(problem, scores, candidate, lambda share: optimal + share * (candidate - optimal))
-    best = _shortened(
-        problem, scores, candidate, lambda share: problem.solve_points(belief + share * (member - belief))
-    )
-    return _cheapest_at(problem, scores, best)
-
-
-def _shortened(problem: DecisionProblem, scores: Scores, start: Array, along: Callable[[float], Array]) -> Array:
-    """Where the way from the optimal decision (share 0) to `start` (share 1) first meets the goal, unless that costs more."""
-    share = first_met(lambda share: _meets(problem, scores, along(share)))
-    found, belief = along(share), scores.belief
-    return found if share < 1.0 and problem.regret(belief, found) <= problem.regret(belief, start) else start
-
-
-def _cheapest_at(problem: DecisionProblem, scores: Scores, best: Array) -> Array:
-    """Look around the true belief, at the distance the goal asks for, for a cheaper direction."""
-    radius = scores.measure.least_distance()
-    if radius is None:
-        return best
-    away = scores.candidates.sets.start[scores.candidates.sets.dimension >= 0] - scores.belief
-    length = np.linalg.norm(away, axis=1)
-    away = away[length > radius] / length[length > radius, None]
-    if not len(away):
-        return best
-    chosen = away[np.linspace(0, len(away) - 1, min(len(away), _DIRECTIONS)).astype(int)]
-    decoys = scores.belief + radius * (1.0 + tolerances.SLACK_SAFETY) * chosen
-    around = make_candidates(problem, problem.solve(decoys), decoys)
-    judged = score(scores.belief, float(problem.optimal_cost(scores.belief)), around, scores.measure, "exclude")
-    index = judged.best(float(problem.regret(scores.belief, best)))
-    if index is None:
-        return best
-    # Where the goal is a hair's breadth, what the ends of a set say of it may be rounding.
-    found = np.asarray(around.actions[index])
-    return found if _meets(problem, scores, found) else best
-
-
-def _meets(problem: DecisionProblem, scores: Scores, action: Array) -> bool:
-    candidate = make_candidates(problem, action[None])
-    return bool(candidate.usable[0]) and scores.measure(scores.belief, candidate.sets[0]) == 0.0

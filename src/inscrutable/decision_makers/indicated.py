@@ -91,11 +91,12 @@ class Hiding:
     candidates: Candidates
     measure: PrivacyMeasure
     budget: Budget
+    on_empty: str = "exclude"
 
     def met(self, beliefs: Array, progress: Progress | None = None) -> Met:
         """Return how beliefs (T,X) are best hidden; chunks of them in turn, on all cores."""
         count, n_states = beliefs.shape
-        table = table_of(self.problem, self.measure, self.candidates)
+        table = table_of(self.problem, self.measure, self.candidates, self.on_empty)
         result = Met(
             self.problem,
             beliefs,

@@ -15,6 +15,7 @@ from inscrutable.adversaries import ConsistentSets, consistent_sets
 from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.distinct import distinct_of
+from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
 from inscrutable.privacy import Infeasibility, NonExistence, NonUniqueness, PrivacyMeasure
 from inscrutable.problems import DecisionProblem
@@ -34,10 +35,12 @@ class Cheapest(NamedTuple):
 
 
 class Indicator:
-    """One of the three measures for a problem: which decisions meet it under which belief."""
+    """A measure for a problem: which decisions meet it under which belief. A user's own judges set by set."""
 
-    def __init__(self, problem: DecisionProblem, measure: PrivacyMeasure) -> None:
+    def __init__(self, problem: DecisionProblem, measure: PrivacyMeasure, on_empty: str = "exclude") -> None:
         self.problem, self.measure = problem, measure
+        self.rule = type(measure) if is_streamed(measure) else None
+        self._judges_empty = measure.judges_empty or on_empty != "exclude"
         self.margin = measure.margin if isinstance(measure, Infeasibility) else 0.0
         distance = measure.least_distance()
         self.least = tolerances.SAME_BELIEF if distance is None else distance
@@ -45,17 +48,27 @@ class Indicator:
     def met_by(self, beliefs: Array, actions: Array, regrets: Array, members: Array | None = None) -> np.ndarray:
         """Return whether decisions (n,U) of known regret meet the goal under beliefs (n,X), one by one; gaps of
         unexplained ones are not compared. `members` (n,X) are beliefs that they are optimal for, where known."""
-        by_distance = isinstance(self.measure, NonExistence)
-        sets = consistent_sets(self.problem, actions, members if by_distance else None)
-        if isinstance(self.measure, Infeasibility):
+        sets = consistent_sets(self.problem, actions, members if self.rule is NonExistence else None)
+        if self.rule is Infeasibility:
             return np.asarray(sets.dimension < 0)
-        if isinstance(self.measure, NonUniqueness):
+        if self.rule is NonUniqueness:
             return self._by_corners(beliefs, sets)
+        if self.rule is None:
+            return np.array([self.judges(belief, sets[t]) for t, belief in enumerate(beliefs)], dtype=bool)
         met = np.asarray(sets.bounds(beliefs) >= self.least)
         close = regrets <= self.slack(self.problem.state_costs(actions))
         for t in np.flatnonzero(met & ((sets.dimension >= 2) | (close & (sets.dimension >= 0)))):
             met[t] = self.is_far(beliefs[t], sets[int(t)])
         return met
+
+    def judges(self, belief: Array, found: BeliefSet) -> bool:
+        """Return whether the measure itself says that a set meets the goal."""
+        if found.is_empty and not self._judges_empty:
+            return False
+        privacy = self.measure(belief, found)
+        if np.isnan(privacy):
+            raise InputError(f"{self.measure!r} is NaN for {found!r}; a measure must give a number, −inf or inf")
+        return bool(privacy == 0.0)
 
     def slack(self, costs: Array) -> Array:
         """Return the regret up to which a belief may be a member of a decision of state costs (…,X): one of an
@@ -79,7 +92,7 @@ class Indicator:
     @property
     def compares_gaps(self) -> bool:
         """Whether an unexplained decision must also miss every explanation by a margin."""
-        return isinstance(self.measure, Infeasibility) and self.margin > 0.0
+        return self.rule is Infeasibility and self.margin > 0.0
 
 
 class IndicatorTable:
@@ -89,17 +102,19 @@ class IndicatorTable:
         from inscrutable.kernels import indicators as kernel
 
         sets, table = candidates.sets, distinct_of(candidates)
-        if isinstance(goal.measure, Infeasibility):
+        if goal.rule is Infeasibility:
             table = table.pick(np.flatnonzero(table.kind < 0))
         self.goal, self._sets, self.number = goal, sets, table.number
         self._arrays = table.costs, table.start, table.along
-        self._kind = table.kind.copy()
         self._never, self._larger = kernel.NEVER, kernel.LARGER
+        self._kind = (
+            np.full(len(table.kind), self._larger, table.kind.dtype) if goal.rule is None else table.kind.copy()
+        )
         self._proved = np.zeros(len(self.number), dtype=bool)
         self._scan = kernel.cheapest_that_meet
-        rules = {Infeasibility: kernel.BY_EMPTINESS, NonUniqueness: kernel.BY_CORNERS, NonExistence: kernel.BY_DISTANCE}
-        self.starts = sets.start[sets.dimension >= 0] if isinstance(goal.measure, NonExistence) else None
-        self._rule = rules[type(goal.measure)], goal.least
+        rules = {Infeasibility: kernel.BY_EMPTINESS, NonExistence: kernel.BY_DISTANCE}
+        self.starts = sets.start[sets.dimension >= 0] if goal.measure.least_distance() is not None else None
+        self._rule = rules.get(goal.rule, kernel.BY_CORNERS), goal.least
 
     def cheapest(self, beliefs: Array, optimal_costs: Array, limits: Array) -> Cheapest:
         """Return the cheapest candidates that meet the goal under beliefs (T,X) at regrets of at most `limits` (T,)."""
@@ -127,18 +142,18 @@ class IndicatorTable:
             if not self._proved[d]:
                 self._kind[d] = self._never
             return bool(self._proved[d])
-        if self.starts is not None and regret <= self.goal.slack(self._arrays[0][d]) and self._kind[d] >= 0:
+        if self.goal.rule is NonExistence and regret <= self.goal.slack(self._arrays[0][d]) and self._kind[d] >= 0:
             return self.goal.is_far(belief, self._sets[int(self.number[d])])
         if self._kind[d] < self._larger:
             return True
-        return self.goal.measure(belief, self._sets[int(self.number[d])]) == 0.0
+        return self.goal.judges(belief, self._sets[int(self.number[d])])
 
 
-def goal_key(measure: PrivacyMeasure) -> tuple[type, float | None]:
-    """Return what tells one goal from another."""
-    return type(measure), getattr(measure, "margin", None)
-
-
-def table_of(problem: DecisionProblem, measure: PrivacyMeasure, candidates: Candidates) -> IndicatorTable:
-    """Return the table of a goal, made at first use and kept with the candidates."""
-    return candidates.once(goal_key(measure), lambda: IndicatorTable(Indicator(problem, measure), candidates))
+def table_of(
+    problem: DecisionProblem, measure: PrivacyMeasure, candidates: Candidates, on_empty: str = "exclude"
+) -> IndicatorTable:
+    """Return the table of a goal; that of a known one is kept with the candidates."""
+    goal = Indicator(problem, measure, on_empty)
+    if goal.rule is None:
+        return IndicatorTable(goal, candidates)
+    return candidates.once((goal.rule, goal.margin), lambda: IndicatorTable(goal, candidates))

@@ -74,7 +74,7 @@ class _Shortening:
     def _bracket(self) -> Bracket:
         """Where each way is first known to meet and to miss the goal; a decoy is no farther from its set than itself, so
         nothing nearer than the goal's distance can meet it, and a little beyond it most do."""
-        block, by_corners = self._block, isinstance(self._goal.measure, NonUniqueness)
+        block, by_corners = self._block, self._goal.rule is NonUniqueness
         ends = Bracket(np.ones(len(block.beliefs)), np.zeros(len(block.beliefs)))
         away = block.members - block.beliefs
         length = np.abs(away).max(axis=1) if by_corners else np.sqrt((away**2).sum(axis=1))

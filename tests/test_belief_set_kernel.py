@@ -12,11 +12,12 @@ from inscrutable import tolerances
 from inscrutable.decision_makers import CounterAdversarialDecisionMaker, LocalSearch
 from inscrutable.decision_makers.search.trials import DefinedJudge, QuadraticJudge, judge_for
 from inscrutable.geometry import BeliefSet
-from inscrutable.geometry.hulls import affine_hulls, clip_to_segments, described_sets, kernel_limits, sum_zero_basis
+from inscrutable.geometry.hulls import affine_hulls, described_sets, kernel_limits, sum_zero_basis
 from inscrutable.kernels.belief_polygons import polygon_distance, polygon_for
 from inscrutable.kernels.belief_sets import hull_of, room_for
 from inscrutable.privacy import DesiredObfuscation, Infeasibility, MaximalObfuscation
 from inscrutable.problems import MarkowitzProblem, Polyhedron, QuadraticProblem, box, simplex
+from oracles.segments import clip_to_segments
 
 SEEDS = st.integers(0, 2**32 - 1)
 LIMITS = kernel_limits(tolerances.EXPLAINED)

@@ -22,10 +22,6 @@ class PointMixture(NamedTuple):
     shares: Array  # (N, k)
     errors: Array  # (N,): Σ_k shares_k ‖π − points[places_k]‖
 
-    def averaged(self, values: Array) -> Array:
-        """Return Σ_k shares_k values[places_k], shape (N,), for values (B,) at the points."""
-        return np.asarray((values[self.places] * self.shares).sum(axis=1))
-
 
 class BeliefPoints:
     """Points of the simplex (B,X) as a support: others are mixed from the corners of their cell, or moved to the nearest."""

@@ -85,10 +85,6 @@ class Candidates:
         """Indices of the distinct decisions among the candidates, the first of each, rising, shape (D,)."""
         return np.flatnonzero(self.same_as == np.arange(len(self)))
 
-    def sharing(self, index: int) -> np.ndarray:
-        """Return the indices of all candidates with the same decision as candidate `index`, itself among them."""
-        return np.flatnonzero(self.same_as == self.same_as[index])
-
     @cached_property
     def covering_radius(self) -> float:
         """About the largest distance from a belief to the nearest decoy, from 512 beliefs; infinite without decoys."""

@@ -112,7 +112,7 @@ class IndicatorTable:
         )
         self._proved = np.zeros(len(self.number), dtype=bool)
         self._scan = kernel.cheapest_that_meet
-        rules = {Infeasibility: kernel.BY_EMPTINESS, NonExistence: kernel.BY_DISTANCE}
+        rules: dict[type | None, int] = {Infeasibility: kernel.BY_EMPTINESS, NonExistence: kernel.BY_DISTANCE}
         self.starts = sets.start[sets.dimension >= 0] if goal.measure.least_distance() is not None else None
         self._rule = rules.get(goal.rule, kernel.BY_CORNERS), goal.least
 

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.adversaries import consistent_beliefs, near_optimal_beliefs
 from inscrutable.budgets import Budget, as_budget
-from inscrutable.datasets import WeightsTable
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     Decisions,
@@ -23,7 +22,7 @@ from inscrutable.decision_makers import (
 from inscrutable.decision_makers.proofs.certified import check_provable, checked_gap
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError, ModelError
-from inscrutable.experiments.attack import Attack, Reading, attack_weights
+from inscrutable.experiments.attack import Attack, Reading
 from inscrutable.experiments.episodes import part_of
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel, checked_model
@@ -187,49 +186,6 @@ def protect(
         return _protect(model, beliefs.estimates, beliefs.index, order, beliefs)
     held, index = _beliefs_of(model, beliefs)
     return _protect(model, held, index, order, None)
-
-
-def protect_weights(
-    model: InvestorModel,
-    weights: WeightsTable | pd.DataFrame,
-    budget: Budget | float | None = None,
-    measure: PrivacyMeasure | None = None,
-    *,
-    decimals: int | None = None,
-    rng: np.random.Generator | None = None,
-    progress: Progress | None = None,
-) -> Protection:
-    """Return what to publish instead of planned weights, whose belief is read off as an observer would.
-
-    The belief is the centre of `attack_weights`; where no belief explains a row, the one of least regret, and
-    `Protection.planned` says so. The other arguments, errors and costs are those of `protect`.
-
-    Args:
-        model: The investor.
-        weights: The planned weights, as `read_weights` returns them or a frame with one column per asset.
-        budget: A share of |c*|, or a `Budget`; None is the model's.
-        measure: The privacy measure Ψ; None is maximal obfuscation.
-        decimals: Digits after the point that the weights were rounded to, at least 0; None takes them from the table,
-            and for a frame means full precision.
-        rng: Source of the draws; None is the entropy of the operating system.
-        progress: Called with (steps done, steps in all).
-
-    Returns:
-        A `Protection`.
-
-    Example:
-        >>> from inscrutable.problems import MarkowitzProblem
-        >>> from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
-        >>> means, spreads = [[0.02, 0.0], [-0.03, 0.0]], [0.01 * np.eye(2), 0.09 * np.eye(2)]
-        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))
-        >>> model = InvestorModel(world, MarkowitzProblem(means, spreads, 2.0), ("A", "B"), ("calm", "crisis"))
-        >>> planned = pd.DataFrame([model.problem.solve([0.8, 0.2])], columns=["A", "B"])
-        >>> protect_weights(model, planned, rng=np.random.default_rng(0)).beliefs.round(3)
-        array([[0.8, 0.2]])
-    """
-    order = _Order(model, budget, measure, rng, progress)
-    planned = attack_weights(model, weights, decimals=decimals, progress=part_of(progress, 0, PARTS + 1))
-    return _protect(model, planned.estimates, planned.index, order, planned)
 
 
 class _Order:

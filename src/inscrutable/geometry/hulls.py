@@ -4,7 +4,7 @@ With B an orthonormal basis of the directions that keep Σπ, π = 1/X + B w and
 the rank tolerance determine coordinates of w; the others leave a direction free, inside the band in which the residual
 stays below the tolerance. All functions work on a stack of systems of one shape.
 
-`affine_hulls` and `clip_to_segments` define what `described_sets` finds with a kernel.
+`affine_hulls` defines what `described_sets` finds with a kernel.
 """
 
 from __future__ import annotations
@@ -81,49 +81,6 @@ def affine_hulls(equalities: Array, tolerance: float) -> Hulls:
     noise = np.maximum(tolerances.ON_FACE, tolerance / np.where(np.isfinite(smallest), smallest, 1.0))
     # Singular values fall, so the free directions are the last ones: reverse to put them first.
     return Hulls(dimension, origin, (right @ basis.T)[:, ::-1], np.stack([low, high], axis=2)[:, ::-1], residual, noise)
-
-
-class Segments(NamedTuple):
-    """Ends of n sets of dimension at most one; `present` is False where the inequalities leave nothing."""
-
-    present: np.ndarray
-    start: Array
-    end: Array
-
-
-def clip_to_segments(hulls: Hulls, inequalities: Array, which: np.ndarray) -> Segments:
-    """Cut the hulls `which` (all of one dimension, 0 or 1) with stacked rows Q π ≥ 0 and π ≥ 0."""
-    origin = hulls.origin[which]
-    rows = inequalities[which]
-    n, _, n_states = rows.shape
-    noise = hulls.noise[which][:, None]
-    everything = np.concatenate([rows, np.broadcast_to(np.eye(n_states), (n, n_states, n_states))], axis=1)
-    value = np.einsum("nmx,nx->nm", everything, origin)
-    if hulls.dimension[which[0]] == 0:
-        present = np.all(value >= -noise, axis=1)
-        point = onto_simplex(origin)
-        return Segments(present, point, point)
-    direction = hulls.directions[which, 0]
-    slope = np.einsum("nmx,nx->nm", everything, direction)
-    flat = np.abs(slope) <= noise
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = -value / slope
-    low = np.where(~flat & (slope > 0), crossing, -np.inf).max(axis=1)
-    high = np.where(~flat & (slope < 0), crossing, np.inf).min(axis=1)
-    low = np.maximum(low, hulls.bands[which, 0, 0])
-    high = np.minimum(high, hulls.bands[which, 0, 1])
-    steepest = np.where(flat, np.inf, np.abs(slope)).min(axis=1)
-    crossed = low > high
-    touching = crossed & (low - high <= 2 * noise[:, 0] / np.minimum(steepest, 1.0))
-    middle = 0.5 * (low + high)
-    low = np.where(touching, middle, low)
-    high = np.where(touching, middle, high)
-    present = ~(crossed & ~touching) & np.all(~flat | (value >= -noise), axis=1) & np.isfinite(low) & np.isfinite(high)
-    low = np.where(present, low, 0.0)
-    high = np.where(present, high, 0.0)
-    return Segments(
-        present, onto_simplex(origin + low[:, None] * direction), onto_simplex(origin + high[:, None] * direction)
-    )
 
 
 def onto_simplex(points: Array) -> Array:

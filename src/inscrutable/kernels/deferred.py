@@ -52,6 +52,7 @@ class _Deferred:
         self._compiled = compiled
         self._interpreted: Any = None  # made at the first call, when all that the kernel calls is defined
         self._spent = 0.0
+        self._is_compiled = False
         self._missing: set[tuple[Any, ...]] = set()
         self.__doc__ = compiled.__doc__
 
@@ -62,7 +63,8 @@ class _Deferred:
 
     def __call__(self, *arguments: Any) -> Any:
         """Run the kernel."""
-        if self._spent >= _patience[0] or self._is_cached(arguments):
+        if self._is_compiled or self._spent >= _patience[0] or self._is_cached(arguments):
+            self._is_compiled = True
             return self._compiled(*arguments)
         self._interpreted = self._interpreted or _interpreted(self._compiled, {})
         start = perf_counter()
@@ -72,9 +74,7 @@ class _Deferred:
         return result
 
     def _is_cached(self, arguments: tuple[Any, ...]) -> bool:
-        """Whether nothing is left to compile. Numba has no public question for what is on disk."""
-        if self._compiled.signatures:
-            return True
+        """Whether the disk has the kernel compiled. Numba has no public question for that."""
         signature = tuple(map(self._compiled.typeof_pyval, arguments))
         if signature in self._missing:
             return False

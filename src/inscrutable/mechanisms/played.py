@@ -32,13 +32,6 @@ class PlaysMany(Protocol):
         """Return decisions or lotteries for beliefs (B,X)."""
 
 
-class PlaysTable(PlaysMany, Protocol):
-    """A decision maker that draws from a list and says so, which spares a mechanism the making of every lottery."""
-
-    def table(self, beliefs: ArrayLike) -> tuple[Array, np.ndarray, Array]:
-        """Return points (M,U), and for beliefs (B,X) the numbers (B,k) of those in the lottery and their shares (B,k)."""
-
-
 class HasActions(Protocol):
     """Candidates as far as a mechanism needs them."""
 

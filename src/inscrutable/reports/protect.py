@@ -27,7 +27,7 @@ def protect_table(protection: Protection) -> pd.DataFrame:
     """Return what to publish, what it costs and what an observer then concludes: a few rows per belief.
 
     Args:
-        protection: From `protect` or `protect_weights`.
+        protection: From `protect`.
 
     Returns:
         A frame on (row label, what). What: the optimal weights (ODM), the weights to publish (CDM), every atom of the
@@ -175,7 +175,7 @@ def write_protect(protection: Protection, folder: Path) -> list[Path]:
     """Write the tables, a summary and the pictures of a protection into a folder and return their paths.
 
     Args:
-        protection: From `protect` or `protect_weights`. The pictures show its last row.
+        protection: From `protect`. The pictures show its last row.
         folder: Created where needed.
 
     Returns:

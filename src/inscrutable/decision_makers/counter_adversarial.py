@@ -24,11 +24,10 @@ from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, che
 from inscrutable.decision_makers.result_table import ResultTable, known
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.search.atlas import atlas_of
+from inscrutable.decision_makers.search.atlas import atlas_of, farthest_corners, scene_of
 from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.polish import Trial, polish
 from inscrutable.decision_makers.search.region_search import best_in_regions
-from inscrutable.decision_makers.search.scenes import farthest_corners, scene_of
 from inscrutable.errors import InputError
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.region_climb import Scene

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
@@ -17,6 +17,7 @@ from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
+from inscrutable.decision_makers.result_table import ResultTable, known
 from inscrutable.decision_makers.results import (
     Decision,
     DecisionStatus,
@@ -27,7 +28,8 @@ from inscrutable.decision_makers.results import (
     stack_mixed,
 )
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.streamed import stream
+from inscrutable.decision_makers.search.atlas import atlas_of, farthest_corners
+from inscrutable.decision_makers.search.lottery_search import best_lotteries
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -129,7 +131,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         case = Case(self.problem, self.candidates, self.measure, self.budget, self.on_empty)
         envelope = isinstance(self.method, Envelope)
         if envelope and case.is_quadratic_distance:
-            return stream(case, beliefs, progress)
+            return _searched(case, beliefs, progress)
         if envelope and is_streamed(self.measure):
             return hidden(case, beliefs, progress).lotteries()
         # Every lottery has the best single decision among its atoms.
@@ -208,6 +210,32 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
 
 
 _NOTHING = DecisionStatus.NO_AFFORDABLE_PRIVACY
+_KINDS = np.array([_NOTHING, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDIDATE], dtype=object)
+
+
+def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> MixedDecisions:
+    """Return the lotteries of beliefs (T,X), each searched by itself, the best single decision among its atoms."""
+    optimal_costs = np.asarray(case.problem.optimal_cost(beliefs))
+    atlas, scene = atlas_of(case.problem, case.candidates), case.scene(beliefs, optimal_costs)
+    singles = best_decisions(case, beliefs)
+    found = best_lotteries(atlas, scene, singles, progress)
+    alone = found.probabilities[:, 1] <= 0.0
+    best = np.where(alone, found.privacies[:, 0], found.privacies.max(axis=1))
+    nothing = best <= tolerances.NO_PRIVACY if scene.sign > 0 else np.isneginf(best)
+    return MixedDecisions(
+        ResultTable(
+            case.problem,
+            known(atlas.decisions(found.actions)),
+            found.probabilities,
+            found.regrets,
+            found.privacies,
+            found.decoys,
+            optimal_costs,
+            farthest_corners(scene.points) if scene.sign > 0 else np.zeros(len(beliefs)),
+            tuple(_KINDS[np.where(nothing, 0, np.where(found.polished, 1, 2))]),
+            found.prices,
+        )
+    )
 
 
 def with_extra(scores: Scores, extra: list[Decision]) -> Scores:

@@ -15,6 +15,7 @@ from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import is_jitted
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -78,7 +79,8 @@ class _Deferred:
         signature = tuple(map(self._compiled.typeof_pyval, arguments))
         if signature in self._missing:
             return False
-        found = self._compiled._cache.load_overload(signature, self._compiled.targetctx) is not None
+        with global_compiler_lock:  # two threads must not load at once
+            found = self._compiled._cache.load_overload(signature, self._compiled.targetctx) is not None
         if not found:
             self._missing.add(signature)
         return found

@@ -13,7 +13,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
-from inscrutable.decision_makers.search.atlas import Atlas
+from inscrutable.decision_makers.search.atlas import Atlas, costs_at
 from inscrutable.decision_makers.search.region_search import (
     Best,
     SomeStarts,
@@ -25,7 +25,6 @@ from inscrutable.decision_makers.search.region_search import (
     starts_of,
     values_of,
 )
-from inscrutable.decision_makers.search.scenes import costs_at
 from inscrutable.kernels.region_climb import Scene
 from inscrutable.validation import Array
 

@@ -1,7 +1,9 @@
 """From a decoy to a local optimum for any smooth problem: turn the ray from the true belief, go as far as the budget reaches.
 
 Where a face's consistent sets are single beliefs, privacy is the distance of the decoy itself, and regret never falls along a
-ray. So one length a direction says all; the direction is searched by patterns of trials that shrink around the best.
+ray. So one length a direction says all; the direction is searched by patterns of trials that shrink around the best. SLSQP over
+the decoy, with slacks and budget as constraints, finds the same privacies for growth problems of two and three states (to 1e-6)
+in up to 27 times as long: it asks for one belief after the other, a pattern for all of them at once.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ from rich.console import Console
 from benchmarks import ROOT
 from benchmarks.machine import described
 from benchmarks.table import Group, Row, Target, between, markdown, missed_rows, seconds_text, show, summary, wrong_rows
+from inscrutable.kernels.deferred import compiled_at_once
 
 GROUPS = ("forward", "decision", "proof", "many", "growth", "start", "large")
 SLOW = ("large",)
@@ -35,10 +36,11 @@ def measure(name: str, *, quick: bool = False) -> Group:
     started = time.perf_counter()
     _tell(f"{name}: {module.TITLE}")
     rows: list[Row] = []
-    for row in module.rows(module.QUICK if quick else module.FULL):
-        rows.append(replace(row, target=Target()) if quick else row)
-        spent = seconds_text(time.perf_counter() - started)
-        _tell(f"{name} {spent}: {' | '.join(cell for cell in rows[-1].cells() if cell)}")
+    with compiled_at_once():
+        for row in module.rows(module.QUICK if quick else module.FULL):
+            rows.append(replace(row, target=Target()) if quick else row)
+            spent = seconds_text(time.perf_counter() - started)
+            _tell(f"{name} {spent}: {' | '.join(cell for cell in rows[-1].cells() if cell)}")
     return Group(name, module.TITLE, _QUICK if quick else described(), tuple(rows))
 
 

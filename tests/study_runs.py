@@ -13,7 +13,7 @@ from inscrutable import Study
 SMALL: dict[str, Any] = {
     "name": "small",
     "seed": 7,
-    "repeats": 8,
+    "repeats": 4,
     "world": {"kind": "random"},
     "beliefs": {"kind": "path", "steps": 6},
     "candidates": {"resolution": 5},

@@ -52,10 +52,10 @@ def numbers(decided) -> list[np.ndarray]:
     return [np.asarray(getattr(one, name)) for one in decided for name in names if hasattr(one, name)]
 
 
-@pytest.mark.parametrize(("n_states", "n_assets"), [(2, 1), (2, 4), (3, 2), (3, 6), (4, 3), (5, 2)])
+@pytest.mark.parametrize(("n_states", "n_assets"), [(2, 1), (3, 2), (3, 5), (4, 3)])
 def test_interpreted_and_compiled_decisions_have_the_same_digits(n_states, n_assets, fresh_rng, monkeypatch):
     problem = market(fresh_rng, n_states, n_assets)
-    beliefs, target = fresh_rng.dirichlet(np.ones(n_states), 2), fresh_rng.dirichlet(np.ones(n_states))
+    beliefs, target = fresh_rng.dirichlet(np.ones(n_states), 1), fresh_rng.dirichlet(np.ones(n_states))
     for measure in (MaximalObfuscation(), DesiredObfuscation(target), NonUniqueness()):
         for maker in (CounterAdversarialDecisionMaker, ProbabilisticDecisionMaker):
             compiled = numbers(maker(problem, measure).decide_many(beliefs))

@@ -82,7 +82,7 @@ def test_every_task_has_one_row(whole: Study) -> None:
     assert frame["duration"].gt(0).all()
     assert np.isfinite(frame[list(SMALL["measures"])]).all(axis=None)
     assert whole.status().left == 0
-    assert "small: 112 of 112 tasks done, 0 failed" in whole.summary()
+    assert "small: 56 of 56 tasks done, 0 failed" in whole.summary()
 
 
 def test_figures_are_those_of_the_library(tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study,
         )
     assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()
     assert seen[0].fresh == 0
-    assert (seen[-1].done, seen[-1].total, seen[-1].failed, seen[-1].seconds_left) == (112, 112, 0, 0.0)
+    assert (seen[-1].done, seen[-1].total, seen[-1].failed, seen[-1].seconds_left) == (56, 56, 0, 0.0)
     assert [each.done for each in seen] == sorted(each.done for each in seen)
 
 
@@ -496,8 +496,8 @@ def test_a_full_disk_and_a_read_only_one_lose_nothing(whole: Study, tmp_path: Pa
     assert said["full"].startswith("DiskError")
     assert "are kept" in said["full"]
     done, left = map(int, said["kept"].split())
-    assert 0 < done < 112
-    assert done + left == 112
+    assert 0 < done < 56
+    assert done + left == 56
     if kind == "mounted":
         assert "DiskError" in said["read-only"]
         assert "read" in said["read-only"]
@@ -556,7 +556,7 @@ def test_the_manifest_says_all_that_is_needed(whole: Study) -> None:
     assert whole.folder is not None
     manifest = json.loads((whole.folder / "manifest.json").read_text("utf-8"))
     assert manifest == whole.manifest()
-    assert (manifest["seed"], manifest["tasks"], manifest["data_sha256"]) == (7, 112, None)
+    assert (manifest["seed"], manifest["tasks"], manifest["data_sha256"]) == (7, 56, None)
     assert {"python", "inscrutable", "numpy", "scipy"} <= set(manifest["versions"])
     assert Study.of(manifest["study"]).plan == whole.plan
 
@@ -601,7 +601,7 @@ def test_a_table_is_written_whole_or_refused(copy: Path, capsys: pytest.CaptureF
     assert len(text.splitlines()) == 113
     assert cli.main(["study", "export", str(copy), "--out", str(copy / "a.csv"), "--to", "parquet"]) == 2
     assert cli.main(["study", "status", str(copy), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out.split("rows.csv\n")[1])["done"] == 112
+    assert json.loads(capsys.readouterr().out.split("rows.csv\n")[1])["done"] == 56
 
 
 def test_parquet_has_the_same_rows(copy: Path) -> None:

@@ -214,7 +214,7 @@ from test_three_lotteries import budget_of, market_problem, told
 digest = hashlib.sha256()
 for n_assets, spread in ((5, True), (4, False)):
     problem = market_problem(5, n_assets, spread)
-    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 2500)
+    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 1100)
     for sign in (1.0, -1.0):
         mixed = told(problem, decoy_grid(problem, 40), beliefs, sign, budget_of(problem, 0.1)).mixed
         for name in ("probabilities", "regrets", "privacies", "decoys", "actions", "price", "expected_cost"):
@@ -224,7 +224,7 @@ print(digest.hexdigest())
 
 
 def test_the_same_bytes_for_any_number_of_threads() -> None:
-    """Five chunks, of which up to four are under way at once."""
+    """More than a block of beliefs, many chunks of which are under way at once."""
     seen = set()
     for count in ("1", "2", "4"):
         answer = subprocess.run(

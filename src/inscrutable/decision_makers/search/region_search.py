@@ -47,7 +47,9 @@ from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
-_CHUNK, _FEW_BELIEFS = 32, 4  # beliefs of which a thread takes all at a time, to choose starts and to climb
+_CHUNK, _FEW_BELIEFS, _CHUNKS = 32, 4, 32
+"""Beliefs that a thread takes at a time, to choose starts; to climb at least four, and where there are many a share of them:
+with four always, 2,000 lotteries over three states take a quarter longer."""
 _STARTS, _SIGNS = 24, 5  # candidates that a search starts from; directions whose signs make an orthant
 """With 12 starts one of 72 beliefs over six states loses 44 %; with three directions 9 of 144 beliefs over five and six states
 with as many assets or fewer lose up to 37 %."""
@@ -248,11 +250,11 @@ def _planned(atlas: Atlas, scene: Scene, state: tuple[Explored, Plans], starts: 
 
 def _climbed(atlas: Atlas, scene: Scene, first: np.ndarray, climbs: Climbs) -> Spots:
     """Return where climbs come to rest; those of each belief begin at `first` (T+1,)."""
-    count, n_states = climbs.decoys.shape
+    n_climbs, n_states = climbs.decoys.shape
     regions, rules, size = atlas.partition.arrays, rules_for(n_states), climbs.actions.shape[1] + 1
     spots = Spots(
-        np.empty((count, 5)), np.empty((count, n_states)), np.empty((count, size)), np.empty((count, n_states)),
-        np.empty((count, size)), np.empty(count, dtype=np.bool_),
+        np.empty((n_climbs, 5)), np.empty((n_climbs, n_states)), np.empty((n_climbs, size)), np.empty((n_climbs, n_states)),
+        np.empty((n_climbs, size)), np.empty(n_climbs, dtype=np.bool_),
     )  # fmt: skip
     kernels = [climb_decoys]
     if scene.sign > 0.0:
@@ -265,7 +267,8 @@ def _climbed(atlas: Atlas, scene: Scene, first: np.ndarray, climbs: Climbs) -> S
         for follow in kernels:
             follow(int(first[low]), int(first[high]), climbs, scene, regions, rules, spots, room)
 
-    in_chunks(work, len(first) - 1, _FEW_BELIEFS)
+    count = len(first) - 1
+    in_chunks(work, count, min(max(count // _CHUNKS, _FEW_BELIEFS), _CHUNK))
     return spots
 
 

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from inscrutable import (
     consistent_beliefs,
     decoy_grid,
 )
+from inscrutable.decision_makers.search import partition
 from inscrutable.kernels import threads
 from oracles.enumeration import upper_concave_envelope
 
@@ -240,6 +242,21 @@ def run(script: str, **environment: str) -> str:
     )
     assert answer.returncode == 0, answer.stderr[-2000:]
     return answer.stdout.strip().splitlines()[-1]
+
+
+def test_threads_of_a_user_share_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the regions that one of them knows take too much memory, and are forgotten between searches."""
+    rng = np.random.default_rng(3)
+    problem = market(3, 6, rng)
+    beliefs = rng.dirichlet(np.ones(3), 40)
+    maker = ProbabilisticDecisionMaker(problem, budget=0.2, candidates=decoy_grid(problem, 20))
+    alone = maker.decide_many(beliefs)
+    monkeypatch.setattr(partition, "_MOST_FLOATS", 1)
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: maker.decide_many(beliefs), range(12)))
+    for each in found:
+        np.testing.assert_array_equal(each.expected_privacy, alone.expected_privacy)
+        np.testing.assert_array_equal(each.expected_cost, alone.expected_cost)
 
 
 def test_the_same_numbers_without_compilation() -> None:

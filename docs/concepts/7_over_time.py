@@ -110,6 +110,9 @@ print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 # and at once keeps more than V(mean regret; mean law of the belief), whatever it remembers or draws. The line on the right is
 # its root, from a dual solution, so that it bounds whatever the solver did.
 #
+# **With a memory alone.** Where the observer can come to hold finitely many laws only, `SequentialDecisionMaker.as_mechanism()`
+# returns the rule as a mechanism whose memory is the law: tables instead of a solver. Otherwise a status says so.
+#
 # **A delay is enough** where beliefs move faster than it. After d steps the observer knows the belief of d steps ago and is left
 # with the moves since: with a chain of two states that flips with probability p its guess is wrong with probability
 # (1 − (1 − 2p)^d)/2. A belief that rests longer than the delay is read like any other, as the left panel shows.

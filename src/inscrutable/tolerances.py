@@ -65,9 +65,6 @@ UNEVEN = 1e-3
 """A state whose costs are below this share of the largest is uneven: what it says of a belief is then resolved to `ON_FACE`
 over this only, 1e-6."""
 
-POLYGON_WIDTH = 1e-7
-"""A polygon narrower than this is handed to the linear programmes that decide whether it is a segment or empty."""
-
 MEMBER_DEPTH = 1e-3
 """How deep inside a belief set a member is looked for first: far enough from its faces to start a search from."""
 

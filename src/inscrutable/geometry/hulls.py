@@ -138,6 +138,5 @@ def kernel_limits(tolerance: float) -> Limits:
         tolerances.RANK,
         tolerances.ON_FACE,
         tolerances.SAME_BELIEF,
-        tolerances.POLYGON_WIDTH,
         float(np.finfo(float).eps),
     )

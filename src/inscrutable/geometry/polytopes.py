@@ -13,7 +13,6 @@ from scipy.spatial import Delaunay, HalfspaceIntersection, QhullError, cKDTree
 
 from inscrutable import tolerances
 from inscrutable.errors import SolverError
-from inscrutable.geometry.polygons import clip_polygon, is_surely_empty
 from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
@@ -71,12 +70,6 @@ def reduce_polytope(
         return Reduced(origin, directions, np.zeros((0, 0)), np.zeros(0), origin[None])
     if dimension == 1:
         return _segment(origin, directions, rows, offsets)
-    if dimension == 2:
-        corners = clip_polygon(rows, offsets)
-        if corners is not None:
-            return Reduced(origin, directions, rows, offsets, origin + corners @ directions)
-        if is_surely_empty(rows, offsets):
-            return None
     if solid:
         return Reduced(origin, directions, rows, offsets)
     centre, radius = _deepest_point(rows, offsets)

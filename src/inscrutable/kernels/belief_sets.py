@@ -6,7 +6,7 @@ directions that keep Σπ, the columns of P B are rotated until they are orthogo
     P B V = W,   σ_j = ‖W_j‖,   π = 1/X + B V t,   t_j = −W_j·(P 1/X) / σ_j² where σ_j determines a coordinate.
 
 Directions with a singular value below the rank tolerance stay free: none is a point, one a segment to cut with the
-inequalities. Larger sets are left to `kernels.belief_polygons` and to the caller.
+inequalities. Larger sets are left to `kernels.belief_members`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ class Limits(NamedTuple):
     rank: float
     on_face: float
     same_belief: float
-    polygon_width: float
     rounding: float
 
 

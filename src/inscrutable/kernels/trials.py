@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.belief_polygons import polygon_distance, polygon_for
+from inscrutable.kernels.belief_members import distance_in_hull
 from inscrutable.kernels.belief_sets import LARGER, cut_hull, hull_of, room_for
 from inscrutable.kernels.options import kernel, part
 
@@ -190,7 +190,7 @@ def judge_trials(trials: Any, problem: Any, patterns: Any, goal: Any, basis: Any
     k, m = patterns.residual_rows.shape[1], patterns.multiplier_rows.shape[1]
     table = np.empty((trials.shape[1], n_states))
     residuals, multipliers, ends = np.empty((k, n_states)), np.empty((m, n_states)), np.empty((2, n_states))
-    room, polygon = room_for(k, n_states), polygon_for(m + n_states + 4)
+    hull = room_for(k, n_states)
     answer = ALL
     for t in range(trials.shape[0]):
         judged.privacies[t] = -np.inf
@@ -209,12 +209,10 @@ def judge_trials(trials: Any, problem: Any, patterns: Any, goal: Any, basis: Any
         _times(patterns.residual_rows[known], k, table, residuals)
         _times(patterns.multiplier_rows[known], m, table, multipliers)
         distance = np.inf
-        dimension, _, noise = hull_of(residuals, k, basis, limits, room)
-        if dimension > LARGER:
-            distance = np.nan
-        elif dimension == LARGER:
-            distance = polygon_distance(residuals, k, multipliers, m, limits, room, polygon, goal.point)
-        elif dimension >= 0 and cut_hull(multipliers, m, dimension, noise, limits, room, ends) >= 0:
+        dimension, _, noise = hull_of(residuals, k, basis, limits, hull)
+        if dimension >= LARGER:
+            distance = distance_in_hull(residuals, multipliers, (k, m), dimension, limits, hull, goal.point)
+        elif dimension >= 0 and cut_hull(multipliers, m, dimension, noise, limits, hull, ends) >= 0:
             distance = _distance_to_ends(goal.point, ends)
         if distance < np.inf:
             judged.privacies[t] = goal.sign * distance

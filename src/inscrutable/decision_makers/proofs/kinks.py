@@ -1,4 +1,7 @@
-"""Cuts where a row ceases to be tight: optimal decisions bend there, and cells that end there lose little to it."""
+"""Cuts where a row ceases to be tight: optimal decisions bend there, and cells that end there lose little to it.
+
+Without them 6 instead of 3 of 60 lotteries over four states are not proved to 1 %; single decisions are proved without too.
+"""
 
 from __future__ import annotations
 

@@ -112,10 +112,11 @@ class _Block:
                 break
             # The best single decision is best of all at no other price than its own.
             prices = self._next_prices(steps, self.price[steps] if turn == 0 else np.zeros(len(steps)))
-            steps = steps[self._add(steps, prices)]
-            if steps.size:
-                self._draw(steps)
-                self._settle(steps)
+            with self.atlas.partition.searched(self.atlas.patterns):
+                steps = steps[self._add(steps, prices)]
+                if steps.size:
+                    self._draw(steps)
+                    self._settle(steps)
 
     def _settle(self, steps: np.ndarray) -> None:
         """Climb from both ends of each chord at its slope until neither gains, a few times at most."""
@@ -204,7 +205,6 @@ class _Block:
     def _add(self, steps: np.ndarray, prices: Array) -> np.ndarray:
         """Search at a price; keep what lies above the line of that slope through A, and return which beliefs gained."""
         levels, scene = self._levels(steps, prices), self._scene_at(steps, prices)
-        self.atlas.partition.make_room(self.atlas.patterns)
         reached = search(self.atlas, scene, starts_of(self.atlas, scene, _STARTS, self._ends(scene, steps)))
         gained = np.zeros(len(steps), dtype=np.bool_)
         values = values_of(reached)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from threading import RLock
 
 import numpy as np
@@ -20,7 +22,7 @@ class Partition:
     """The regions of a problem by number; `arrays` is what kernels read."""
 
     def __init__(self, problem: QuadraticProblem) -> None:
-        self.problem, self._lock = problem, RLock()
+        self.problem, self._lock, self._searches = problem, RLock(), 0
         self._bounds = tuple(np.ascontiguousarray(side) for side in problem.constraints.coordinate_bounds)
         self.forget()
 
@@ -29,7 +31,7 @@ class Partition:
         return {name: value for name, value in vars(self).items() if name != "_lock"}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        vars(self).update(state, _lock=RLock())
+        vars(self).update(state, _lock=RLock(), _searches=0)
 
     def forget(self) -> None:
         """Begin anew, with no region known."""
@@ -42,12 +44,20 @@ class Partition:
         self._told, self._beyond = (np.empty((0, n_rows), dtype=np.int64) for _ in range(2))
         self._flat = [_Flat() for _ in range(3)]
 
-    def make_room(self, patterns: np.ndarray) -> None:
-        """Begin anew where the programmes take more memory than is meant for them; `patterns` (n,R) are numbered first."""
+    @contextmanager
+    def searched(self, patterns: np.ndarray) -> Iterator[None]:
+        """Inside, numbers of regions stay what they are. Before, where no other thread searches and the programmes take more
+        memory than is meant for them, all are forgotten, and `patterns` (n,R) numbered anew."""
         with self._lock:
-            if sum(flat.size for flat in self._flat) > _MOST_FLOATS:
+            if self._searches == 0 and sum(flat.size for flat in self._flat) > _MOST_FLOATS:
                 self.forget()
                 self.numbers(patterns)
+            self._searches += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._searches -= 1
 
     @property
     def count(self) -> int:

@@ -124,10 +124,10 @@ def best_in_regions(atlas: Atlas, scene: Scene, progress: Progress | None = None
     parts = []
     for first in range(0, count, _BLOCK):
         some = cut(scene, slice(first, min(first + _BLOCK, count)))
-        atlas.partition.make_room(atlas.patterns)
         seen = None if progress is None else partial(_report, progress, first, count)
-        reached = search(atlas, some, starts_of(atlas, some, _STARTS), seen)
-        parts.append(read(atlas, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
+        with atlas.partition.searched(atlas.patterns):
+            reached = search(atlas, some, starts_of(atlas, some, _STARTS), seen)
+            parts.append(read(atlas, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
     return _on_simplex(Best(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), scene)
 
 

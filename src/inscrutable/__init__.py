@@ -95,15 +95,26 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.filtering import filter_beliefs as filter_beliefs
     from inscrutable.geometry import BeliefSet as BeliefSet
     from inscrutable.geometry import simplex_grid as simplex_grid
+    from inscrutable.mechanisms import Disclosure as Disclosure
     from inscrutable.mechanisms import Mechanism as Mechanism
     from inscrutable.mechanisms import MechanismRule as MechanismRule
     from inscrutable.mechanisms import MemoryMechanism as MemoryMechanism
     from inscrutable.mechanisms import Prior as Prior
+    from inscrutable.mechanisms import at_least as at_least
+    from inscrutable.mechanisms import delayed as delayed
+    from inscrutable.mechanisms import every as every
     from inscrutable.mechanisms import filtered_prior as filtered_prior
+    from inscrutable.mechanisms import form_13f as form_13f
+    from inscrutable.mechanisms import grouped as grouped
+    from inscrutable.mechanisms import long_only as long_only
     from inscrutable.mechanisms import mechanism as mechanism
+    from inscrutable.mechanisms import n_port as n_port
+    from inscrutable.mechanisms import portfolio_return as portfolio_return
     from inscrutable.mechanisms import predicted_prior as predicted_prior
     from inscrutable.mechanisms import reachable_beliefs as reachable_beliefs
+    from inscrutable.mechanisms import rounded as rounded
     from inscrutable.mechanisms import stationary_prior as stationary_prior
+    from inscrutable.mechanisms import top as top
     from inscrutable.mechanisms import uniform_prior as uniform_prior
     from inscrutable.privacy import DesiredObfuscation as DesiredObfuscation
     from inscrutable.privacy import Detectability as Detectability

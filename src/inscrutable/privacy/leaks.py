@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from inscrutable.errors import InputError
-from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms import Disclosure, Mechanism, Prior
+from inscrutable.mechanisms.disclosed import disclosed, single_decisions
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Saved
@@ -35,7 +36,7 @@ class Leakage(Saved):
         prior_entropy: −Σ w_b log2 w_b, in bits: no more than this can leak.
         prior_top_state_accuracy: max_i Σ_b w_b [i is a most likely state of π_b].
         n_beliefs: Beliefs with weight.
-        n_actions: Decisions that are played under one of them.
+        n_actions: Decisions that are played under one of them, as many as the observer can tell apart.
         least_error: The least over beliefs with weight of √Σ_u K(u|π_b) ‖π_b − μ_u‖²: the belief that is hidden worst.
         largest_error: The largest of the same: the belief that is hidden best.
         worst_expected_regret: max_b Σ_u K(u|π_b) ρ(π_b,u) over beliefs with weight, in the cost's unit.
@@ -99,7 +100,13 @@ class Leakage(Saved):
         )
 
 
-def leakage(mechanism: Mechanism, prior: Prior, problem: DecisionProblem | None = None) -> Leakage:
+def leakage(
+    mechanism: Mechanism,
+    prior: Prior,
+    problem: DecisionProblem | None = None,
+    *,
+    disclosure: Disclosure | str | None = None,
+) -> Leakage:
     """Return what one decision of a mechanism tells an observer who knows it and holds a prior.
 
     Formula: those of `Leakage`.
@@ -109,9 +116,12 @@ def leakage(mechanism: Mechanism, prior: Prior, problem: DecisionProblem | None 
         prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
         problem: The decision problem, for the silence regret r₀ = V(Σ w π) − Σ w V(π), exact because costs are linear in
             the belief; None leaves it out.
+        disclosure: What the observer is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. Regrets
+            are those of what is played.
 
     Raises:
-        InputError: A belief of the prior is none of the mechanism's, or the problem has another number of states.
+        InputError: A belief of the prior is none of the mechanism's, the problem has another number of states, or the
+            disclosure does not suit the decisions, leaves some out, or needs returns.
 
     Cost: a few passes over the entries of K that are not zero; a second for 2,000 beliefs and 2,000 decisions.
 
@@ -125,9 +135,11 @@ def leakage(mechanism: Mechanism, prior: Prior, problem: DecisionProblem | None 
         >>> found.mutual_information, found.expected_regret
         (0.0, 0.2)
     """
-    joint = joint_law(mechanism, prior)
+    played = joint_law(mechanism, prior)
+    shown = single_decisions(Disclosure.of(disclosure), "leakage")
+    joint = joint_law(disclosed(mechanism, shown), prior) if shown.maps else played
     held, weights = joint.weights > 0, joint.weights
-    regrets = np.asarray(mechanism.regrets)[joint.row, joint.column]
+    regrets = np.asarray(mechanism.regrets)[played.row, played.column]
     mean = weights @ joint.beliefs
     spread = float(weights @ ((joint.beliefs - mean) ** 2).sum(axis=1))
     by_belief = joint.by_belief(joint.squared_errors)[held]
@@ -140,7 +152,7 @@ def leakage(mechanism: Mechanism, prior: Prior, problem: DecisionProblem | None 
         top_state_accuracy=_share(top.max(axis=1).sum()),
         min_entropy_leakage=_bits(best_guess),
         maximal_leakage=_bits(joint.largest_by_action(joint.conditional).sum()),
-        expected_regret=float(joint.mass @ regrets),
+        expected_regret=float(played.mass @ regrets),
         worst_regret=float(regrets.max()),
         prior_entropy=entropy(weights),
         prior_top_state_accuracy=_share((weights @ joint.top_states).max()),
@@ -148,7 +160,7 @@ def leakage(mechanism: Mechanism, prior: Prior, problem: DecisionProblem | None 
         n_actions=int((joint.played > 0).sum()),
         least_error=float(np.sqrt(by_belief.min())),
         largest_error=float(np.sqrt(by_belief.max())),
-        worst_expected_regret=float(joint.by_belief(regrets)[held].max()),
+        worst_expected_regret=float(played.by_belief(regrets)[held].max()),
         silence_regret=float("nan") if problem is None else silence_regret(problem, joint.beliefs, weights),
     )
 

@@ -1,0 +1,96 @@
+"""A mechanism as an observer sees it under a disclosure: decisions that look alike are one."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from scipy import sparse
+
+from inscrutable.errors import InputError
+from inscrutable.mechanisms.disclosures import Disclosure
+from inscrutable.mechanisms.memory import MemoryMechanism
+from inscrutable.mechanisms.played import Mechanism, merged
+from inscrutable.validation import Array
+
+_Known = TypeVar("_Known", Mechanism, MemoryMechanism)
+
+
+def disclosed(mechanism: _Known, disclosure: Disclosure, returns: Array | None = None) -> _Known:
+    """Return the mechanism that plays what is shown of each decision; schedules are none of its concern.
+
+    The regret of a value shown is the mean regret of the decisions behind it, as they are played under the belief.
+
+    Args:
+        mechanism: What is played.
+        disclosure: What is shown of it.
+        returns: Of the period (U,), where decisions are shown through them.
+
+    Raises:
+        InputError: A map does not suit the decisions, or lacks the returns.
+    """
+    if not disclosure.maps:
+        return mechanism
+    values, place = shown_classes(mechanism.actions, disclosure, returns)
+    count, memories = len(place), getattr(mechanism, "n_memories", 1)
+    merging = sparse.csr_array((np.ones(count), (np.arange(count), place)), shape=(count, len(values)))
+    wide: Any = merging if memories == 1 else sparse.kron(merging, sparse.eye_array(memories), format="csr")
+    table = sparse.csr_array(sparse.csr_array(mechanism.probabilities) @ wide)
+    regrets = _mean_regrets(mechanism, merging)
+    if isinstance(mechanism, MemoryMechanism):
+        memory = mechanism.initial, regrets, mechanism.is_public
+        return cast(_Known, MemoryMechanism(mechanism.beliefs, values, table, *memory))
+    is_plain = isinstance(mechanism.probabilities, np.ndarray)
+    return Mechanism(mechanism.beliefs, values, table.toarray() if is_plain else table, regrets)
+
+
+def shown_classes(actions: Any, disclosure: Disclosure, returns: Array | None = None) -> tuple[Array, np.ndarray]:
+    """Return the different values shown (N,V), or (N,) of choices, and which of them each of decisions (M,U) is shown as.
+
+    Decisions that cannot be told apart before an operation cannot be after it, so that what two operations show in turn
+    follows from what the first one shows.
+    """
+    points, place = _distinct(np.asarray(actions))
+    for operation in disclosure.maps:
+        given = returns if operation.name == "portfolio_return" else None
+        points, number = _distinct(np.asarray(Disclosure((operation,)).shown(points, returns=given)))
+        place = number[place]
+    return points, place
+
+
+def _distinct(points: Array) -> tuple[Array, np.ndarray]:
+    """The points that can be told apart, and which of them each is."""
+    first = merged(points)
+    if first is None:
+        return points, np.arange(len(points))
+    kept, number = np.unique(first, return_inverse=True)
+    return points[kept], number.reshape(-1)
+
+
+def _mean_regrets(mechanism: Mechanism | MemoryMechanism, merging: Any) -> Array:
+    """Mean regrets (B,N) of the decisions behind each value; 0 where it is never shown."""
+    shares = sparse.csr_array(mechanism.probabilities)
+    memories = getattr(mechanism, "n_memories", 1)
+    if memories > 1:  # over what may be remembered, before and after, alike: observers read no regrets
+        count, n_beliefs = len(mechanism.actions), len(mechanism.beliefs)
+        before = sparse.kron(sparse.eye_array(n_beliefs), np.ones((1, memories)) / memories, format="csr")
+        after = sparse.kron(sparse.eye_array(count), np.ones((memories, 1)), format="csr")
+        shares = sparse.csr_array(before @ shares @ after)
+    weights = (shares @ merging).toarray()
+    total = (shares.multiply(np.asarray(mechanism.regrets)) @ merging).toarray()
+    return np.asarray(np.divide(total, weights, out=np.zeros_like(total), where=weights > 0))
+
+
+def single_decisions(disclosure: Disclosure, what: str) -> Disclosure:
+    """Return a disclosure of single decisions; raise `InputError` for one that leaves steps out, delays, or needs returns."""
+    if not disclosure.schedule.is_immediate:
+        raise InputError(
+            f"{what} is about single decisions, which {disclosure} leaves out or delays: use path_leakage or "
+            "SequentialAdversary"
+        )
+    if disclosure.needs_returns:
+        raise InputError(
+            f"{what} has no returns, through which {disclosure} shows decisions: use SequentialAdversary, whose filter "
+            "takes them"
+        )
+    return disclosure

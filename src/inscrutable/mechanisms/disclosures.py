@@ -1,0 +1,557 @@
+"""What an observer is shown of decisions, as data: which parts of each, at which steps, and how late.
+
+A disclosure is a list of operations on a stream x_t of decisions, the first applied first. A map changes every x_t alike; a
+schedule leaves some steps out or moves them. Maps and schedules commute, so every disclosure is one map and one `Schedule`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import gcd
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.axes import Axis, few, ordered
+from inscrutable.errors import InputError
+from inscrutable.mechanisms.disclosure_text import parsed_calls
+from inscrutable.mechanisms.shown_values import MAPS
+from inscrutable.validation import Array
+
+EXACT = "exact"
+"""How a disclosure that hides nothing is written."""
+_SCHEDULES = ("every", "delayed")
+
+
+class Schedule(NamedTuple):
+    """Which decisions are shown, and when: u_s where s = offset (mod period), at step s + lag."""
+
+    period: int = 1
+    offset: int = 0
+    lag: int = 0
+
+    def shows(self, step: int) -> bool:
+        """Whether the decision of a step is ever shown."""
+        return step % self.period == self.offset
+
+    @property
+    def is_immediate(self) -> bool:
+        """Whether every decision is shown at its own step."""
+        return self.period == 1 and self.lag == 0
+
+    def moved(self, steps: int) -> Schedule:
+        """Return the schedule with everything later by a number of steps."""
+        return self._replace(lag=self.lag + steps)
+
+    def thinned(self, period: int, offset: int) -> Schedule | None:
+        """Return what is left where the stream is cut to steps = offset (mod period); None where nothing is."""
+        asked = (offset - self.lag) % period
+        shared = gcd(self.period, period)
+        if (asked - self.offset) % shared:
+            return None
+        whole = self.period * period // shared
+        first = next(s for s in range(self.offset, whole, self.period) if s % period == asked)
+        return Schedule(whole, first, self.lag)
+
+
+class Calendar(NamedTuple):
+    """A regulator's rule behind a named disclosure: what it prescribes, when that was so, and where it is written."""
+
+    rule: str
+    as_of: str
+    source: str
+
+
+class Operation(NamedTuple):
+    """One operation of a disclosure, by its name, with plain values."""
+
+    name: str
+    values: tuple[Any, ...] = ()
+
+    def __str__(self) -> str:
+        values = self.values[:-1] if self.values[-1:] == _LEFT_OUT.get(self.name) else self.values
+        return f"{self.name}({', '.join(map(_text, values))})"
+
+
+@dataclass(frozen=True)
+class Disclosure:
+    """What an observer is shown of a sequence of decisions; composed with `|`, what stands first comes first.
+
+    Formula: (a | b)(u) = b(a(u)).
+
+    `every`, `delayed`, `rounded`, `long_only`, `at_least`, `top`, `grouped`, `portfolio_return`, `form_13f` and `n_port` make
+    one; `Disclosure()` hides nothing, and prints as "exact".
+
+    Args:
+        operations: What is done to the decisions, in order.
+
+    Raises:
+        InputError: An operation is unknown or malformed, or together they never show a decision.
+
+    Cost: that of the values shown.
+
+    Source: the rules of `form_13f` and `n_port` are such disclosures.
+
+    Example:
+        >>> from inscrutable import delayed, every
+        >>> print(every(2) | delayed(1))
+        every(2)|delayed(1)
+        >>> print((every(2) | delayed(1))([[0.1], [0.2], [0.3], [0.4]]).reshape(-1))
+        [nan 0.1 nan 0.3]
+    """
+
+    operations: tuple[Operation, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "operations", tuple(_checked(each) for each in self.operations))
+        self.schedule  # noqa: B018  # raises where nothing is ever shown
+
+    @classmethod
+    def of(cls, given: Any) -> Disclosure:
+        """Return the disclosure that a text or a table stands for; None is everything, and a disclosure stays as it is.
+
+        Args:
+            given: A text such as "every(3)|delayed(2)"; or a mapping from names of operations, in order, to what each takes:
+                a number, a list, a table of keywords, or true where it takes nothing.
+
+        Raises:
+            InputError: It is no such text or table.
+        """
+        if given is None or isinstance(given, Disclosure):
+            return given or cls()
+        if isinstance(given, str) and given.strip() == EXACT:
+            return cls()
+        if isinstance(given, str):
+            calls = parsed_calls(given)
+        elif isinstance(given, Mapping):
+            calls = [_call(name, value) for name, value in given.items()]
+        else:
+            raise InputError(f'a disclosure is written as "every(3)|delayed(2)", got {given!r}')
+        found = cls()
+        for name, values, keywords in calls:
+            found = found | _made(name, values, keywords)
+        return found
+
+    def __or__(self, other: Disclosure) -> Disclosure:
+        if not isinstance(other, Disclosure):
+            return NotImplemented
+        return Disclosure(self.operations + other.operations)
+
+    def __str__(self) -> str:
+        return "|".join(map(str, self.operations)) or EXACT
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """Which decisions are shown, and when."""
+        found = Schedule()
+        for name, values in self._plain():
+            left = found.thinned(*values) if name == "every" else found.moved(*values) if name == "delayed" else found
+            if left is None:
+                raise InputError(f"{self} never shows a decision: its schedules exclude one another")
+            found = left
+        return found
+
+    @cached_property
+    def maps(self) -> tuple[Operation, ...]:
+        """What is done to every single decision, in order."""
+        return tuple(each for each in self._plain() if each.name not in _SCHEDULES)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether every decision is shown as it is, at once."""
+        return self.schedule.is_immediate and not self.maps
+
+    @property
+    def needs_returns(self) -> bool:
+        """Whether decisions are shown through the returns of their period alone."""
+        return any(each.name == "portfolio_return" for each in self.maps)
+
+    @property
+    def calendars(self) -> tuple[Calendar, ...]:
+        """The regulators' rules that are part of it."""
+        return tuple(CALENDARS[each.name] for each in self.operations if each.name in CALENDARS)
+
+    def summary(self) -> str:
+        """Return the disclosure in words: what is shown, how often, how late, and by which rule."""
+        period, offset, lag = self.schedule
+        often = (
+            "every decision" if period == 1 else f"one decision in {period}, of steps {offset}, {offset + period}, …"
+        )
+        late = "at once" if lag == 0 else f"{lag} {'step' if lag == 1 else 'steps'} late"
+        parts = "" if not self.maps else f", as {' | '.join(map(str, self.maps))}"
+        lines = [f"{self}: {often}, {late}{parts}"]
+        lines += [f"{each.rule} As of {each.as_of}: {each.source}" for each in self.calendars]
+        return "\n".join(lines)
+
+    def shown(self, actions: ArrayLike, *, returns: ArrayLike | None = None) -> Array:
+        """Return how single decisions look, shape (M,V), or (M,) of choices; nothing is left out or moved.
+
+        Args:
+            actions: Decisions (M,U), or choices (M,).
+            returns: Of the period of each decision, (M,U) or one (U,) for all; for `portfolio_return` alone.
+
+        Raises:
+            InputError: A map does not suit the decisions, or `portfolio_return` lacks its returns.
+        """
+        assets = Axis("asset", learns=True)
+        points = _points(actions, (None, assets))
+        return self._mapped(points, self._returns(returns, points, (None, assets)))
+
+    def __call__(self, actions: ArrayLike, *, returns: ArrayLike | None = None) -> Array:
+        """Return what is seen at each step, shape (T,V), or (T,) of choices: NaN throughout where nothing is.
+
+        Args:
+            actions: u_0..u_{T-1}, shape (T,U), or choices (T,).
+            returns: Of the period of each decision, (T,U), as a fraction; for `portfolio_return` alone.
+
+        Raises:
+            InputError: As `shown`.
+        """
+        steps, assets = Axis("step", learns=True), Axis("asset", learns=True)
+        points = _points(actions, (steps, assets))
+        shown = np.asarray(self._mapped(points, self._returns(returns, points, (steps, assets))), dtype=np.float64)
+        found, (period, offset, lag) = np.full(shown.shape, np.nan), self.schedule
+        seen = np.arange(offset, max(len(points) - lag, 0), period)
+        found[seen + lag] = shown[seen]
+        return found
+
+    def _mapped(self, points: Array, returns: Array | None) -> Array:
+        for name, values in self.maps:
+            points = MAPS[name](points, *values, returns) if name == "portfolio_return" else MAPS[name](points, *values)
+        return points
+
+    def _returns(self, returns: ArrayLike | None, points: Array, axes: tuple[Axis | None, Axis]) -> Array | None:
+        if not self.needs_returns:
+            if returns is not None:
+                raise InputError(f"returns were given, but {self} shows decisions without them")
+            return None
+        if returns is None:
+            raise InputError(f"{self} shows decisions through the returns of their period: pass `returns`")
+        given = validation.real_array(returns, "returns", axes=axes[-np.ndim(returns) :])
+        if given.shape not in (points.shape, points.shape[1:]):
+            raise InputError(f"returns must be of shape {points.shape}, as the decisions, got {given.shape}")
+        return np.broadcast_to(validation.finite_array(given, "returns", ndim=given.ndim), points.shape)
+
+    def _plain(self) -> Iterator[Operation]:
+        """The operations, with named ones written out."""
+        for each in self.operations:
+            yield from _WRITTEN_OUT[each.name](*each.values) if each.name in _WRITTEN_OUT else (each,)
+
+
+def every(n: int, offset: int = 0) -> Disclosure:
+    """Return the disclosure of one decision in n.
+
+    Formula: x_t where t = offset (mod n), else nothing.
+
+    Args:
+        n: At least 1, in steps.
+        offset: The first step that is shown, in 0..n−1.
+
+    Raises:
+        InputError: A number is not whole or out of range.
+
+    Source: periodic reports.
+
+    Example:
+        >>> print(every(3)([[0.1], [0.2], [0.3], [0.4]]).reshape(-1))
+        [0.1 nan nan 0.4]
+    """
+    return Disclosure((Operation("every", (n, offset)),))
+
+
+def delayed(steps: int) -> Disclosure:
+    """Return the disclosure of every decision a number of steps late.
+
+    Formula: x_{t−d}, nothing for t < d.
+
+    Args:
+        steps: d, at least 0.
+
+    Raises:
+        InputError: It is no whole number of at least 0.
+
+    Source: reports that are due some time after the day they speak of.
+
+    Example:
+        >>> print(delayed(1)([[0.1], [0.2], [0.3]]).reshape(-1))
+        [nan 0.1 0.2]
+    """
+    return Disclosure((Operation("delayed", (steps,)),))
+
+
+def rounded(digits: int) -> Disclosure:
+    """Return the disclosure of decisions rounded to decimals, halves to even.
+
+    Two roundings are not ordered: neither of rounded(1) and rounded(2) can be made of the other.
+
+    Args:
+        digits: Decimals kept, 0 to 15.
+
+    Raises:
+        InputError: It is no whole number in that range.
+
+    Source: percentages as they are printed.
+
+    Example:
+        >>> print(rounded(1)([[0.123, 0.877]]))
+        [[0.1 0.9]]
+    """
+    return Disclosure((Operation("rounded", (digits,)),))
+
+
+def long_only() -> Disclosure:
+    """Return the disclosure of positions above zero; others are shown as zero.
+
+    Formula: max(u_i, 0).
+
+    Source: reports in which short positions do not appear, such as Form 13F.
+
+    Example:
+        >>> print(long_only()([[0.6, -0.1, 0.5]]))
+        [[0.6 0.  0.5]]
+    """
+    return Disclosure((Operation("long_only"),))
+
+
+def at_least(weight: float) -> Disclosure:
+    """Return the disclosure of positions of at least a size, long or short; smaller ones are shown as zero.
+
+    Formula: u_i where |u_i| ≥ w, else 0.
+
+    Args:
+        weight: w, in the decision's unit, at least 0.
+
+    Raises:
+        InputError: It is no such number.
+
+    Source: thresholds below which a position need not be reported.
+
+    Example:
+        >>> print(at_least(0.05)([[0.02, 0.38, 0.6]]))
+        [[0.   0.38 0.6 ]]
+    """
+    return Disclosure((Operation("at_least", (weight,)),))
+
+
+def top(n: int) -> Disclosure:
+    """Return the disclosure of the n largest positions by size; others are shown as zero, ties go to what is listed first.
+
+    Args:
+        n: At least 1.
+
+    Raises:
+        InputError: It is no such whole number.
+
+    Source: the ten largest holdings of a fact sheet.
+
+    Example:
+        >>> print(top(1)([[0.2, 0.3, 0.5]]))
+        [[0.  0.  0.5]]
+    """
+    return Disclosure((Operation("top", (n,)),))
+
+
+def grouped(labels: ArrayLike) -> Disclosure:
+    """Return the disclosure of sums over groups, such as sectors; of finite choices the group that a choice belongs to.
+
+    Formula: Σ_{i in group} u_i, groups in the order in which they first occur.
+
+    Args:
+        labels: One a coordinate of the decision, or one a choice, in their order: texts or whole numbers.
+
+    Raises:
+        InputError: There are none, or they are of another kind.
+
+    Source: sector weights.
+
+    Example:
+        >>> print(grouped(["energy", "energy", "food"])([[0.2, 0.3, 0.5]]))
+        [[0.5 0.5]]
+    """
+    plain = ordered(labels, "labels", (Axis("asset"),))
+    return Disclosure((Operation("grouped", (tuple(np.asarray(plain).reshape(-1).tolist()),)),))
+
+
+def portfolio_return() -> Disclosure:
+    """Return the disclosure of what decisions earn, to one who knows the returns of every asset.
+
+    Formula: u_t'r_{t+1}, with r_{t+1} the returns of the period for which u_t is held.
+
+    An observer needs the returns as public information: `disclosure(actions, returns=...)` and
+    `SequentialAdversary.filter(..., returns=...)` take them.
+
+    Source: the value of a fund, published every day.
+
+    Example:
+        >>> print(portfolio_return()([[0.5, 0.5]], returns=[[0.02, 0.04]]))
+        [[0.03]]
+    """
+    return Disclosure((Operation("portfolio_return"),))
+
+
+def form_13f(offset: int = 2) -> Disclosure:
+    """Return what Form 13F shows of a US manager's holdings, in steps of months: long positions at quarter ends, 45 days later.
+
+    Formula: long_only() | every(3, offset) | delayed(2). What is due in the middle of the second month after the quarter is
+    known from the end of that month on.
+
+    The law shows positions, not weights, of securities on the official list alone; both are taken for the whole portfolio.
+
+    Args:
+        offset: The first step that ends a quarter: 2 where step 0 is a January, April, July or October.
+
+    Raises:
+        InputError: It is not 0, 1 or 2.
+
+    Source: 17 CFR 240.13f-1(a)(1), "within 45 days after the last day" of a quarter, as of February 2026; its wording was
+    checked against a copy of the rule, not against the regulator's own page. That short positions are left out is the form's
+    practice, as described by others.
+
+    Example:
+        >>> form_13f().schedule
+        Schedule(period=3, offset=2, lag=2)
+    """
+    return Disclosure((Operation("form_13f", (offset,)),))
+
+
+def n_port(offset: int = 2) -> Disclosure:
+    """Return what Form N-PORT shows of a US fund's portfolio, in steps of months: fiscal quarter ends, 60 days later.
+
+    Formula: every(3, offset) | delayed(2).
+
+    The two other months of a quarter are filed but not made public; they would be, 60 days after each month, by amendments of
+    2024 that are not in force: `delayed(2)`.
+
+    Args:
+        offset: The first step that ends a fiscal quarter.
+
+    Raises:
+        InputError: It is not 0, 1 or 2.
+
+    Source: 17 CFR 270.30b1-9 as amended in 2019 (84 FR 7980), as of February 2026; checked against the regulator's
+    announcements, not against the rule's own page. 89 FR 73764 has the amendments of 2024, postponed to November 2027.
+
+    Example:
+        >>> n_port().schedule
+        Schedule(period=3, offset=2, lag=2)
+    """
+    return Disclosure((Operation("n_port", (offset,)),))
+
+
+CALENDARS: Mapping[str, Calendar] = {
+    "form_13f": Calendar(
+        "Form 13F: long positions in listed securities at the end of a quarter, due within 45 days.",
+        "February 2026",
+        "17 CFR 240.13f-1(a)(1); checked against a copy of the rule.",
+    ),
+    "n_port": Calendar(
+        "Form N-PORT: holdings at the end of a fiscal quarter, public 60 days later.",
+        "February 2026",
+        "17 CFR 270.30b1-9, 84 FR 7980; checked against the regulator's announcements. Monthly publication (89 FR 73764) is "
+        "postponed to November 2027.",
+    ),
+}
+"""What stands behind the named disclosures."""
+
+_WRITTEN_OUT: Mapping[str, Any] = {
+    "form_13f": lambda offset: (*long_only().operations, *every(3, offset).operations, *delayed(2).operations),
+    "n_port": lambda offset: (*every(3, offset).operations, *delayed(2).operations),
+}
+_KNOWN = {
+    each.__name__: each
+    for each in (every, delayed, rounded, long_only, at_least, top, grouped, portfolio_return, form_13f, n_port)
+}
+_LEFT_OUT: Mapping[str, tuple[int]] = {"every": (0,), "form_13f": (2,), "n_port": (2,)}
+"""A last value that need not be written."""
+_MOST_DIGITS = 15
+_QUARTER = 3
+
+
+def _checked(operation: Any) -> Operation:
+    """An operation with checked values of plain types."""
+    name, values = operation
+    if name not in _KNOWN:
+        raise InputError(f"there is no disclosure {name!r}; expected one of {few(_KNOWN, len(_KNOWN))}")
+    return Operation(name, _CHECKS[name](*values))
+
+
+def _every(n: Any, offset: Any) -> tuple[int, int]:
+    count = validation.count(n, "n of every(n)")
+    first = validation.count(offset, "offset", least=0)
+    if first >= count:
+        raise InputError(f"offset of every({count}, {first}) must be below {count}")
+    return count, first
+
+
+def _quarter_end(offset: Any) -> tuple[int]:
+    return (_every(_QUARTER, offset)[1],)
+
+
+def _digits(digits: Any) -> tuple[int]:
+    count = validation.count(digits, "digits", least=0)
+    if count > _MOST_DIGITS:
+        raise InputError(f"digits must be at most {_MOST_DIGITS}, got {count}")
+    return (count,)
+
+
+def _labels(labels: Any) -> tuple[tuple[str | int, ...]]:
+    found = tuple(labels)
+    if not found or not all(isinstance(each, (str, int)) for each in found):
+        raise InputError(f"labels must be texts or whole numbers, one at least, got {few(found)}")
+    return (found,)
+
+
+def _nothing() -> tuple[()]:
+    return ()
+
+
+_CHECKS: Mapping[str, Any] = {
+    "every": _every,
+    "delayed": lambda steps: (validation.count(steps, "steps of delayed", least=0),),
+    "rounded": _digits,
+    "at_least": lambda weight: (validation.non_negative(weight, "weight"),),
+    "top": lambda n: (validation.count(n, "n of top(n)"),),
+    "grouped": _labels,
+    "long_only": _nothing,
+    "portfolio_return": _nothing,
+    "form_13f": _quarter_end,
+    "n_port": _quarter_end,
+}
+
+
+def _made(name: str, values: list[Any], keywords: dict[str, Any]) -> Disclosure:
+    """One operation as it is called."""
+    if name not in _KNOWN:
+        raise InputError(f"there is no disclosure {name!r}; expected {EXACT} or one of {few(_KNOWN, len(_KNOWN))}")
+    try:
+        return _KNOWN[name](*values, **keywords)
+    except TypeError:
+        raise InputError(f"{name}({', '.join(map(repr, values))}) has other arguments than {name} takes") from None
+
+
+def _call(name: str, value: Any) -> tuple[str, list[Any], dict[str, Any]]:
+    """What a table's entry stands for."""
+    if isinstance(value, Mapping):
+        return name, [], dict(value)
+    if value is True:
+        return name, [], {}
+    return name, list(value) if isinstance(value, (list, tuple)) and name != "grouped" else [value], {}
+
+
+def _text(value: Any) -> str:
+    return repr(list(value)) if isinstance(value, tuple) else f"{value:g}" if isinstance(value, float) else repr(value)
+
+
+def _points(actions: ArrayLike, axes: tuple[Axis | None, Axis]) -> Array:
+    """Decisions (T,U), or choices (T,) as whole numbers."""
+    given = np.asarray(ordered(actions, "actions", axes[: np.ndim(actions)]))
+    if given.ndim == 1 and given.dtype.kind in "iu":
+        return given
+    return validation.finite_array(given, "actions", ndim=2)

@@ -14,8 +14,10 @@ from scipy.spatial import cKDTree
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, ordered
 from inscrutable.errors import InputError
-from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms import Disclosure, Mechanism, Prior
+from inscrutable.mechanisms.disclosed import disclosed, single_decisions
 from inscrutable.mechanisms.joint import Joint, joint_law, top_states
+from inscrutable.mechanisms.matching import checked_mechanism
 from inscrutable.saved import Saved, saved_choice
 from inscrutable.validation import Array
 
@@ -135,9 +137,12 @@ class BayesianAdversary:
     Args:
         mechanism: K(u|π), the rule of the game, random draws aside.
         prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
+        disclosure: What it is shown of a decision, such as `rounded(2)`, also as text; None is all of it. What it then infers
+            from are values shown, `disclosure.shown(actions)`.
 
     Raises:
-        InputError: A belief of the prior is none of the mechanism's.
+        InputError: A belief of the prior is none of the mechanism's; or the disclosure does not suit the decisions, leaves some
+            out, or needs returns.
 
     Cost: one pass over the entries of K that are not zero; then a search of a tree and a sparse column per decision.
 
@@ -151,12 +156,14 @@ class BayesianAdversary:
         array([0.8333, 0.1667])
     """
 
-    def __init__(self, mechanism: Mechanism, prior: Prior) -> None:
+    def __init__(self, mechanism: Mechanism, prior: Prior, *, disclosure: Disclosure | str | None = None) -> None:
         self.mechanism = mechanism
         self.prior = prior
-        self._joint: Joint = joint_law(mechanism, prior)
+        self.disclosure = single_decisions(Disclosure.of(disclosure), "BayesianAdversary")
+        self._seen = disclosed(checked_mechanism(mechanism), self.disclosure)
+        self._joint: Joint = joint_law(self._seen, prior)
         self._played = np.flatnonzero(self._joint.played > 0)
-        actions = np.asarray(mechanism.actions, dtype=np.float64)
+        actions = np.asarray(self._seen.actions, dtype=np.float64)
         self._points = actions.reshape(len(actions), -1)
 
     def __repr__(self) -> str:
@@ -181,7 +188,7 @@ class BayesianAdversary:
             InputError: The decision has the wrong length or is not finite.
         """
         given = np.asarray(ordered(action, "action", None))
-        wanted = np.asarray(self.mechanism.actions).ndim - 1
+        wanted = np.asarray(self._seen.actions).ndim - 1
         if given.ndim != wanted:
             raise InputError(f"action must be one decision of rank {wanted}, got shape {given.shape}")
         return self.infer_many(given[None], nearest=nearest)[0]
@@ -204,7 +211,7 @@ class BayesianAdversary:
 
     def _read(self, actions: ArrayLike, nearest: bool) -> tuple[np.ndarray, list[PosteriorStatus], Array]:
         """The nearest played decision of each, what it is to it, and how far it is."""
-        rank = np.asarray(self.mechanism.actions).ndim
+        rank = np.asarray(self._seen.actions).ndim
         given = validation.finite_array(actions, "actions", ndim=rank, axes=(None, Axis("asset"))[:rank])
         points = given if given.ndim == 2 else given[:, None]
         if points.shape[1] != self._points.shape[1]:

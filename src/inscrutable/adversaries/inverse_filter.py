@@ -155,6 +155,17 @@ class InverseFilter:
         first = Laws(self.moves.start[:, :, None] * initial[memory], np.zeros(len(memory), dtype=np.intp), memory)
         return first, np.array([self.moves.start_error])
 
+    def later(self, laws: Laws, n_steps: int) -> tuple[Laws, Array]:
+        """Return what is held some steps later by one who sees nothing more, and the sums of errors (L,) on the way.
+
+        What is remembered is left as it was: it says nothing of how beliefs move.
+        """
+        errors: Array = np.zeros(int(laws.observer[-1]) + 1)
+        for _ in range(n_steps):
+            laws, more = self.predicted(laws)
+            errors = errors + more
+        return laws, errors
+
     def forward(
         self, evidence: Evidence, *, tables: list[DecisionTables] | None = None, keep: bool = False
     ) -> tuple[ForwardPass, list[DecisionTables]]:

@@ -12,7 +12,7 @@ from inscrutable.adversaries.agent_steps import AgentModel
 from inscrutable.adversaries.belief_moves import moves_of
 from inscrutable.adversaries.belief_particles import BeliefParticles
 from inscrutable.adversaries.belief_points import BeliefPoints
-from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule, checked_rule
+from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule
 from inscrutable.adversaries.inverse_filter import InverseFilter
 from inscrutable.adversaries.sequence_evidence import (
     Evidence,
@@ -23,9 +23,10 @@ from inscrutable.adversaries.sequence_evidence import (
     unseen_points,
 )
 from inscrutable.adversaries.sequence_results import InferredBeliefs
+from inscrutable.adversaries.shown_steps import ShownSteps
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError
-from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms import Disclosure, Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.validation import Array
@@ -58,9 +59,13 @@ class SequentialAdversary:
             always the latter.
         n_particles: How many particles follow the agent; 0 for the grid, which needs a `CategoricalEmission`.
         rng: The source of the particles' draws.
+        disclosure: What it is shown of decisions, how often and how late, such as `every(3) | delayed(2)`, also as text; None
+            is all, at once. What it then filters are the values shown, `disclosure(actions)`: step by step what appears at
+            that step, NaN where nothing does; what it infers is still the belief of the step itself.
 
     Raises:
-        InputError: Numbers of states or symbols differ, or observations are real numbers and no particles are asked for.
+        InputError: Numbers of states or symbols differ, or observations are real numbers and no particles are asked for; or a
+            disclosure belongs to a rule, hides the steps of a public memory, or delays what particles follow.
 
     Cost: on B beliefs with Y symbols X²·B·Y a step. By N particles N·Y beliefs are looked up a step, of other sensors 4 N.
 
@@ -89,8 +94,15 @@ class SequentialAdversary:
         interpolation: str = "linear",
         n_particles: int = 0,
         rng: np.random.Generator | None = None,
+        disclosure: Disclosure | str | None = None,
     ) -> None:
-        rule = checked_rule(mechanism)
+        self.disclosure = Disclosure.of(disclosure)
+        self._shown = ShownSteps(mechanism, self.disclosure)
+        rule = self._shown.rule
+        if n_particles and self.disclosure.schedule.lag:
+            raise InputError(
+                f"particles do not follow what is shown late, as {self.disclosure} is: use a grid of beliefs"
+            )
         self.world, self.mechanism = world, mechanism
         self.agent_world = world if agent_world is None else agent_world
         self.sensor = checked_sensor(sensor, rule.beliefs.shape[1])
@@ -143,22 +155,25 @@ class SequentialAdversary:
         observations: Any = None,
         memories: ArrayLike | None = None,
         nearest: bool = False,
+        returns: ArrayLike | None = None,
     ) -> InferredBeliefs:
         """Return what the adversary holds of each belief from the decisions up to it.
 
         Args:
-            actions: u_0..u_{T-1}, shape (T,U), or (T,) choices; a row of NaN where no decision was seen.
+            actions: u_0..u_{T-1}, shape (T,U), or (T,) choices; a row of NaN where no decision was seen. Under a disclosure
+                what it shows at each step, `disclosure(actions)`.
             states: x_0..x_{T-1}, where the adversary knows them.
             observations: What its own sensor reported, T of them. Labelled rows are put in the order of the decisions'.
             memories: What the agent remembered before the first decision and after each, T+1 numbers, where that is public.
             nearest: Whether a decision that the mechanism never plays counts as the nearest one that it plays;
                 otherwise it is passed over, with a status.
+            returns: Of the period of each decision, (T,U), where decisions are shown through them.
 
         Raises:
             InputError: Shapes or lengths disagree.
             ModelError: States or observations are impossible in the adversary's world.
         """
-        return self._inferred(actions, states, observations, memories, nearest, smooth=False)
+        return self._inferred(actions, states, observations, memories, nearest, smooth=False, returns=returns)
 
     def smooth(
         self,
@@ -168,12 +183,13 @@ class SequentialAdversary:
         observations: Any = None,
         memories: ArrayLike | None = None,
         nearest: bool = False,
+        returns: ArrayLike | None = None,
     ) -> InferredBeliefs:
         """Return what the adversary holds of each belief from all decisions, later ones included; arguments as `filter`.
 
         Particles are followed back to their ancestors, of which few are left far from the end: `effective_size` says.
         """
-        return self._inferred(actions, states, observations, memories, nearest, smooth=True)
+        return self._inferred(actions, states, observations, memories, nearest, smooth=True, returns=returns)
 
     def unseen(self, n_steps: int, *, states: ArrayLike | None = None, observations: Any = None) -> InferredBeliefs:
         """Return what the adversary holds of `n_steps` beliefs without seeing a decision: the ceiling of its error."""
@@ -186,6 +202,7 @@ class SequentialAdversary:
             observations,
             nearest=False,
             smooth=False,
+            tables=None,
         )
 
     def _inferred(
@@ -197,11 +214,13 @@ class SequentialAdversary:
         nearest: bool,
         *,
         smooth: bool,
+        returns: ArrayLike | None,
     ) -> InferredBeliefs:
         steps = Axis("step", learns=True)
-        points = decision_points(actions, getattr(self.mechanism, "actions", None), steps)
+        points = self._shown.decided(decision_points(actions, self._shown.actions, steps))
         told = told_memories(memories, len(points), self.mechanism)
-        return self._run(points, told, steps, states, observations, nearest=nearest, smooth=smooth)
+        tables = self._shown.tables(returns, len(points), steps)
+        return self._run(points, told, steps, states, observations, nearest=nearest, smooth=smooth, tables=tables)
 
     def _run(
         self,
@@ -213,6 +232,7 @@ class SequentialAdversary:
         *,
         nearest: bool,
         smooth: bool,
+        tables: list[DecisionTables] | None,
     ) -> InferredBeliefs:
         if isinstance(self.world, BeliefChain) and states is not None:
             raise InputError("a chain of beliefs has no states")
@@ -222,7 +242,7 @@ class SequentialAdversary:
         evidence = Evidence(points, nearest, told, seen, offsets)
         alone = evidence.without_states()
         if self._rule.is_fixed or (self._agents_own is self._reader and (alone.states == seen).all()):
-            return self._read(self._reader, evidence, None, smooth=smooth)[0]
+            return self._read(self._reader, evidence, tables, smooth=smooth)[0]
         # The rule goes by what one holds who sees the decisions alone, in the world as the agent has it.
         tables = self._read(self._agents_own, alone, None, smooth=False)[1]
         return self._read(self._reader, evidence, tables, smooth=smooth)[0]
@@ -239,8 +259,15 @@ class SequentialAdversary:
         if isinstance(reader, BeliefParticles):
             assert self._rng is not None
             return reader.run(evidence, self._rng, smooth=smooth, tables=tables)
-        passed, used = reader.forward(evidence, tables=tables, keep=smooth)
+        is_late = self.disclosure.schedule.lag > 0 and not smooth
+        passed, used = reader.forward(evidence, tables=tables, keep=smooth or is_late)
+        if is_late:
+            passed = self._shown.late(reader, evidence, passed)
         return reader.result(passed, reader.smoothed(evidence, passed) if smooth else None), used
+
+    def summary(self) -> str:
+        """Return what it knows and sees, in a few lines."""
+        return f"{self!r}\nknows   {self.mechanism!r}\nsees    {self.disclosure.summary()}"
 
     def __repr__(self) -> str:
         by = f"{self.n_particles} particles" if self.n_particles else f"{len(self._rule.beliefs)} beliefs"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar, cast
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -35,13 +36,11 @@ def disclosed(mechanism: _Known, disclosure: Disclosure, returns: Array | None =
     count, memories = len(place), getattr(mechanism, "n_memories", 1)
     merging = sparse.csr_array((np.ones(count), (np.arange(count), place)), shape=(count, len(values)))
     wide: Any = merging if memories == 1 else sparse.kron(merging, sparse.eye_array(memories), format="csr")
-    table = sparse.csr_array(sparse.csr_array(mechanism.probabilities) @ wide)
+    table: Any = sparse.csr_array(sparse.csr_array(mechanism.probabilities) @ wide)
     regrets = _mean_regrets(mechanism, merging)
-    if isinstance(mechanism, MemoryMechanism):
-        memory = mechanism.initial, regrets, mechanism.is_public
-        return cast(_Known, MemoryMechanism(mechanism.beliefs, values, table, *memory))
-    is_plain = isinstance(mechanism.probabilities, np.ndarray)
-    return Mechanism(mechanism.beliefs, values, table.toarray() if is_plain else table, regrets)
+    if isinstance(mechanism.probabilities, np.ndarray):
+        table = table.toarray()
+    return replace(mechanism, actions=values, probabilities=table, regrets=regrets)
 
 
 def shown_classes(actions: Any, disclosure: Disclosure, returns: Array | None = None) -> tuple[Array, np.ndarray]:
@@ -79,6 +78,36 @@ def _mean_regrets(mechanism: Mechanism | MemoryMechanism, merging: Any) -> Array
     weights = (shares @ merging).toarray()
     total = (shares.multiply(np.asarray(mechanism.regrets)) @ merging).toarray()
     return np.asarray(np.divide(total, weights, out=np.zeros_like(total), where=weights > 0))
+
+
+def disclosed_rule(given: Any, disclosure: Disclosure) -> Any:
+    """Return what plays values shown, for an observer of sequences who sees no returns.
+
+    Raises:
+        InputError: The disclosure needs returns, hides decisions of a rule, or the steps of a public memory.
+    """
+    if disclosure.is_exact:
+        return given
+    if disclosure.needs_returns:
+        raise InputError(
+            f"{disclosure} shows decisions through returns, whose law is not known here: SequentialAdversary.filter takes them"
+        )
+    return disclosed(checked_for(given, disclosure), disclosure)
+
+
+def checked_for(given: Any, disclosure: Disclosure) -> Any:
+    """Return a mechanism whose decisions can be disclosed so; raise `InputError` for others."""
+    if not isinstance(given, (Mechanism, MemoryMechanism)):
+        raise InputError(
+            f"{disclosure} needs a fixed mechanism, got {given!r}: a rule goes by what one holds who sees every decision, as "
+            "it is and at once"
+        )
+    if getattr(given, "is_public", False) and not disclosure.schedule.is_immediate:
+        raise InputError(
+            f"the mechanism's memory is public at every step, which {disclosure} contradicts: it leaves decisions out or "
+            "delays them"
+        )
+    return given
 
 
 def single_decisions(disclosure: Disclosure, what: str) -> Disclosure:

@@ -14,8 +14,9 @@ from inscrutable.adversaries.decision_tables import checked_rule
 from inscrutable.adversaries.inverse_filter import InverseFilter
 from inscrutable.errors import InputError
 from inscrutable.filtering import filter_beliefs
-from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms import Disclosure, Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.disclosed import disclosed_rule
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.privacy.path_figures import PathDraws, PathFigures, enumerated, sampled, unseen_beliefs
 from inscrutable.saved import Saved
@@ -111,6 +112,7 @@ def path_leakage(
     *,
     rng: np.random.Generator,
     n_draws: int = 200,
+    disclosure: Disclosure | str | None = None,
 ) -> PathLeakage:
     """Return what decisions on a belief that moves tell step by step, cumulated and of the present belief alone.
 
@@ -126,9 +128,12 @@ def path_leakage(
         rng: The source of paths and decisions.
         n_draws: Sampled paths, at least 10. Where the decisions leave no more different laws than that, and the observer
             knows the memory, all of them are followed instead, and the figures are exact.
+        disclosure: What the observer is shown of decisions, how often and how late, such as `every(3) | delayed(2)`, also as
+            text; None is all, at once. What is seen at step t then tells of `added` there, whichever decision it is.
 
     Raises:
-        InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs.
+        InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs; or a disclosure
+            needs returns, belongs to a rule, or hides the steps of a public memory.
 
     Cost: T·n_draws steps of the filter, equal sequences once: B² multiplications each on a chain of B beliefs, or as many
         as its entries; of a rule as many mechanisms.
@@ -146,7 +151,8 @@ def path_leakage(
     """
     count = validation.count(n_steps, "n_steps")
     draws, source = validation.count(n_draws, "n_draws", least=_LEAST_DRAWS), validation.generator(rng)
-    rule = checked_rule(mechanism)
+    shown = Disclosure.of(disclosure)
+    rule = checked_rule(disclosed_rule(mechanism, shown))
     if not isinstance(world, BeliefChain) and not (
         isinstance(world, HiddenMarkovModel) and isinstance(world.emission, CategoricalEmission)
     ):
@@ -155,9 +161,9 @@ def path_leakage(
         )
     reader = InverseFilter(moves_of(world, BeliefPoints(rule.beliefs)), rule)
     unseen = unseen_beliefs(reader, count)
-    found = enumerated(reader, unseen, count, draws)
+    found = enumerated(reader, unseen, count, draws, shown.schedule)
     if found is None:
-        found = sampled(reader, unseen, _paths(world, reader, count, draws, source), source)
+        found = sampled(reader, unseen, _paths(world, reader, count, draws, source), source, shown.schedule)
     return _averaged(found, unseen.spread)
 
 

@@ -12,11 +12,12 @@ import numpy as np
 from scipy import sparse
 
 from inscrutable import tolerances
-from inscrutable.adversaries.decision_tables import DecisionTables
+from inscrutable.adversaries.decision_tables import UNSEEN, DecisionTables
 from inscrutable.adversaries.inverse_filter import InverseFilter, Laws, read_decisions, side_by_side
 from inscrutable.adversaries.sequence_evidence import Evidence, unseen_points
 from inscrutable.adversaries.sequence_results import InferredBeliefs
 from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.mechanisms.disclosures import Schedule
 from inscrutable.validation import Array
 
 _MOST_HELD = 2**22
@@ -54,6 +55,17 @@ class _Prior:
     def __init__(self, reader: InverseFilter, unseen: InferredBeliefs) -> None:
         self._points, self._of_chain, self._unseen = reader.moves.points, reader.moves.of_chain, unseen
 
+    @property
+    def means(self) -> Array:
+        """E[π_t] of one who sees no decision, shape (T,X)."""
+        return self._unseen.mean
+
+    def without(self, n_steps: int) -> Array:
+        """Return what there is to say of each step before a decision is seen, shape (4,T)."""
+        found = np.zeros((4, n_steps))
+        found[3] = self._unseen.spread**2
+        return found
+
     def figures(self, laws: Laws, step: int) -> tuple[Array, Array, Array, Array]:
         """Return information on belief and on state (L,) in bits, square errors (L,) and means (L,X)."""
         belief = laws.of_belief()
@@ -71,23 +83,31 @@ class _Prior:
         )
 
 
-def enumerated(reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, most: int) -> PathFigures | None:
-    """Return exact figures (1,T) by every sequence of decisions.
+def enumerated(
+    reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, most: int, schedule: Schedule
+) -> PathFigures | None:
+    """Return exact figures (1,T) by every sequence of decisions that are shown.
 
     None where sequences leave more than `most` laws, where the observer does not know the memory, so that what a decision
     adds depends on the whole path, or where the beliefs are not the points.
     """
     if unseen.interpolation_error.max() > tolerances.SAME_BELIEF:
         return None
-    prior, found = _Prior(reader, unseen), np.zeros((4, n_steps))
+    prior = _Prior(reader, unseen)
+    found = prior.without(n_steps)
     told = reader.rule.is_public
     laws = _told_starts(reader)[0] if told else reader.predicted(None)[0]
     chances = reader.rule.initial[laws.memory] if told else np.ones(1)
     last: list[Any] = [None] * len(chances)
-    for t in range(n_steps):
-        laws = reader.predicted(laws)[0] if t else laws
+    for s in range(n_steps - schedule.lag):
+        t = s + schedule.lag
+        laws = reader.predicted(laws)[0] if s else laws
         if len(laws.memory) > len(chances):
             return None
+        if not schedule.shows(s):
+            laws = _passed(reader, laws)
+            found[1:, t] = [chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:3]]
+            continue
         grown: list[tuple[Laws, Array]] = []
         count, seen = 0, []
         for i, chance in enumerate(chances):
@@ -105,7 +125,7 @@ def enumerated(reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, mos
             side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]), known
         )
         last = [seen[k] for k in kept]
-        found[1:, t] = [chances @ each for each in prior.figures(laws, t)[:3]]
+        found[1:, t] = [chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:3]]
     rows = found[:, None]
     return PathFigures(rows[0], rows[1], rows[2], rows[3], is_sampled=False)
 
@@ -114,6 +134,13 @@ def _told_starts(reader: InverseFilter) -> tuple[Laws, Array]:
     """The laws before the first decision of those who are told each of the memories that there may be, and their errors."""
     first = [reader.predicted(None, int(each)) for each in np.flatnonzero(reader.rule.initial)]
     return side_by_side([each[0] for each in first]), np.concatenate([each[1] for each in first])
+
+
+def _passed(reader: InverseFilter, laws: Laws) -> Laws:
+    """The laws after a decision that nobody saw, of a mechanism that is always the same."""
+    tables = reader.rule.at(reader.moves.start[0])
+    unseen = np.full(int(laws.observer[-1]) + 1, UNSEEN)
+    return read_decisions(tables, laws, unseen).moved(laws)
 
 
 def _every_decision(tables: DecisionTables, law: Laws, is_public: bool) -> tuple[Laws, Array, float, np.ndarray] | None:
@@ -143,14 +170,16 @@ def _merged(laws: Laws, chances: Array, last: Array) -> tuple[Laws, Array, np.nd
     return merged, np.asarray(np.bincount(place.reshape(-1), weights=chances)), kept
 
 
-def sampled(reader: InverseFilter, unseen: InferredBeliefs, draws: PathDraws, rng: np.random.Generator) -> PathFigures:
+def sampled(
+    reader: InverseFilter, unseen: InferredBeliefs, draws: PathDraws, rng: np.random.Generator, schedule: Schedule
+) -> PathFigures:
     """Return figures along sampled paths of beliefs, with decisions drawn at every step."""
     block = max(_MOST_HELD // reader.moves.start.size, 1)
     parts = []
     for first in range(0, draws.places.shape[1], block):
         mine = slice(first, first + block)
         beliefs = None if draws.beliefs is None else draws.beliefs[:, mine]
-        parts.append(_Sampling(reader, unseen, PathDraws(draws.places[:, mine], beliefs), rng).run())
+        parts.append(_Sampling(reader, unseen, PathDraws(draws.places[:, mine], beliefs), rng).run(schedule))
     added, belief, state, squared = (np.concatenate(each) for each in zip(*(part[:4] for part in parts), strict=True))
     return PathFigures(added, belief, state, squared, max(part.interpolation_error for part in parts))
 
@@ -176,28 +205,54 @@ class _Sampling:
         self._own = sparse.csr_array(own)
         self._last: list[Any] = []  # the decision that each observer of a rule saw before
 
-    def run(self) -> PathFigures:
+    def run(self, schedule: Schedule) -> PathFigures:
         """Follow the paths to their end."""
         n_steps, count = self._draws.places.shape
-        found = np.empty((4, count, n_steps))
+        found = np.repeat(self._prior.without(n_steps)[:, None], count, axis=1)
+        if self._draws.beliefs is not None and schedule.lag:
+            self._measure_before(found, schedule.lag)
         which, laws, error = self._started()
         errors = error
-        for t in range(n_steps):
-            if t:
+        for s in range(n_steps - schedule.lag):
+            t = s + schedule.lag
+            if s:
                 laws, error = self._reader.predicted(laws)
                 errors = np.maximum(errors, error)
-            made = self._decided(laws, which, np.stack([errors, error]), t)
-            which, laws, totals, errors = made[:4]
-            self._worst = max(self._worst, float(errors.max()))
-            belief, state, squared, mean = self._prior.figures(laws, t)
-            own, seen = np.log2(made[4]), totals[which]
-            with np.errstate(divide="ignore"):
-                found[0, :, t] = np.where(seen > 0, own - np.log2(seen), 0.0)
+            if schedule.shows(s):
+                which, laws, totals, errors, shares = self._decided(laws, which, np.stack([errors, error]), s)
+                with np.errstate(divide="ignore"):
+                    found[0, :, t] = np.where(totals[which] > 0, np.log2(shares) - np.log2(totals[which]), 0.0)
+            else:
+                laws = self._unseen(laws, s)
+            held, more = self._reader.later(laws, schedule.lag)
+            worst = np.maximum(errors, more)
+            self._worst = max(self._worst, float(worst.max()))
+            belief, state, squared, mean = self._prior.figures(held, t)
             found[1, :, t], found[2, :, t], found[3, :, t] = belief[which], state[which], squared[which]
             if self._draws.beliefs is not None:
                 apart = ((self._draws.beliefs[t] - mean[which]) ** 2).sum(axis=1)
-                found[3, :, t] = np.where(errors[which] > tolerances.SAME_BELIEF, apart, found[3, :, t])
+                found[3, :, t] = np.where(worst[which] > tolerances.SAME_BELIEF, apart, found[3, :, t])
         return PathFigures(found[0], found[1], found[2], found[3], self._worst)
+
+    def _measure_before(self, found: Array, lag: int) -> None:
+        """Take the true distance from the estimate at the steps before the first decision is seen."""
+        assert self._draws.beliefs is not None
+        if self._worst > tolerances.SAME_BELIEF:
+            apart = self._draws.beliefs[:lag] - self._prior.means[: len(self._draws.beliefs[:lag]), None]
+            found[3, :, :lag] = (apart**2).sum(axis=2).T
+
+    def _unseen(self, laws: Laws, s: int) -> Laws:
+        """Return the laws after a decision that is not shown, and let what is remembered move."""
+        if self._count > 1:
+            tables = self._reader.rule.at(self._reader.moves.start[0])
+            table, count, places = tables.mechanism.observed, self._count, self._draws.places[s]
+            self._memory[:] = tables.draws(places * count + self._memory, self._rng) % count
+            held = self._own.tocoo()
+            chosen: Any = table[places[held.row] * count + held.col]
+            entry = np.repeat(np.arange(len(held.row)), np.diff(chosen.indptr))
+            moved = (chosen.data * held.data[entry], (held.row[entry], chosen.indices % count))
+            self._own = sparse.csr_array(sparse.coo_array(moved, shape=self._own.shape))
+        return _passed(self._reader, laws)
 
     def _started(self) -> tuple[np.ndarray, Laws, Array]:
         """The observers before the first decision: one, or one for every public memory."""

@@ -1,0 +1,120 @@
+"""What one reads of a sequence who is shown parts of decisions, now and then, and late."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule, checked_rule
+from inscrutable.adversaries.inverse_filter import ForwardPass, InverseFilter
+from inscrutable.adversaries.sequence_evidence import Evidence, impossible_step
+from inscrutable.adversaries.sequence_results import SequenceStatus
+from inscrutable.axes import Axis
+from inscrutable.errors import InputError
+from inscrutable.mechanisms.disclosed import checked_for, disclosed
+from inscrutable.mechanisms.disclosures import Disclosure
+from inscrutable.mechanisms.memory import with_memory
+from inscrutable.validation import Array
+
+
+class ShownSteps:
+    """A mechanism under a disclosure, as an observer of sequences reads it.
+
+    Args:
+        given: A mechanism, with memory or without, or a rule.
+        disclosure: What is shown of its decisions.
+
+    Raises:
+        InputError: There is no such mechanism, or it cannot be disclosed so.
+    """
+
+    def __init__(self, given: Any, disclosure: Disclosure) -> None:
+        self.disclosure, self.rule = disclosure, checked_rule(given)
+        self._mechanism = given if disclosure.is_exact else checked_for(given, disclosure)
+        if disclosure.maps and not disclosure.needs_returns:
+            self.rule = checked_rule(disclosed(given, disclosure))
+
+    @property
+    def actions(self) -> Any:
+        """An example of what is shown; None where it is not known yet."""
+        return np.zeros((1, 1)) if self.disclosure.needs_returns else getattr(self.rule.given, "actions", None)
+
+    def decided(self, shown: Array) -> Array:
+        """Return what was seen of the decision of each step (T,V), from what was shown at each step.
+
+        Raises:
+            InputError: Something is shown where the disclosure shows nothing.
+        """
+        schedule = self.disclosure.schedule
+        if schedule.is_immediate:
+            return shown
+        lag, found = schedule.lag, np.full(shown.shape, np.nan)
+        for t in np.flatnonzero(~np.isnan(shown[:, 0])):
+            if t < lag or not schedule.shows(int(t) - lag):
+                raise InputError(
+                    f"actions row {t} has numbers, but {self.disclosure} shows nothing at step {t}: pass what it shows, "
+                    "disclosure(actions)"
+                )
+            found[t - lag] = shown[t]
+        return found
+
+    def tables(self, returns: ArrayLike | None, n_steps: int, steps: Axis) -> list[DecisionTables] | None:
+        """Return how decisions of each step look through the returns (T,U); None where they always look the same.
+
+        Raises:
+            InputError: Returns are missing, not needed, or of another shape.
+        """
+        if not self.disclosure.needs_returns:
+            if returns is not None:
+                raise InputError(f"returns were given, but {self.disclosure} shows decisions without them")
+            return None
+        if returns is None:
+            raise InputError(f"{self.disclosure} shows decisions through the returns of their period: pass `returns`")
+        held = validation.finite_array(returns, "returns", ndim=2, axes=(steps, Axis("asset")))
+        if len(held) != n_steps:
+            raise InputError(f"returns has {len(held)} rows, expected one a decision: {n_steps}")
+        return [DecisionTables(with_memory(disclosed(self._mechanism, self.disclosure, row))) for row in held]
+
+    def late(self, reader: InverseFilter, evidence: Evidence, passed: ForwardPass) -> ForwardPass:
+        """Return what is held at each step of the step's own belief, by one who saw decisions with the schedule's lag.
+
+        What else was seen of the state was seen at once. `passed` has its laws.
+        """
+        lag, n_steps = self.disclosure.schedule.lag, len(evidence)
+        found = replace(
+            passed,
+            beliefs=np.empty_like(passed.beliefs),
+            states=np.empty_like(passed.states),
+            errors=np.empty_like(passed.errors),
+            statuses=(*[SequenceStatus.UNSEEN] * min(lag, n_steps), *passed.statuses[: max(n_steps - lag, 0)]),
+        )
+        sums = np.concatenate(
+            [[0.0], np.cumsum(np.where(np.isfinite(passed.log_likelihood), passed.log_likelihood, 0.0))]
+        )
+        totals = np.empty(n_steps)
+        for t in range(n_steps):
+            s = t - lag
+            laws, error, total = (None, 0.0, 0.0) if s < 0 else (passed.laws[s], passed.errors[s], sums[s + 1])
+            for step in range(max(s + 1, 0), t + 1):
+                laws, more = reader.predicted(laws)
+                laws = laws._replace(weights=laws.weights * evidence.states[step][:, None, None])
+                weight = laws.totals()
+                if not weight[0] > 0:
+                    raise impossible_step(step)
+                laws, error, total = (
+                    laws.divided(weight),
+                    error + more[0],
+                    total + np.log(weight[0]) + evidence.offsets[step],
+                )
+            assert laws is not None
+            found.beliefs[t], found.states[t] = laws.of_belief()[0], laws.of_state()[0]
+            found.errors[t], totals[t] = error, total
+        # A decision of probability zero was passed over: its step keeps the −inf that says so.
+        logs = np.diff(totals, prepend=0.0)
+        passed_over = np.flatnonzero(np.isinf(passed.log_likelihood[: max(n_steps - lag, 0)])) + lag
+        logs[passed_over] = -np.inf
+        return replace(found, log_likelihood=logs)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import PosteriorStatus as PosteriorStatus
     from inscrutable.adversaries import SequenceStatus as SequenceStatus
     from inscrutable.adversaries import SequentialAdversary as SequentialAdversary
+    from inscrutable.adversaries import ShownBeliefs as ShownBeliefs
     from inscrutable.adversaries import UnionBeliefs as UnionBeliefs
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
     from inscrutable.adversaries import explain_action as explain_action

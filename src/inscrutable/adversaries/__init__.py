@@ -12,6 +12,7 @@ from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optima
 from inscrutable.adversaries.observers import BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.adversaries.sequential import SequentialAdversary
+from inscrutable.adversaries.shown_beliefs import ShownBeliefs
 
 __all__ = [
     "ActionExplanation",
@@ -31,6 +32,7 @@ __all__ = [
     "PosteriorStatus",
     "SequenceStatus",
     "SequentialAdversary",
+    "ShownBeliefs",
     "UnionBeliefs",
     "affordable_beliefs",
     "consistent_beliefs",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,11 +14,12 @@ from inscrutable.adversaries.consistent_sets import LARGER, consistent_sets
 from inscrutable.adversaries.inverse import consistent_beliefs
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.adversaries.plausibility import nearest_explanations
+from inscrutable.adversaries.shown_beliefs import ShownBeliefs, ShownReading
 from inscrutable.axes import ordered
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
-from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms import Disclosure, Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
@@ -27,17 +29,33 @@ _BLOCK = 2**22
 
 
 class SetObserver(ABC):
-    """An observer who infers a set of beliefs from each decision; a subclass gives the set and a guess from it."""
+    """An observer who infers a set of beliefs from each decision; a subclass gives the set and a guess from it.
 
-    def __init__(self, problem: DecisionProblem) -> None:
+    Under a disclosure it keeps the union of the sets of all candidates that would look the same.
+    """
+
+    def __init__(self, problem: DecisionProblem, disclosure: Disclosure | str | None, candidates: Any) -> None:
         self.problem = checked_problem(problem)
+        self._reading = ShownReading(problem, disclosure, candidates, type(self).__name__)
+
+    @property
+    def disclosure(self) -> Disclosure:
+        """What it is shown of a decision."""
+        return self._reading.disclosure
 
     def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
         """Return the guess at the belief, shape (X,); where the set is empty NaN, or the belief of least regret."""
-        return np.asarray(self.estimates(self.problem.check_action(action)[None], nearest=nearest)[0])
+        given = self.problem.check_action(action) if self._reading.is_plain else np.asarray(action)
+        return np.asarray(self.estimates(given[None], nearest=nearest)[0])
 
     def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:
-        """Return `estimate` for many decisions (M,U), shape (M,X); equal decisions are read once."""
+        """Return `estimate` for many decisions (M,U), shape (M,X); equal decisions are read once.
+
+        Under a disclosure for values shown, (M,V): the mean of the guesses at all candidates that look so.
+        """
+        if not self._reading.is_plain:
+            made = lambda points: self._union_guess(points, nearest)  # noqa: E731
+            return self._reading.guesses(actions, made, nearest, self.problem.n_states)
         points = _points(self.problem, actions)
         if not len(points):
             return np.zeros((0, self.problem.n_states))
@@ -48,6 +66,14 @@ class SetObserver(ABC):
         if len(lost):
             found[lost] = self._least_regret(distinct[lost])
         return np.asarray(found[place.reshape(-1)])
+
+    def _union_guess(self, points: Array, nearest: bool) -> Array:
+        """Return the guess (X,) where any of some decisions may have been made."""
+        found = self._guesses(points)
+        known = ~np.isnan(found[:, 0])
+        if not known.any() and nearest:
+            return np.asarray(self._least_regret(points).mean(axis=0))
+        return np.asarray(found[known].mean(axis=0)) if known.any() else found[0]
 
     @abstractmethod
     def _guesses(self, points: Array) -> Array:
@@ -65,9 +91,13 @@ class NaiveAdversary(SetObserver):
 
     Args:
         problem: The decision problem that the observer knows.
+        disclosure: What it is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. It then reads
+            values shown, `disclosure.shown(actions)`, and keeps the union over the candidates that look so.
+        candidates: The decisions that it takes for possible, shape (M,U), (M,) choices or `Candidates`; for a disclosure alone.
 
     Raises:
-        InputError: `problem` is no decision problem.
+        InputError: `problem` is no decision problem, or the disclosure does not suit its decisions, leaves some out, or needs
+            returns or candidates.
 
     Cost: `estimates` finds points and segments in bulk, some 30 µs a decision; larger sets take a millisecond each,
     and a decision that no belief explains, where asked for, 3 ms.
@@ -81,12 +111,19 @@ class NaiveAdversary(SetObserver):
                [0.25, 0.75]])
     """
 
+    def __init__(
+        self, problem: DecisionProblem, *, disclosure: Disclosure | str | None = None, candidates: Any = None
+    ) -> None:
+        super().__init__(problem, disclosure, candidates)
+
     def __repr__(self) -> str:
         return f"NaiveAdversary({self.problem!r})"
 
-    def infer(self, action: ArrayLike) -> BeliefSet:
-        """Return Π(u) of one decision (U,); empty where no belief explains it."""
-        return consistent_beliefs(self.problem, action)
+    def infer(self, action: ArrayLike) -> BeliefSet | ShownBeliefs:
+        """Return Π(u) of one decision (U,), empty where no belief explains it; under a disclosure their union."""
+        if self._reading.is_plain:
+            return consistent_beliefs(self.problem, action)
+        return self._reading.union(action, lambda each: consistent_beliefs(self.problem, each))
 
     def _guesses(self, points: Array) -> Array:
         sets = consistent_sets(self.problem, points)
@@ -99,13 +136,19 @@ class NaiveAdversary(SetObserver):
 class PriorReader(SetObserver):
     """An observer of sets {π : ρ(π,u) ≤ limit at π}: the middle of a set, or under a prior the mean of what it holds."""
 
-    def __init__(self, problem: DecisionProblem, prior: Prior | None) -> None:
-        super().__init__(problem)
+    def __init__(
+        self, problem: DecisionProblem, prior: Prior | None, disclosure: Disclosure | str | None, candidates: Any
+    ) -> None:
+        super().__init__(problem, disclosure, candidates)
         self.prior = _checked_prior(problem, prior)
 
     @abstractmethod
-    def infer(self, action: ArrayLike) -> NearOptimalBeliefs | AffordableBeliefs:
+    def infer(self, action: ArrayLike) -> NearOptimalBeliefs | AffordableBeliefs | ShownBeliefs:
         """Return the set of one decision (U,)."""
+
+    @abstractmethod
+    def _set_of(self, action: ArrayLike) -> NearOptimalBeliefs | AffordableBeliefs:
+        """Return the set of one decision that is seen as it is."""
 
     @abstractmethod
     def _limits(self, optimal_costs: Array) -> Array:
@@ -115,8 +158,9 @@ class PriorReader(SetObserver):
         if self.prior is not None:
             return self._weighted(points, self.prior)
         found = np.full((len(points), self.problem.n_states), np.nan)
+        set_of: Any = self.infer if self._reading.is_plain else self._set_of
         for i, point in enumerate(points):
-            held = self.infer(point)
+            held = set_of(point)
             if not held.is_empty:
                 middle = held.bounds().mean(axis=1)
                 found[i] = held.nearest(middle / middle.sum())
@@ -126,13 +170,29 @@ class PriorReader(SetObserver):
         """The prior's mean over its beliefs under which each decision is within the limits."""
         found = np.full((len(points), self.problem.n_states), np.nan)
         for some in _blocks(len(points), len(prior)):
-            costs, excess, limits = self._excess(points[some], prior)
-            # Costs are known to this: a decision that spends its budget to the last digit is within it.
-            allowed = tolerances.NEAR_OPTIMAL * np.maximum(np.abs(costs).max(axis=1, keepdims=True), limits)
-            held = np.where(excess <= allowed, prior.weights, 0.0)
+            held = np.where(self._within(points[some], prior), prior.weights, 0.0)
             with np.errstate(invalid="ignore"):
                 found[some] = (held @ prior.beliefs) / held.sum(axis=1)[:, None]
         return found
+
+    def _within(self, points: Array, prior: Prior) -> Array:
+        """Which of the prior's beliefs allow which decisions, shape (m,B)."""
+        costs, excess, limits = self._excess(points, prior)
+        # Costs are known to this: a decision that spends its budget to the last digit is within it.
+        allowed = tolerances.NEAR_OPTIMAL * np.maximum(np.abs(costs).max(axis=1, keepdims=True), limits)
+        return np.asarray(excess <= allowed)
+
+    def _union_guess(self, points: Array, nearest: bool) -> Array:
+        """Under a prior its mean over the beliefs that allow any of the decisions."""
+        if self.prior is None:
+            return super()._union_guess(points, nearest)
+        held = np.zeros(len(self.prior), dtype=bool)
+        for some in _blocks(len(points), len(self.prior)):
+            held |= self._within(points[some], self.prior).any(axis=0)
+        weights = np.where(held, self.prior.weights, 0.0)
+        if not weights.sum() > 0:
+            return super()._union_guess(points, nearest)
+        return np.asarray((weights @ self.prior.beliefs) / weights.sum())
 
     def _least_regret(self, points: Array) -> Array:
         """Under a prior the one of its beliefs that is least beyond its limit."""
@@ -162,6 +222,9 @@ class NearOptimalAdversary(PriorReader):
         problem: The decision problem that the observer knows.
         regret: ε, at least 0, in the cost's unit.
         prior: What the observer held likely before; None for no opinion. It makes `estimates` one product of tables.
+        disclosure: What it is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. It then reads
+            values shown, `disclosure.shown(actions)`, and keeps the union over the candidates that look so.
+        candidates: The decisions that it takes for possible, shape (M,U), (M,) choices or `Candidates`; for a disclosure alone.
 
     Raises:
         InputError: An argument is malformed, or the prior has another number of states.
@@ -179,15 +242,26 @@ class NearOptimalAdversary(PriorReader):
         array([0.7, 0.3])
     """
 
-    def __init__(self, problem: DecisionProblem, regret: float, *, prior: Prior | None = None) -> None:
-        super().__init__(problem, prior)
+    def __init__(
+        self,
+        problem: DecisionProblem,
+        regret: float,
+        *,
+        prior: Prior | None = None,
+        disclosure: Disclosure | str | None = None,
+        candidates: Any = None,
+    ) -> None:
+        super().__init__(problem, prior, disclosure, candidates)
         self.regret = validation.non_negative(regret, "regret")
 
     def __repr__(self) -> str:
         return f"NearOptimalAdversary({self.problem!r}, {self.regret:g})"
 
-    def infer(self, action: ArrayLike) -> NearOptimalBeliefs:
-        """Return Π_ε(u) of one decision (U,); empty where every belief leaves more regret."""
+    def infer(self, action: ArrayLike) -> NearOptimalBeliefs | ShownBeliefs:
+        """Return Π_ε(u) of one decision (U,), empty where every belief leaves more regret; under a disclosure their union."""
+        return self._set_of(action) if self._reading.is_plain else self._reading.union(action, self._set_of)
+
+    def _set_of(self, action: ArrayLike) -> NearOptimalBeliefs:
         return near_optimal_beliefs(self.problem, action, self.regret)
 
     def _limits(self, optimal_costs: Array) -> Array:
@@ -204,6 +278,9 @@ class BudgetAwareAdversary(PriorReader):
         problem: The decision problem that the observer knows.
         budget: A share of |c*|, or a `Budget`.
         prior: What the observer held likely before; None for no opinion. It makes `estimates` one product of tables.
+        disclosure: What it is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. It then reads
+            values shown, `disclosure.shown(actions)`, and keeps the union over the candidates that look so.
+        candidates: The decisions that it takes for possible, shape (M,U), (M,) choices or `Candidates`; for a disclosure alone.
 
     Raises:
         InputError: An argument is malformed, or the prior has another number of states.
@@ -222,18 +299,29 @@ class BudgetAwareAdversary(PriorReader):
         (False, True)
     """
 
-    def __init__(self, problem: DecisionProblem, budget: Budget | float, *, prior: Prior | None = None) -> None:
-        super().__init__(problem, prior)
+    def __init__(
+        self,
+        problem: DecisionProblem,
+        budget: Budget | float,
+        *,
+        prior: Prior | None = None,
+        disclosure: Disclosure | str | None = None,
+        candidates: Any = None,
+    ) -> None:
+        super().__init__(problem, prior, disclosure, candidates)
         self.budget = as_budget(budget)
 
     def __repr__(self) -> str:
         return f"BudgetAwareAdversary({self.problem!r}, {self.budget})"
 
-    def infer(self, action: ArrayLike) -> AffordableBeliefs:
-        """Return the beliefs under which one decision (U,) is affordable; empty where there are none.
+    def infer(self, action: ArrayLike) -> AffordableBeliefs | ShownBeliefs:
+        """Return the beliefs under which one decision (U,) is affordable, empty where there are none; or their union.
 
         Raises `InputError` for a share above 1 where the optimal cost is negative somewhere.
         """
+        return self._set_of(action) if self._reading.is_plain else self._reading.union(action, self._set_of)
+
+    def _set_of(self, action: ArrayLike) -> AffordableBeliefs:
         return affordable_beliefs(self.problem, action, self.budget)
 
     def _limits(self, optimal_costs: Array) -> Array:

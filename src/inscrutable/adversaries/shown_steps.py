@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.adversaries.decision_tables import DecisionTables, KnownRule, checked_rule
+from inscrutable.adversaries.decision_tables import DecisionTables, checked_rule
 from inscrutable.adversaries.inverse_filter import ForwardPass, InverseFilter
 from inscrutable.adversaries.sequence_evidence import Evidence, impossible_step
 from inscrutable.adversaries.sequence_results import SequenceStatus

@@ -376,7 +376,10 @@ def grouped(labels: ArrayLike) -> Disclosure:
         [[0.5 0.5]]
     """
     plain = ordered(labels, "labels", (Axis("asset"),))
-    return Disclosure((Operation("grouped", (tuple(np.asarray(plain).reshape(-1).tolist()),)),))
+    listed: Any = (
+        plain if isinstance(plain, str) or np.ndim(plain) != 1 else tuple(np.asarray(plain, dtype=object).tolist())
+    )
+    return Disclosure((Operation("grouped", (listed,)),))
 
 
 def portfolio_return() -> Disclosure:
@@ -502,10 +505,9 @@ def _digits(digits: Any) -> tuple[int]:
 
 
 def _labels(labels: Any) -> tuple[tuple[str | int, ...]]:
-    found = tuple(labels)
-    if not found or not all(isinstance(each, (str, int)) for each in found):
-        raise InputError(f"labels must be texts or whole numbers, one at least, got {few(found)}")
-    return (found,)
+    if not isinstance(labels, tuple) or not labels or not all(isinstance(each, (str, int)) for each in labels):
+        raise InputError(f"labels must be a list of texts or whole numbers, one at least, got {labels!r}")
+    return (labels,)
 
 
 def _nothing() -> tuple[()]:

@@ -1,7 +1,8 @@
 """Prices at which a sequential rule spends a long-run mean regret, found by simulating what the observer sees.
 
 Every trial draws the same random numbers, so that the mean regret moves with the price alone. What is drawn is the path of
-the observer's law: u_t by its probability under p_t, so that no belief need be drawn and every step's mean regret is exact.
+the observer's law: u_t by its probability under p_t, so that no belief need be drawn and every step's mean regret is exact. Of
+decisions that are never shown nothing is simulated: they cost nothing and tell nothing.
 The mean of p_t over all paths is the prior, so that linear functions of p_t have known means: they serve as control variates,
 which leave a tenth of a standard error (Glasserman, Monte Carlo Methods in Financial Engineering, 2003, section 4.1).
 """
@@ -101,10 +102,10 @@ def calibrated(
 
 
 def _silence(table: StepTable) -> float:
-    """The least mean regret of one decision for all beliefs; infinite where caps allow none to all."""
+    """The least mean regret a step of one value for all beliefs; infinite where caps allow none to all."""
     regrets = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
     held = table.prior.weights > 0
-    return float((table.prior.weights[held] @ regrets[held]).min())
+    return float((table.prior.weights[held] @ regrets[held]).min()) / table.period
 
 
 def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
@@ -112,7 +113,7 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
     rule = StepRule(market.table, prices)
     if market.law.is_still:  # nothing is told after the first step
         step = rule.step(market.law.weights(market.law.start()))
-        return PriceTrial(prices.regret, step.regret, 0.0, step.loss, 0.0, 0.0)
+        return PriceTrial(prices.regret, step.regret / market.table.period, 0.0, step.loss, 0.0, 0.0)
     with ThreadPoolExecutor(len(market.draws)) as pool:
         paths = list(pool.map(lambda draws: _followed(rule, market.law, draws), market.draws[:, :n_steps]))
     figures = np.concatenate([path[:, min(_SKIPPED, n_steps // 4) :] for path in paths], axis=1)
@@ -136,7 +137,7 @@ def _controls(table: StepTable) -> Array:
     """Functions of the belief of mean 0 and variance 1 under the prior, shape (C,B): coordinates, their products, and regrets
     of three decisions."""
     first, second = np.triu_indices(table.points.shape[1])
-    some = np.unique(np.linspace(0, len(table.columns) - 1, 3).astype(int))
+    some = np.unique(np.linspace(0, table.n_values - 1, 3).astype(int))
     found = np.hstack([table.points, table.points[:, first] * table.points[:, second], table.regrets[:, some]])
     found = found - table.prior.weights @ found
     spread = np.sqrt(table.prior.weights @ found**2)
@@ -144,19 +145,20 @@ def _controls(table: StepTable) -> Array:
 
 
 def _followed(rule: StepRule, law: ChainLaw, draws: Array) -> Array:
-    """Mean regret, mean loss and bits of every step along the observer's path, and the control variates, shape (3+C,T)."""
+    """Mean regret, mean loss and bits, a step each, of all decisions shown along the observer's path, and the control
+    variates, shape (3+C,T)."""
     controls = _controls(rule.table)
     found = np.empty((3 + len(controls), len(draws)))
     state, kept, step = law.start(), -1, None
     for t, draw in enumerate(draws):
         step = rule.step(law.weights(state), kept, step)
-        found[:3, t] = step.regret, step.loss, step.bits
+        found[:3, t] = step.regret / rule.table.period, step.loss, step.bits / rule.table.period
         found[3:, t] = controls @ law.weights(state)
         order = np.argsort(step.numbers)  # near laws then draw alike
         levels = step.played[order].cumsum()
         atom = order[min(int(np.searchsorted(levels, draw * levels[-1], side="right")), len(order) - 1)]
         kept = int(step.numbers[atom])
-        state = law.moved(law.seen(state, step.rows[:, atom]))
+        state = law.moved(law.seen(state, step.rows[:, atom]), rule.table.period)
     return found
 
 

@@ -78,7 +78,8 @@ def _bound(table: StepTable, price: float, limit: float) -> _Bound | None:
     worth = squares - price * table.regrets
     if table.allowed is not None:
         worth = np.where(table.allowed, worth, -np.inf)
-    return _Bound(price, float(law @ worth.max(axis=1)) + price * limit, limit - step.regret)
+    value = float(law @ (worth.max(axis=1) + table.spare)) + price * limit
+    return _Bound(price, value, limit - step.regret)
 
 
 def _all_estimates(table: StepTable, numbers: np.ndarray, estimates: Array, price: float) -> Array:

@@ -38,10 +38,12 @@ class ChainLaw:
         found = state * shares
         return np.asarray(found / found.sum())
 
-    def moved(self, state: Array) -> Array:
-        """Return the law one step later: p T."""
-        found = self._forward @ state
-        return np.asarray(found / found.sum())
+    def moved(self, state: Array, steps: int = 1) -> Array:
+        """Return the law so many steps later: p T."""
+        for _ in range(steps):
+            found = self._forward @ state
+            state = np.asarray(found / found.sum())
+        return state
 
     def weights(self, state: Array) -> Array:
         """Return the law of the belief, shape (B,)."""

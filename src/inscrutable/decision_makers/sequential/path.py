@@ -20,8 +20,8 @@ class PathDecisions(Saved):
     Args:
         actions: u_t, shape (T,U); (T,) whole numbers where decisions are finite choices.
         regrets: ρ(π_t,u_t), what they cost, shape (T,), in the cost's unit.
-        observer_means: The observer's estimates E[π_t | u_0..u_t], shape (T,X).
-        losses: The mean square error that the observer expects of them, shape (T,): E[‖π_t − mean_t‖² | u_0..u_t].
+        observer_means: The observer's estimates E[π_t | what is seen by step t], shape (T,X).
+        losses: The mean square error that the observer expects of them, shape (T,): E[‖π_t − mean_t‖² | what is seen].
         bits: I(π_t; u_t | u_0..u_{t−1}) of the step under the observer's law before it, shape (T,).
         status: Where the prices come from.
         expected_regrets: Mean regret of the step under the observer's law before it, shape (T,).

@@ -19,12 +19,14 @@ from inscrutable.decision_makers.sequential.finite import FiniteRule, finite_rul
 from inscrutable.decision_makers.sequential.laws import ChainLaw
 from inscrutable.decision_makers.sequential.path import PathDecisions
 from inscrutable.decision_makers.sequential.prices import PriceCalibration
+from inscrutable.decision_makers.sequential.seen import Knowledge
 from inscrutable.decision_makers.sequential.sequence import DecisionSequence
 from inscrutable.decision_makers.sequential.step import StepTable, step_table
 from inscrutable.errors import InputError
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
+from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -58,7 +60,9 @@ class SequentialDecisionMaker(Described):
         information_price: λ, in loss per nat; infinite where information alone counts; None: the best of several. A price
             below a thousandth of the prior loss is taken as that.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
-        disclosure: How decisions become public; None: exactly and at once.
+        disclosure: How decisions become public, a `Disclosure`; None: exactly and at once. Decisions that are shown alike are
+            then one, of which each belief plays the cheapest; a decision that is never shown is the best under the belief; the
+            observer's loss counts from when a decision is seen until the next one is.
         calibration: Prices that were found before for the same problem, chain and budget; None: they are found at first use.
         rng: The source of the simulated calibration, and of the draw between two prices.
 
@@ -101,7 +105,7 @@ class SequentialDecisionMaker(Described):
         loss: None = None,
         information_price: float | None = None,
         worst_regret: Budget | float | None = None,
-        disclosure: None = None,
+        disclosure: Disclosure | str | None = None,
         calibration: PriceCalibration | None = None,
         rng: np.random.Generator,
     ) -> None:
@@ -111,10 +115,7 @@ class SequentialDecisionMaker(Described):
         self.chain = _checked_chain(chain, _chain_of(world, self._rng), self.problem)
         if loss is not None:
             raise InputError(f"loss must be None, the square error: no other is known to this rule, got {loss!r}")
-        if disclosure is not None:
-            raise InputError(
-                f"disclosure must be None: the rule takes all decisions to be seen exactly and at once, got {disclosure!r}"
-            )
+        self.disclosure = _checked_disclosure(disclosure)
         if information_price is not None and not (
             isinstance(information_price, (int, float)) and information_price >= 0
         ):
@@ -136,11 +137,11 @@ class SequentialDecisionMaker(Described):
         """Beliefs, decisions and their regrets, made at first use."""
         prior = self.chain.prior
         columns = _columns(self.problem, self._given, prior)
-        table = step_table(prior, columns, self.worst_regret)
+        table = step_table(self.chain, columns, self.worst_regret, self.disclosure)
         regrets = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
         least, limit = regrets.min(axis=1), float(prior.weights @ self.budget.limits(table.optimal_costs))
-        if not (np.isfinite(least).all() and float(prior.weights @ least) <= limit):
-            table = step_table(prior, columns.joined(prior.beliefs), self.worst_regret)
+        if not (np.isfinite(least).all() and float(prior.weights @ least) <= limit * table.period):
+            table = step_table(self.chain, columns.joined(prior.beliefs), self.worst_regret, self.disclosure)
         return table
 
     @property
@@ -160,8 +161,11 @@ class SequentialDecisionMaker(Described):
 
     @cached_property
     def ceiling(self) -> float:
-        """No causal rule on these decisions and beliefs has a larger long-run mean loss at the budget, in expectation."""
-        return ceiling_of(self.table, self.limit)
+        """No causal rule on these decisions and beliefs has a larger long-run mean loss at the budget, in expectation.
+
+        Under the rule's disclosure: decisions that are never shown cost nothing, so that others have their budget too.
+        """
+        return ceiling_of(self.table, self.limit * self.table.period)
 
     @cached_property
     def law(self) -> ChainLaw:
@@ -194,7 +198,7 @@ class SequentialDecisionMaker(Described):
             most: The largest number of memories, at least 1.
 
         Raises:
-            InputError: `most` is not a whole number of at least 1.
+            InputError: `most` is not a whole number of at least 1, or some decisions are never shown.
 
         Cost: a step for every memory.
 
@@ -209,6 +213,10 @@ class SequentialDecisionMaker(Described):
             >>> SequentialDecisionMaker(problem, Budget.regret(0.25), chain=chain, calibration=prices, rng=rng).as_mechanism()
             laws found: 3; finite: every law that the observer can come to hold is a memory
         """
+        if self.table.period > 1:
+            raise InputError(
+                f"a mechanism with a memory plays alike at every step, and {self.disclosure} shows only some"
+            )
         return finite_rule(self.table, self.law, self.calibration, validation.count(most, "most"))
 
     def begin(self) -> DecisionSequence:
@@ -230,7 +238,7 @@ class SequentialDecisionMaker(Described):
         source = validation.generator(rng)
         sequence = DecisionSequence(self, source)
         sequence.observe(public)
-        table = self.table
+        knowledge = Knowledge(self.chain, self.disclosure.schedule.lag)
         regrets, losses, bits, expected, own = np.empty((5, len(held)))
         means, points = np.empty((len(held), held.shape[1])), []
         for t, belief in enumerate(held):
@@ -241,8 +249,7 @@ class SequentialDecisionMaker(Described):
             regrets[t] = lottery.regrets[atom]
             sequence.publish(lottery.actions[atom], as_nearest=not sequence.could_play(lottery.actions[atom]))
             points.append(lottery.actions[atom])
-            law = sequence.observer.weights
-            means[t], losses[t] = law @ self.beliefs, table.loss_of(law)
+            means[t], losses[t] = knowledge.after(sequence.observer.weights)
         return PathDecisions(
             np.array(points), regrets, means, losses, bits, self.calibration.status, expected, own, sequence.n_off_grid
         )
@@ -288,3 +295,12 @@ def _checked_chain(chain: Any, made: Any, problem: DecisionProblem) -> BeliefCha
     if chain.prior.beliefs.shape[1] != problem.n_states:
         raise InputError(f"the chain has {chain.prior.beliefs.shape[1]} states, the problem {problem.n_states}")
     return chain
+
+
+def _checked_disclosure(given: Any) -> Disclosure:
+    found = Disclosure.of(given)
+    if found.needs_returns:
+        raise InputError(
+            f"the rule cannot go by {found}: what is seen of a decision must follow from the decision alone"
+        )
+    return found

@@ -15,7 +15,7 @@ from inscrutable.decision_makers.sequential.laws import ChainLaw
 from inscrutable.decision_makers.sequential.lock import FileLock
 from inscrutable.decision_makers.sequential.prices import PriceCalibration
 from inscrutable.decision_makers.sequential.state import SequenceState, problem_of
-from inscrutable.decision_makers.sequential.step import Step, StepRule, StepTable
+from inscrutable.decision_makers.sequential.step import Step, StepRule, StepTable, hidden_step
 from inscrutable.errors import InputError
 from inscrutable.files import PathLike, path_of
 from inscrutable.mechanisms import Mechanism, Prior
@@ -28,7 +28,8 @@ class StepFigures(NamedTuple):
     regret: Mean regret under the observer's law, which knows nothing of the belief, in the cost's unit.
     own_regret: The same under the belief itself; NaN before `decide`.
     bits: I(π;u) under the law.
-    loss: The observer's mean square error after the decision, under the law.
+    loss: The observer's mean square error after the decision, under the law; where decisions are shown late or not all, on
+        average over the steps in which it is the latest known.
     """
 
     regret: float
@@ -91,6 +92,7 @@ class DecisionSequence:
         self._published = self._looked = False
         self._step: Step | None = None
         self._own, self._is_off_grid = float("nan"), False
+        self.n_steps = 0
         self.n_published = self.n_off_grid = self.n_approximate = 0
         self.total_regret = self.total_bits = 0.0
         self._latest: Array | None = None
@@ -126,7 +128,7 @@ class DecisionSequence:
 
     @property
     def observer(self) -> Prior:
-        """What the observer holds of the present belief, given all that was published."""
+        """What follows of the present belief from all that was published and is ever shown, seen yet or not."""
         return Prior(self.beliefs, self._law.weights(self._state))
 
     @property
@@ -143,6 +145,11 @@ class DecisionSequence:
     def is_off_grid(self) -> bool:
         """Whether the belief last decided for in this step is none of `beliefs`, so that the observer's law misses it."""
         return self._is_off_grid
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether the decision of this step will be seen; one that is not is the best under the belief."""
+        return self._table.disclosure.schedule.shows(self.n_steps + self._published)
 
     @property
     def is_exact(self) -> bool:
@@ -211,10 +218,11 @@ class DecisionSequence:
                 "as_nearest=True, after which the observer's law is approximate"
             )
         step = self._now()
-        self._state = self._law.seen(self._state, step.rows[:, place])
+        if not step.is_hidden:
+            self._state = self._law.seen(self._state, step.rows[:, place])
+            self._kept = int(step.numbers[place])
         self.total_regret += step.regret
         self.total_bits += step.bits
-        self._kept = int(step.numbers[place])
         self._latest = self._table.columns.problem.check_action(action)
         self.n_published += 1
         self.n_approximate += not possible
@@ -234,6 +242,7 @@ class DecisionSequence:
 
     def _pass(self) -> None:
         self._state = self._law.moved(self._state)
+        self.n_steps += 1
         self._published, self._step = False, None
         self._own, self._is_off_grid = float("nan"), False
 
@@ -241,18 +250,17 @@ class DecisionSequence:
         if self._published:
             self._pass()
         if self._step is None:
-            self._step = self._rule.step(self._law.weights(self._state), self._kept)
+            law = self._law.weights(self._state)
+            self._step = self._rule.step(law, self._kept) if self.is_shown else hidden_step(self._table, law)
         return self._step
 
     def _place(self, action: Any) -> tuple[int, bool]:
-        """Which of this step's decisions is meant or nearest, and whether it is that one."""
-        table = self._table
-        point = table.columns.problem.check_action(action)
+        """Which of this step's values is meant or nearest, and whether it is that one; nobody sees a hidden decision."""
+        point = self._table.columns.problem.check_action(action)  # before time passes
         step = self._now()
-        gaps = np.abs(table.columns.points[step.numbers] - point).max(axis=1)
-        gaps = np.where(step.played > 0, gaps, np.inf)
-        place = int(gaps.argmin())
-        return place, bool(gaps[place] <= tolerances.SAME_ACTION)
+        played = np.flatnonzero(step.played > 0)
+        place, gap = self._table.nearest(point, step.numbers[played])
+        return int(played[place]), step.is_hidden or gap <= tolerances.SAME_ACTION
 
     def save(self, path: PathLike) -> None:
         """Write what is remembered to `path`, whole or not at all, and keep other processes from it until `close`.
@@ -278,6 +286,7 @@ class DecisionSequence:
             self.total_regret,
             self.total_bits,
             self._latest,
+            self.n_steps,
         ).save(path)
 
     def load(self, path: PathLike) -> Self:
@@ -308,7 +317,7 @@ class DecisionSequence:
         self._published, self._looked = found.has_published, found.has_looked
         self.n_published, self.n_approximate = found.n_published, found.n_approximate
         self.n_off_grid, self.total_regret, self.total_bits = found.n_off_grid, found.regret, found.bits
-        self._latest = found.latest
+        self._latest, self.n_steps = found.latest, found.n_steps
         self._own, self._is_off_grid = float("nan"), False
         return self
 

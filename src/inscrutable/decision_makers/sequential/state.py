@@ -12,6 +12,7 @@ from inscrutable.decision_makers.sequential.laws import ChainLaw
 from inscrutable.decision_makers.sequential.prices import PriceCalibration
 from inscrutable.decision_makers.sequential.step import StepTable
 from inscrutable.errors import InputError
+from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
@@ -29,6 +30,7 @@ class SequenceProblem(Saved):
     state_costs: Array
     cap: Array  # (2,): amount and whether it is relative; −1 for none
     limit: float
+    disclosure: str = EXACT
 
     def check(self, other: SequenceProblem) -> None:
         """Raise `InputError` where another differs by more than rounding."""
@@ -41,6 +43,10 @@ class SequenceProblem(Saved):
             "cap": "another cap on the regret",
             "limit": "another budget",
         }
+        if self.disclosure != other.disclosure:
+            raise InputError(
+                f"it is of another problem: it has decisions disclosed as {other.disclosure}, not as {self.disclosure}"
+            )
         for name, said in named.items():
             mine, theirs = (_plain(getattr(each, name)) for each in (self, other))
             if mine.shape != theirs.shape or not np.allclose(mine, theirs, rtol=_SAME, atol=_SAME * _size(mine)):
@@ -61,10 +67,9 @@ def _size(values: Array) -> float:
 def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem:
     """Return what a sequence on a table is of."""
     cap = np.array([-1.0, 0.0] if table.cap is None else [table.cap.amount, float(table.cap.is_relative)])
-    found = table.columns
-    return SequenceProblem(
-        table.prior.beliefs, table.prior.weights, law.chain.transition, found.points, found.found.costs, cap, limit
-    )
+    found, prior = table.columns, table.prior
+    costs, shown = found.found.costs, str(table.disclosure)
+    return SequenceProblem(prior.beliefs, prior.weights, law.chain.transition, found.points, costs, cap, limit, shown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +93,13 @@ class SequenceState(Saved):
     regret: float
     bits: float
     latest: Array | None = None  # (U,): the decision published last
+    n_steps: int = 0  # that have passed, which says whether the next decision is shown
     version: int = VERSION
 
     def __post_init__(self) -> None:
         if self.version != VERSION:
             raise InputError(f"its version is {self.version!r}, expected {VERSION}")
-        for name in ("n_published", "n_approximate", "n_off_grid", "price_index"):
+        for name in ("n_published", "n_approximate", "n_off_grid", "price_index", "n_steps"):
             validation.count(getattr(self, name), name, least=0)
         law = validation.stochastic_rows(self.state, "law", ndim=1)
         if len(law) != len(self.problem.beliefs):

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
 
 from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places
+from inscrutable.decision_makers.sequential.seen import Classes, ahead, classes_of
 from inscrutable.errors import SolverError
 from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.validation import Array
 
 _SMALL_PRICE = 0.03
@@ -28,47 +34,98 @@ class Prices(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StepTable:
-    """Beliefs (B,X) that the observer's law is on, decisions (M), and what each costs whom."""
+    """Beliefs (B,X) that the observer's law is on, decisions (M), shown as values (C), and what each value costs whom.
+
+    A belief that plays a value plays the cheapest decision that is shown as it.
+    """
 
     prior: Prior
     columns: Columns
+    disclosure: Disclosure
+    classes: Classes
     optimal_costs: Array  # (B,)
-    regrets: Array  # (B,M)
-    allowed: np.ndarray | None  # (B,M)
+    regrets: Array  # (B,C)
+    allowed: np.ndarray | None  # (B,C)
+    cheapest: np.ndarray  # (B,C): the decision that a belief plays as a value
     cap: Budget | None
     basis: Array  # (X−1,X): orthonormal directions in which beliefs differ
-    points: Array  # (B,X−1): beliefs less the prior's mean in these directions
+    points: Array  # (B,d): beliefs less the prior's mean in these directions, as expected when the decision is seen
+    spare: Array  # (B,): square error that no decision of now can spare the observer
+
+    @property
+    def n_values(self) -> int:
+        """C, how many values can be seen."""
+        return len(self.classes.values)
+
+    @property
+    def period(self) -> int:
+        """How many steps pass from one decision that is shown to the next."""
+        return self.disclosure.schedule.period
 
     def number(self, action: Any) -> int:
-        """Return the number of a decision; −1 for None, or for one that is not among these."""
+        """Return the number of the value that a decision is shown as; −1 for None, or for one that none of these is."""
         if action is None:
             return -1
-        gaps = np.abs(self.columns.points - self.columns.problem.check_action(action)).max(axis=1)
-        return int(gaps.argmin()) if gaps.min() <= tolerances.SAME_ACTION else -1
+        place, gap = self.nearest(action, np.arange(self.n_values))
+        return place if gap <= tolerances.SAME_ACTION else -1
+
+    def nearest(self, action: Any, numbers: np.ndarray) -> tuple[int, float]:
+        """Return which of some values (n,) is nearest to what a decision is shown as, and how near."""
+        problem = self.columns.problem
+        shown = problem.check_action(action)
+        if self.disclosure.maps:
+            shown = np.asarray(self.disclosure.shown(problem.as_actions(shown[None])), dtype=np.float64).reshape(-1)
+        gaps = np.abs(self.classes.values[numbers] - shown).max(axis=1)
+        return int(gaps.argmin()), float(gaps.min())
+
+    def points_of(self, beliefs: Array) -> Array:
+        """Return the points of beliefs (T,X), on the grid or not; those of the nearest belief where time passes until then."""
+        if self.disclosure.schedule.is_immediate:
+            return np.asarray((beliefs - self.prior.mean) @ self.basis.T)
+        return np.asarray(self.points[self._tree.query(beliefs)[1]])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.prior.beliefs)
 
     @property
     def prior_loss(self) -> float:
         """The prior's mean square error: the unit of the price of information."""
-        return float(self.prior.weights @ (self.points**2).sum(axis=1))
+        return float(self.prior.weights @ ((self.points**2).sum(axis=1) + self.spare))
 
     def loss_of(self, law: Array) -> float:
-        """Return L(p) = Σ p |π − mean|²."""
+        """Return L(p) = Σ p |π − mean|²; the mean of the steps in which a decision of now is the latest known."""
         mean = law @ self.points
-        return max(float(law @ (self.points**2).sum(axis=1) - mean @ mean), 0.0)
+        return max(float(law @ ((self.points**2).sum(axis=1) + self.spare) - mean @ mean), 0.0)
 
 
-def step_table(prior: Prior, columns: Columns, cap: Budget | None) -> StepTable:
+def step_table(
+    chain: BeliefChain, columns: Columns, cap: Budget | None, disclosure: Disclosure | None = None
+) -> StepTable:
     """Return what steps at any prices are made from."""
+    prior, shown = chain.prior, Disclosure.of(disclosure)
     costs = np.asarray(columns.problem.optimal_cost(prior.beliefs))
-    regrets = columns.regrets(prior.beliefs, costs)
+    classes = classes_of(columns, shown)
+    found = _cheapest(columns, classes, cap, (prior.beliefs, costs))
     basis = np.linalg.svd(np.ones((1, prior.beliefs.shape[1])))[2][1:]
-    points = (prior.beliefs - prior.mean) @ basis.T
-    return StepTable(prior, columns, costs, regrets, allowed_places(regrets, cap, costs), cap, basis, points)
+    points = ahead((prior.beliefs - prior.mean) @ basis.T, chain.transition, shown.schedule)
+    return StepTable(prior, columns, shown, classes, costs, *found, cap, basis, *points)
+
+
+def _cheapest(
+    columns: Columns, classes: Classes, cap: Budget | None, beliefs: tuple[Array, Array]
+) -> tuple[Array, np.ndarray | None, np.ndarray]:
+    """Regrets of every value, which are allowed, and the decision played as each, shapes (T,C)."""
+    regrets = columns.regrets(*beliefs)
+    allowed = allowed_places(regrets, cap, beliefs[1])
+    least, number = classes.cheapest(regrets)
+    # Whatever a cap forbids is dearer than what it allows.
+    return least, None if allowed is None else np.take_along_axis(allowed, number, axis=1), number
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What is played under a law p of the belief: K (B,n) over the decisions `numbers` (n,), and what it gives away.
+    """What is played under a law p of the belief: K (B,n) over the values `numbers` (n,), and what it gives away.
 
     The law q (n,) of the decisions and the estimates (n,d) say what a belief off the grid plays. The value is within `gap` of
     the optimum, in units of the loss, or in nats where information alone counts.
@@ -84,6 +141,7 @@ class Step:
     regret: float  # Σ p K ρ
     loss: float  # Σ p K |π − mean|²
     bits: float  # I(π;u)
+    is_hidden: bool = False  # whether the decision is never shown, so that every belief plays its own best
 
 
 class StepRule:
@@ -97,8 +155,8 @@ class StepRule:
         self.price = 1.0 if self._informs_only else max(asked, tolerances.LEAST_INFORMATION_PRICE * unit)
         first = 1.0 if self._informs_only else _SMALL_PRICE * unit
         found = self._values(table.points, table.regrets, table.allowed)
-        slopes = s * (table.columns.found.costs @ table.basis.T)
-        n_columns = len(table.columns)
+        slopes = s * _slopes(table)
+        n_columns = table.n_values
         self._kernel_parts = (
             np.ascontiguousarray(table.points.T) if not self._informs_only else np.empty((0, len(table.points))),
             np.ascontiguousarray(found.T),
@@ -190,12 +248,22 @@ class StepRule:
         A belief that is allowed none of the played decisions plays its own optimal one, which joins the others.
         """
         table = self.table
-        columns = table.columns.pick(step.numbers)
+        some = np.flatnonzero(np.isin(table.classes.place, step.numbers))
+        columns = table.columns.pick(some)
         costs = np.asarray(columns.problem.optimal_cost(beliefs))
-        regrets = columns.regrets(beliefs, costs)
-        allowed = allowed_places(regrets, table.cap, costs)
-        points = (beliefs - table.prior.mean) @ table.basis.T
-        rows = self._rows(points, regrets, allowed, (step.law, step.estimates))
+        if step.is_hidden:
+            columns = columns.joined(beliefs)
+            rows = np.zeros((len(beliefs), len(columns)))
+            rows[np.arange(len(beliefs)), columns.regrets(beliefs, costs).argmin(axis=1)] = 1.0
+            return columns, rows, costs
+        order = np.argsort(step.numbers)
+        classes = table.classes._replace(
+            values=step.numbers, place=order[np.searchsorted(step.numbers[order], table.classes.place[some])]
+        )
+        regrets, allowed, number = _cheapest(columns, classes, table.cap, (beliefs, costs))
+        shares = self._rows(table.points_of(beliefs), regrets, allowed, (step.law, step.estimates))
+        rows = np.zeros((len(beliefs), len(columns)))
+        np.put_along_axis(rows, number, shares, axis=1)
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
         if lost.size:
             columns = columns.joined(beliefs[lost])
@@ -205,14 +273,36 @@ class StepRule:
 
     def mechanism(self, step: Step) -> Mechanism:
         """Return K on the grid's beliefs and all decisions."""
-        from scipy import sparse
-
         table = self.table
         rows, atoms = np.nonzero(step.rows > 0)
-        entries = step.rows[rows, atoms], (rows, step.numbers[atoms])
-        probabilities = sparse.csr_array(sparse.coo_array(entries, shape=table.regrets.shape))
+        entries = step.rows[rows, atoms], (rows, table.cheapest[rows, step.numbers[atoms]])
+        shape = len(table.prior.beliefs), len(table.columns)
+        probabilities = sparse.csr_array(sparse.coo_array(entries, shape=shape))
         actions = table.columns.problem.as_actions(table.columns.points)
-        return Mechanism(table.prior.beliefs, actions, probabilities, table.regrets)
+        return Mechanism(table.prior.beliefs, actions, probabilities, self._all_regrets)
+
+    @cached_property
+    def _all_regrets(self) -> Array:
+        """Regrets (B,M) of all decisions."""
+        table = self.table
+        return table.columns.regrets(table.prior.beliefs, table.optimal_costs)
+
+
+def hidden_step(table: StepTable, law: Array) -> Step:
+    """Return what is played at a step whose decision is never shown: what is best under each belief, as far as it is known."""
+    own = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
+    numbers, which = np.unique(own.argmin(axis=1), return_inverse=True)
+    rows = np.eye(len(numbers))[which]
+    played, estimates = law @ rows, np.zeros((len(numbers), table.points.shape[1]))
+    return Step(numbers, rows, played, estimates, 0.0, played, estimates, 0.0, table.loss_of(law), 0.0, is_hidden=True)
+
+
+def _slopes(table: StepTable) -> Array:
+    """Gradients (C,d) of the regrets of values in the points' coordinates; of a value that several decisions are shown as, and
+    of points ahead, by least squares: they are first guesses of estimates."""
+    if not table.disclosure.maps and table.disclosure.schedule.is_immediate:
+        return np.asarray(table.columns.found.costs @ table.basis.T)
+    return np.asarray(np.linalg.lstsq(table.points, table.regrets - table.regrets.mean(axis=0), rcond=None)[0].T)
 
 
 def _measured(table: StepTable, law: Array, rows: Array, found: tuple[np.ndarray, Array, Array, float]) -> Step:
@@ -222,7 +312,7 @@ def _measured(table: StepTable, law: Array, rows: Array, found: tuple[np.ndarray
     means = (joint.T @ table.points) / np.where(played > 0, played, 1.0)[:, None]
     some = joint > 0
     ratios = np.log2(np.divide(rows, played, out=np.ones_like(rows), where=some))
-    loss = float(law @ (table.points**2).sum(axis=1) - played @ (means**2).sum(axis=1))
+    loss = float(law @ ((table.points**2).sum(axis=1) + table.spare) - played @ (means**2).sum(axis=1))
     regret = float((joint * table.regrets[:, numbers]).sum())
     bits = max(float((joint * ratios).sum()), 0.0)
     return Step(numbers, rows, shares, estimates, gap, played, means, regret, max(loss, 0.0), bits)

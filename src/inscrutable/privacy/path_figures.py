@@ -43,7 +43,7 @@ class PathDraws(NamedTuple):
 
 def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
     """Return what one holds who sees no decision."""
-    states = np.ones((n_steps, len(reader.moves.start)))
+    states = np.ones((n_steps, reader.moves.starts.shape[1]))
     evidence = Evidence(unseen_points(n_steps), False, None, states, np.zeros(n_steps))
     return reader.result(reader.forward(evidence)[0])
 

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import os
 from itertools import product
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from inscrutable import (
-    BeliefFilter,
     CategoricalEmission,
-    GaussianEmission,
     HiddenMarkovModel,
-    InputError,
     Mechanism,
-    ModelError,
     PublicPart,
     SequentialAdversary,
     filter_beliefs,
     path_leakage,
     reachable_beliefs,
-    simplex_grid,
 )
+from inscrutable.privacy import over_time
 
 EXACT = 1e-12
 SEED = int(os.environ.get("FRESH_SEED", "0"))
@@ -150,3 +144,111 @@ def test_the_law_is_that_of_enumeration(
             found = (adversary.smooth if smoothed else adversary.filter)(columns, public=told)
             check_against(found, truth, smoothed=smoothed)
             assert n_particles or found.is_exact
+
+
+class Told:
+    """Figures of `path_leakage` by every path of reports and decisions."""
+
+    def __init__(self, world: HiddenMarkovModel, plays: Mechanism, n_steps: int, *, told: bool = True) -> None:
+        reports = all_reports(world)
+        paths: list[tuple[tuple[int, ...], tuple[int, ...], np.ndarray, np.ndarray, float]] = []
+        for said in product(range(len(reports)), repeat=n_steps):
+            law, beliefs, chance = world.initial, [], 1.0
+            for s in said:
+                held = law * reports[s][1]
+                chance *= held.sum()
+                beliefs.append(held / held.sum())
+                law = beliefs[-1] @ world.transition
+            held = np.array(beliefs)
+            places = np.linalg.norm(plays.beliefs[None] - held[:, None], axis=2).argmin(axis=1)
+            read = tuple(reports[s][0] if told else 0 for s in said)
+            for columns in product(range(len(plays.actions)), repeat=n_steps):
+                shares = plays.probabilities[places, columns]
+                paths.append((read, columns, held, shares, chance * float(shares.prod())))
+        self.added, self.error, self.prior, self.belief = (np.zeros(n_steps) for _ in range(4))
+        for t in range(n_steps):
+            groups: dict[str, dict[object, list[tuple[np.ndarray, float]]]] = {"all": {}, "before": {}, "read": {}}
+            for read, columns, beliefs, _, weight in paths:
+                for name, key in (
+                    ("all", (read[: t + 1], columns[: t + 1])),
+                    ("before", (read[: t + 1], columns[:t])),
+                    ("read", read[: t + 1]),
+                ):
+                    groups[name].setdefault(key, []).append((beliefs[t], weight))
+            mass = {name: {key: sum(w for _, w in rows) for key, rows in held.items()} for name, held in groups.items()}
+            self.error[t], self.prior[t] = self.spread(groups["all"]), self.spread(groups["read"])
+            laws = {name: {key: self.law(rows) for key, rows in held.items()} for name, held in groups.items()}
+            for read, columns, beliefs, shares, weight in paths:
+                now, before = (read[: t + 1], columns[: t + 1]), (read[: t + 1], columns[:t])
+                self.added[t] += weight * np.log2(shares[t] * mass["before"][before] / mass["all"][now])
+                here = tuple(beliefs[t].round(10))
+                self.belief[t] += weight * np.log2(laws["all"][now][here] / laws["read"][read[: t + 1]][here])
+
+    @staticmethod
+    def law(rows: list[tuple[np.ndarray, float]]) -> dict[tuple[float, ...], float]:
+        found: dict[tuple[float, ...], float] = {}
+        for belief, weight in rows:
+            key = tuple(belief.round(10))
+            found[key] = found.get(key, 0.0) + weight / sum(w for _, w in rows)
+        return found
+
+    @staticmethod
+    def spread(groups: dict[object, list[tuple[np.ndarray, float]]]) -> float:
+        total = 0.0
+        for rows in groups.values():
+            points, weights = np.array([b for b, _ in rows]), np.array([w for _, w in rows])
+            mean = weights @ points / weights.sum()
+            total += float(weights @ ((points - mean) ** 2).sum(axis=1))
+        return float(np.sqrt(total))
+
+
+@pytest.mark.parametrize(("kind", "n_symbols"), [("sensor", 2), ("part", 3)])
+def test_what_paths_tell_is_that_of_enumeration(monkeypatch: pytest.MonkeyPatch, kind: str, n_symbols: int) -> None:
+    rng = np.random.default_rng([SEED, 21, n_symbols])
+    world = random_world(rng, kind, 2, n_symbols)
+    plays = random_mechanism(rng, reachable_beliefs(world, 3), 2)
+    truth = Told(world, plays, 3)
+    exact = path_leakage(world, plays, 3, rng=rng, n_draws=2000)
+    assert exact.n_draws == 0
+    for found, wanted in (
+        (exact.added, truth.added),
+        (exact.bayes_error, truth.error),
+        (exact.prior_error, truth.prior),
+        (exact.belief_information, truth.belief),
+    ):
+        assert np.abs(found - wanted).max() < EXACT**0.5
+        assert np.abs(found**2 - wanted**2).max() < EXACT
+    monkeypatch.setattr(over_time, "enumerated", lambda *_: None)
+    drawn = path_leakage(world, plays, 3, rng=rng, n_draws=2000)
+    assert drawn.n_draws == 2000
+    assert np.abs(drawn.prior_error - truth.prior).max() < 0.03
+    for found, error, wanted in (
+        (drawn.added, drawn.added_se, truth.added),
+        (drawn.belief_information, drawn.belief_information_se, truth.belief),
+        (drawn.bayes_error, drawn.error_se, truth.error),
+    ):
+        assert (np.abs(found - wanted) < 6.0 * error + EXACT).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_more_public_information_never_lowers_accuracy(seed: int) -> None:
+    """A sensor that nobody else reads, the same merged, and the whole: each tells what the one before tells."""
+    rng = np.random.default_rng([SEED, 33, seed])
+    n_states, n_symbols = (2, 4) if seed % 2 else (3, 3)
+    reports = rng.dirichlet(np.ones(n_symbols), n_states)
+    law, start = rng.dirichlet(np.ones(n_states), n_states), rng.dirichlet(np.ones(n_states))
+    merged = merging(rng, n_symbols, 2)
+    levels = (None, PublicPart(np.ones((1, n_symbols))), merged, PublicPart(np.eye(n_symbols)))
+    worlds = [HiddenMarkovModel(law, CategoricalEmission(reports), start, public=level) for level in levels]
+    plays = random_mechanism(rng, reachable_beliefs(worlds[0], 3), 2)
+    found = [path_leakage(world, plays, 3, rng=rng, n_draws=5000) for world in worlds]
+    assert all(each.n_draws == 0 for each in found)
+    errors, ceilings = (np.array([getattr(each, name) for each in found]) for name in ("bayes_error", "prior_error"))
+    assert (np.diff(errors, axis=0) <= 1e-7).all()
+    assert (np.diff(ceilings, axis=0) <= 1e-7).all()
+    assert np.abs(errors[0] - errors[1]).max() < 1e-9  # one symbol for all says nothing
+    assert errors[2].mean() < errors[1].mean() - 1e-6
+    assert errors[3].max() < 1e-6
+    assert found[3].is_all_public
+    assert not found[2].is_all_public
+    assert "nothing is left to hide" in found[3].summary()

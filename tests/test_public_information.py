@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import os
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from inscrutable import (
+    BeliefFilter,
     CategoricalEmission,
+    GaussianEmission,
     HiddenMarkovModel,
+    InputError,
     Mechanism,
+    ModelError,
     PublicPart,
     SequentialAdversary,
     filter_beliefs,
     path_leakage,
     reachable_beliefs,
+    simplex_grid,
 )
 from inscrutable.privacy import over_time
 
@@ -252,3 +259,237 @@ def test_more_public_information_never_lowers_accuracy(seed: int) -> None:
     assert found[3].is_all_public
     assert not found[2].is_all_public
     assert "nothing is left to hide" in found[3].summary()
+
+
+MIXED = np.array([[0.9, 0.1], [0.2, 0.8]])
+
+
+def mixing(resolution: int = 10) -> Mechanism:
+    """Decisions whose chances are linear in the belief, so that nothing is lost between the points of a grid."""
+    points = simplex_grid(2, resolution)
+    return Mechanism(points, [0, 1], points @ MIXED, np.zeros((len(points), 2)))
+
+
+def real_world(kind: str) -> HiddenMarkovModel:
+    """Two states; the public number depends on the private one, or does not."""
+    law, start = [[0.8, 0.2], [0.3, 0.7]], [0.6, 0.4]
+    if kind == "part":
+        spread = [[[1.0, 0.4], [0.4, 0.8]], [[0.5, -0.2], [-0.2, 1.5]]]
+        sensor = GaussianEmission([[0.0, 0.3], [1.0, -0.5]], spread)
+        return HiddenMarkovModel(law, sensor, start, public=PublicPart([[0.5, 0.5]]))
+    private, public = (
+        GaussianEmission([[0.0], [1.0]], [[[1.0]], [[0.5]]]),
+        GaussianEmission([[0.3], [-0.5]], [[[0.8]], [[1.5]]]),
+    )
+    return HiddenMarkovModel(law, private, start, public=public)
+
+
+def quadrature(world: HiddenMarkovModel, read: np.ndarray, columns: list[int]) -> np.ndarray:
+    """E[π_1 | z_0, z_1, u_0, u_1] by sums over the private numbers of both steps."""
+    line = np.linspace(-9.0, 9.0, 361)
+    logs = []
+    for z in read:
+        if isinstance(world.public, PublicPart):
+            rows = np.column_stack([line, 2.0 * z - line])
+            logs.append(world.emission.log_likelihoods(rows))
+        else:
+            logs.append(world.emission.log_likelihoods(line) + world.public.log_likelihoods([z]))
+    first, second = (np.exp(each) for each in logs)
+    joint = world.initial * first  # (n, X)
+    weight, belief = joint.sum(axis=1), joint / joint.sum(axis=1, keepdims=True)
+    weight = weight * (belief @ MIXED)[:, columns[0]]
+    later = (belief @ world.transition)[:, None] * second
+    chance = later.sum(axis=2)
+    held = later / chance[:, :, None]
+    total = weight[:, None] * chance * (held @ MIXED)[:, :, columns[1]]
+    return np.asarray((total[:, :, None] * held).sum(axis=(0, 1)) / total.sum())
+
+
+@pytest.mark.parametrize("kind", ["part", "sensor"])
+def test_particles_of_real_sensors_are_within_their_sampling_error(kind: str) -> None:
+    rng = np.random.default_rng([SEED, 3])
+    world, n_particles = real_world(kind), 3000
+    adversary = SequentialAdversary(world, mixing(), n_particles=n_particles, rng=rng)
+    for columns, read in (([0, 1], np.array([0.2, 1.4])), ([1, 1], np.array([-1.0, -0.3]))):
+        found = np.array([adversary.filter(columns, public=read).mean[1] for _ in range(8)])
+        truth = quadrature(world, read, columns)
+        spread = found.std(axis=0, ddof=1)
+        assert (spread < 0.02).all()
+        assert (np.abs(found.mean(axis=0) - truth) < 6.0 * spread / np.sqrt(8.0) + 1e-4).all()
+    # Who does not read it is less sure.
+    unread = np.full(2, np.nan)
+    assert adversary.filter([0, 1], public=unread).spread[1] > adversary.filter([0, 1], public=[0.2, 1.4]).spread[1]
+
+
+def test_without_decisions_the_law_is_that_of_the_public_sensor_alone() -> None:
+    """E[π_t | z_0..t] is the state's law given z_0..t: an ordinary filter of the public sensor."""
+    rng = np.random.default_rng([SEED, 4])
+    for kind in ("part", "sensor"):
+        world = real_world(kind)
+        path = world.sample(15, rng=rng)
+        alone = HiddenMarkovModel(world.transition, world.public_emission, world.initial)
+        expected = filter_beliefs(alone, path.public)
+        found = SequentialAdversary(world, mixing(), n_particles=4000, rng=rng).unseen(15, public=path.public)
+        assert np.abs(found.mean - expected.beliefs).max() < 0.03
+        assert found.log_likelihood.sum() == pytest.approx(expected.log_likelihood, abs=0.2)
+
+
+@pytest.mark.parametrize("smoothed", [False, True])
+def test_symbols_beside_a_real_public_sensor_are_followed_exactly(smoothed: bool) -> None:
+    rng = np.random.default_rng([SEED, 5])
+    private = CategoricalEmission(rng.dirichlet(np.ones(2), 2))
+    law, read = rng.dirichlet(np.ones(2), 2), np.array([0.4, 1.1, -0.2])
+    public = GaussianEmission([[0.0], [1.0]], [[[1.0]], [[2.0]]])
+    world = HiddenMarkovModel(law, private, [0.5, 0.5], public=public)
+    adversary = SequentialAdversary(world, mixing(), n_particles=64, rng=rng)
+    found = (adversary.smooth if smoothed else adversary.filter)([0, 1, 1], public=read)
+    # The same with the density of each number read as the likelihood of a symbol of its own.
+    density = np.exp(public.log_likelihoods(read))  # (T, X)
+    for step in range(3):
+        total, mean, state = 0.0, np.zeros(2), np.zeros(2)
+        last = 3 if smoothed else step + 1
+        for said in product(range(2), repeat=last):
+            forward, beliefs = world.initial, []
+            for t, y in enumerate(said):
+                held = forward * private.probabilities[:, y] * density[t]
+                beliefs.append(held / held.sum())
+                forward = beliefs[-1] @ law
+            for path in product(range(2), repeat=last):
+                weight = 1.0
+                for t, (x, y) in enumerate(zip(path, said, strict=True)):
+                    weight *= world.initial[x] if t == 0 else law[path[t - 1], x]
+                    weight *= private.probabilities[x, y] * density[t, x] * (beliefs[t] @ MIXED)[[0, 1, 1][t]]
+                total, mean = total + weight, mean + weight * beliefs[step]
+                state[path[step]] += weight
+        assert np.abs(found.mean[step] - mean / total).max() < EXACT
+        assert np.abs(found.states[step] - state / total).max() < EXACT
+
+
+def test_an_agent_with_another_model_of_the_public_sensor() -> None:
+    rng = np.random.default_rng([SEED, 6])
+    world, agent = random_world(rng, "sensor"), random_world(rng, "sensor")
+    plays = random_mechanism(rng, reachable_beliefs(agent, 3))
+    columns, read = [0, 2, 1], np.array([1, 0, 1])
+    truth = Enumerated(world, plays, columns, read, agent)
+    for n_particles in (0, 100):
+        adversary = SequentialAdversary(
+            world, plays, agent_world=agent, n_particles=n_particles, rng=rng if n_particles else None
+        )
+        check_against(adversary.filter(columns, public=read), truth, smoothed=False)
+        check_against(adversary.smooth(columns, public=read), truth, smoothed=True)
+
+
+@pytest.mark.parametrize("kind", ["part", "sensor"])
+def test_a_world_goes_to_disk_and_back(kind: str) -> None:
+    for world in (real_world(kind), random_world(np.random.default_rng(1), kind, 2, 3)):
+        again = HiddenMarkovModel.from_dict(json.loads(json.dumps(world.to_dict())))
+        assert again.to_dict() == world.to_dict()
+        one, other = (each.sample(20, rng=np.random.default_rng(3)) for each in (world, again))
+        assert np.array_equal(one.public, other.public)
+    plain = HiddenMarkovModel(world.transition, world.emission, world.initial)
+    assert "public" not in plain.to_dict()
+    assert plain.sample(5, rng=np.random.default_rng(3)).public is None
+    assert np.array_equal(plain.sample(20, rng=np.random.default_rng(3)).observations, one.observations)
+
+
+def test_a_public_part_goes_by_the_labels_of_its_assets() -> None:
+    assets = ["Food", "Oil"]
+    means = pd.DataFrame([[0.0, 0.3], [1.0, -0.5]], columns=assets)
+    sensor = GaussianEmission(means.to_numpy(), [np.eye(2), 2.0 * np.eye(2)], asset_names=assets)
+    row = pd.DataFrame([[0.25, 0.75]], ["market"], assets)
+    worlds = [HiddenMarkovModel(MIXED, sensor, public=PublicPart(each)) for each in (row, row[assets[::-1]])]
+    returns = pd.DataFrame([[1.0, 2.0], [3.0, 5.0]], columns=assets)
+    for world in worlds:
+        assert np.allclose(world.public_of(returns[assets[::-1]]), [[1.75], [4.5]])
+        assert world.public_emission.asset_names == ("market",)
+        assert np.allclose(world.public_emission.means, [[0.225], [-0.125]])
+    with pytest.raises(InputError, match="Gas"):
+        HiddenMarkovModel(MIXED, sensor, public=PublicPart(row.rename(columns={"Oil": "Gas"})))
+
+
+def test_the_agent_filters_the_public_sensor_and_its_own() -> None:
+    rng = np.random.default_rng([SEED, 8])
+    world = random_world(rng, "sensor", 3, 3)
+    path = world.sample(30, rng=rng)
+    both = HiddenMarkovModel(
+        world.transition,
+        CategoricalEmission(
+            np.einsum("xy,xz->xyz", world.emission.probabilities, world.public.probabilities).reshape(3, -1)
+        ),
+        world.initial,
+    )
+    found = filter_beliefs(world, path.observations, public=path.public)
+    wanted = filter_beliefs(both, path.observations * 2 + path.public)
+    assert np.abs(found.beliefs - wanted.beliefs).max() < EXACT
+    assert found.log_likelihood == pytest.approx(wanted.log_likelihood, rel=1e-12)
+    live = BeliefFilter(world)
+    held = [live.update(y, public=z) for y, z in zip(path.observations, path.public, strict=True)]
+    assert np.array_equal(held, found.beliefs)
+    # Of labelled rows the public ones are put in the order of the observations.
+    dates = pd.period_range("2001-01", periods=30, freq="M")
+    observed, read = pd.Series(path.observations, dates), pd.Series(path.public, dates)
+    shuffled = read.sample(frac=1.0, random_state=1)
+    assert np.array_equal(filter_beliefs(world, observed, public=shuffled).beliefs, found.beliefs)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    world, part = random_world(rng, "sensor"), random_world(rng, "part", 2, 3)
+    plain = HiddenMarkovModel(world.transition, world.emission)
+    path, plays = world.sample(4, rng=rng), mixing()
+    three = CategoricalEmission(np.ones((3, 1)))
+    refused = [
+        ("pass what it reported as `public`", lambda: filter_beliefs(world, path.observations)),
+        ("the world has none", lambda: filter_beliefs(plain, path.observations, public=path.public)),
+        ("expected one per observation", lambda: filter_beliefs(world, path.observations, public=path.public[:2])),
+        ("whole numbers from 0 to 1", lambda: filter_beliefs(world, path.observations, public=[0, 1, 2, 0])),
+        ("that part of the agent's", lambda: filter_beliefs(part, [0, 1, 2], public=1 - part.public_of([0, 1, 2]))),
+        ("nothing public is part", lambda: world.public_of([0, 1])),
+        ("something public", lambda: SequentialAdversary(world, plays).filter([0, 1])),
+        ("the world has none", lambda: SequentialAdversary(plain, plays).filter([0, 1], public=[0, 1])),
+        ("one per decision", lambda: SequentialAdversary(world, plays).filter([0, 1], public=[0])),
+        ("same public symbols", lambda: SequentialAdversary(world, plays, agent_world=plain)),
+        ("pass n_particles", lambda: SequentialAdversary(real_world("part"), plays)),
+        ("an Emission that everybody reads", lambda: HiddenMarkovModel(MIXED, world.emission, public=[[1.0, 0.0]])),
+        ("the public sensor has 3 states", lambda: HiddenMarkovModel(MIXED, world.emission, public=three)),
+        ("single 1", lambda: HiddenMarkovModel(MIXED, world.emission, public=PublicPart([[1.0, 1.0], [0.0, 1.0]]))),
+        ("one per symbol", lambda: HiddenMarkovModel(MIXED, world.emission, public=PublicPart(np.eye(3)))),
+        ("rank 1", lambda: HiddenMarkovModel(MIXED, real_world("part").emission, public=PublicPart(np.ones((2, 2))))),
+        ("one per dimension", lambda: HiddenMarkovModel(MIXED, real_world("part").emission, public=PublicPart([[1.0]]))),
+        ("finite", lambda: PublicPart([[np.nan, 1.0]])),
+        ("is needed", lambda: path_leakage(real_world("sensor"), plays, 2, rng=rng)),
+    ]  # fmt: skip
+    for said, ask in refused:
+        with pytest.raises(InputError, match=said):
+            ask()
+    still = HiddenMarkovModel(
+        np.eye(2), CategoricalEmission(np.eye(2)), [0.5, 0.5], public=CategoricalEmission(np.eye(2))
+    )
+    with pytest.raises(ModelError, match="step 1"):
+        SequentialAdversary(still, Mechanism(np.eye(2), [0, 1], np.eye(2), np.zeros((2, 2)))).unseen(2, public=[0, 1])
+
+
+def test_degenerate_worlds() -> None:
+    """One symbol for everybody, one state pair of copies, a state of probability zero: nothing is lost or gained."""
+    rng = np.random.default_rng([SEED, 9])
+    world = random_world(rng, "part", 2, 3)
+    silent = HiddenMarkovModel(
+        world.transition, world.emission, world.initial, public=CategoricalEmission(np.ones((2, 1)))
+    )
+    plain = HiddenMarkovModel(world.transition, world.emission, world.initial)
+    plays = random_mechanism(rng, reachable_beliefs(plain, 3))
+    columns = [0, 1, 2]
+    one = SequentialAdversary(plain, plays).filter(columns)
+    for other in (
+        silent,
+        HiddenMarkovModel(world.transition, world.emission, world.initial, public=PublicPart(np.ones((1, 3)))),
+    ):
+        found = SequentialAdversary(other, plays).filter(columns, public=np.zeros(3))
+        assert np.abs(found.weights - one.weights).max() < EXACT
+        assert np.abs(found.log_likelihood - one.log_likelihood).max() < EXACT
+    sure = HiddenMarkovModel(
+        np.eye(2), world.emission, [1.0, 0.0], public=CategoricalEmission([[0.5, 0.5], [0.1, 0.9]])
+    )
+    still = path_leakage(sure, random_mechanism(rng, reachable_beliefs(sure, 3)), 3, rng=rng)
+    assert still.cumulative.max() == 0.0
+    assert still.is_all_public

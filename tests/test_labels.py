@@ -299,6 +299,20 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
     ("GaussianEmission covariances", SPREAD, lambda v: chances(ins.GaussianEmission(MEANS, v))),
     ("GaussianEmission log_likelihoods", RETURNS, lambda v: np.sort(SENSOR.log_likelihoods(v), axis=0)),
     ("CategoricalEmission", TABLE, lambda v: ins.CategoricalEmission(v).log_likelihoods([0, 1])),
+    (
+        "PublicPart",
+        pd.DataFrame([[0.2, 0.5, 0.3], [1.0, -1.0, 0.0]], ["market", "tilt"], ASSETS),
+        lambda v: pd.Series(
+            ins.HiddenMarkovModel(STEADY, SENSOR, public=ins.PublicPart(v)).public_of(RETURNS)[0], list(v.index)
+        )[["market", "tilt"]].to_numpy(),
+    ),
+    (
+        "filter_beliefs public",
+        RETURNS,
+        lambda v: ins.filter_beliefs(
+            ins.HiddenMarkovModel(STEADY, SYMBOLS, INITIAL, public=SENSOR), pd.Series([0, 1, 0], MONTHS), public=v
+        ).beliefs.to_numpy(),
+    ),
     ("filter_beliefs", RETURNS.iloc[:1], lambda v: ins.filter_beliefs(WORLD, v).beliefs.to_numpy()),
     ("BeliefFilter", RETURNS.iloc[0], lambda v: ins.BeliefFilter(WORLD).update(v)),
     ("fit_gaussian_hmm", pd.concat([RETURNS, RETURNS**2], ignore_index=True), lambda v: np.round(fitted(v), 12)),

@@ -169,6 +169,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.worlds import FittedWorld as FittedWorld
     from inscrutable.worlds import GaussianEmission as GaussianEmission
     from inscrutable.worlds import HiddenMarkovModel as HiddenMarkovModel
+    from inscrutable.worlds import PublicPart as PublicPart
     from inscrutable.worlds import Trajectory as Trajectory
     from inscrutable.worlds import fit_gaussian_hmm as fit_gaussian_hmm
 else:  # hidden from type checkers, which would otherwise accept any misspelt name

@@ -12,6 +12,7 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 from inscrutable.worlds.hidden_markov import HiddenMarkovModel
 from inscrutable.worlds.observations import is_labelled, row_name
+from inscrutable.worlds.public import public_log_likelihoods
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,21 +45,24 @@ class FilterResult(Generic[Table]):
 
 @overload
 def filter_beliefs(
-    world: HiddenMarkovModel, observations: pd.DataFrame | pd.Series[Any]
+    world: HiddenMarkovModel, observations: pd.DataFrame | pd.Series[Any], *, public: Any = None
 ) -> FilterResult[pd.DataFrame]: ...
 @overload
-def filter_beliefs(world: HiddenMarkovModel, observations: ArrayLike) -> FilterResult[Array]: ...
-def filter_beliefs(world: HiddenMarkovModel, observations: Any) -> FilterResult[Any]:
+def filter_beliefs(world: HiddenMarkovModel, observations: ArrayLike, *, public: Any = None) -> FilterResult[Array]: ...
+def filter_beliefs(world: HiddenMarkovModel, observations: Any, *, public: Any = None) -> FilterResult[Any]:
     """Return the private beliefs of an agent that watches `observations` one by one.
 
-    π_t(j) ∝ p(y_t | x_t = j) Σ_i π_{t-1}(i) P_ij, where x_0 has the law `world.initial` before y_0 is seen. In log
-    space, so observations that favour one state by thousands of orders of magnitude, in turn, are filtered right.
-    Causal: more observations never change an earlier row, not even its last digit.
+    π_t(j) ∝ p(y_t | x_t = j) Σ_i π_{t-1}(i) P_ij, where x_0 has the law `world.initial` before y_0 is seen; times
+    p(z_t | x_t = j) where the world has a public sensor, which the agent reads as everybody does. In log space, so
+    observations that favour one state by thousands of orders of magnitude, in turn, are filtered right. Causal: more
+    observations never change an earlier row, not even its last digit.
 
     Args:
         world: The hidden Markov model.
         observations: (T,) symbols or (T,D) real vectors, T >= 1. With a DataFrame or Series the beliefs come back as
             DataFrames with the same index and the states' names as columns.
+        public: What the world's public sensor reported, T of them; labelled rows are put in the order of the observations'.
+            Of a `PublicPart`, which the observations hold already, None, or what is then checked against them.
 
     Returns:
         Beliefs (T,X), one-step predictions (T,X) and the log-likelihood.
@@ -79,7 +83,7 @@ def filter_beliefs(world: HiddenMarkovModel, observations: Any) -> FilterResult[
         >>> filter_beliefs(world, [0, 1]).beliefs.round(3).tolist()
         [[0.96, 0.04], [0.611, 0.389]]
     """
-    log_likelihoods = _log_likelihoods(_checked(world), observations)
+    log_likelihoods = _log_likelihoods(_checked(world), observations, public)
     with np.errstate(divide="ignore"):
         log_prior = np.log(world.initial)
     _, _, beliefs, predicted, increments = _pass(world, log_prior, log_likelihoods)
@@ -130,12 +134,13 @@ class BeliefFilter:
         """Natural logarithm of p(y_0..t), zero before any update."""
         return self._log_likelihood
 
-    def update(self, observation: Any) -> Array:
+    def update(self, observation: Any, *, public: Any = None) -> Array:
         """Take in one observation and return the belief p(x_t | y_0..t); the first has no transition before it.
 
         Args:
             observation: A symbol or a (D,) real vector; a Series, or a DataFrame of one row, is aligned by the sensor's
                 asset names.
+            public: What the world's public sensor reported at the same step; as for `filter_beliefs`.
 
         Returns:
             (X,) belief.
@@ -147,7 +152,7 @@ class BeliefFilter:
         Cost: O(X²) after the sensor's log-likelihoods.
         """
         row = _one_row(observation)
-        log_likelihoods = _log_likelihoods(self._world, row)
+        log_likelihoods = _log_likelihoods(self._world, row, None if public is None else _one_row(public))
         if log_likelihoods.shape[0] != 1:
             raise InputError(
                 f"update takes one observation, got {log_likelihoods.shape[0]}; use filter_beliefs for many"
@@ -173,15 +178,26 @@ def _checked(world: Any) -> HiddenMarkovModel:
     return world
 
 
-def _log_likelihoods(world: HiddenMarkovModel, observations: Any) -> Array:
-    """Ask the sensor, which may be the user's own: what it returns is checked."""
-    values = np.ascontiguousarray(world.emission.log_likelihoods(observations), dtype=np.float64)
+def _log_likelihoods(world: HiddenMarkovModel, observations: Any, public: Any) -> Array:
+    """Ask the sensors, which may be the user's own: what they return is checked."""
+    values = _sensible(world.emission.log_likelihoods(observations), world, "the emission")
+    told = public_log_likelihoods(world.emission, world.public, observations, public)
+    if told is None:
+        return values
+    more = _sensible(told, world, "the public emission")
+    if len(more) != len(values):
+        raise InputError(f"public has {len(more)} entries, expected one per observation: {len(values)}")
+    return values + more
+
+
+def _sensible(found: Any, world: HiddenMarkovModel, what: str) -> Array:
+    values = np.ascontiguousarray(found, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != world.n_states:
-        raise InputError(f"the emission's log-likelihoods have shape {values.shape}, expected (T,{world.n_states})")
+        raise InputError(f"{what}'s log-likelihoods have shape {values.shape}, expected (T,{world.n_states})")
     bad = np.argwhere(~(values < np.inf))
     if bad.size:
         t, i = (int(k) for k in bad[0])
-        raise InputError(f"the emission's log-likelihood at step {t} is {values[t, i]} in state {i}")
+        raise InputError(f"{what}'s log-likelihood at step {t} is {values[t, i]} in state {i}")
     return values
 
 

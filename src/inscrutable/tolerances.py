@@ -17,6 +17,10 @@ SUM_ROUNDING = 1e-14
 """A row of probabilities this close to one is kept digit for digit: renormalising it again would only move its last
 digit, and what was checked once (or read from a file) must come back unchanged. A few dozen roundings."""
 
+PUBLIC_PART = 1e-8
+"""How far public observations may be from that part of the agent's own, relative to their size: two sums of the same numbers in
+another order agree to far less, numbers of another row do not."""
+
 SYMMETRY = 1e-8
 """Largest asymmetry of a covariance or Hessian, relative to its largest entry."""
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from inscrutable.validation import Array
-from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+from inscrutable.worlds import Emission, HiddenMarkovModel
+from inscrutable.worlds.public import joint_symbols
 
 
 class AgentModel:
@@ -20,14 +21,14 @@ class AgentModel:
         self.world = world
 
     def symbols(self) -> Array:
-        """Return p(y | x) for every symbol of a categorical sensor, shape (Y,X)."""
-        emission = self.world.emission
-        assert isinstance(emission, CategoricalEmission)
-        return np.asarray(emission.probabilities.T)
+        """Return p(y | x) for every symbol of a categorical sensor, of a public one for every pair, shape (Y,X)."""
+        pairs = joint_symbols(self.world.emission, self.world.public)
+        assert pairs is not None
+        return np.asarray(pairs.probabilities.T)
 
     def likelihoods(self, observations: Any) -> Array:
-        """Return p(y_n | x), each row scaled to a largest entry of one, shape (N,X)."""
-        return scaled_likelihoods(self.world, observations)
+        """Return p(y_n | x) of the private sensor, each row scaled to a largest entry of one, shape (N,X)."""
+        return scaled_likelihoods(self.world.emission, observations)
 
     def first(self, likelihoods: Array) -> Array:
         """Return the belief after the first observation, for likelihoods (Y,X): shape (1,Y,X)."""
@@ -43,9 +44,9 @@ class AgentModel:
         return _updated(predicted, likelihoods)
 
 
-def scaled_likelihoods(world: HiddenMarkovModel, observations: Any) -> Array:
+def scaled_likelihoods(sensor: Emission, observations: Any) -> Array:
     """Return p(y_n | x), each row scaled to a largest entry of one, shape (N,X)."""
-    logs = np.asarray(world.emission.log_likelihoods(observations), dtype=np.float64)
+    logs = np.asarray(sensor.log_likelihoods(observations), dtype=np.float64)
     largest = logs.max(axis=1, keepdims=True)
     return np.exp(logs - np.where(np.isfinite(largest), largest, 0.0))
 

@@ -3,10 +3,14 @@
 α_0(x,b) = p_0(x) Σ_y B[x,y] W_0[y,b],   α_{t+1}(x',b') = Σ_y B[x',y] Σ_b W_y[b,b'] Σ_x P[x,x'] α_t(x,b).
 Row (y,b) of W holds the mixture of points that stands for the agent's next belief T(π_b,y). The sums over y are taken once, in
 one sparse matrix. Of a chain of beliefs there is one state, which says nothing.
+
+Where something is public, y stands for all that is reported at a step, and what was read of it keeps the terms that agree with
+it: there is one matrix for every public symbol, and the law then holds the probability of what was read.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +21,7 @@ from inscrutable.adversaries.belief_points import BeliefPoints, PointMixture
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
+from inscrutable.worlds.public import UNREAD, JointSymbols, joint_symbols
 
 
 class BeliefMoves:
@@ -24,44 +29,71 @@ class BeliefMoves:
 
     Args:
         points: The beliefs, shape (B,X).
-        start: The law before the first decision, shape (X,B).
+        starts: The law before the first decision with each public symbol, shape (Z,X,B).
         transition: P; of a chain a single one.
-        forward: The sparse matrix (X·B, X·B) of Σ_y B[x',y] W_y, transposed.
-        reports: B[x,y].
+        forwards: For each public symbol the sparse matrix (X·B, X·B) of Σ_y B[x',y] W_y, transposed.
+        symbols: B[x,y], and which y go with which public symbol.
         errors: Expected distance of T(π_b,y) from the points that stand for it, shape (B,Y).
-        start_error: The same of the first belief.
+        start_errors: The same of the first belief, shape (Y,), times the probability of y.
         of_chain: Whether the state is no part of the law.
     """
 
     def __init__(
         self,
         points: Array,
-        start: Array,
+        starts: Array,
         transition: Array,
-        forward: Any,
+        forwards: Sequence[Any],
         *,
-        reports: Array,
+        symbols: JointSymbols,
         errors: Array,
-        start_error: float = 0.0,
+        start_errors: Array,
         of_chain: bool = False,
     ) -> None:
-        self.points, self.start, self.errors, self.start_error = points, start, errors, start_error
-        self._transition, self._reports, self.of_chain = transition, reports, of_chain
-        self._forward, self._backward = sparse.csr_array(forward), sparse.csr_array(forward.T)
+        self.points, self.starts, self.errors = points, starts, errors
+        self._transition, self._symbols, self._start_errors, self.of_chain = transition, symbols, start_errors, of_chain
+        tables = [sparse.csr_array(each) for each in forwards]
+        if len(tables) > 1:
+            tables.append(sparse.csr_array(sum(tables[1:], start=tables[0])))  # at the place UNREAD
+        self._forwards = tables
+        self._backwards = [sparse.csr_array(each.T) for each in tables]
 
-    def ahead(self, laws: Array) -> tuple[Array, Array]:
+    @property
+    def n_public(self) -> int:
+        """How many public symbols there are; 1 where nothing is public."""
+        return len(self.starts)
+
+    @property
+    def start(self) -> Array:
+        """The law before the first decision of one who reads nothing, shape (X,B)."""
+        return self.starts[0] if self.n_public == 1 else np.asarray(self.starts.sum(axis=0))
+
+    def first(self, read: int = UNREAD) -> tuple[Array, float]:
+        """Return the law (X,B) before the first decision, and the expected distance from the points times its weight."""
+        some = self._agreeing(read)
+        return self.start if read == UNREAD else self.starts[read], float(self._start_errors[some].sum())
+
+    def ahead(self, laws: Array, read: int = UNREAD) -> tuple[Array, Array]:
         """Return laws (X,B,C) a step later, and the expected distances (C,) from the points, each times its law's weight."""
         n_states, n_points, count = laws.shape
         moved = self._transition.T @ laws.reshape(n_states, -1)
-        spread = (self._reports.T @ moved).reshape(-1, n_points, count)
-        errors = np.einsum("ybc,by->c", spread, self.errors) if self.errors.any() else np.zeros(count)
-        return np.asarray(self._forward @ moved.reshape(-1, count)).reshape(laws.shape), np.asarray(errors)
+        errors = np.zeros(count)
+        if self.errors.any():
+            some = self._agreeing(read)
+            spread = (self._symbols.probabilities[:, some].T @ moved).reshape(-1, n_points, count)
+            errors = np.einsum("ybc,by->c", spread, self.errors[:, some])
+        found = self._forwards[read] @ moved.reshape(-1, count)
+        return np.asarray(found).reshape(laws.shape), np.asarray(errors)
 
-    def back(self, later: Array) -> Array:
+    def back(self, later: Array, read: int = UNREAD) -> Array:
         """Return likelihoods (X,B,C) of what comes later, as they are a step before."""
         n_states, _, count = later.shape
-        moved = np.asarray(self._backward @ later.reshape(-1, count))
+        moved = np.asarray(self._backwards[read] @ later.reshape(-1, count))
         return np.asarray(self._transition @ moved.reshape(n_states, -1)).reshape(later.shape)
+
+    def _agreeing(self, read: int) -> Any:
+        """The places of y that agree with what was read."""
+        return slice(None) if read == UNREAD else np.flatnonzero(self._symbols.public == read)
 
 
 def moves_of(
@@ -75,31 +107,39 @@ def moves_of(
 
 
 def _of_world(world: HiddenMarkovModel, agent: AgentModel, points: BeliefPoints) -> BeliefMoves:
-    reports = np.asarray(world.emission.probabilities)  # type: ignore[attr-defined]  # (X, Y)
+    symbols = joint_symbols(world.emission, world.public)
+    assert symbols is not None
+    reports, n_points = symbols.probabilities, len(points)  # (X, Y)
     n_states, n_symbols = reports.shape
     first = points.mixed(agent.first(agent.symbols()).reshape(-1, n_states))
     later = points.mixed(agent.next(points.points, agent.symbols()).reshape(-1, n_states))
-    rows = _as_rows(later, len(points))  # row b·Y + y
+    rows = _as_rows(later, n_points)  # row b·Y + y
+    begun = _as_rows(first, n_points).toarray()
+    agreeing = [np.where(symbols.public == z, reports, 0.0) for z in range(symbols.n_public)]
     return BeliefMoves(
         points.points,
-        (world.initial[:, None] * reports) @ _as_rows(first, len(points)).toarray(),
+        np.array([(world.initial[:, None] * each) @ begun for each in agreeing]),
         world.transition,
-        sparse.block_diag([_summed(rows, share, len(points)).T for share in reports], format="csr"),
-        reports=reports,
-        errors=later.errors.reshape(len(points), n_symbols),
-        start_error=float(((world.initial @ reports) * first.errors).sum()),
+        [sparse.block_diag([_summed(rows, share, n_points).T for share in each], format="csr") for each in agreeing],
+        symbols=symbols,
+        errors=later.errors.reshape(n_points, n_symbols),
+        start_errors=(world.initial @ reports) * first.errors,
     )
 
 
 def _of_chain(chain: BeliefChain) -> BeliefMoves:
     count, one = len(chain.prior), np.ones((1, 1))
+    weights = chain.prior.weights
+    tables = [chain.transition] if chain.public is None else list(chain.public)
+    starts = [weights] if chain.public is None else [weights @ each for each in tables]
     return BeliefMoves(
         chain.prior.beliefs,
-        chain.prior.weights[None],
+        np.array(starts)[:, None],
         one,
-        chain.transition.T,
-        reports=one,
+        [each.T for each in tables],
+        symbols=JointSymbols(one, np.zeros(1, dtype=np.int64), len(tables)),
         errors=np.zeros((count, 1)),
+        start_errors=np.zeros(1),
         of_chain=True,
     )
 

@@ -2,15 +2,15 @@
 
 A particle is a private belief π_n and a joint weight a_n(x) over states, so the state is never drawn. Of a sensor with
 symbols every successor T(π_n,y) is followed, with weight Σ_x B[x',y] P[x,x'] a_n(x); of any other sensor observations are
-drawn from the observer's own prediction. Given the path of beliefs, the memory is independent of the state: each particle has
-a law of it, which is followed exactly. Whatever was seen then weighs the candidates, and what exceeds the number of
-particles is thinned without bias and without doubles.
+drawn from the observer's own prediction, given what was read of what is public. Given the path of beliefs, the memory is
+independent of the state: each particle has a law of it, which is followed exactly. Whatever was seen then weighs the
+candidates, and what exceeds the number of particles is thinned without bias and without doubles.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -21,7 +21,8 @@ from inscrutable.adversaries.decision_tables import UNSEEN, DecisionTables, Know
 from inscrutable.adversaries.sequence_evidence import Evidence, impossible_step
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.validation import Array
-from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+from inscrutable.worlds import CategoricalEmission, Emission, HiddenMarkovModel
+from inscrutable.worlds.public import UNREAD, PublicPart, conditional_draws, joint_symbols
 
 _DRAWN_PER_PARTICLE = 4
 
@@ -33,6 +34,20 @@ class Cloud(NamedTuple):
     joint: Array  # (N, X), sums to one
     likelihoods: Array  # (N, X): of this step's observation and evidence, up to a factor of the particle's own
     parents: np.ndarray  # (N,) particles of the step before
+
+
+class PublicReading(NamedTuple):
+    """What was read of what is public at a step."""
+
+    values: Any = None  # (Z,), or a symbol; None where it is told by its number, or was not read
+    likelihoods: Any = None  # (X,): p(z|x) in the observer's world, up to exp(offset)
+    own: Any = None  # (X,): the same in the agent's, up to a factor
+    offset: float = 0.0
+    symbol: int = UNREAD  # where all that is reported are symbols
+    is_drawn: bool = False  # whether it was not read and has to be drawn
+
+
+_NOTHING = PublicReading()
 
 
 class Remembered(NamedTuple):
@@ -73,6 +88,7 @@ class BeliefParticles:
     ) -> None:
         self._world, self._agent, self._rule, self._points = world, agent, rule, points
         self._n_particles = n_particles
+        self._symbols = joint_symbols(world.emission, world.public)
 
     def run(
         self,
@@ -90,7 +106,8 @@ class BeliefParticles:
         initial = self._rule.initial if evidence.told is None else np.eye(len(self._rule.initial))[evidence.told[0]]
         held = Remembered(initial[None, initial > 0], np.flatnonzero(initial))
         for t in range(len(evidence)):
-            cloud = self._candidates(cloud, evidence.states[t], rng)
+            read = self._read(evidence, t)
+            cloud = self._candidates(cloud, evidence.states[t], read, rng)
             if not cloud.joint.sum() > 0:
                 raise impossible_step(t)
             held = held.of(cloud.parents)
@@ -104,6 +121,7 @@ class BeliefParticles:
             used.append(known)
             last = known.action(known.column(evidence.points[t], evidence.nearest)[0])
             cloud, held = self._weighed(cloud, held, mixture, evidence, t, known, track)
+            track.logs[t] += read.offset
             cloud, alive = _thinned(cloud, self._n_particles, rng)
             held = held.of(alive)
             if smooth:
@@ -124,18 +142,49 @@ class BeliefParticles:
         )
         return found, used
 
-    def _candidates(self, cloud: Cloud | None, seen: Array, rng: np.random.Generator) -> Cloud:
+    def _read(self, evidence: Evidence, t: int) -> PublicReading:
+        """What was read at a step, as likelihoods of the observer's world and of the agent's."""
+        if evidence.public is None:
+            return _NOTHING
+        if evidence.public.ndim == 1:
+            symbol = int(evidence.public[t])
+            if self._symbols is not None:
+                return PublicReading(symbol=symbol)
+            values: Any = evidence.public[t : t + 1]
+            if symbol == UNREAD:
+                return PublicReading(is_drawn=True)
+        else:
+            values = evidence.public[t : t + 1]
+            if np.isnan(values).any():
+                return PublicReading(is_drawn=True)
+        emission: Any = self._world.public_emission
+        logs = np.asarray(emission.log_likelihoods(values), dtype=np.float64)[0]
+        offset = float(logs.max())
+        if np.isneginf(offset):
+            raise impossible_step(t)
+        other: Any = self._agent.world.public_emission
+        own = scaled_likelihoods(other, values)[0]
+        return PublicReading(values[0], np.exp(logs - offset), own, offset)
+
+    def _candidates(self, cloud: Cloud | None, seen: Array, read: PublicReading, rng: np.random.Generator) -> Cloud:
         predicted = self._world.initial[None] if cloud is None else cloud.joint @ self._world.transition
         predicted = predicted * seen
-        if isinstance(self._world.emission, CategoricalEmission):
-            return self._every_symbol(cloud, predicted, seen)
-        return self._drawn(cloud, predicted, seen, rng)
+        if isinstance(self._world.emission, CategoricalEmission) and not read.is_drawn:
+            return self._every_symbol(cloud, predicted, seen, read)
+        return self._drawn(cloud, predicted, seen, read, rng)
 
-    def _every_symbol(self, cloud: Cloud | None, predicted: Array, seen: Array) -> Cloud:
+    def _every_symbol(self, cloud: Cloud | None, predicted: Array, seen: Array, read: PublicReading) -> Cloud:
+        """Every symbol that agrees with what was read; of a public sensor that reports real numbers, every private one."""
         agent = self._agent
-        reports = self._world.emission.probabilities.T  # type: ignore[attr-defined]  # (Y, X)
+        if self._symbols is not None:
+            agreeing = read.symbol == UNREAD or self._symbols.public == read.symbol
+            some = np.flatnonzero(np.broadcast_to(agreeing, self._symbols.public.shape))
+            reports, own = self._symbols.probabilities.T[some], agent.symbols()[some]  # (Y, X)
+        else:
+            reports = self._world.emission.probabilities.T * read.likelihoods  # type: ignore[attr-defined]
+            own = agent.world.emission.probabilities.T * read.own  # type: ignore[attr-defined]
         count, n_states = predicted.shape
-        beliefs = agent.first(agent.symbols()) if cloud is None else agent.next(cloud.beliefs, agent.symbols())
+        beliefs = agent.first(own) if cloud is None else agent.next(cloud.beliefs, own)
         joint = (predicted[:, None] * reports).reshape(-1, n_states)
         possible = np.flatnonzero(joint.sum(axis=1) > 0)
         return Cloud(
@@ -145,8 +194,15 @@ class BeliefParticles:
             np.repeat(np.arange(count), len(reports))[possible],
         )
 
-    def _drawn(self, cloud: Cloud | None, predicted: Array, seen: Array, rng: np.random.Generator) -> Cloud:
-        """Observations from Σ_x p(y|x) predicted(x), so each of a particle's draws carries an equal share of its weight."""
+    def _drawn(
+        self, cloud: Cloud | None, predicted: Array, seen: Array, read: PublicReading, rng: np.random.Generator
+    ) -> Cloud:
+        """Observations from Σ_x p(y|x) predicted(x), so each of a particle's draws carries an equal share of its weight.
+
+        Given a public part z they come from Σ_x p(y|x,z) p(z|x) predicted(x).
+        """
+        world, is_part = self._world, isinstance(self._world.public, PublicPart)
+        predicted = predicted if read.likelihoods is None else predicted * read.likelihoods
         whole = predicted.sum(axis=1)
         possible = np.flatnonzero(whole > 0)
         if not possible.size:
@@ -155,11 +211,27 @@ class BeliefParticles:
         parents = np.repeat(possible, each)
         sums = np.cumsum(predicted[parents], axis=1)
         states = (rng.random(len(parents))[:, None] * sums[:, -1:] >= sums).sum(axis=1)
-        observations = self._world.emission.sample(np.minimum(states, sums.shape[1] - 1), rng=rng)
-        likelihoods = scaled_likelihoods(self._world, observations)
+        states = np.minimum(states, sums.shape[1] - 1)
+        if is_part and read.values is not None:
+            assert isinstance(world.public, PublicPart)
+            observations: Any = conditional_draws(world.public, world.emission, states, read.values, rng=rng)
+            # p(y|x) holds p(z|x) already; the density of z itself is the same for all draws of a particle.
+            predicted = np.divide(predicted, read.likelihoods, out=np.zeros_like(predicted), where=predicted > 0)
+        else:
+            observations = world.emission.sample(states, rng=rng)
+        likelihoods, reported = scaled_likelihoods(world.emission, observations), self._agent.likelihoods(observations)
         joint = predicted[parents] * likelihoods
+        if (
+            not is_part and read.likelihoods is not None
+        ):  # the prediction has the observer's p(z|x), the filter needs the agent's
+            likelihoods, reported = likelihoods * read.likelihoods, reported * read.own
+        elif not is_part and read.is_drawn:
+            assert isinstance(world.public, Emission)
+            values = world.public.sample(states, rng=rng)
+            other: Any = self._agent.world.public_emission
+            told, own = (scaled_likelihoods(each, values) for each in (world.public, other))
+            likelihoods, reported, joint = likelihoods * told, reported * own, joint * told
         joint *= (whole[parents] / each / joint.sum(axis=1))[:, None]
-        reported = self._agent.likelihoods(observations)
         before = None if cloud is None else cloud.beliefs[parents]
         return Cloud(self._agent.next_paired(before, reported), joint, likelihoods * seen, parents)
 

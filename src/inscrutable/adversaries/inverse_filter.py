@@ -24,6 +24,7 @@ from inscrutable.adversaries.decision_tables import UNSEEN, DecisionTables, Entr
 from inscrutable.adversaries.sequence_evidence import Evidence, impossible_step
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.validation import Array
+from inscrutable.worlds.public import UNREAD
 
 _CELLS = 4.0
 """Largest interpolation errors by which a possible point may lie from one that plays the decision: they are neighbours."""
@@ -143,17 +144,37 @@ class InverseFilter:
     def __init__(self, moves: BeliefMoves, rule: KnownRule) -> None:
         self.moves, self.rule = moves, rule
 
-    def predicted(self, laws: Laws | None, told: int | None = None) -> tuple[Laws, Array]:
-        """Return the laws before a decision, and the expected distances (L,) of the belief from the points."""
+    def predicted(
+        self, laws: Laws | None, told: int | None = None, *, read: np.ndarray | None = None
+    ) -> tuple[Laws, Array]:
+        """Return the laws before a decision, and the expected distances (L,) of the belief from the points.
+
+        Where each observer reads a public symbol (L,), the laws hold its probability.
+        """
         if laws is not None:
-            weights, errors = self.moves.ahead(laws.weights)
-            return laws._replace(weights=weights), np.asarray(
-                np.bincount(laws.observer, weights=errors), dtype=np.float64
-            )
-        initial = self.rule.initial if told is None else np.eye(len(self.rule.initial))[told]
-        memory = np.flatnonzero(initial)
-        first = Laws(self.moves.start[:, :, None] * initial[memory], np.zeros(len(memory), dtype=np.intp), memory)
-        return first, np.array([self.moves.start_error])
+            weights, errors = self._ahead(laws, read)
+            found = laws._replace(weights=weights)
+            apart = np.bincount(laws.observer, weights=errors)
+        else:
+            initial = self.rule.initial if told is None else np.eye(len(self.rule.initial))[told]
+            memory = np.flatnonzero(initial)
+            start, error = self.moves.first(UNREAD if read is None else int(read[0]))
+            found = Laws(start[:, :, None] * initial[memory], np.zeros(len(memory), dtype=np.intp), memory)
+            apart = np.array([error])
+        if read is not None:
+            totals = found.totals()
+            apart = np.divide(apart, totals, out=np.zeros_like(totals), where=totals > 0)
+        return found, np.asarray(apart, dtype=np.float64)
+
+    def _ahead(self, laws: Laws, read: np.ndarray | None) -> tuple[Array, Array]:
+        if read is None:
+            return self.moves.ahead(laws.weights)
+        weights, errors = np.empty_like(laws.weights), np.empty(len(laws.memory))
+        columns = read[laws.observer]
+        for symbol in np.unique(columns):
+            mine = columns == symbol
+            weights[:, :, mine], errors[mine] = self.moves.ahead(laws.weights[:, :, mine], int(symbol))
+        return weights, errors
 
     def later(self, laws: Laws, n_steps: int) -> tuple[Laws, Array]:
         """Return what is held some steps later by one who sees nothing more, and the sums of errors (L,) on the way.
@@ -171,13 +192,13 @@ class InverseFilter:
     ) -> tuple[ForwardPass, list[DecisionTables]]:
         """Filter a sequence; `tables` are known where others than this observer's law made them."""
         n_steps, first = len(evidence), None if evidence.told is None else int(evidence.told[0])
-        beliefs, states = np.empty((n_steps, len(self.moves.points))), np.empty((n_steps, len(self.moves.start)))
+        beliefs, states = np.empty((n_steps, len(self.moves.points))), np.empty((n_steps, self.moves.starts.shape[1]))
         logs, errors = np.empty(n_steps), np.empty(n_steps)
         laws: Laws | None = None
         before = None
         kept, readings, statuses, used = [], [], [], []
         for t in range(n_steps):
-            predicted, error = self.predicted(laws, first)
+            predicted, error = self.predicted(laws, first, read=evidence.read_at(t))
             errors[t] = error[0]
             seen = predicted._replace(weights=predicted.weights * evidence.states[t][:, None, None])
             if not seen.weights.sum() > 0:
@@ -270,7 +291,7 @@ class InverseFilter:
         later = np.ones(laws[-1].weights.shape)
         for t in range(len(evidence) - 2, -1, -1):
             later = passed.readings[t + 1].back(later) * evidence.states[t + 1][:, None, None]
-            later = self.moves.back(later)
+            later = self.moves.back(later, evidence.symbol_at(t + 1))
             later /= later.max()
             weights = laws[t].weights * later
             laws[t] = laws[t]._replace(weights=weights / weights.sum())

@@ -13,17 +13,20 @@ from inscrutable.adversaries.decision_tables import NEVER_PLAYED, UNSEEN
 from inscrutable.adversaries.sequence_results import SequenceStatus
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
+from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.memory import MemoryMechanism
 from inscrutable.validation import Array
-from inscrutable.worlds import Emission
-from inscrutable.worlds.observations import symbols
+from inscrutable.worlds import CategoricalEmission, Emission, HiddenMarkovModel
+from inscrutable.worlds.observations import in_rows, real_rows, symbols
+from inscrutable.worlds.public import UNREAD
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """T steps of evidence.
 
-    `states` is what else was seen, as a likelihood with largest entry one, whose logarithm is `offsets`.
+    `states` is what else was seen, as a likelihood with largest entry one, whose logarithm is `offsets`. `public` is what
+    everybody read, symbols (T,) or real rows (T,Z), `UNREAD` or NaN where this observer did not; None where nothing is public.
     """
 
     points: Array  # (T,U) decisions, NaN where none was seen
@@ -31,6 +34,7 @@ class Evidence:
     told: np.ndarray | None  # (T+1,) a public memory, before the first decision and after each
     states: Array  # (T,X)
     offsets: Array  # (T,)
+    public: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -39,8 +43,16 @@ class Evidence:
         """Whether the decision of a step was seen."""
         return not np.isnan(self.points[step, 0])
 
+    def symbol_at(self, step: int) -> int:
+        """Return the public symbol that was read at a step."""
+        return UNREAD if self.public is None else int(self.public[step])
+
+    def read_at(self, step: int) -> np.ndarray | None:
+        """Return the same as an array (1,); None where nothing is public."""
+        return None if self.public is None else self.public[step : step + 1]
+
     def without_states(self) -> Evidence:
-        """Return what the decisions alone tell."""
+        """Return what the decisions tell, and what is public."""
         return replace(self, states=np.ones_like(self.states), offsets=np.zeros_like(self.offsets))
 
     def status(self, column: int, moved: bool, total: float) -> SequenceStatus:
@@ -101,9 +113,42 @@ def state_evidence(
     return np.exp(logs - offsets[:, None]), offsets
 
 
+def public_evidence(
+    world: HiddenMarkovModel | BeliefChain, public: Any, n_steps: int, steps: Axis
+) -> np.ndarray | None:
+    """Return what was read of what is public: symbols (T,), or real rows (T,Z); raise `InputError` where it does not fit."""
+    emission = None if isinstance(world, BeliefChain) else world.public_emission
+    has_public = emission is not None or (isinstance(world, BeliefChain) and world.public is not None)
+    if public is None:
+        if has_public:
+            raise InputError("the world has something public: pass it as `public`, NaN where it was not read")
+        return None
+    if not has_public:
+        raise InputError("public observations were given, but the world has none: make it with `public`")
+    given = in_rows(public, steps, "public")
+    _check_length(len(given), n_steps, "public")
+    plain = np.asarray(given, dtype=np.float64)
+    unread = np.isnan(plain.reshape(n_steps, -1)).all(axis=1)
+    if isinstance(world, BeliefChain) or isinstance(emission, CategoricalEmission):
+        count = world.n_public if isinstance(world, BeliefChain) else emission.n_symbols  # type: ignore[union-attr]
+        found = np.full(n_steps, UNREAD, dtype=np.int64)
+        if not unread.all():
+            found[~unread] = symbols(plain[~unread], count, "public")
+        return found
+    rows = np.full((n_steps, 1 if plain.ndim == 1 else plain.shape[1]), np.nan)
+    if not unread.all():
+        read: Any = given.iloc[np.flatnonzero(~unread)] if hasattr(given, "iloc") else plain[~unread]
+        kept = real_rows(read, Axis("public column", getattr(emission, "asset_names", None)))
+        rows = np.full((n_steps, kept.shape[1]), np.nan)
+        rows[~unread] = kept
+    return rows
+
+
 def impossible_step(step: int) -> ModelError:
     """Return the error of a state or report that the observer's world rules out."""
-    return ModelError(f"what was seen of the state at step {step} is impossible in the adversary's world")
+    return ModelError(
+        f"what was seen of the state at step {step}, or read of what is public, is impossible in the adversary's world"
+    )
 
 
 def checked_sensor(sensor: Any, n_states: int) -> Emission | None:

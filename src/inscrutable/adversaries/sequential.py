@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from inscrutable.adversaries.sequence_evidence import (
     Evidence,
     checked_sensor,
     decision_points,
+    public_evidence,
     state_evidence,
     told_memories,
     unseen_points,
@@ -32,13 +33,15 @@ from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, Emission, HiddenMarkovModel
 from inscrutable.worlds.observations import in_rows, symbols
+from inscrutable.worlds.public import PublicPart, joint_symbols
 
 
 class SequentialAdversary:
     """The inverse filter of an agent that filters its world and plays a known mechanism.
 
     Formula: α_{t+1}(x',π') ∝ K(u_{t+1}|π') Σ P[x,x'] B[x',y] α_t(x,π) over all x, π, y with π' = T(π,y), from
-    α_0(x,π) ∝ K(u_0|π) Σ initial(x) B[x,y] over π = π_0(y): the joint law of state and private belief.
+    α_0(x,π) ∝ K(u_0|π) Σ initial(x) B[x,y] over π = π_0(y): the joint law of state and private belief. Where the world has
+    something public, the sum is over what agrees with what was read: all y and z_{t+1}, or the y of which z_{t+1} is the part.
 
     On the mechanism's beliefs, a belief between them is split among the corners of its cell of a triangulation; exact
     where the mechanism lists every belief that the agent can reach, as `reachable_beliefs` does, and otherwise with the
@@ -67,7 +70,8 @@ class SequentialAdversary:
         InputError: Numbers of states or symbols differ, or observations are real numbers and no particles are asked for; or a
             disclosure belongs to a rule, hides the steps of a public memory, or delays what particles follow.
 
-    Cost: on B beliefs with Y symbols X²·B·Y a step. By N particles N·Y beliefs are looked up a step, of other sensors 4 N.
+    Cost: on B beliefs with Y symbols, or pairs with public ones, X²·B·Y a step. By N particles N·Y beliefs are looked up a
+    step, of other sensors 4 N.
 
     Source: Mattila, Lourenço, Krishnamurthy, Rojas, Wahlberg, arXiv 1910.07332, where the state is known; here it need
     not be. That the observer knows the mechanism is Kerckhoffs' principle.
@@ -154,6 +158,7 @@ class SequentialAdversary:
         states: ArrayLike | None = None,
         observations: Any = None,
         memories: ArrayLike | None = None,
+        public: Any = None,
         nearest: bool = False,
         returns: ArrayLike | None = None,
     ) -> InferredBeliefs:
@@ -165,6 +170,8 @@ class SequentialAdversary:
             states: x_0..x_{T-1}, where the adversary knows them.
             observations: What its own sensor reported, T of them. Labelled rows are put in the order of the decisions'.
             memories: What the agent remembered before the first decision and after each, T+1 numbers, where that is public.
+            public: What everybody read in a world with public information, T of them: symbols or real rows, NaN where this
+                adversary did not read them.
             nearest: Whether a decision that the mechanism never plays counts as the nearest one that it plays;
                 otherwise it is passed over, with a status.
             returns: Of the period of each decision, (T,U), where decisions are shown through them.
@@ -173,7 +180,8 @@ class SequentialAdversary:
             InputError: Shapes or lengths disagree.
             ModelError: States or observations are impossible in the adversary's world.
         """
-        return self._inferred(actions, states, observations, memories, nearest, smooth=False, returns=returns)
+        beside = _Beside(states, observations, public, returns)
+        return self._inferred(actions, beside, memories, nearest, smooth=False)
 
     def smooth(
         self,
@@ -182,6 +190,7 @@ class SequentialAdversary:
         states: ArrayLike | None = None,
         observations: Any = None,
         memories: ArrayLike | None = None,
+        public: Any = None,
         nearest: bool = False,
         returns: ArrayLike | None = None,
     ) -> InferredBeliefs:
@@ -189,61 +198,53 @@ class SequentialAdversary:
 
         Particles are followed back to their ancestors, of which few are left far from the end: `effective_size` says.
         """
-        return self._inferred(actions, states, observations, memories, nearest, smooth=True, returns=returns)
+        beside = _Beside(states, observations, public, returns)
+        return self._inferred(actions, beside, memories, nearest, smooth=True)
 
-    def unseen(self, n_steps: int, *, states: ArrayLike | None = None, observations: Any = None) -> InferredBeliefs:
-        """Return what the adversary holds of `n_steps` beliefs without seeing a decision: the ceiling of its error."""
+    def unseen(
+        self, n_steps: int, *, states: ArrayLike | None = None, observations: Any = None, public: Any = None
+    ) -> InferredBeliefs:
+        """Return what the adversary holds of `n_steps` beliefs without seeing a decision: the ceiling of its error.
+
+        Other arguments as `filter`. Where all that the agent observes is public, nothing is left to hide, and the error is 0.
+        """
+        points = unseen_points(validation.count(n_steps, "n_steps"))
+        beside = _Beside(states, observations, public, None)
         steps = Axis("step", learns=True)
-        return self._run(
-            unseen_points(validation.count(n_steps, "n_steps")),
-            None,
-            steps,
-            states,
-            observations,
-            nearest=False,
-            smooth=False,
-            tables=None,
-        )
+        return self._run(points, None, steps, beside, nearest=False, smooth=False, tables=None)
 
     def _inferred(
-        self,
-        actions: ArrayLike,
-        states: ArrayLike | None,
-        observations: Any,
-        memories: ArrayLike | None,
-        nearest: bool,
-        *,
-        smooth: bool,
-        returns: ArrayLike | None,
+        self, actions: ArrayLike, beside: _Beside, memories: ArrayLike | None, nearest: bool, *, smooth: bool
     ) -> InferredBeliefs:
         steps = Axis("step", learns=True)
         points = self._shown.decided(decision_points(actions, self._shown.actions, steps))
         told = told_memories(memories, len(points), self.mechanism)
-        tables = self._shown.tables(returns, len(points), steps)
-        return self._run(points, told, steps, states, observations, nearest=nearest, smooth=smooth, tables=tables)
+        tables = self._shown.tables(beside.returns, len(points), steps)
+        return self._run(points, told, steps, beside, nearest=nearest, smooth=smooth, tables=tables)
 
     def _run(
         self,
         points: Array,
         told: np.ndarray | None,
         steps: Axis,
-        states: ArrayLike | None,
-        observations: Any,
+        beside: _Beside,
         *,
         nearest: bool,
         smooth: bool,
         tables: list[DecisionTables] | None,
     ) -> InferredBeliefs:
-        if isinstance(self.world, BeliefChain) and states is not None:
+        if isinstance(self.world, BeliefChain) and beside.states is not None:
             raise InputError("a chain of beliefs has no states")
         n_states = 1 if isinstance(self.world, BeliefChain) else self.world.n_states
-        known = None if states is None else symbols(states, n_states, "states", steps)
-        seen, offsets = state_evidence(len(points), n_states, self.sensor, known, in_rows(observations, steps))
-        evidence = Evidence(points, nearest, told, seen, offsets)
+        known = None if beside.states is None else symbols(beside.states, n_states, "states", steps)
+        reported = in_rows(beside.observations, steps)
+        seen, offsets = state_evidence(len(points), n_states, self.sensor, known, reported)
+        read = public_evidence(self.world, beside.public, len(points), steps)
+        evidence = Evidence(points, nearest, told, seen, offsets, read)
         alone = evidence.without_states()
         if self._rule.is_fixed or (self._agents_own is self._reader and (alone.states == seen).all()):
             return self._read(self._reader, evidence, tables, smooth=smooth)[0]
-        # The rule goes by what one holds who sees the decisions alone, in the world as the agent has it.
+        # The rule goes by what one holds who sees the decisions and what is public, in the world as the agent has it.
         tables = self._read(self._agents_own, alone, None, smooth=False)[1]
         return self._read(self._reader, evidence, tables, smooth=smooth)[0]
 
@@ -274,6 +275,15 @@ class SequentialAdversary:
         return f"SequentialAdversary({self.world!r}, by {by})"
 
 
+class _Beside(NamedTuple):
+    """What an adversary sees beside decisions."""
+
+    states: ArrayLike | None
+    observations: Any
+    public: Any
+    returns: ArrayLike | None
+
+
 def _check_worlds(world: Any, agent_world: Any, n_states: int, *, needs_symbols: bool) -> None:
     if not isinstance(world, HiddenMarkovModel):
         raise InputError(f"world must be a HiddenMarkovModel or a BeliefChain, got {world!r}")
@@ -281,9 +291,19 @@ def _check_worlds(world: Any, agent_world: Any, n_states: int, *, needs_symbols:
         raise InputError(f"the mechanism has {n_states} states, the world {world.n_states}")
     if not isinstance(agent_world, HiddenMarkovModel) or agent_world.n_states != world.n_states:
         raise InputError(f"agent_world must be a HiddenMarkovModel of {world.n_states} states, got {agent_world!r}")
-    sensors = world.emission, agent_world.emission
-    if needs_symbols and not all(isinstance(each, CategoricalEmission) for each in sensors):
+    if needs_symbols and any(joint_symbols(each.emission, each.public) is None for each in (world, agent_world)):
         raise InputError("real observations have no finite number of successors: pass n_particles and rng")
-    sizes = {each.n_symbols for each in sensors if isinstance(each, CategoricalEmission)}
-    if len(sizes) > 1 or len({type(each) for each in sensors}) > 1:
-        raise InputError(f"world and agent_world must report the same symbols, got {sensors[0]!r} and {sensors[1]!r}")
+    _check_alike("symbols", world.emission, agent_world.emission)
+    if world.public is not None or agent_world.public is not None:
+        _check_alike("public symbols", world.public_emission, agent_world.public_emission)
+        parts = [each.public for each in (world, agent_world) if isinstance(each.public, PublicPart)]
+        if len(parts) == 1 or (parts and not np.array_equal(parts[0].matrix, parts[1].matrix)):
+            raise InputError(
+                f"world and agent_world must have the same public part, got {world.public!r} and {agent_world.public!r}"
+            )
+
+
+def _check_alike(what: str, one: Any, other: Any) -> None:
+    sizes = {each.n_symbols for each in (one, other) if isinstance(each, CategoricalEmission)}
+    if len(sizes) > 1 or type(one) is not type(other):
+        raise InputError(f"world and agent_world must report the same {what}, got {one!r} and {other!r}")

@@ -100,7 +100,7 @@ class ShownSteps:
             s = t - lag
             laws, error, total = (None, 0.0, 0.0) if s < 0 else (passed.laws[s], passed.errors[s], sums[s + 1])
             for step in range(max(s + 1, 0), t + 1):
-                laws, more = reader.predicted(laws)
+                laws, more = reader.predicted(laws, read=evidence.read_at(step))
                 laws = laws._replace(weights=laws.weights * evidence.states[step][:, None, None])
                 weight = laws.totals()
                 if not weight[0] > 0:

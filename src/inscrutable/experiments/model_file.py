@@ -34,6 +34,15 @@ class GaussianPart(_Part):
     asset_names: list[str] | None
 
 
+class LinearPart(_Part):
+    """What everybody reads of a sensor."""
+
+    type: Literal["part"]
+    matrix: Matrix
+    names: list[str] | None
+    asset_names: list[str] | None
+
+
 class WorldPart(_Part):
     """A hidden Markov model."""
 
@@ -41,6 +50,7 @@ class WorldPart(_Part):
     initial: Vector
     names: list[str]
     emission: CategoricalPart | GaussianPart = Field(discriminator="type")
+    public: CategoricalPart | GaussianPart | LinearPart | None = None
 
 
 class ConstraintsPart(_Part):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -28,9 +29,12 @@ class BeliefChain:
     Args:
         prior: The points π_b and their weights w_b.
         transition: T, shape (B,B), rows that sum to one, plain or sparse.
+        public: Where everybody reads one of Z symbols as the belief moves: Z tables T_z of shape (B,B) whose sum is T, with
+            T_z[b,b'] the probability of moving to b' and reading z. None: nothing is read.
 
     Raises:
-        InputError: The shape is wrong, a row is no probability vector, or the prior is not the chain's law.
+        InputError: The shape is wrong, a row is no probability vector, the prior is not the chain's law, or the public tables
+            are negative or do not sum to the transition.
 
     Source: Kemeny and Snell, Finite Markov Chains (1960), chapter V, for the chain backwards in time.
 
@@ -43,6 +47,7 @@ class BeliefChain:
 
     prior: Prior
     transition: Any
+    public: Sequence[Any] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.prior, Prior):
@@ -56,6 +61,13 @@ class BeliefChain:
                 f"{(table.T @ self.prior.weights)[b]:.10g} after it"
             )
         object.__setattr__(self, "transition", table)
+        if self.public is not None:
+            object.__setattr__(self, "public", _parts(self.public, table))
+
+    @property
+    def n_public(self) -> int:
+        """How many public symbols there are; 1 where nothing is read."""
+        return 1 if self.public is None else len(self.public)
 
     @cached_property
     def reversed(self) -> Any:
@@ -105,13 +117,23 @@ class BeliefChain:
 
         The first belief has the law of the prior, and so has every later one.
         """
-        count = validation.count(n_steps, "n_steps")
-        drawn = RowDraws(self.transition)
-        found = np.empty((count, validation.count(n_draws, "n_draws")), dtype=np.intp)
-        found[0] = validation.generator(rng).choice(len(self.prior), size=found.shape[1], p=self.prior.weights)
+        return self.public_paths(n_steps, n_draws, rng=rng)[0]
+
+    def public_paths(
+        self, n_steps: int, n_draws: int, *, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return sampled paths as `paths` does, and the symbols read on them, of the same shape; None where there are none."""
+        count, draws = validation.count(n_steps, "n_steps"), validation.count(n_draws, "n_draws")
+        size = len(self.prior)
+        tables = self.transition if self.public is None else sparse.csr_array(sparse.hstack(list(self.public)))
+        drawn = RowDraws(tables)
+        found = np.empty((count, draws), dtype=np.intp)
+        found[0] = validation.generator(rng).choice(size, size=draws, p=self.prior.weights)
+        if self.public is not None:  # a step before the first: the first belief comes with a symbol, too
+            found[0] = drawn(found[0], rng)
         for step in range(1, count):
-            found[step] = drawn(found[step - 1], rng)
-        return found
+            found[step] = drawn(found[step - 1] % size, rng)
+        return (found, None) if self.public is None else (found % size, found // size)
 
     def __repr__(self) -> str:
         return self.summary()
@@ -120,6 +142,22 @@ class BeliefChain:
         """Return one line for a person to read."""
         stay = float(self.prior.weights @ self.transition.diagonal())
         return f"{self.prior.summary()}; it stays where it is in {stay:.1%} of the steps"
+
+
+def _parts(given: Any, transition: Any) -> tuple[Any, ...]:
+    """Public tables as sparse arrays that sum to the transition."""
+    tables = tuple(sparse.csr_array(each) for each in given)
+    if not tables or any(each.shape != transition.shape for each in tables):
+        raise InputError(f"public must be tables of shape {transition.shape}, one for every symbol that can be read")
+    for z, each in enumerate(tables):
+        if each.nnz and not (np.isfinite(each.data).all() and each.data.min() >= 0):
+            raise InputError(f"public table {z} has an entry that is no probability")
+    off: Any = sparse.csr_array(sum(tables[1:], start=tables[0]) - transition)
+    if off.nnz and np.abs(off.data).max() > tolerances.TRANSITION_SUM:
+        raise InputError(
+            f"the public tables must sum to the transition; they are off by {np.abs(off.data).max():.3g} at most"
+        )
+    return tables
 
 
 def resting_chain(prior: Prior, stay: float) -> BeliefChain:

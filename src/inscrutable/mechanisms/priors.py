@@ -186,7 +186,7 @@ def grid_visits(
     count = validation.count(n_steps, "n_steps")
     resolution = validation.count(resolution, "resolution")
     path = world.sample(count, rng=validation.generator(rng))
-    beliefs = filter_beliefs(world, path.observations).beliefs[count // 10 :]
+    beliefs = filter_beliefs(world, path.observations, public=path.public).beliefs[count // 10 :]
     points, place, met = np.unique(
         rounded_to_grid(beliefs, resolution), axis=0, return_inverse=True, return_counts=True
     )

@@ -8,7 +8,8 @@ from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.equal_rows import first_equal
 from inscrutable.validation import Array
-from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+from inscrutable.worlds import HiddenMarkovModel
+from inscrutable.worlds.public import joint_symbols
 
 
 def reachable_beliefs(world: HiddenMarkovModel, n_steps: int, *, limit: int = 20_000) -> Array:
@@ -18,7 +19,7 @@ def reachable_beliefs(world: HiddenMarkovModel, n_steps: int, *, limit: int = 20
     A mechanism on these beliefs makes `SequentialAdversary` exact.
 
     Args:
-        world: A world whose sensor is a `CategoricalEmission` of Y symbols.
+        world: A world whose sensor, and the public one where there is one, is a `CategoricalEmission`; Y symbols or pairs.
         n_steps: How many observations the agent makes, at least 1.
         limit: Most beliefs returned; Y + Y² + … + Y^n_steps of them may differ.
 
@@ -39,9 +40,10 @@ def reachable_beliefs(world: HiddenMarkovModel, n_steps: int, *, limit: int = 20
         >>> len(reachable_beliefs(world, 3))
         14
     """
-    if not isinstance(world, HiddenMarkovModel) or not isinstance(world.emission, CategoricalEmission):
+    pairs = joint_symbols(world.emission, world.public) if isinstance(world, HiddenMarkovModel) else None
+    if pairs is None:
         raise InputError(f"a world with a CategoricalEmission is needed, got {world!r}")
-    reports = world.emission.probabilities.T
+    reports = pairs.probabilities.T
     most = validation.count(limit, "limit")
     found, fresh = np.empty((0, world.n_states)), world.initial[None]
     for step in range(validation.count(n_steps, "n_steps")):

@@ -21,7 +21,8 @@ from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.privacy.path_figures import PathDraws, PathFigures, enumerated, sampled, unseen_beliefs
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
-from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+from inscrutable.worlds import HiddenMarkovModel
+from inscrutable.worlds.public import joint_symbols
 
 _LEAST_DRAWS = 10
 _SIDE = 1.96
@@ -47,7 +48,7 @@ class PathLeakage(Saved):
         state_information_se: The same.
         error_se: The same of `bayes_error`.
         prior_error: The error of one who sees no decision, at each step: the ceiling. On a grid that of the grid's law, a
-            little wider than the agent's own.
+            little wider than the agent's own. Where something is public that one reads it, too.
         interpolation_error: Largest expected distance, over steps and paths, of the agent's belief from the points of the
             mechanism that stand for it; 0 where all is exact but for the sampling.
         n_draws: Sampled paths; 0 where every sequence of decisions was followed, so that nothing is left to chance.
@@ -55,7 +56,8 @@ class PathLeakage(Saved):
     Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
     on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
     one is more surprised (Gibbs), but for decisions that its grid contradicts and that are passed over, which count as none.
-    `belief_information` and `state_information` are what the observer believes to have learned.
+    `belief_information` and `state_information` are what the observer believes to have learned. Where something is public,
+    all is what decisions tell beyond it: information given what everybody has read so far.
 
     Source: the chain rule for mutual information (Shannon, 1948) with the inverse filter of `SequentialAdversary`.
 
@@ -89,6 +91,11 @@ class PathLeakage(Saved):
     def __len__(self) -> int:
         return len(self.added)
 
+    @property
+    def is_all_public(self) -> bool:
+        """Whether the belief is known without any decision, so that nothing is left to hide."""
+        return bool((self.prior_error**2 <= tolerances.REACHED_BELIEF).all())
+
     def summary(self) -> str:
         """Return a line for the first, the middle and the last step, with 95 % intervals."""
         how = f"{self.n_draws} sampled paths" if self.n_draws else "every sequence of decisions"
@@ -100,6 +107,8 @@ class PathLeakage(Saved):
                 f"{self.state_information[t]:.4f} ± {_SIDE * self.state_information_se[t]:.4f} of the state; "
                 f"error {self.bayes_error[t]:.4f} ± {_SIDE * self.error_se[t]:.4f} of {self.prior_error[t]:.4f}"
             )
+        if self.is_all_public:
+            lines.append("nothing is left to hide: who reads what is public knows the belief without any decision")
         if self.interpolation_error > tolerances.SAME_BELIEF:
             lines.append(f"on a grid, with an interpolation error of up to {self.interpolation_error:.3g}")
         return "\n".join(lines)
@@ -120,7 +129,7 @@ def path_leakage(
 
     Args:
         world: The world whose observations the agent filters, with a `CategoricalEmission`; or a `BeliefChain` on the
-            mechanism's beliefs, such as `filtered_chain` makes of any world.
+            mechanism's beliefs, such as `filtered_chain` makes of any world. What is public in it the observer follows.
         mechanism: K(u|π), drawn afresh at every step; a `MemoryMechanism`, whose memory counts as seen where it is public; or a
             `MechanismRule`, which makes K_t of what the observer holds. In a world exact on all `reachable_beliefs`, on
             other beliefs with the error stated: the agent then decides as at the nearest of them.
@@ -133,7 +142,7 @@ def path_leakage(
 
     Raises:
         InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs; or a disclosure
-            needs returns, belongs to a rule, or hides the steps of a public memory.
+            needs returns, belongs to a rule, hides the steps of a public memory, or is late where something is public at once.
 
     Cost: T·n_draws steps of the filter, equal sequences once: B² multiplications each on a chain of B beliefs, or as many
         as its entries; of a rule as many mechanisms.
@@ -154,17 +163,23 @@ def path_leakage(
     shown = Disclosure.of(disclosure)
     rule = checked_rule(disclosed_rule(mechanism, shown))
     if not isinstance(world, BeliefChain) and not (
-        isinstance(world, HiddenMarkovModel) and isinstance(world.emission, CategoricalEmission)
+        isinstance(world, HiddenMarkovModel) and joint_symbols(world.emission, world.public) is not None
     ):
         raise InputError(
-            f"a world with a CategoricalEmission is needed, or a BeliefChain such as filtered_chain makes, got {world!r}"
+            "a world with a CategoricalEmission, and a public one of symbols if any, is needed, or a BeliefChain such as "
+            f"filtered_chain makes, got {world!r}"
         )
     reader = InverseFilter(moves_of(world, BeliefPoints(rule.beliefs)), rule)
+    if reader.moves.n_public > 1 and shown.schedule.lag:
+        raise InputError(
+            f"{shown} shows decisions late, and something is public at once: path_leakage does not follow both, "
+            "SequentialAdversary does"
+        )
     unseen = unseen_beliefs(reader, count)
     found = enumerated(reader, unseen, count, draws, shown.schedule)
     if found is None:
         found = sampled(reader, unseen, _paths(world, reader, count, draws, source), source, shown.schedule)
-    return _averaged(found, unseen.spread)
+    return _averaged(found, unseen.spread if found.prior is None else np.sqrt(found.prior.mean(axis=0)))
 
 
 def _paths(
@@ -172,10 +187,13 @@ def _paths(
 ) -> PathDraws:
     """Sampled paths of beliefs."""
     if isinstance(world, BeliefChain):
-        return PathDraws(world.paths(n_steps, n_draws, rng=rng), None)
-    held = [filter_beliefs(world, world.sample(n_steps, rng=rng).observations).beliefs for _ in range(n_draws)]
+        places, read = world.public_paths(n_steps, n_draws, rng=rng)
+        return PathDraws(places, None, read)
+    paths = [world.sample(n_steps, rng=rng) for _ in range(n_draws)]
+    held = [filter_beliefs(world, path.observations, public=path.public).beliefs for path in paths]
     beliefs = np.stack(held, axis=1)
-    return PathDraws(np.asarray(cKDTree(reader.moves.points).query(beliefs)[1]), beliefs)
+    symbols = None if world.public is None else np.array([path.public for path in paths]).T
+    return PathDraws(np.asarray(cKDTree(reader.moves.points).query(beliefs)[1]), beliefs, symbols)
 
 
 def _averaged(found: PathFigures, prior_error: Array) -> PathLeakage:

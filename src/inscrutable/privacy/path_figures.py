@@ -19,6 +19,7 @@ from inscrutable.adversaries.sequence_results import InferredBeliefs
 from inscrutable.geometry.equal_rows import first_equal
 from inscrutable.mechanisms.disclosures import Schedule
 from inscrutable.validation import Array
+from inscrutable.worlds.public import UNREAD
 
 _MOST_HELD = 2**22
 """Numbers in the laws held at once, 32 MB: of more paths one block follows after the other."""
@@ -31,6 +32,7 @@ class PathFigures(NamedTuple):
     belief: Array
     state: Array
     squared: Array
+    prior: Array | None = None  # square error of one who follows what is public and sees no decision
     interpolation_error: float = 0.0
     is_sampled: bool = True
 
@@ -40,20 +42,49 @@ class PathDraws(NamedTuple):
 
     places: np.ndarray  # (T,D), the points that the agent decides at
     beliefs: Array | None  # (T,D,X), the beliefs themselves; None where they are the points
+    public: np.ndarray | None = None  # (T,D), the symbols that everybody reads; None where nothing is public
+
+    def of(self, some: slice) -> PathDraws:
+        """Return some of the paths."""
+        return PathDraws(*(None if each is None else each[:, some] for each in self))  # type: ignore[arg-type]
 
 
 def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
-    """Return what one holds who sees no decision."""
-    states = np.ones((n_steps, len(reader.moves.start)))
-    evidence = Evidence(unseen_points(n_steps), False, None, states, np.zeros(n_steps))
+    """Return what one holds who sees no decision and reads nothing."""
+    states = np.ones((n_steps, reader.moves.starts.shape[1]))
+    read = np.full(n_steps, UNREAD) if reader.moves.n_public > 1 else None
+    evidence = Evidence(unseen_points(n_steps), False, None, states, np.zeros(n_steps), read)
     return reader.result(reader.forward(evidence)[0])
 
 
 class _Prior:
-    """Figures of laws against those of one who sees no decision."""
+    """Figures of laws against those of one who sees no decision, who reads what each observer reads."""
 
     def __init__(self, reader: InverseFilter, unseen: InferredBeliefs) -> None:
-        self._points, self._of_chain, self._unseen = reader.moves.points, reader.moves.of_chain, unseen
+        self._reader, self._unseen = reader, unseen
+        self._points, self._of_chain = reader.moves.points, reader.moves.of_chain
+        self._laws: Laws | None = None  # one of each observer, where something is public
+
+    @property
+    def rows(self) -> Array:
+        """What tells these laws apart, one row an observer."""
+        assert self._laws is not None
+        weights: Array = self._laws.weights
+        return np.asarray(weights.reshape(-1, weights.shape[2]).T)
+
+    def read(self, before: np.ndarray, symbols: np.ndarray) -> None:
+        """Let a step pass for observers that each come from one before, and read a symbol."""
+        if self._laws is None:
+            weights = self._reader.moves.starts[symbols].transpose(1, 2, 0)
+            laws = Laws(weights, np.arange(len(symbols)), np.zeros(len(symbols), dtype=np.intp))
+        else:
+            laws = self._reader.predicted(self._laws.repeated(before), read=symbols)[0]
+        self._laws = laws.divided(laws.totals())
+
+    def followed(self, before: np.ndarray) -> None:
+        """Let observers that each come from one before stand in its place."""
+        if self._laws is not None:
+            self._laws = self._laws.repeated(before)
 
     @property
     def means(self) -> Array:
@@ -61,8 +92,8 @@ class _Prior:
         return self._unseen.mean
 
     def without(self, n_steps: int) -> Array:
-        """Return what there is to say of each step before a decision is seen, shape (4,T)."""
-        found = np.zeros((4, n_steps))
+        """Return what there is to say of each step before a decision is seen, shape (5,T)."""
+        found = np.zeros((5, n_steps))
         found[3] = self._unseen.spread**2
         return found
 
@@ -71,16 +102,22 @@ class _Prior:
         belief = laws.of_belief()
         mean = belief @ self._points
         state = mean if self._of_chain else laws.of_state()
+        known = self._unseen.weights[step], self._unseen.states[step]
+        if self._laws is not None:
+            known = self._laws.of_belief(), self._laws.of_state()
+            known = known[0], known[0] @ self._points if self._of_chain else known[1]
         centre = self._unseen.mean[step]
-        squared = np.maximum(
-            belief @ ((self._points - centre) ** 2).sum(axis=1) - ((mean - centre) ** 2).sum(axis=1), 0.0
-        )
-        return (
-            _divergence(belief, self._unseen.weights[step]),
-            _divergence(state, self._unseen.states[step]),
-            squared,
-            mean,
-        )
+        return _divergence(belief, known[0]), _divergence(state, known[1]), self._squared(belief, centre), mean
+
+    def own(self, step: int) -> Array:
+        """Return the square errors (L,) of those who see no decision."""
+        assert self._laws is not None
+        return self._squared(self._laws.of_belief(), self._unseen.mean[step])
+
+    def _squared(self, belief: Array, centre: Array) -> Array:
+        """E‖π − mean‖² of laws (L,B), about a centre that keeps its digits."""
+        off = ((belief @ self._points - centre) ** 2).sum(axis=1)
+        return np.asarray(np.maximum(belief @ ((self._points - centre) ** 2).sum(axis=1) - off, 0.0))
 
 
 def enumerated(
@@ -95,18 +132,23 @@ def enumerated(
         return None
     prior = _Prior(reader, unseen)
     found = prior.without(n_steps)
-    told = reader.rule.is_public
+    told, is_public = reader.rule.is_public, reader.moves.n_public > 1
     laws = _told_starts(reader)[0] if told else reader.predicted(None)[0]
     chances = reader.rule.initial[laws.memory] if told else np.ones(1)
     last: list[Any] = [None] * len(chances)
     for s in range(n_steps - schedule.lag):
         t = s + schedule.lag
-        laws = reader.predicted(laws)[0] if s else laws
-        if len(laws.memory) > len(chances):
+        if is_public:
+            laws, chances, before = _every_reading(reader, prior, laws, chances, is_first=s == 0)
+            last = [last[k] for k in before]
+            found[4, t] = chances @ prior.own(t)
+        elif s:
+            laws = reader.predicted(laws)[0]
+        if len(laws.memory) > len(chances) or len(chances) > most:
             return None
         if not schedule.shows(s):
             laws = _passed(reader, laws)
-            found[1:, t] = [chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:3]]
+            found[1:4, t] = [chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:3]]
             continue
         grown: list[tuple[Laws, Array]] = []
         count, seen = 0, []
@@ -121,13 +163,40 @@ def enumerated(
             count += len(after[1])
             seen += [tables.action(column) for column in after[3]]
         known = np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
+        if is_public:
+            prior.followed(np.repeat(np.arange(len(chances)), [len(each) for _, each in grown]))
+            known = np.hstack([known, prior.rows])
         laws, chances, kept = _merged(
             side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]), known
         )
         last = [seen[k] for k in kept]
-        found[1:, t] = [chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:3]]
-    rows = found[:, None]
-    return PathFigures(rows[0], rows[1], rows[2], rows[3], is_sampled=False)
+        prior.followed(kept)
+        found[1:4, t] = [chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:3]]
+    return _made(found[:, None], is_public, is_sampled=False)
+
+
+def _made(found: Array, is_public: bool, error: float = 0.0, *, is_sampled: bool = True) -> PathFigures:
+    """Figures (5,D,T), of which the last counts where something is public."""
+    prior = found[4] if is_public else None
+    return PathFigures(found[0], found[1], found[2], found[3], prior, error, is_sampled)
+
+
+def _every_reading(
+    reader: InverseFilter, prior: _Prior, laws: Laws, chances: Array, *, is_first: bool
+) -> tuple[Laws, Array, np.ndarray]:
+    """Laws after every public symbol of a step, their probabilities, and which of the laws before each comes from."""
+    count = reader.moves.n_public
+    before, read = (each.reshape(-1) for each in np.divmod(np.arange(len(chances) * count), count))
+    if is_first:  # the law before the first step has moved already, and read nothing
+        told = laws.memory if reader.rule.is_public else [None]
+        found = side_by_side([reader.predicted(None, m, read=np.array([z]))[0] for m in told for z in range(count)])
+    else:
+        found = reader.predicted(laws.repeated(before), read=read)[0]
+    totals = found.totals()
+    some = np.flatnonzero(totals > 0)
+    prior.read(before[some], read[some])
+    kept = found.repeated(some)
+    return kept.divided(kept.totals()), (chances[before] * totals)[some], before[some]
 
 
 def _told_starts(reader: InverseFilter) -> tuple[Laws, Array]:
@@ -177,11 +246,11 @@ def sampled(
     block = max(_MOST_HELD // reader.moves.start.size, 1)
     parts = []
     for first in range(0, draws.places.shape[1], block):
-        mine = slice(first, first + block)
-        beliefs = None if draws.beliefs is None else draws.beliefs[:, mine]
-        parts.append(_Sampling(reader, unseen, PathDraws(draws.places[:, mine], beliefs), rng).run(schedule))
+        part = draws.of(slice(first, first + block))
+        parts.append(_Sampling(reader, unseen, part, rng).run(schedule))
     added, belief, state, squared = (np.concatenate(each) for each in zip(*(part[:4] for part in parts), strict=True))
-    return PathFigures(added, belief, state, squared, max(part.interpolation_error for part in parts))
+    prior = None if draws.public is None else np.concatenate([part.prior for part in parts])
+    return PathFigures(added, belief, state, squared, prior, max(part.interpolation_error for part in parts))
 
 
 class _Sampling:
@@ -208,6 +277,7 @@ class _Sampling:
     def run(self, schedule: Schedule) -> PathFigures:
         """Follow the paths to their end."""
         n_steps, count = self._draws.places.shape
+        read = self._draws.public
         found = np.repeat(self._prior.without(n_steps)[:, None], count, axis=1)
         if self._draws.beliefs is not None and schedule.lag:
             self._measure_before(found, schedule.lag)
@@ -215,9 +285,13 @@ class _Sampling:
         errors = error
         for s in range(n_steps - schedule.lag):
             t = s + schedule.lag
-            if s:
+            if s and read is None:
                 laws, error = self._reader.predicted(laws)
                 errors = np.maximum(errors, error)
+            elif s and read is not None:
+                which, laws, error, errors = self._read_public(which, laws, errors, read[s])
+            if read is not None:
+                found[4, :, t] = self._prior.own(t)[which]
             if schedule.shows(s):
                 which, laws, totals, errors, shares = self._decided(laws, which, np.stack([errors, error]), s)
                 with np.errstate(divide="ignore"):
@@ -232,7 +306,7 @@ class _Sampling:
             if self._draws.beliefs is not None:
                 apart = ((self._draws.beliefs[t] - mean[which]) ** 2).sum(axis=1)
                 found[3, :, t] = np.where(worst[which] > tolerances.SAME_BELIEF, apart, found[3, :, t])
-        return PathFigures(found[0], found[1], found[2], found[3], self._worst)
+        return _made(found, read is not None, self._worst)
 
     def _measure_before(self, found: Array, lag: int) -> None:
         """Take the true distance from the estimate at the steps before the first decision is seen."""
@@ -255,12 +329,40 @@ class _Sampling:
         return _passed(self._reader, laws)
 
     def _started(self) -> tuple[np.ndarray, Laws, Array]:
-        """The observers before the first decision: one, or one for every public memory."""
-        if not self._public:
+        """The observers before the first decision: one for every public memory and public symbol that there is."""
+        read = None if self._draws.public is None else self._draws.public[0]
+        if read is None and not self._public:
             laws, errors = self._reader.predicted(None)
             return np.zeros(len(self._memory), dtype=np.intp), laws, errors
-        laws, errors = _told_starts(self._reader)
-        return np.searchsorted(laws.memory, self._memory), laws, errors
+        if read is None:
+            laws, errors = _told_starts(self._reader)
+            return np.searchsorted(laws.memory, self._memory), laws, errors
+        keys = np.column_stack([self._memory if self._public else np.zeros(len(self._memory), np.intp), read])
+        seen, which = np.unique(keys, axis=0, return_inverse=True)
+        first = [
+            self._reader.predicted(None, int(memory) if self._public else None, read=np.array([symbol]))
+            for memory, symbol in seen
+        ]
+        self._prior.read(np.arange(len(seen)), seen[:, 1])
+        laws = side_by_side([each[0] for each in first])
+        return which.reshape(-1), laws.divided(laws.totals()), np.concatenate([each[1] for each in first])
+
+    def _read_public(
+        self, which: np.ndarray, laws: Laws, errors: Array, symbols: np.ndarray
+    ) -> tuple[np.ndarray, Laws, Array, Array]:
+        """Return observers, laws, present and largest errors a step later, after what each path's public symbol tells.
+
+        A symbol that a grid rules out is not read.
+        """
+        seen, place = np.unique(np.column_stack([which, symbols]), axis=0, return_inverse=True)
+        before, read = seen.T
+        found, error = self._reader.predicted(laws.repeated(before), read=read)
+        lost = ~(found.totals() > 0)
+        if lost.any():
+            found, error = self._reader.predicted(laws.repeated(before), read=np.where(lost, UNREAD, read))
+        self._prior.read(before, read)
+        self._last = [self._last[k] for k in before] if self._last else []
+        return place.reshape(-1), found.divided(found.totals()), error, np.maximum(errors[before], error)
 
     def _decided(
         self, laws: Laws, which: np.ndarray, errors: Array, t: int
@@ -274,6 +376,7 @@ class _Sampling:
         totals: list[Array] = []
         worst: list[Array] = []
         last: list[Any] = []
+        before: list[np.ndarray] = []
         fixed = self._reader.rule.is_fixed
         groups = [np.arange(errors.shape[1])] if fixed else np.arange(errors.shape[1])[:, None]
         beliefs = None if fixed else laws.of_belief()
@@ -293,7 +396,9 @@ class _Sampling:
             grown.append(found[0])
             totals.append(found[1])
             worst.append(found[2])
+            before.append(seen[:, 0])
         self._last = last
+        self._prior.followed(np.concatenate(before))
         return child, side_by_side(grown), np.concatenate(totals), np.concatenate(worst), own
 
     def _played(self, tables: DecisionTables, mine: np.ndarray, t: int) -> tuple[np.ndarray, Array]:

@@ -3,6 +3,7 @@
 from inscrutable.worlds.emissions import CategoricalEmission, Emission, GaussianEmission
 from inscrutable.worlds.gaussian_fit import FittedWorld, Restart, fit_gaussian_hmm
 from inscrutable.worlds.hidden_markov import HiddenMarkovModel, Trajectory
+from inscrutable.worlds.public import PublicPart
 
 __all__ = [
     "CategoricalEmission",
@@ -10,6 +11,7 @@ __all__ = [
     "FittedWorld",
     "GaussianEmission",
     "HiddenMarkovModel",
+    "PublicPart",
     "Restart",
     "Trajectory",
     "fit_gaussian_hmm",

@@ -14,6 +14,7 @@ from inscrutable.axes import Axis
 from inscrutable.errors import InputError, ModelError
 from inscrutable.validation import Array
 from inscrutable.worlds.emissions import Emission, cumulative, emission_from_dict, frozen
+from inscrutable.worlds.public import PublicPart, checked_public, part_of, public_from_dict
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,7 @@ class Trajectory:
     Args:
         states: (T,) states x_0..x_{T-1}, counted from 0.
         observations: (T,) symbols or (T,D) real vectors; row t was reported in state x_t.
+        public: What everybody read at each step, (T,) or (T,Z); None where the world has nothing public.
 
     Example:
         >>> import numpy as np
@@ -35,6 +37,7 @@ class Trajectory:
 
     states: NDArray[np.int64]
     observations: NDArray[Any]
+    public: NDArray[Any] | None = None
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -48,6 +51,8 @@ class HiddenMarkovModel:
         initial: (X,) law of x_0; None for the stationary law π = π P (states that the chain leaves for good get
             zero; a periodic chain has one too).
         names: X different labels of the states, in messages, tables and pictures; "regime 1", … by default.
+        public: What everybody reads, beside the agent. An `Emission`, independent of the private one given the state: the
+            agent filters both. Or a `PublicPart` of the private one: the agent filters that alone. None: nothing.
 
     Raises:
         InputError: A row that does not sum to one (row and sum are named), shapes or names that do not fit.
@@ -67,6 +72,8 @@ class HiddenMarkovModel:
     emission: Emission
     initial: Array
     names: tuple[str, ...]
+    public: Emission | PublicPart | None
+    public_emission: Emission | None
 
     def __init__(
         self,
@@ -75,8 +82,10 @@ class HiddenMarkovModel:
         initial: ArrayLike | None = None,
         *,
         names: Iterable[str] | None = None,
+        public: Emission | PublicPart | None = None,
     ) -> None:
-        sensed, given = getattr(emission, "state_names", None), None if names is None else tuple(names)
+        told = getattr(public, "state_names", None)
+        sensed, given = getattr(emission, "state_names", None) or told, None if names is None else tuple(names)
         if isinstance(names, str):
             raise InputError(f"names must be a sequence of strings, got {names!r}")
         states = Axis("state", given or sensed, learns=True)
@@ -90,6 +99,7 @@ class HiddenMarkovModel:
             )
         if emission.n_states != n_states:
             raise InputError(f"emission has {emission.n_states} states, transition has {n_states}")
+        read, law = checked_public(public, emission)
         if initial is None:
             start = _stationary(rows)
         else:
@@ -100,21 +110,39 @@ class HiddenMarkovModel:
         object.__setattr__(self, "emission", emission)
         object.__setattr__(self, "initial", frozen(start))
         object.__setattr__(self, "names", _state_names(states.names, n_states))
-        if sensed is not None and sensed != self.names:
-            raise InputError(
-                f"emission has the states {list(sensed)}, the world {list(self.names)}; expected the same order"
-            )
+        object.__setattr__(self, "public", read)
+        object.__setattr__(self, "public_emission", law)
+        for sensor, found in (("emission", sensed), ("the public emission", told)):
+            if found is not None and found != self.names:
+                raise InputError(
+                    f"{sensor} has the states {list(found)}, the world {list(self.names)}; expected the same order"
+                )
 
     def __repr__(self) -> str:
-        return f"HiddenMarkovModel({self.n_states} states, {self.emission!r})"
+        read = "" if self.public is None else f", public={self.public!r}"
+        return f"HiddenMarkovModel({self.n_states} states, {self.emission!r}{read})"
 
     @property
     def n_states(self) -> int:
         """Number of states X."""
         return int(self.transition.shape[0])
 
+    def public_of(self, observations: Any) -> NDArray[Any]:
+        """Return the public part of the agent's observations, (T,Z), or (T,) of symbols.
+
+        Raises:
+            InputError: The world has no `PublicPart`, or the observations are malformed.
+        """
+        if not isinstance(self.public, PublicPart):
+            raise InputError(
+                f"nothing public is part of the agent's observations: the world has public={self.public!r}"
+            )
+        return part_of(self.public, self.emission, observations)
+
     def sample(self, n_steps: int, *, rng: np.random.Generator) -> Trajectory:
         """Draw a path x_0 ~ initial, x_{t+1} ~ transition[x_t], y_t ~ p(y | x_t), in O(n_steps (log X + D²)).
+
+        What is public is drawn last, p(z | x_t), or is part of y_t.
 
         Args:
             n_steps: Length T of the path, at least 1.
@@ -128,7 +156,12 @@ class HiddenMarkovModel:
         n_steps = validation.count(n_steps, "n_steps")
         uniforms = validation.generator(rng).random(n_steps)
         states = chain_pass(cumulative(self.initial), cumulative(self.transition), uniforms)
-        return Trajectory(states=states, observations=self.emission.sample(states, rng=rng))
+        observations = self.emission.sample(states, rng=rng)
+        if self.public is None:
+            return Trajectory(states, observations)
+        if isinstance(self.public, PublicPart):
+            return Trajectory(states, observations, self.public_of(observations))
+        return Trajectory(states, observations, self.public.sample(states, rng=rng))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the world as plain data for `json.dump`; `from_dict` restores every float to its last digit."""
@@ -137,6 +170,7 @@ class HiddenMarkovModel:
             "initial": self.initial.tolist(),
             "names": list(self.names),
             "emission": self.emission.to_dict(),
+            **({} if self.public is None else {"public": self.public.to_dict()}),
         }
 
     @classmethod
@@ -157,7 +191,8 @@ class HiddenMarkovModel:
         if missing:
             raise InputError(f"a saved world must be a dictionary with the keys {list(keys)}; missing: {missing}")
         emission = emission_from_dict(data["emission"])
-        return cls(data["transition"], emission, data["initial"], names=data["names"])
+        public = public_from_dict(data.get("public"))
+        return cls(data["transition"], emission, data["initial"], names=data["names"], public=public)
 
 
 def default_names(n_states: int) -> tuple[str, ...]:

@@ -66,9 +66,9 @@ def real_rows(observations: Any, assets: Axis | None = None) -> Array:
     return rows
 
 
-def in_rows(observations: Any, rows: Axis) -> Any:
-    """Return observations with their labelled rows in the order of `rows`."""
-    order = rows.order(tuple(observations.index), "observations") if is_labelled(observations) else None
+def in_rows(observations: Any, rows: Axis, name: str = "observations") -> Any:
+    """Return observations, or what else `name` says, with their labelled rows in the order of `rows`."""
+    order = rows.order(tuple(observations.index), name) if is_labelled(observations) else None
     return observations if order is None else observations.iloc[order]
 
 

@@ -14,10 +14,10 @@ from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.cheapest_distance import cheapest_at_distance, shortened_on_its_face
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.indicated import Hiding, Met
 from inscrutable.decision_makers.indicators import is_streamed
-from inscrutable.decision_makers.cheapest_distance import cheapest_at_distance, shortened_on_its_face
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, check_provable, checked_gap

@@ -42,27 +42,36 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers import Decisions as Decisions
     from inscrutable.decision_makers import DecisionSequence as DecisionSequence
     from inscrutable.decision_makers import DecisionStatus as DecisionStatus
+    from inscrutable.decision_makers import DetectabilityCap as DetectabilityCap
     from inscrutable.decision_makers import Envelope as Envelope
     from inscrutable.decision_makers import FiniteRule as FiniteRule
     from inscrutable.decision_makers import FiniteStatus as FiniteStatus
     from inscrutable.decision_makers import Frontier as Frontier
     from inscrutable.decision_makers import GlobalSearch as GlobalSearch
+    from inscrutable.decision_makers import Guarantee as Guarantee
+    from inscrutable.decision_makers import LeastRegret as LeastRegret
+    from inscrutable.decision_makers import LeastRegretStatus as LeastRegretStatus
     from inscrutable.decision_makers import LinearProgramme as LinearProgramme
     from inscrutable.decision_makers import LocalSearch as LocalSearch
+    from inscrutable.decision_makers import MaximalLeakageCap as MaximalLeakageCap
     from inscrutable.decision_makers import MixedDecision as MixedDecision
     from inscrutable.decision_makers import MixedDecisions as MixedDecisions
+    from inscrutable.decision_makers import NamingErrorFloor as NamingErrorFloor
     from inscrutable.decision_makers import OriginalDecisionMaker as OriginalDecisionMaker
     from inscrutable.decision_makers import PathDecisions as PathDecisions
+    from inscrutable.decision_makers import PointwiseLeakageCap as PointwiseLeakageCap
     from inscrutable.decision_makers import PriceCalibration as PriceCalibration
     from inscrutable.decision_makers import PriceStatus as PriceStatus
     from inscrutable.decision_makers import ProbabilisticDecisionMaker as ProbabilisticDecisionMaker
     from inscrutable.decision_makers import RateDistortionCurve as RateDistortionCurve
     from inscrutable.decision_makers import RateDistortionDecisionMaker as RateDistortionDecisionMaker
     from inscrutable.decision_makers import SequentialDecisionMaker as SequentialDecisionMaker
+    from inscrutable.decision_makers import SquaredErrorFloor as SquaredErrorFloor
     from inscrutable.decision_makers import StackelbergDecisionMaker as StackelbergDecisionMaker
     from inscrutable.decision_makers import action_grid as action_grid
     from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy
     from inscrutable.decision_makers import decoy_grid as decoy_grid
+    from inscrutable.decision_makers import least_regret as least_regret
     from inscrutable.decision_makers import privacy_frontier as privacy_frontier
     from inscrutable.decision_makers import random_candidates as random_candidates
     from inscrutable.decision_makers import rate_distortion_curve as rate_distortion_curve

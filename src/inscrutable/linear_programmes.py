@@ -37,7 +37,7 @@ class LinearAnswer(NamedTuple):
 class Rows(NamedTuple):
     """Rows A x ≤ b or A x = b."""
 
-    matrix: Array
+    matrix: Any  # (n, k), plain or sparse
     sides: Array
 
 

@@ -424,3 +424,17 @@ CEILING_GAP = 2e-5
 LEAST_TEMPTING = 1e-4
 """Share of the prior loss to which estimates after decisions that are not played are found for a bound, which they loosen by
 as much."""
+
+GUARANTEE_ROUNDING = 1e-13
+"""What a table may miss a guarantee by before it is repaired: probabilities and errors of beliefs are at most one, and are sums
+over some hundreds of beliefs."""
+
+GUARANTEE_MET = 1e-9
+"""What a guarantee may be missed by and counts as given where no other table gives more: ten times what linear programmes
+resolve. Wherever there is room, tables keep within `GUARANTEE_ROUNDING`."""
+
+DEAREST_REPAIR = 1e-3
+"""Share of the way to a rule that looks at no belief beyond which a table is not repaired for such a small miss."""
+
+LEAST_REGRET_GAP = 1e-4
+"""Gap between a least regret and its bound, as a share of the silence regret, that counts as none unless less is asked for."""

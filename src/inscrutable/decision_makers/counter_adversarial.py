@@ -14,10 +14,10 @@ from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.cheapest_distance import cheapest_at_distance, shortened_on_its_face
 from inscrutable.decision_makers.hiding import HidingDecisionMaker
 from inscrutable.decision_makers.indicated import Hiding, Met
 from inscrutable.decision_makers.indicators import is_streamed
-from inscrutable.decision_makers.least_regret import least_regret, shortened_on_its_face
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, check_provable, checked_gap
@@ -226,7 +226,7 @@ def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: floa
         return decision_for(problem, belief, action, farthest.measure, DecisionStatus.POLISHED)
 
     wanted = max(distance * (1.0 + tolerances.SLACK_SAFETY), distance + tolerances.NO_PRIVACY)
-    found = least_regret(search, shortened, most, wanted)
+    found = cheapest_at_distance(search, shortened, most, wanted)
     if found is None or not found.regret < most:
         return None
     return found if case.measure(belief, belief_set_of(problem, found.action)) == 0.0 else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from inscrutable import tolerances
 from inscrutable.budgets import Budget
@@ -90,6 +91,12 @@ def allowed_places(regrets: Array, cap: Budget | None, optimal_costs: Array) -> 
         return None
     limits = cap.limits(optimal_costs)[:, None]
     return np.asarray(regrets <= limits * (1.0 + tolerances.REGRET_MET) + rounding_of(optimal_costs)[:, None])
+
+
+def places_of(known: Array, beliefs: Array) -> np.ndarray:
+    """Return which of the known beliefs each one is, shape (T,); −1 for none."""
+    distance, place = cKDTree(known).query(beliefs)
+    return np.where(distance <= tolerances.SAME_BELIEF, place, -1)
 
 
 def rounding_of(optimal_costs: Array) -> Array:

@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.base import AwareDecisionMaker, PriorTable, checked_options
-from inscrutable.decision_makers.aware.columns import Columns, allowed_places, lotteries, rounding_of, without_small
+from inscrutable.decision_makers.aware.columns import (
+    Columns,
+    allowed_places,
+    lotteries,
+    places_of,
+    rounding_of,
+    without_small,
+)
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.decision_makers.aware.stackelberg_solver import largest_error
 from inscrutable.decision_makers.candidates import Candidates
@@ -111,7 +118,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         costs = np.asarray(self.problem.optimal_cost(held))
         columns = self._found.columns
         rows = np.zeros((len(held), len(columns)))
-        place = _places(self.prior.beliefs, held)
+        place = places_of(self.prior.beliefs, held)
         known = place >= 0
         rows[known] = self._found.mechanism.probabilities[place[known]]
         if not known.all():
@@ -202,14 +209,6 @@ def _solution(
     columns = table.columns.pick(used)
     actions = columns.problem.as_actions(columns.points)
     return _Solution(columns, Mechanism(prior.beliefs, actions, rows, table.regrets[:, used]), means, value, *known)
-
-
-def _places(known: Array, beliefs: Array) -> np.ndarray:
-    """Which of the known beliefs each one is, shape (T,); −1 for none."""
-    from scipy.spatial import cKDTree
-
-    distance, place = cKDTree(known).query(beliefs)
-    return np.where(distance <= tolerances.SAME_BELIEF, place, -1)
 
 
 def _budgeted(table: PriorTable, limits: Array) -> tuple[np.ndarray, Array]:

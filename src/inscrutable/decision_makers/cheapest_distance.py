@@ -17,7 +17,7 @@ _MOST_SEARCHES = 20
 _JUMPS = 0.75  # share of the gap in privacy that a smaller bracket leaves where the privacy jumps in it
 
 
-def least_regret(
+def cheapest_at_distance(
     search: Callable[[float], Decision], shortened: Callable[[Decision], Decision], most: float, distance: float
 ) -> Decision | None:
     """Return the cheapest decision found with a privacy of at least `distance`, None where a regret of `most` affords none.

@@ -1,0 +1,425 @@
+"""What an agent can promise of every decision it publishes, whatever the observer who knows its rule does."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from inscrutable import tolerances, validation
+from inscrutable.decision_makers.aware.guaranteed_programme import SPARSE, Block, Game
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms.joint import joint_law
+from inscrutable.mechanisms.same_actions import first_same
+from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.validation import Array
+
+
+class Guarantee(ABC):
+    """A promise about a mechanism K(u|π) under a prior, for `least_regret`; all of them can be asked for together."""
+
+    @property
+    @abstractmethod
+    def limit(self) -> float:
+        """The number that was asked for, in the guarantee's unit."""
+
+    is_floor = False
+    """Whether the limit is a least value; otherwise it is a largest one."""
+
+    @abstractmethod
+    def level(self, game: Game, table: Array) -> float:
+        """Return what a table K gives, recomputed from it alone."""
+
+    def reached(self, mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> float:
+        """Return what a mechanism gives, recomputed from K, in the guarantee's unit.
+
+        Args:
+            mechanism: K(u|π), of any decision maker.
+            prior: Weights of the mechanism's beliefs.
+            problem: The decision problem, whose optimal decisions the observer compares with.
+
+        Raises:
+            InputError: A belief of the prior is none of the mechanism's, or the problem has another number of states.
+        """
+        return self.level(*played_game(mechanism, prior, problem))
+
+    def is_met(self, level: float) -> bool:
+        """Return whether a level is within the limit, up to the rounding of sums over beliefs."""
+        over = self.limit - level if self.is_floor else level - self.limit
+        return over <= tolerances.GUARANTEE_MET
+
+    # What follows is how the programme reads a guarantee; see `guaranteed_programme.Rule`.
+
+    @abstractmethod
+    def rows(self, game: Game) -> Block:
+        """Rows of the programme that are there from the start."""
+
+    def cuts(self, game: Game, table: Array) -> Block | None:
+        """Rows that a table breaks; None where it breaks none."""
+        return None
+
+    def toward_prior(self, game: Game, table: Array) -> Array:
+        """Least share (M,) by which each column must be mixed with one that looks at no belief."""
+        return np.zeros(game.shape[1])
+
+    def toward_honest(self, game: Game, table: Array) -> float:
+        """Least share of the optimal rule's law, drawn without a look at the belief, that must be mixed in."""
+        return 0.0
+
+    def most(self, game: Game) -> float:
+        """Return the most that a rule which looks at no belief gives: above that a floor contradicts itself."""
+        return np.inf
+
+
+@dataclass(frozen=True)
+class PointwiseLeakageCap(Guarantee):
+    """A cap on the pointwise maximal leakage of every published decision.
+
+    Formula: log max_π p(π|u)/p(π) = log max_π K(u|π)/p(u) ≤ ε for every u that is played: no guess at anything about the
+    belief becomes more than e^ε times as likely to be right after any one decision.
+
+    Args:
+        nats: ε, at least 0; for bits, multiply them by ln 2.
+
+    Raises:
+        InputError: The cap is negative or not finite.
+
+    Source: Saeidian, Cervia, Oechtering and Skoglund, Pointwise maximal leakage (IEEE Trans. IT 69, 2023).
+
+    Example:
+        >>> print(PointwiseLeakageCap(nats=0.5))
+        pointwise maximal leakage at most 0.5 nats
+    """
+
+    nats: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nats", validation.non_negative(self.nats, "nats"))
+
+    @property
+    def limit(self) -> float:
+        """The largest leakage, in nats."""
+        return self.nats
+
+    def __str__(self) -> str:
+        return f"pointwise maximal leakage at most {self.nats:.4g} nats"
+
+    def level(self, game: Game, table: Array) -> float:
+        """Return log max K(u|π)/p(u), in nats."""
+        return float(np.log(max(_ratios(game, table).max(), 1.0)))
+
+    def rows(self, game: Game) -> Block:
+        """Rows K_bm − e^ε q_m ≤ 0 and q_m − Σ_b p_b K_bm ≤ 0, with q of its own."""
+        n_beliefs, n_columns = game.shape
+        every, factor = SPARSE.identity(n_beliefs * n_columns), np.exp(self.nats)
+        of_column = SPARSE.kron(np.ones((n_beliefs, 1)), SPARSE.identity(n_columns))
+        law = SPARSE.kron(game.weights[None], SPARSE.identity(n_columns))
+        n_rows = (n_beliefs + 1) * n_columns
+        return Block(
+            SPARSE.vstack([every, -law]).tocsr(),
+            SPARSE.vstack([-factor * of_column, SPARSE.identity(n_columns)]).tocsr(),
+            np.zeros(n_rows),
+            np.concatenate([np.full(n_beliefs * n_columns, factor), np.zeros(n_columns)]),
+            np.tile(np.arange(n_columns), n_beliefs + 1),
+        )
+
+    def toward_prior(self, game: Game, table: Array) -> Array:
+        """Return (x − e^ε)/(x − 1) for a column whose largest ratio x is too large."""
+        ratios = _ratios(game, table)
+        over = ratios - np.exp(self.nats)
+        return _shares(over, ratios - 1.0)
+
+
+@dataclass(frozen=True)
+class MaximalLeakageCap(Guarantee):
+    """A cap on the maximal leakage of the rule.
+
+    Formula: log Σ_u max_π K(u|π) ≤ L: over all decisions, and for any prior on these beliefs, no guess at anything about
+    the belief becomes more than e^L times as likely to be right on average.
+
+    Args:
+        nats: L, at least 0; for bits, as `Leakage.maximal_leakage` states them, multiply them by ln 2.
+
+    Raises:
+        InputError: The cap is negative or not finite.
+
+    Source: Issa, Wagner and Kamath, An operational approach to information leakage (IEEE Trans. IT 66, 2020).
+
+    Example:
+        >>> print(MaximalLeakageCap(nats=0.25))
+        maximal leakage at most 0.25 nats
+    """
+
+    nats: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nats", validation.non_negative(self.nats, "nats"))
+
+    @property
+    def limit(self) -> float:
+        """The largest leakage, in nats."""
+        return self.nats
+
+    def __str__(self) -> str:
+        return f"maximal leakage at most {self.nats:.4g} nats"
+
+    def level(self, game: Game, table: Array) -> float:
+        """Return log Σ_u max_π K(u|π), in nats."""
+        return float(np.log(max(table.max(axis=0).sum(), 1.0)))
+
+    def rows(self, game: Game) -> Block:
+        """Rows K_bm − t_m ≤ 0 and Σ_m t_m ≤ e^L, with t of its own."""
+        n_beliefs, n_columns = game.shape
+        size, most = n_beliefs * n_columns, float(np.exp(self.nats))
+        of_column = SPARSE.kron(np.ones((n_beliefs, 1)), SPARSE.identity(n_columns))
+        return Block(
+            SPARSE.vstack([SPARSE.identity(size), SPARSE.csr_array((1, size))]).tocsr(),
+            SPARSE.vstack([-of_column, np.ones((1, n_columns))]).tocsr(),
+            np.append(np.zeros(size), most),
+            np.append(np.zeros(size), most),
+            np.full(size + 1, -1),
+        )
+
+    def toward_honest(self, game: Game, table: Array) -> float:
+        """Return (x − e^L)/(x − 1) where x = Σ_u max_π K(u|π) is too large: the mixture has at most (1 − θ) x + θ."""
+        ratio = float(table.max(axis=0).sum())
+        over = ratio - float(np.exp(self.nats))
+        return float(_shares(np.array(over), np.array(ratio - 1.0)))
+
+
+@dataclass(frozen=True)
+class DetectabilityCap(Guarantee):
+    """A cap on how well what is published is told from what the optimal rule publishes.
+
+    Formula: ½ Σ_u |p(u) − q(u)| ≤ δ with p(u) = Σ_b w_b K(u|π_b) and q(u) = Σ_b w_b [u = u*(π_b)]: one who is shown decisions
+    of both, equally many, is right in a share of at most (1 + δ)/2.
+
+    Args:
+        total_variation: δ, from 0 to 1; 0 publishes every decision as often as the optimal rule does.
+
+    Raises:
+        InputError: The cap is no number from 0 to 1.
+
+    Source: Neyman and Pearson (1933); `Detectability.total_variation` reports it.
+
+    Example:
+        >>> print(DetectabilityCap(0.1))
+        total variation to the optimal rule at most 0.1
+    """
+
+    total_variation: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "total_variation", _share(self.total_variation, "total_variation"))
+
+    @property
+    def limit(self) -> float:
+        """The largest total variation."""
+        return self.total_variation
+
+    def __str__(self) -> str:
+        return f"total variation to the optimal rule at most {self.total_variation:.4g}"
+
+    def level(self, game: Game, table: Array) -> float:
+        """Return ½ Σ_u |p(u) − q(u)|."""
+        return min(0.5 * float(np.abs(game.played(table) - game.honest).sum()), 1.0)
+
+    def rows(self, game: Game) -> Block:
+        """Rows p_m − q_m ≤ v_m and Σ_m v_m ≤ δ: what is played too often is half of the difference."""
+        n_columns = game.shape[1]
+        law = SPARSE.kron(game.weights[None], SPARSE.identity(n_columns))
+        return Block(
+            SPARSE.vstack([law, SPARSE.csr_array((1, law.shape[1]))]).tocsr(),
+            SPARSE.vstack([-SPARSE.identity(n_columns), np.ones((1, n_columns))]).tocsr(),
+            np.append(game.honest, self.total_variation),
+            np.append(np.zeros(n_columns), 1.0),
+            np.full(n_columns + 1, -1),
+        )
+
+    def toward_honest(self, game: Game, table: Array) -> float:
+        """Return 1 − δ/x where the total variation x is too large."""
+        level = self.level(game, table)
+        return float(_shares(np.array(level - self.total_variation), np.array(level)))
+
+
+@dataclass(frozen=True)
+class NamingErrorFloor(Guarantee):
+    """A floor on how often the best guess of the state is wrong after every published decision.
+
+    Formula: 1 − max_i E[π_i|u] ≥ e for every u that is played, where E[π_i|u] is the chance of state i in the eyes of an
+    observer who has seen u.
+
+    Args:
+        least: e, from 0 to 1; no more than 1 − max_i E[π_i], which the observer errs before any decision, can be had.
+
+    Raises:
+        InputError: The floor is no number from 0 to 1.
+
+    Source: the Bayes risk of naming the state; compare Smith, On the foundations of quantitative information flow (2009).
+
+    Example:
+        >>> print(NamingErrorFloor(0.3))
+        naming error after every decision at least 0.3
+    """
+
+    least: float
+    is_floor = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "least", _share(self.least, "least"))
+
+    @property
+    def limit(self) -> float:
+        """The least error, a probability."""
+        return self.least
+
+    def __str__(self) -> str:
+        return f"naming error after every decision at least {self.least:.4g}"
+
+    def level(self, game: Game, table: Array) -> float:
+        """Return min_u (1 − max_i E[π_i|u])."""
+        some = game.played(table) > 0
+        return float(1.0 - game.means(table)[some].max())
+
+    def rows(self, game: Game) -> Block:
+        """Rows Σ_b p_b K_bm (π_bi − 1 + e) ≤ 0 for every state i and column m."""
+        n_columns = game.shape[1]
+        over = _scale(game) * game.weights[:, None] * (game.beliefs - 1.0 + self.least)  # (B,X)
+        return _by_columns([SPARSE.kron(state[None], SPARSE.identity(n_columns)) for state in over.T], _scale(game))
+
+    def toward_prior(self, game: Game, table: Array) -> Array:
+        """Return the share at which the largest chance of a state falls to 1 − e; it falls in a straight line."""
+        means, prior = game.means(table), game.weights @ game.beliefs
+        over = means - (1.0 - self.least)
+        return np.asarray(_shares(over, means - prior).max(axis=1))
+
+    def most(self, game: Game) -> float:
+        """Return 1 − max_i E[π_i]."""
+        return float(1.0 - (game.weights @ game.beliefs).max())
+
+
+@dataclass(frozen=True)
+class SquaredErrorFloor(Guarantee):
+    """A floor on the mean square error of the best estimate of the belief after every published decision.
+
+    Formula: E[‖π − E[π|u]‖² | u] ≥ v for every u that is played.
+
+    Args:
+        least: v, at least 0, in squared units of belief (Euclidean); no more than Σ w ‖π − Σ w π‖², the square of
+            `Prior.error`, can be had.
+
+    Raises:
+        InputError: The floor is negative or not finite.
+
+    Source: the Bayes risk of estimation under a squared loss.
+
+    Example:
+        >>> print(SquaredErrorFloor(0.04))
+        mean square error after every decision at least 0.04
+    """
+
+    least: float
+    is_floor = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "least", validation.non_negative(self.least, "least"))
+
+    @property
+    def limit(self) -> float:
+        """The least mean square error, in squared units of belief."""
+        return self.least
+
+    def __str__(self) -> str:
+        return f"mean square error after every decision at least {self.least:.4g}"
+
+    def level(self, game: Game, table: Array) -> float:
+        """Return min_u E[‖π − E[π|u]‖² | u]."""
+        return float(game.square_errors(table)[game.played(table) > 0].min())
+
+    def rows(self, game: Game) -> Block:
+        """The rows of estimates at the prior's mean: Σ_b p_b K_bm (v − ‖π_b − μ‖²) ≤ 0, right for any estimate μ."""
+        count = game.shape[1]
+        return self._rows(game, np.arange(count), np.tile(game.weights @ game.beliefs, (count, 1)))
+
+    def cuts(self, game: Game, table: Array) -> Block | None:
+        """The rows of the posterior means after decisions that miss the floor, for these and their neighbours."""
+        missed = self.least - game.square_errors(table)
+        which = np.flatnonzero(missed > tolerances.GUARANTEE_ROUNDING)
+        if not which.size:
+            return None
+        near = game.near[which]
+        return self._rows(game, near.ravel(), np.repeat(game.means(table)[which], near.shape[1], axis=0))
+
+    def toward_prior(self, game: Game, table: Array) -> Array:
+        """Return (v − x)/(x₀ − x) for a column of error x below the floor, where the prior's is x₀: the error is concave."""
+        errors = game.square_errors(table)
+        return _shares(self.least - errors, self.most(game) - errors)
+
+    def most(self, game: Game) -> float:
+        """Return Σ w ‖π − Σ w π‖²."""
+        return float(game.weights @ ((game.beliefs - game.weights @ game.beliefs) ** 2).sum(axis=1))
+
+    def _rows(self, game: Game, which: np.ndarray, means: Array) -> Block:
+        (n_beliefs, n_columns), scale = game.shape, _scale(game)
+        short = scale * game.weights[:, None] * (self.least - game.squares(means))  # (B, rows)
+        belief, row = np.indices(short.shape).reshape(2, -1)
+        table = SPARSE.csr_array(
+            (short.ravel(), (row, belief * n_columns + which[row])), shape=(len(which), n_beliefs * n_columns)
+        )
+        nothing = SPARSE.csr_array((len(which), 0))
+        return Block(table, nothing, np.zeros(len(which)), np.full(len(which), scale), which)
+
+
+def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> tuple[Game, Array]:
+    """Return the beliefs with weight, the optimal rule's law on all decisions, and K on them."""
+    joint = joint_law(mechanism, prior)
+    if checked_problem(problem).n_states != joint.beliefs.shape[1]:
+        raise InputError(f"the problem has {problem.n_states} states, the mechanism {joint.beliefs.shape[1]}")
+    some = joint.weights > 0
+    points = problem.check_actions(mechanism.actions)
+    kept, place = np.unique(
+        first_same(np.vstack([points, problem.solve_points(joint.beliefs[some])])), return_inverse=True
+    )
+    place = place.reshape(-1)
+    honest = np.bincount(place[len(points) :], weights=joint.weights[some], minlength=len(kept)).astype(np.float64)
+    table = np.zeros((len(some), len(kept)))
+    np.add.at(table, (joint.row, place[joint.column]), joint.conditional)
+    return Game(joint.beliefs[some], joint.weights[some], honest, np.arange(len(kept))[:, None]), table[some]
+
+
+def _ratios(game: Game, table: Array) -> Array:
+    """max_π K(u|π)/p(u), shape (M,); 1 where u is not played."""
+    played = game.played(table)
+    return np.where(played > 0, table.max(axis=0) / np.where(played > 0, played, 1.0), 1.0)
+
+
+def _shares(missed: Array, room: Array) -> Array:
+    """What is missed as a share of what there is to gain, at most all of it; 0 where nothing but rounding is missed.
+
+    Rounding is more where the prior itself gives no more than what was asked for, so that mixing would have to end there.
+    """
+    edge = missed > tolerances.DEAREST_REPAIR * room
+    is_missed = missed > np.where(edge, tolerances.GUARANTEE_MET, tolerances.GUARANTEE_ROUNDING)
+    return np.where(is_missed, missed / np.where(is_missed, np.maximum(room, missed), 1.0), 0.0)
+
+
+def _scale(game: Game) -> float:
+    """What rows that weigh beliefs are multiplied by, so that their largest coefficients are near one."""
+    return 1.0 / float(game.weights.max())
+
+
+def _by_columns(tables: list[Any], scale: float) -> Block:
+    table = SPARSE.vstack(tables).tocsr()
+    n_rows = table.shape[0]
+    columns = np.tile(np.arange(n_rows // len(tables)), len(tables))
+    return Block(table, SPARSE.csr_array((n_rows, 0)), np.zeros(n_rows), np.full(n_rows, scale), columns)
+
+
+def _share(value: object, name: str) -> float:
+    number = validation.non_negative(value, name)
+    if number > 1.0:
+        raise InputError(f"{name} must be from 0 to 1, got {number:g}")
+    return number

@@ -1,0 +1,1 @@
+"""An audit of two files: what decisions tell of a secret to one who learns from data alone, without any model."""

@@ -82,6 +82,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.errors import ModelError as ModelError
     from inscrutable.errors import SolverError as SolverError
     from inscrutable.experiments.attack import attack_weights as attack_weights
+    from inscrutable.experiments.audit import audit_pairs as audit_pairs
     from inscrutable.experiments.backtest import run_backtest as run_backtest
     from inscrutable.experiments.comparison import compare as compare
     from inscrutable.experiments.investor_model import InvestorModel as InvestorModel

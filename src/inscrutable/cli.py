@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies, compile.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, audit, run studies, compile.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
+from inscrutable.cli_audit import audit
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_sequence import protect_next
@@ -63,6 +64,7 @@ app = App(
 )
 
 app.command(study)
+app.command(audit)
 
 _DATA = Group("Data", sort_key=1)
 _INVESTOR = Group("Investor", sort_key=2)

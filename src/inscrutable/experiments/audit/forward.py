@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def best_before(losses: Array) -> np.ndarray:
 def blocks(n_rows: int) -> tuple[tuple[int, int], ...]:
     """The blocks that are read: all but the first of ten of equal length, to a row."""
     ends = [round(k * n_rows / N_BLOCKS) for k in range(N_BLOCKS + 1)]
-    return tuple(zip(ends[1:-1], ends[2:], strict=True))
+    return tuple(pairwise(ends[1:]))
 
 
 def learn_forward(

@@ -32,7 +32,7 @@ class Target:
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class PairedRows:
     """Rows of secrets with the decisions that are read for them, in order of time."""
 
     index: pd.Index
@@ -43,7 +43,7 @@ class Pairs:
     notes: tuple[str, ...]
 
 
-def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None) -> Pairs:
+def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None) -> PairedRows:
     """Return rows in which nothing is missing; raise `InputError` where tables do not fit, or too little is left."""
     hidden, shown = _table(secrets, "secrets"), _table(published, "published")
     notes: list[str] = []
@@ -70,7 +70,7 @@ def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None)
     if not varies.any():
         raise InputError(f"published decisions never change: {few(still)}; nothing can be learned from them")
     kept = np.flatnonzero(varies)
-    return Pairs(
+    return PairedRows(
         hidden.index[whole],
         targets,
         values[:, kept],
@@ -125,12 +125,16 @@ def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tup
             f"{few(map(label_text, shown.index), 3)}"
         )
     if not ordered and not hidden.index[hidden.index.isin(shown.index)].equals(common):
-        raise InputError("row labels of secrets and published stand in different orders, so time is not known: use dates")
+        raise InputError(
+            "row labels of secrets and published stand in different orders, so time is not known: use dates"
+        )
     for table, name in ((hidden, "secrets"), (shown, "published")):
         lost = len(table) - len(common)
         if lost:
             left = next(label for label in table.index if label not in common)
-            notes.append(f"{lost} of {len(table)} rows of {name} have no partner, such as {label_text(left)}, and are left out")
+            notes.append(
+                f"{lost} of {len(table)} rows of {name} have no partner, such as {label_text(left)}, and are left out"
+            )
     # Lags count rows of published, also those without a secret.
     return hidden.reindex(shown.index), shown, shown.index.isin(common)
 
@@ -165,20 +169,20 @@ def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
     if kind == "numbers" and not numeric:
         raise InputError(f"secrets column {name!r} holds no numbers, such as {column.iloc[0]!r}: its kind is classes")
     values = _finite(column, "secrets", name) if numeric else _words(column, "secrets", name)
-    distinct = np.unique(values)
+    distinct = np.unique(np.asarray(values))
     if len(distinct) < 2:
         raise InputError(f"secrets column {name!r} is {distinct[0]!r} in every row: there is nothing to learn")
     whole = numeric and len(distinct) <= _MOST_CLASSES and bool((distinct == np.round(distinct.astype(float))).all())
     if kind is None and whole:
         notes.append(f"secrets column {name!r} has {len(distinct)} whole numbers, which are taken for names of classes")
     if (kind or ("classes" if whole or not numeric else "numbers")) == "numbers":
-        return Target(name, "numbers", (), values.to_numpy(dtype=np.float64)[:, None])
+        return Target(name, "numbers", (), np.asarray(values, dtype=np.float64)[:, None])
     if len(distinct) > _MOST_CHOICES:
         raise InputError(
             f"secrets column {name!r} has {len(distinct)} different classes, such as {distinct[0]!r}, expected at most "
             f"{_MOST_CHOICES}"
         )
-    indicators = (values.to_numpy()[:, None] == distinct[None]).astype(np.float64)
+    indicators = (np.asarray(values)[:, None] == distinct[None]).astype(np.float64)
     return Target(name, "classes", tuple(f"{each:g}" if numeric else str(each) for each in distinct), indicators)
 
 
@@ -195,10 +199,9 @@ def _words(column: pd.Series, table: str, name: Any) -> pd.Series:
     held = column.dropna()
     kinds = {isinstance(each, (int, float, complex)) and not isinstance(each, (bool, np.bool_)) for each in held}
     if len(kinds) > 1:
-        wrong = next(label for label, each in held.items() if isinstance(each, str))
+        label, text = next((label, each) for label, each in held.items() if isinstance(each, str))
         raise InputError(
-            f"{table} column {name!r} has the text {held[wrong]!r} in row {label_text(wrong)} among numbers, expected one or "
-            "the other"
+            f"{table} column {name!r} has the text {text!r} in row {label_text(label)} among numbers, expected one or the other"
         )
     return column.map(lambda each: each if pd.isna(each) else str(each)).astype(object)
 

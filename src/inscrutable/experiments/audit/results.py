@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
-import numpy as np
 import pandas as pd
 
 from inscrutable.axes import few
@@ -16,7 +16,7 @@ _MOST_SOURCES = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Source(Saved):
+class Telling(Saved):
     """What one column of the decisions, or one lag, tells alone.
 
     Args:
@@ -90,10 +90,10 @@ class SecretAudit(Saved):
     detectable: float
     since: str
     noticed: str
-    sources: tuple[Source, ...]
+    sources: tuple[Telling, ...]
     blocks: tuple[BlockScore, ...]
 
-    def telling(self) -> tuple[Source, ...]:
+    def telling(self) -> tuple[Telling, ...]:
         """Return the columns and lags that tell by themselves, most telling first."""
         return tuple(sorted((each for each in self.sources if each.tells), key=lambda each: -each.explained))
 
@@ -147,7 +147,7 @@ class PairsAudit(Saved):
         learners: Names of the learners.
         notes: How missing values, unequal dates, constant columns and text were treated.
 
-    Source: `audit_pairs`.
+    Telling: `audit_pairs`.
     """
 
     secrets: tuple[SecretAudit, ...]
@@ -170,25 +170,27 @@ class PairsAudit(Saved):
 
     def frame(self) -> pd.DataFrame:
         """Return one row per secret, errors as shares wrong or in the secret's unit."""
-        names = ("name", "kind", "is_found", "p_value", "error", "error_limit", "guess_error", "explained", "detectable")
+        names = (
+            "name",
+            "kind",
+            "is_found",
+            "p_value",
+            "error",
+            "error_limit",
+            "guess_error",
+            "explained",
+            "detectable",
+        )
         rows = [{name: getattr(each, name) for name in (*names, "since", "noticed")} for each in self.secrets]
         return pd.DataFrame(rows).set_index("name")
 
-    def sources(self) -> pd.DataFrame:
-        """Return what each column and lag tells alone of each secret."""
-        return pd.DataFrame(
-            [
-                {"secret": each.name, "kind": s.kind, "name": s.name, "explained": s.explained, "error": s.error, "tells": s.tells}
-                for each in self.secrets
-                for s in each.sources
-            ]
-        )
+    def source_frame(self) -> pd.DataFrame:
+        """Return what each column and lag tells alone of each secret, with the fields of `Telling`."""
+        return _frame([(each.name, part) for each in self.secrets for part in each.sources])
 
-    def blocks(self) -> pd.DataFrame:
-        """Return how well each block of rows was read, for each secret."""
-        return pd.DataFrame(
-            [{"secret": each.name, **vars_of(block)} for each in self.secrets for block in each.blocks],
-        )
+    def block_frame(self) -> pd.DataFrame:
+        """Return how well each block of rows was read for each secret, with the fields of `BlockScore`."""
+        return _frame([(each.name, part) for each in self.secrets for part in each.blocks])
 
     def __repr__(self) -> str:
         return self.summary()
@@ -198,24 +200,15 @@ class PairsAudit(Saved):
         lags = f"lags {', '.join(map(str, self.lags))}" if self.lags != (0,) else "the decision of the same row"
         lines = [
             *(each.summary() for each in self.secrets),
-            f"{self.n_rows} rows, the last {self.n_judged} judged, each block by what was learned from the rows before it, less an "
-            f"embargo of {self.embargo}; {lags}; {self.n_shifts} circular shifts; {', '.join(self.learners)}.",
+            f"{self.n_rows} rows, the last {self.n_judged} judged, each block by what was learned from the rows before it, less "
+            f"an embargo of {self.embargo}; {lags}; {self.n_shifts} circular shifts; {', '.join(self.learners)}.",
             "This says that at least so much leaks, never that no more does: others may learn better.",
             *(f"Note: {note}." for note in self.notes),
         ]
         return "\n".join(lines)
 
 
-def vars_of(block: BlockScore) -> dict[str, object]:
-    """Return a block's figures by name."""
-    return {
-        "first": block.first,
-        "last": block.last,
-        "error": block.error,
-        "guess_error": block.guess_error,
-        "explained": block.explained,
-        "learner": block.learner,
-        "is_judged": block.is_judged,
-    }
-
-
+def _frame(parts: Sequence[tuple[str, Telling | BlockScore]]) -> pd.DataFrame:
+    """One row per part of a secret, under the secret's name."""
+    rows = [{field.name: getattr(part, field.name) for field in fields(part)} for _, part in parts]
+    return pd.DataFrame(rows, index=pd.Index([name for name, _ in parts], name="secret"))

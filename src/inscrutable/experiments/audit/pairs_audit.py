@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from statistics import NormalDist
 from typing import Any
@@ -12,14 +13,15 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.learners import learners
 from inscrutable.errors import InputError
 from inscrutable.experiments.audit.bounds import autocorrelations, design_effect, mean_limit, share_limit
-from inscrutable.experiments.audit.forward import FIRST_JUDGED, N_BLOCKS, Forward, best_before, learn_forward
-from inscrutable.experiments.audit.pairs import Kind, Pairs, Target, paired
-from inscrutable.experiments.audit.results import LEVEL, POWER, BlockScore, PairsAudit, SecretAudit, Source
+from inscrutable.experiments.audit.forward import N_BLOCKS, Forward, best_before, learn_forward
+from inscrutable.experiments.audit.pairs import Kind, PairedRows, Target, paired
+from inscrutable.experiments.audit.results import LEVEL, POWER, BlockScore, PairsAudit, SecretAudit, Telling
 from inscrutable.labels import label_text
 from inscrutable.validation import Array
 
 SHIFTS, SHIFTS_OF_MANY, MANY_ROWS = 99, 39, 20_000
-_FORGOTTEN = 1.0 / np.e
+_IN_STEPS = 20
+_FORGOTTEN = math.exp(-1.0)
 """Autocorrelation of a secret below which rows count as apart."""
 _LEAST_KNOWN = 3
 """Rows that the first block read is learned from; it only serves to choose a learner."""
@@ -54,8 +56,9 @@ def audit_pairs(
         embargo: Rows between those learned from and those read; None is the reach of the lags and as many rows as a secret
             takes to fall to an autocorrelation of 1/e, at most half a block.
         kind: "classes" or "numbers" for all secrets; None tells by the values.
-        shifts: Circular shifts, at least 19; None is 99, or 39 above 20,000 rows.
-        rng: Source of the shifts and of the bootstrap; None is a fixed one, the same at every call.
+        shifts: Most circular shifts, at least 19; None is 99, or 39 above 20,000 rows. They are evenly spaced, and fewer where
+            they would come nearer to each other than the embargo.
+        rng: Telling of the bootstrap; None is a fixed one, the same at every call.
 
     Returns:
         A `PairsAudit`: for each secret the error and its limit, the error without decisions, the p-value, what would have been
@@ -67,7 +70,7 @@ def audit_pairs(
 
     Cost: two seconds for 300 rows of ten columns and one secret, half a minute for 100,000; in proportion to the secrets.
 
-    Source: Dawid, prequential analysis (1984), for errors made forward in time; Clopper and Pearson (1934), Götze and Künsch
+    Telling: Dawid, prequential analysis (1984), for errors made forward in time; Clopper and Pearson (1934), Götze and Künsch
     (1996) for the limits; permutation by circular shifts.
 
     Example:
@@ -83,7 +86,7 @@ def audit_pairs(
     asked = _checked_lags(lags)
     pairs = paired(secrets, published, asked, kind)
     apart = _embargo(pairs, asked, embargo)
-    draw = _shifts(len(pairs.index), apart, shifts, source)
+    draw = _shifts(len(pairs.index), apart, shifts)
     streams = dict(zip(sorted(each.name for each in pairs.targets), source.spawn(len(pairs.targets)), strict=True))
     runs = [learn_forward(pairs.features, each.values, draw, apart, makers) for each in pairs.targets]
     p_values, detectable = _judged(np.stack([run.explained() for run in runs]))
@@ -93,9 +96,7 @@ def audit_pairs(
         for target, run, judged in zip(pairs.targets, runs, zip(p_values, detectable, strict=True), strict=True)
     ]
     judged = len(pairs.index) - runs[0].bounds[runs[0].judged_from][0]
-    return PairsAudit(
-        tuple(found), len(pairs.index), judged, apart, asked, len(draw) - 1, tuple(makers), pairs.notes
-    )
+    return PairsAudit(tuple(found), len(pairs.index), judged, apart, asked, len(draw) - 1, tuple(makers), pairs.notes)
 
 
 def _checked_lags(lags: Sequence[int]) -> tuple[int, ...]:
@@ -109,7 +110,7 @@ def _checked_lags(lags: Sequence[int]) -> tuple[int, ...]:
     return tuple(sorted(held))
 
 
-def _embargo(pairs: Pairs, lags: tuple[int, ...], asked: int | None) -> int:
+def _embargo(pairs: PairedRows, lags: tuple[int, ...], asked: int | None) -> int:
     """Rows left out before a block; at least the reach of the lags, so that no decision is on both sides."""
     rows, reach = len(pairs.index), max(lags) - min(lags)
     most = rows // N_BLOCKS - _LEAST_KNOWN
@@ -131,13 +132,16 @@ def _forgotten(column: Array) -> int:
     return int(below[0]) if len(below) else len(column)
 
 
-def _shifts(rows: int, embargo: int, asked: int | None, rng: np.random.Generator) -> np.ndarray:
-    """The identity and different shifts that are no nearer to it than the embargo."""
-    count = (SHIFTS if rows <= MANY_ROWS else SHIFTS_OF_MANY) if asked is None else asked
-    validation.count(count, "shifts", least=19)
-    nearest = max(embargo, 1) + 1
-    possible = np.arange(nearest, rows - nearest + 1)
-    return np.concatenate([[0], np.sort(rng.choice(possible, size=min(count, len(possible)), replace=False))])
+def _shifts(rows: int, embargo: int, asked: int | None) -> np.ndarray:
+    """Evenly spaced shifts, the identity first, in a number that 5 % divides, and apart by more than the embargo if they can.
+
+    Even spacing makes them a group, of which without a leak the identity is like any other; leaving out only shifts near to the
+    identity would not, and gives too many alarms.
+    """
+    most = (SHIFTS if rows <= MANY_ROWS else SHIFTS_OF_MANY) if asked is None else asked
+    validation.count(most, "shifts", least=_IN_STEPS - 1)
+    count = _IN_STEPS * max(min(most + 1, rows // (embargo + 1)) // _IN_STEPS, 1)
+    return np.asarray(np.round(np.arange(count) * (rows / count)), dtype=np.intp)
 
 
 def _judged(explained: Array) -> tuple[Array, Array]:
@@ -161,7 +165,13 @@ def _judged(explained: Array) -> tuple[Array, Array]:
 
 
 def _finding(
-    pairs: Pairs, target: Target, run: Forward, judged: tuple[Array, float], apart: int, level: float, rng: np.random.Generator
+    pairs: PairedRows,
+    target: Target,
+    run: Forward,
+    judged: tuple[Array, float],
+    apart: int,
+    level: float,
+    rng: np.random.Generator,
 ) -> SecretAudit:
     p_values, detectable = judged
     first = run.bounds[0][0]
@@ -220,7 +230,7 @@ def _gains(run: Forward, truth: Array) -> tuple[Array, Array]:
     return np.asarray(guess - ((truth - predicted) ** 2).sum(axis=1)), np.asarray(guess)
 
 
-def _when(pairs: Pairs, run: Forward, truth: Array, p_values: Array) -> tuple[str, str]:
+def _when(pairs: PairedRows, run: Forward, truth: Array, p_values: Array) -> tuple[str, str]:
     """Since when decisions tell, where the summed gain is least, and from when on the p-value is and stays low."""
     total = np.concatenate([[0.0], _gains(run, truth)[0].cumsum()])
     start = run.bounds[0][0] + int(total[:-1].argmin())
@@ -229,7 +239,7 @@ def _when(pairs: Pairs, run: Forward, truth: Array, p_values: Array) -> tuple[st
     return label_text(pairs.index[start]), label_text(pairs.index[run.bounds[block][1] - 1])
 
 
-def _scores(pairs: Pairs, target: Target, run: Forward, losses: tuple[Array, Array]) -> tuple[BlockScore, ...]:
+def _scores(pairs: PairedRows, target: Target, run: Forward, losses: tuple[Array, Array]) -> tuple[BlockScore, ...]:
     shares, chosen, first = _block_shares(run), run.chosen()[0], run.bounds[0][0]
     root = np.sqrt if target.kind == "numbers" else float
     found = []
@@ -246,11 +256,11 @@ def _block_shares(run: Forward) -> Array:
     return np.where(guess > 0, 1.0 - taken / np.where(guess > 0, guess, 1.0), 0.0)
 
 
-def _sources(pairs: Pairs, target: Target, embargo: int) -> tuple[Source, ...]:
+def _sources(pairs: PairedRows, target: Target, embargo: int) -> tuple[Telling, ...]:
     """What each column, and each lag where there are several, tells alone."""
     makers = {name: make for name, make in learners().items() if name in _ALONE}
-    parts = [("column", name, [k for k, each in enumerate(pairs.columns) if each == name]) for name in dict.fromkeys(pairs.columns)]
-    lags = sorted(set(pairs.lags))
+    columns, lags = tuple(dict.fromkeys(pairs.columns)), sorted(set(pairs.lags))
+    parts = [("column", name, [k for k, each in enumerate(pairs.columns) if each == name]) for name in columns]
     if len(lags) > 1:
         parts += [("lag", f"{lag}", [k for k, each in enumerate(pairs.lags) if each == lag]) for lag in lags]
     needed = NormalDist().inv_cdf(1.0 - (1.0 - LEVEL) / len(parts))
@@ -262,5 +272,5 @@ def _sources(pairs: Pairs, target: Target, embargo: int) -> tuple[Source, ...]:
         share = float(gains.sum() / guess.sum()) if guess.sum() > 0 else 0.0
         off = gains - share * guess
         error = float(np.sqrt(design_effect(off) * len(off)) * off.std() / guess.sum()) if guess.sum() > 0 else 0.0
-        found.append(Source(kind, name, share, error, bool(share > needed * error)))
+        found.append(Telling(kind, name, share, error, bool(share > needed * error)))
     return tuple(found)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Group, Parameter, validators
 
 from inscrutable.cli_console import Speech, show_table
-from inscrutable.cli_values import WHOLE, UsageError
+from inscrutable.cli_values import WHOLE, whole_numbers_of, writable_folder
 
 _DATA = Group("Data", sort_key=1)
 _OUTPUT = Group("Output", sort_key=9)
@@ -41,13 +41,12 @@ def audit(
     """
     import numpy as np
 
-    from inscrutable.cli_values import writable_folder
     from inscrutable.datasets import read_records, replace_files
     from inscrutable.datasets.written import LIST
     from inscrutable.experiments.audit import audit_pairs
     from inscrutable.reports.audit import audit_summary, audit_table, write_audit
 
-    steps = _lags(lags)
+    steps = whole_numbers_of(lags, "--lags")
     tables = read_records(secrets), read_records(published)
     folder = None if out is None else writable_folder(out)
     speech.log(f"{len(tables[0])} rows of secrets, {len(tables[1])} of decisions; learning forward in time")
@@ -65,10 +64,3 @@ def audit(
     )
     speech.sentence(found.summary())
     speech.files(files)
-
-
-def _lags(text: str) -> tuple[int, ...]:
-    try:
-        return tuple(int(part.replace("−", "-")) for part in text.split(","))
-    except ValueError:
-        raise UsageError(f"--lags {text}: expected whole numbers of rows such as 0,1,2") from None

@@ -189,7 +189,7 @@ def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
 def _finite(column: pd.Series, table: str, name: Any) -> pd.Series:
     numbers = column.astype(np.float64)
     if np.isinf(numbers).any():
-        label = column.index[int(np.isinf(numbers).to_numpy().argmax())]
+        label = column.index[int(np.asarray(np.isinf(numbers)).argmax())]
         raise InputError(f"{table} column {name!r} is infinite in row {label_text(label)}, expected finite numbers")
     return numbers
 

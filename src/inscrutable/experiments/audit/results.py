@@ -200,8 +200,8 @@ class PairsAudit(Saved):
         lags = f"lags {', '.join(map(str, self.lags))}" if self.lags != (0,) else "the decision of the same row"
         lines = [
             *(each.summary() for each in self.secrets),
-            f"{self.n_rows} rows, the last {self.n_judged} judged, each block by what was learned from the rows before it, less "
-            f"an embargo of {self.embargo}; {lags}; {self.n_shifts} circular shifts; {', '.join(self.learners)}.",
+            f"{self.n_rows} rows, the last {self.n_judged} judged, each block by what was learned from the rows before it, "
+            f"less an embargo of {self.embargo}; {lags}; {self.n_shifts} circular shifts; {', '.join(self.learners)}.",
             "This says that at least so much leaks, never that no more does: others may learn better.",
             *(f"Note: {note}." for note in self.notes),
         ]

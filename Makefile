@@ -63,7 +63,7 @@ clean: ## remove the environment, the caches and the demo
 # ---- the environment: made once, renewed when a requirement changes -----------------------------
 
 comma := ,
-EVERYTHING := .[test,docs,global,data,bench]
+EVERYTHING := .[test,docs,global,data,bench,audit]
 
 define install
 	@echo "Installing into .venv (a minute or two the first time) ..."

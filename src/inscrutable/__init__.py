@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import BudgetAwareAdversary as BudgetAwareAdversary
     from inscrutable.adversaries import CostLearningAdversary as CostLearningAdversary
     from inscrutable.adversaries import CostStatus as CostStatus
+    from inscrutable.adversaries import DataAdversary as DataAdversary
     from inscrutable.adversaries import InferredBeliefs as InferredBeliefs
     from inscrutable.adversaries import LearnedCost as LearnedCost
     from inscrutable.adversaries import NaiveAdversary as NaiveAdversary
@@ -92,9 +93,12 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.errors import ModelError as ModelError
     from inscrutable.errors import SolverError as SolverError
     from inscrutable.experiments.attack import attack_weights as attack_weights
+    from inscrutable.experiments.audit import audit_pairs as audit_pairs
     from inscrutable.experiments.backtest import run_backtest as run_backtest
     from inscrutable.experiments.comparison import compare as compare
     from inscrutable.experiments.investor_model import InvestorModel as InvestorModel
+    from inscrutable.experiments.learning import LearningCurve as LearningCurve
+    from inscrutable.experiments.learning import learning_curve as learning_curve
     from inscrutable.experiments.protect import protect as protect
     from inscrutable.experiments.reproduction import reproduce as reproduce
     from inscrutable.experiments.studies import Study as Study

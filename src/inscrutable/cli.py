@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies, compile.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, audit, run studies, compile.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
+from inscrutable.cli_audit import audit
 from inscrutable.cli_console import Speech, library_log, results, show_table
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_sequence import protect_next
@@ -28,6 +29,7 @@ from inscrutable.cli_values import (
     budget_of,
     budgets_of,
     measure_of,
+    whole_numbers_of,
     writable_folder,
 )
 from inscrutable.errors import DiskError, InputError, InscrutableError, ModelError
@@ -63,6 +65,7 @@ app = App(
 )
 
 app.command(study)
+app.command(audit)
 
 _DATA = Group("Data", sort_key=1)
 _INVESTOR = Group("Investor", sort_key=2)
@@ -463,6 +466,7 @@ def compare(
     market: Annotated[str, Parameter(group=_DATA)] = "paper",
     resolution: Annotated[Whole, Parameter(group=_DATA)] = 30,
     budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
+    pairs: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     jobs: Whole = -1,
     seed: Seed = 0,
     out: Out = Path("comparison"),
@@ -480,6 +484,7 @@ def compare(
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
+        pairs: Numbers of pairs, rising, such as 100,1000: a rival who has seen so many and knows nothing else stands there, too.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
@@ -492,7 +497,8 @@ def compare(
     from inscrutable.experiments.comparison_study import compared, comparison_study
     from inscrutable.reports.comparison import terminal_table, write_comparison
 
-    settings = ComparisonSettings(budgets=shares, unit=unit)
+    seen = () if pairs is None else whole_numbers_of(pairs, "--pairs")
+    settings = ComparisonSettings(budgets=shares, unit=unit, pairs=seen)
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)

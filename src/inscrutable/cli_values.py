@@ -52,6 +52,14 @@ def whole_number(type_: Any, tokens: Sequence[Token]) -> int:
         raise ValueError(f'unable to convert "{text}" into a whole number') from None
 
 
+def whole_numbers_of(text: str, option: str) -> tuple[int, ...]:
+    """Return the whole numbers that "0,1,2" stands for."""
+    try:
+        return tuple(int(part.replace("−", "-")) for part in text.split(","))
+    except ValueError:
+        raise UsageError(f"{option} {text}: expected whole numbers such as 1,10,100") from None
+
+
 WHOLE = Parameter(converter=whole_number)
 
 

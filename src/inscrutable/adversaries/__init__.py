@@ -4,6 +4,7 @@ from inscrutable.adversaries.bayesian import BayesianAdversary, Posterior, Poste
 from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_beliefs
 from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_sets
 from inscrutable.adversaries.cost_learning import CostLearningAdversary
+from inscrutable.adversaries.data_adversary import DataAdversary
 from inscrutable.adversaries.explanations import ActionExplanation, explain_action
 from inscrutable.adversaries.interface import Adversary
 from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
@@ -23,6 +24,7 @@ __all__ = [
     "ConsistentSets",
     "CostLearningAdversary",
     "CostStatus",
+    "DataAdversary",
     "InferredBeliefs",
     "LearnedCost",
     "NaiveAdversary",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from inscrutable.datasets.daily import load_daily_returns
 from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.datasets.french import IndustryReturns, load_industry_returns
+from inscrutable.datasets.records import read_records
 from inscrutable.datasets.suspicious import suspicious_entries
 from inscrutable.datasets.tables import WeightsTable, read_beliefs, read_returns, read_weights, simple_returns
 from inscrutable.datasets.written import replace_files
@@ -17,6 +18,7 @@ __all__ = [
     "load_industry_returns",
     "output_folder",
     "read_beliefs",
+    "read_records",
     "read_returns",
     "read_weights",
     "replace_files",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
@@ -16,7 +16,7 @@ from inscrutable import validation
 from inscrutable.decision_makers import Candidates
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
-from inscrutable.experiments.comparison_measures import ComparisonRow, measured
+from inscrutable.experiments.comparison_measures import ComparisonRow, learned_from_data, measured
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.makers import MAKERS, Maker, behave
 from inscrutable.experiments.observers import Observed
@@ -41,6 +41,8 @@ class ComparisonSettings(Section):
             suffices and nothing need leak; "cost", shares of E|c*|; "regret", the cost's own unit.
         repeats: Numbers of decisions made under one and the same belief, rising, the first at least 1.
         draws: Sequences sampled for each, at least 10.
+        pairs: Numbers of pairs of belief and decision, each at least 10, rising, that an observer has seen who knows nothing
+            else; none leaves it out. It needs the extra `inscrutable[audit]`.
 
     Raises:
         InputError: A number is malformed, or the unit unknown.
@@ -54,6 +56,7 @@ class ComparisonSettings(Section):
     unit: Literal["silence", "cost", "regret"] = "silence"
     repeats: Annotated[Rising[Count], Field(min_length=1)] = (1, 10, 100)
     draws: Annotated[int, Field(ge=10, le=1_000_000)] = 500
+    pairs: Rising[Annotated[int, Field(ge=10)]] = ()
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -85,6 +88,7 @@ class Comparison(Saved):
         mean_cost: E|c*| under the prior, in the cost's unit.
         per_belief_unit: What budgets per belief are shares of: "|c*|", or "regret" where c* comes near zero.
         stays: How often the belief is the same at the next decision, by the chain; NaN where it is not known how it moves.
+        pairs: Numbers of pairs seen by an observer of data alone.
 
     Source: for each measure the function that computes it; the paper, Section V-B, for the trade-off.
     """
@@ -104,6 +108,7 @@ class Comparison(Saved):
     mean_cost: float
     per_belief_unit: str
     stays: float = float("nan")
+    pairs: tuple[int, ...] = ()
 
     @property
     def makers(self) -> tuple[str, ...]:
@@ -145,7 +150,7 @@ class Comparison(Saved):
         values: dict[str, object] = {
             each.name: getattr(row, each.name)
             for each in fields(row)
-            if not each.name.startswith("repeated_") and each.name != "told_errors"
+            if not each.name.startswith(("repeated_", "data_")) and each.name != "told_errors"
         }
         for s, n in enumerate(self.repeats):
             values[f"bayes_error_after_{n}"] = float(row.repeated_errors[s])
@@ -153,6 +158,8 @@ class Comparison(Saved):
             values[f"information_after_{n}"] = float(row.repeated_information[s])
             values[f"top_state_after_{n}"] = float(row.repeated_top_state[s])
             values[f"bayes_error_after_{n}_told"] = float(row.told_errors[s])
+        for s, n in enumerate(self.pairs):
+            values[f"data_error_of_{n}_pairs"] = float(row.data_errors[s])
         return values
 
     def header(self) -> str:
@@ -288,7 +295,12 @@ class ComparisonTasks:
         if behaviour is None:
             return None
         observed = Observed(self.setting, behaviour._replace(asked=budget), detects=True)
-        return measured(name, observed, (self.settings.repeats, self.settings.draws), rng=rng)
+        row = measured(name, observed, (self.settings.repeats, self.settings.draws), rng=rng)
+        return (
+            row
+            if not self.settings.pairs
+            else replace(row, data_errors=learned_from_data(observed, self.settings.pairs))
+        )
 
     def comparison(self, rows: Sequence[ComparisonRow]) -> Comparison:
         """Return the comparison that rows make, in the order of the tasks."""
@@ -308,6 +320,7 @@ class ComparisonTasks:
             silence_regret=setting.silence_regret,
             mean_cost=setting.mean_cost,
             per_belief_unit="|c*|" if setting.is_relative else "regret",
+            pairs=self.settings.pairs,
             stays=np.nan if setting.chain is None else float(prior.weights @ setting.chain.transition.diagonal()),
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,7 @@ class ComparisonRow(Saved):
         learned_holds: 1 where the true risk aversion is among these, 0 where it is not or there are none; NaN for costs
             without one.
         learned_error: Of that observer, who then reads single decisions as the naive one does; NaN where none explains all.
+        data_errors: Of one who has only data, for each number of pairs asked for, shape (S,); one sample of pairs each.
     """
 
     maker: str
@@ -113,6 +114,12 @@ class ComparisonRow(Saved):
     learned_high: float = float("nan")
     learned_holds: float = float("nan")
     learned_error: float = float("nan")
+    data_errors: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def learned_from_data(observed: Observed, pairs: tuple[int, ...]) -> Array:
+    """Return the errors (S,) of one who knows nothing but that many pairs of belief and decision."""
+    return np.array([observed.read_by({"name": "data", "pairs": n}).error for n in pairs])
 
 
 def measured(

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
-from inscrutable.adversaries import Adversary, BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
+import numpy as np
+from pydantic import Field
+
+from inscrutable.adversaries import (
+    Adversary,
+    BudgetAwareAdversary,
+    DataAdversary,
+    NaiveAdversary,
+    NearOptimalAdversary,
+)
 from inscrutable.budgets import Budget
 from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
 from inscrutable.experiments.sections import Grid, NonNegative, Section
@@ -15,6 +24,9 @@ from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy import Detectability, Leakage, detectability, leakage
 
 Chosen = Mapping[str, Any]
+
+_DATA_SEED = 20_260_101
+"""Of the pairs that an observer of data has seen: the same for every decision maker."""
 
 
 class ObserverReading(NamedTuple):
@@ -144,10 +156,26 @@ class Bayesian(ObserverSection):
         return ObserverReading(observed.leakage.bayes_error, observed.leakage.top_state_accuracy)
 
 
+class Data(ObserverSection):
+    """Knows neither the costs nor the rule nor the law of beliefs: has seen that many pairs of belief and decision."""
+
+    name: Literal["data"]
+    pairs: Grid[Annotated[int, Field(ge=10)]] = (1000,)
+
+    @staticmethod
+    def adversary(observed: Observed, chosen: Chosen) -> Adversary:
+        """Return it; the same pairs at every call."""
+        rng = np.random.default_rng(_DATA_SEED)
+        return DataAdversary.of(
+            observed.behaviour.mechanism, observed.setting.prior, chosen.get("pairs", 1000), rng=rng
+        )
+
+
 OBSERVERS: Mapping[str, type[ObserverSection]] = {
     "naive": Naive,
     "near-optimal": NearOptimal,
     "budget-aware": BudgetAware,
     "bayesian": Bayesian,
+    "data": Data,
 }
 """Every observer of single decisions by the name that files give it."""

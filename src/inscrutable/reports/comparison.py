@@ -69,6 +69,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column("error, cost learned", lambda row: row.learned_error),
         _Column("risk aversion learned", _learned),
     ]
+    from_data = [_Column(f"error, data alone, {n} pairs", _from_data(s)) for s, n in enumerate(comparison.pairs)]
     return [
         _Column("regret, % of silence", lambda row: _PERCENT * row.silence_share, ".1f"),
         _Column("% of |c*|", lambda row: _PERCENT * row.cost_share, ".2f"),
@@ -81,6 +82,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column("error, naive", lambda row: row.naive_error),
         _Column("error, near-optimal", lambda row: row.near_optimal_error),
         _Column("error, budget-aware", lambda row: row.budget_aware_error),
+        *from_data,
         *after,
         *told,
         *(over_time if comparison.is_moving else []),
@@ -99,6 +101,10 @@ _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
 
 def _repeated(place: int) -> Callable[[ComparisonRow], float]:
     return lambda row: float(row.repeated_errors[place])
+
+
+def _from_data(place: int) -> Callable[[ComparisonRow], float | str]:
+    return lambda row: float(row.data_errors[place])
 
 
 def _told(place: int) -> Callable[[ComparisonRow], float]:
@@ -262,6 +268,12 @@ def _watchers(comparison: Comparison) -> list[str]:
         )
     else:
         found.append("Nobody has to learn the risk aversion, because the cost has none.")
+    if comparison.pairs:
+        found.append(
+            "data alone: knows neither the costs nor the rule nor which beliefs are likely, and has seen that many pairs of "
+            "belief and decision, drawn independently; what it learned from them (ridge regression, nearest neighbours or a "
+            "tree, whichever erred least on the last of them) reads single decisions."
+        )
     return found
 
 

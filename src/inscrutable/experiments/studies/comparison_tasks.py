@@ -60,6 +60,7 @@ def compared_pairs(plan: ComparisonFile, data_hash: str | None = None) -> Listed
     """Return the tasks: decision makers, each at its budgets."""
     pairs = pairs_of(plan.decision_makers, plan.budgets)
     kept = plan.model_dump(mode="json", include={"unit", "market", "resolution", "repeats", "draws"})
+    kept |= {"pairs": list(plan.pairs)} if plan.pairs else {}
     kept |= {} if data_hash is None else {"sha256": data_hash}
     seed = [plan.seed, len(plan.budgets)]
     return Listed(len(pairs), lambda k: {"decision_maker": pairs[k][0], "budget": pairs[k][1], **kept}, seed)

@@ -1,0 +1,126 @@
+"""An observer who has only data: past pairs of beliefs and decisions, no costs, no rule and no prior."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.adversaries.learners import Learner, learners
+from inscrutable.axes import Axis, ordered
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms.joint import Joint, joint_law
+from inscrutable.validation import Array
+
+_LEAST_PAIRS = 10
+_TRIED_SHARE = 0.3
+"""Share of the pairs, the last ones, on which learners are compared before the best one learns from all."""
+
+
+class DataAdversary:
+    """An observer who learned from pairs of beliefs and decisions, and knows nothing else.
+
+    Formula: the estimate is ŷ(u) of the learner (ridge regression, nearest neighbours, a tree, or the mean belief) that erred
+    least on the last three tenths of the pairs when it had learned from those before; below 0 is 0, and the sum is one.
+
+    Args:
+        beliefs: The beliefs of past decisions, shape (n,X), n at least 10; in order of time where they have one.
+        actions: The decisions, shape (n,U); (n,) where they are finite choices.
+
+    Raises:
+        InputError: An argument is malformed, or scikit-learn, the extra `inscrutable[audit]`, is missing.
+
+    Cost: a few milliseconds for a thousand pairs, and as much for every call that reads decisions.
+
+    Source: the learners of `audit_pairs`; scikit-learn.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> first = rng.random(500)
+        >>> seen = DataAdversary(np.column_stack([first, 1 - first]), (first > 0.6).astype(int))
+        >>> seen.estimate(1).round(1)
+        array([0.8, 0.2])
+    """
+
+    def __init__(self, beliefs: ArrayLike, actions: ArrayLike) -> None:
+        states = Axis("state", learns=True)
+        self._beliefs = validation.stochastic_rows(beliefs, "beliefs", axes=(None, states))
+        self._assets = Axis("asset", learns=True)
+        given = np.asarray(ordered(actions, "actions", None if np.ndim(actions) == 1 else (None, self._assets)))
+        if given.ndim not in (1, 2) or len(given) != len(self._beliefs):
+            raise InputError(
+                f"actions must be as many decisions as there are beliefs, {len(self._beliefs)}, got shape {given.shape}"
+            )
+        if len(given) < _LEAST_PAIRS:
+            raise InputError(f"an observer of data needs at least {_LEAST_PAIRS} pairs, got {len(given)}")
+        self._choices = np.unique(given) if given.ndim == 1 else None
+        self._width = None if given.ndim == 1 else given.shape[1]
+        self._points = self._read(given)
+        self.learner = self._best()
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, prior: Prior, n_pairs: int, *, rng: np.random.Generator) -> Self:
+        """Return the observer who has seen so many pairs, drawn from a prior and a mechanism that it does not know."""
+        beliefs, actions = sampled_pairs(joint_law(mechanism, prior), mechanism, n_pairs, rng)
+        return cls(beliefs, actions)
+
+    def __repr__(self) -> str:
+        return f"DataAdversary({len(self._beliefs)} pairs, {self.learner})"
+
+    def infer(self, action: ArrayLike) -> Array:
+        """Return the belief that the observer takes for the mean one after a decision, shape (X,): it has no law."""
+        return self.estimate(action)
+
+    def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
+        """Return the guess at the belief after one decision, shape (X,); there always is one, `nearest` or not."""
+        given = np.asarray(ordered(action, "action", None if np.ndim(action) == 0 else (self._assets,)))
+        return np.asarray(self.estimates(given[None], nearest=nearest)[0])
+
+    def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:
+        """Return `estimate` for many decisions (M,U), shape (M,X); (M,) where they are finite choices."""
+        given = np.asarray(ordered(actions, "actions", None if np.ndim(actions) == 1 else (None, self._assets)))
+        if given.ndim != (1 if self._width is None else 2) or (given.ndim == 2 and given.shape[1] != self._width):
+            wanted = "(M,)" if self._width is None else f"(M,{self._width})"
+            raise InputError(f"actions must be many decisions of shape {wanted}, got shape {given.shape}")
+        points = self._read(given)
+        return self._fitted(self.learner, self._points, self._beliefs, points) if len(points) else self._beliefs[:0]
+
+    def _read(self, actions: np.ndarray) -> Array:
+        """Decisions as points: of choices an indicator for each that was seen."""
+        if self._choices is not None:
+            return np.asarray(actions[:, None] == self._choices[None], dtype=np.float64)
+        return validation.finite_array(actions, "actions", ndim=2)
+
+    def _best(self) -> str:
+        """The learner that errs least on the last pairs."""
+        known = len(self._points) - max(int(_TRIED_SHARE * len(self._points)), 1)
+        errors = {}
+        for name in (MEAN, *learners()):
+            guesses = self._fitted(name, self._points[:known], self._beliefs[:known], self._points[known:])
+            errors[name] = float(((guesses - self._beliefs[known:]) ** 2).sum())
+        return min(errors, key=lambda name: errors[name])
+
+    @staticmethod
+    def _fitted(name: str, known: Array, beliefs: Array, read: Array) -> Array:
+        make: Learner = _mean if name == MEAN else learners()[name]
+        found = np.maximum(make(known, read)(beliefs[:, None, :])[:, 0], 0.0)
+        return np.asarray(found / found.sum(axis=1, keepdims=True))
+
+
+MEAN = "mean"
+
+
+def _mean(known: Array, read: Array) -> Any:
+    return lambda targets: np.broadcast_to(targets.mean(axis=0), (len(read), *targets.shape[1:]))
+
+
+def sampled_pairs(
+    joint: Joint, mechanism: Mechanism, n_pairs: int, rng: np.random.Generator
+) -> tuple[Array, np.ndarray]:
+    """Return beliefs (n,X) and decisions (n,U) drawn independently from their joint law."""
+    count = validation.count(n_pairs, "n_pairs")
+    drawn = validation.generator(rng).choice(len(joint.mass), size=count, p=joint.mass / joint.mass.sum())
+    return joint.beliefs[joint.row[drawn]], np.asarray(mechanism.actions)[joint.column[drawn]]

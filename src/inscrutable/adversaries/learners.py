@@ -1,0 +1,104 @@
+"""Learners of a secret from decisions alone, by scikit-learn: nearest neighbours, ridge regression, a tree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from inscrutable.errors import InputError
+from inscrutable.validation import Array
+
+Fitted = Callable[[Array], Array]
+"""Targets (n,S,C) of the rows learned from to predictions (m,S,C): S tasks with the same decisions, each learned alone."""
+Learner = Callable[[Array, Array], Fitted]
+"""Decisions to learn from (n,P) and to read (m,P) to what predicts; what depends on these alone is found once."""
+
+_LEAST_NEIGHBOURS = 10
+_RIDGE_SHARES = (0.01, 0.3)
+"""Ridge penalties as shares of a standardised column's sum of squares."""
+_MOST_LEAVES = 32
+_LEAST_LEAF = 10
+_LEAST_LEAF_SHARE = 0.01
+_MOST_ROWS = 5_000
+"""Rows that neighbours and trees learn from, the latest ones: with more a search, or a tree for every shift, takes minutes."""
+
+
+def learners() -> Mapping[str, Learner]:
+    """Return the learners by name, the simplest first; raise `InputError` without scikit-learn."""
+    _imported()
+    ridge = {f"ridge, penalty {share:g}": _ridge(share) for share in reversed(_RIDGE_SHARES)}
+    return {**ridge, "nearest neighbours": _neighbours, "tree": _tree}
+
+
+def _neighbours(known: Array, read: Array) -> Fitted:
+    from sklearn.neighbors import NearestNeighbors
+
+    points, queries = _standardised(known[-_MOST_ROWS:], read)
+    # Equal decisions are read once.
+    queries, place = np.unique(queries, axis=0, return_inverse=True)
+    count = min(max(_LEAST_NEIGHBOURS, round(np.sqrt(len(points)))), len(points))
+    near = NearestNeighbors(n_neighbors=count).fit(points).kneighbors(queries, return_distance=False)
+
+    def predict(targets: Array) -> Array:
+        latest = targets[-len(points) :]
+        total = np.zeros((len(queries), *targets.shape[1:]))
+        for column in near.T:
+            total += latest[column]
+        return np.asarray((total / count)[place.reshape(-1)])
+
+    return predict
+
+
+def _ridge(share: float) -> Learner:
+    def learner(known: Array, read: Array) -> Fitted:
+        from sklearn.linear_model import Ridge
+
+        points, queries = _standardised(known, read)
+
+        def predict(targets: Array) -> Array:
+            flat = targets.reshape(len(targets), -1)
+            fitted = Ridge(alpha=share * len(points), solver="cholesky").fit(points, flat)
+            return np.asarray(fitted.predict(queries)).reshape(len(queries), *targets.shape[1:])
+
+        return predict
+
+    return learner
+
+
+def _tree(known: Array, read: Array) -> Fitted:
+    from sklearn.tree import DecisionTreeRegressor
+
+    # Trees compute in single precision; so do we, or the same number could fall on either side of a split.
+    points, queries = (np.ascontiguousarray(part, dtype=np.float32) for part in (known[-_MOST_ROWS:], read))
+    leaf = max(_LEAST_LEAF, int(_LEAST_LEAF_SHARE * len(points)))
+
+    def predict(targets: Array) -> Array:
+        latest = targets[-len(points) :]
+        found = np.empty((len(queries), *targets.shape[1:]))
+        for s in range(targets.shape[1]):
+            tree = DecisionTreeRegressor(min_samples_leaf=leaf, max_leaf_nodes=_MOST_LEAVES, random_state=0)
+            tree.fit(points, latest[:, s])
+            found[:, s] = tree.predict(queries).reshape(len(queries), -1)
+        return found
+
+    return predict
+
+
+def _standardised(known: Array, read: Array) -> tuple[Array, Array]:
+    """Both in units of the spread of the decisions learned from."""
+    centre, spread = known.mean(axis=0), known.std(axis=0)
+    unit = np.where(spread > 0, spread, 1.0)
+    return np.asarray((known - centre) / unit), np.asarray((read - centre) / unit)
+
+
+def _imported() -> Any:
+    try:
+        import sklearn
+    except ImportError as error:
+        raise InputError(
+            f"learning from data alone needs scikit-learn, which could not be loaded ({error}): "
+            "pip install 'inscrutable[audit]'"
+        ) from None
+    return sklearn

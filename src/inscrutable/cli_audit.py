@@ -1,0 +1,66 @@
+"""The verb `inscrutable audit`: two files, no model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Group, Parameter, validators
+
+from inscrutable.cli_console import Speech, show_table
+from inscrutable.cli_values import WHOLE, whole_numbers_of, writable_folder
+
+_DATA = Group("Data", sort_key=1)
+_OUTPUT = Group("Output", sort_key=9)
+
+
+def audit(
+    *,
+    secrets: Annotated[Path, Parameter(group=_DATA)],
+    published: Annotated[Path, Parameter(group=_DATA)],
+    lags: Annotated[str, Parameter(group=_DATA)] = "0",
+    embargo: Annotated[int | None, WHOLE, Parameter(group=_DATA, validator=validators.Number(gte=0))] = None,
+    kind: Annotated[Literal["classes", "numbers"] | None, Parameter(group=_DATA)] = None,
+    seed: Annotated[int, WHOLE, Parameter(group=_OUTPUT, validator=validators.Number(gte=0))] = 0,
+    out: Annotated[Path | None, Parameter(group=_OUTPUT)] = None,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Say whether published decisions leak secrets at all, and how much at least, from two files and no model.
+
+    Someone who has nothing but past pairs learns from them (nearest neighbours, ridge regression, a tree; needs the extra
+    `inscrutable[audit]`), forward in time. That nothing is found proves nothing; what would have been found is said.
+
+    Args:
+        secrets: CSV of what should stay private, such as signals: dates or labels in the first column, then numbers or classes.
+        published: CSV of decisions, such as weights: the same layout. Rows are joined by their dates or labels.
+        lags: Rows from the secret to the decision that is read for it, such as 0,1,2; 1 is told one row late, −1 one early.
+        embargo: Rows left out between what is learned from and what is read. Default: as long as a secret is remembered.
+        kind: What every secret is. Default: words, and whole numbers of at most ten values, are classes.
+        seed: The same seed gives the same numbers.
+        out: Folder for the tables, summary.json and the figure; without it the results are only printed.
+    """
+    import numpy as np
+
+    from inscrutable.datasets import read_records, replace_files
+    from inscrutable.datasets.written import LIST
+    from inscrutable.experiments.audit import audit_pairs
+    from inscrutable.reports.audit import audit_summary, audit_table, write_audit
+
+    steps = whole_numbers_of(lags, "--lags")
+    tables = read_records(secrets), read_records(published)
+    folder = None if out is None else writable_folder(out)
+    speech.log(f"{len(tables[0])} rows of secrets, {len(tables[1])} of decisions; learning forward in time")
+    found = audit_pairs(*tables, lags=steps, embargo=embargo, kind=kind, rng=np.random.default_rng(seed))
+    files: list[Path] = []
+    if folder is not None:
+        files = write_audit(found, folder)
+        replace_files(folder, "audit", files)
+        files.append(folder / LIST)
+    if speech.json:
+        speech.summary(audit_summary(found))
+        return
+    show_table(
+        audit_table(found), "What one who has only data makes of the decisions: share wrong, or root mean square"
+    )
+    speech.sentence(found.summary())
+    speech.files(files)

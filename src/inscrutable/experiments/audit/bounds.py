@@ -1,0 +1,90 @@
+"""Upper limits on what an observer's errors are in the long run, from errors that may hang together over time."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import special
+
+from inscrutable.validation import Array
+
+_REPLICATES = 999
+_LEAST_BLOCKS = 10
+_QUIET_LAGS = 5
+"""So many autocorrelations in a row that are no larger than chance end the memory of a series."""
+
+
+def memory(series: Array) -> int:
+    """Return the lag after which autocorrelations are no larger than chance, at least 0.
+
+    Formula: the least m with |ρ(m+1)|, …, |ρ(m+5)| < 2 √(log10 n / n).
+    Telling: Politis, Adaptive bandwidth choice, Journal of Nonparametric Statistics 15 (2003).
+    """
+    apart = autocorrelations(series)
+    bound = 2.0 * np.sqrt(np.log10(len(series)) / len(series))
+    quiet = np.abs(apart[1:]) < bound
+    for lag in range(len(quiet)):
+        if quiet[lag : lag + _QUIET_LAGS].all():
+            return lag
+    return len(quiet)
+
+
+def autocorrelations(series: Array) -> Array:
+    """Return ρ(0), …, ρ(n/4) of a series (n,) by Fourier transform; 0 where it does not vary."""
+    centred = series - series.mean()
+    size = 2 ** int(np.ceil(np.log2(2 * len(series))))
+    power = np.abs(np.fft.rfft(centred, size)) ** 2
+    found = np.fft.irfft(power, size)[: len(series) // 4 + 1]
+    return np.asarray(found / found[0] if found[0] > 0 else np.zeros_like(found))
+
+
+def design_effect(series: Array) -> float:
+    """Return by how much the variance of the mean of a series exceeds that of independent draws, at least 1.
+
+    Formula: 1 + 2 Σ_k λ(k/2m) ρ(k), λ flat to ½ and then falling to 0 at 1, m the `memory`; correlations below 0 are not
+    made use of.
+    """
+    reach = memory(series)
+    if reach == 0:
+        return 1.0
+    apart = autocorrelations(series)[1 : 2 * reach + 1]
+    taper = np.minimum(1.0, 2.0 * (1.0 - np.arange(1, len(apart) + 1) / (2.0 * reach)))
+    return max(1.0, float(1.0 + 2.0 * (taper * apart).sum()))
+
+
+def share_limit(wrong: Array, level: float) -> float:
+    """Return the upper limit on how often one is wrong: Clopper and Pearson's, of as many rows as are worth independent ones.
+
+    Formula: the `level` quantile of Beta(k/D + 1, (n − k)/D), k of n rows wrong, D the `design_effect`.
+    Telling: Clopper and Pearson (1934); Korn and Graubard, Survey Methodology 24 (1998), for D.
+
+    Where errors are made one after another, each with a chance of at least R whatever came before, their number is
+    stochastically larger than a binomial one, and with D = 1 the limit lies below R no more often than 1 − level.
+    """
+    worth = design_effect(wrong)
+    count, right = float(wrong.sum()) / worth, float((1.0 - wrong).sum()) / worth
+    return 1.0 if right <= 0 else float(special.betaincinv(count + 1.0, right, level))
+
+
+def mean_limit(series: Array, level: float, rng: np.random.Generator) -> float:
+    """Return the upper limit on the mean of losses by a studentised circular block bootstrap.
+
+    Formula: mean − t s, t the 1 − level quantile of (mean* − mean)/s*, samples of blocks of b neighbouring rows, s² the
+    variance of block means over their number; b the larger of n^(1/3) and the `memory`, so that there are ten blocks.
+    Telling: Götze and Künsch, Annals of Statistics 24 (1996).
+    """
+    rows = len(series)
+    length = int(np.clip(max(round(rows ** (1.0 / 3.0)), memory(series)), 1, max(rows // _LEAST_BLOCKS, 1)))
+    running = np.concatenate([[0.0], np.concatenate([series, series[: length - 1]]).cumsum()])
+    means = (running[length : length + rows] - running[:rows]) / length
+    n_blocks = rows // length
+    centre = float(series.mean())
+    spread = float(np.sqrt(((means - centre) ** 2).mean() / n_blocks))
+    if not spread > 0:
+        return centre
+    drawn = means[rng.integers(rows, size=(_REPLICATES, n_blocks))]
+    error = drawn.std(axis=1, ddof=1) / np.sqrt(n_blocks)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        deviation = (drawn.mean(axis=1) - centre) / error
+    deviation = np.sort(np.where(np.isnan(deviation), 0.0, deviation))
+    # An order statistic, not an interpolation: samples that do not vary are infinite.
+    return centre - float(deviation[int(np.floor((1.0 - level) * (_REPLICATES + 1))) - 1]) * spread

@@ -1,0 +1,213 @@
+"""Two tables as pairs of rows: aligned by their labels, decisions as numbers, secrets as classes or numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.axes import few
+from inscrutable.errors import InputError
+from inscrutable.labels import label_text
+from inscrutable.validation import Array
+
+Kind = Literal["classes", "numbers"]
+LEAST_ROWS = 60
+_MOST_CLASSES = 10
+"""Whole numbers of no more different values are names of classes."""
+_MOST_CHOICES = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A secret as what is learned: an indicator for every class, or one number."""
+
+    name: str
+    kind: Kind
+    classes: tuple[str, ...]
+    values: Array  # (T, C)
+
+
+@dataclass(frozen=True, eq=False)
+class PairedRows:
+    """Rows of secrets with the decisions that are read for them, in order of time."""
+
+    index: pd.Index
+    targets: tuple[Target, ...]
+    features: Array  # (T, P)
+    columns: tuple[str, ...]  # of each feature
+    lags: tuple[int, ...]  # of each feature
+    notes: tuple[str, ...]
+
+
+def paired(secrets: Any, published: Any, lags: Sequence[int], kind: Kind | None) -> PairedRows:
+    """Return rows in which nothing is missing; raise `InputError` where tables do not fit, or too little is left."""
+    hidden, shown = _table(secrets, "secrets"), _table(published, "published")
+    notes: list[str] = []
+    hidden, shown, both = _aligned(hidden, shown, notes)
+    decisions = _decisions(shown, notes)
+    # In the order of their names, so that the order of columns changes nothing.
+    decisions = decisions[sorted(decisions.columns, key=str)]
+    read = [decisions.shift(-lag) for lag in lags]
+    features = pd.concat(read, axis=1)
+    whole = hidden.notna().all(axis=1).to_numpy() & features.notna().all(axis=1).to_numpy()
+    edge = max(0, *lags) + max(0, *(-lag for lag in lags))
+    _say_missing(int((both & ~whole).sum()), edge, notes)
+    if whole.sum() < LEAST_ROWS:
+        raise InputError(
+            f"{int(whole.sum())} rows of secrets and published decisions have nothing missing, expected at least {LEAST_ROWS}"
+        )
+    targets = tuple(_target(hidden[name][whole], kind, notes) for name in hidden.columns)
+    table, columns, of_lag = features[whole], [*decisions.columns] * len(lags), np.repeat(lags, decisions.shape[1])
+    values = table.to_numpy(dtype=np.float64)
+    varies = np.ptp(values, axis=0) > 0
+    still = sorted({str(name) for name, moves in zip(columns, varies, strict=True) if not moves})
+    if still and varies.any():
+        notes.append(f"left out, since constant: {few(still)}")
+    if not varies.any():
+        raise InputError(f"published decisions never change: {few(still)}; nothing can be learned from them")
+    kept = np.flatnonzero(varies)
+    return PairedRows(
+        hidden.index[whole],
+        targets,
+        values[:, kept],
+        tuple(str(columns[k]) for k in kept),
+        tuple(int(of_lag[k]) for k in kept),
+        tuple(notes),
+    )
+
+
+def _table(value: Any, name: str) -> pd.DataFrame:
+    if isinstance(value, pd.DataFrame):
+        table = value
+    elif isinstance(value, pd.Series):
+        table = value.to_frame(name if value.name is None else value.name)
+    else:
+        given = np.asarray(value)
+        if given.ndim not in (1, 2):
+            raise InputError(f"{name} must be rows of shape (T,) or (T,U), got shape {given.shape}")
+        alone = given.ndim == 1 or given.shape[1] == 1
+        columns = [name] if alone else [f"{name} {k + 1}" for k in range(given.shape[1])]
+        table = pd.DataFrame(given.reshape(len(given), -1), columns=columns)
+    if not table.columns.is_unique or not table.shape[1]:
+        twice = list(dict.fromkeys(table.columns[table.columns.duplicated()]))
+        raise InputError(f"{name} must have at least one column, each name once; twice: {few(twice) or 'none'}")
+    if not table.index.is_unique:
+        first = table.index[table.index.duplicated()][0]
+        raise InputError(f"{name} has the row label {label_text(first)} twice, expected each once")
+    return table.infer_objects()
+
+
+def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tuple[pd.DataFrame, pd.DataFrame, Any]:
+    """Both on the rows of the published ones, and which of these have a partner."""
+    bare = [isinstance(table.index, pd.RangeIndex) for table in (hidden, shown)]
+    if any(bare):
+        if len(hidden) != len(shown):
+            raise InputError(
+                f"secrets have {len(hidden)} rows, published {len(shown)}: expected as many, or labels such as dates on both"
+            )
+        index = hidden.index if bare[1] else shown.index
+        return hidden.set_axis(index), shown.set_axis(index), np.ones(len(index), dtype=bool)
+    # In the order of time: labels that can be compared say it themselves, others by standing in one order in both.
+    ordered = all(type(label) is not str for label in shown.index)
+    if ordered and not shown.index.is_monotonic_increasing:
+        k = next(k for k in range(1, len(shown)) if not shown.index[k] > shown.index[k - 1])
+        raise InputError(
+            f"published has {label_text(shown.index[k])} after {label_text(shown.index[k - 1])}, expected rows in order of time"
+        )
+    common = shown.index[shown.index.isin(hidden.index)]
+    if not len(common):
+        raise InputError(
+            f"no row label of secrets is one of published: {few(map(label_text, hidden.index), 3)} against "
+            f"{few(map(label_text, shown.index), 3)}"
+        )
+    if not ordered and not hidden.index[hidden.index.isin(shown.index)].equals(common):
+        raise InputError(
+            "row labels of secrets and published stand in different orders, so time is not known: use dates"
+        )
+    for table, name in ((hidden, "secrets"), (shown, "published")):
+        lost = len(table) - len(common)
+        if lost:
+            left = next(label for label in table.index if label not in common)
+            notes.append(
+                f"{lost} of {len(table)} rows of {name} have no partner, such as {label_text(left)}, and are left out"
+            )
+    # Lags count rows of published, also those without a secret.
+    return hidden.reindex(shown.index), shown, shown.index.isin(common)
+
+
+def _decisions(shown: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
+    """Decisions as numbers: choices given in words as indicators, one for each."""
+    parts: list[pd.DataFrame] = []
+    for name in shown.columns:
+        column = shown[name]
+        if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
+            parts.append(_finite(column, "published", name).to_frame())
+            continue
+        words = _words(column, "published", name)
+        choices = sorted(words.dropna().unique())
+        if len(choices) > _MOST_CHOICES:
+            raise InputError(
+                f"published column {name!r} has {len(choices)} different texts, such as {choices[0]!r}: expected numbers, or "
+                f"at most {_MOST_CHOICES} choices"
+            )
+        notes.append(f"published column {str(name)!r} is read as {len(choices)} choices: {few(choices)}")
+        table = pd.DataFrame({f"{name} = {choice}": (words == choice).astype(float) for choice in choices})
+        parts.append(table.where(words.notna(), np.nan, axis=0) if len(choices) else table)
+    joined = pd.concat(parts, axis=1)
+    if not joined.columns.is_unique:
+        raise InputError(f"published has two columns that read as {joined.columns[joined.columns.duplicated()][0]!r}")
+    return joined
+
+
+def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
+    name = str(column.name)
+    numeric = pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column)
+    if kind == "numbers" and not numeric:
+        raise InputError(f"secrets column {name!r} holds no numbers, such as {column.iloc[0]!r}: its kind is classes")
+    values = _finite(column, "secrets", name) if numeric else _words(column, "secrets", name)
+    distinct = np.unique(np.asarray(values))
+    if len(distinct) < 2:
+        raise InputError(f"secrets column {name!r} is {distinct[0]!r} in every row: there is nothing to learn")
+    whole = numeric and len(distinct) <= _MOST_CLASSES and bool((distinct == np.round(distinct.astype(float))).all())
+    if kind is None and whole:
+        notes.append(f"secrets column {name!r} has {len(distinct)} whole numbers, which are taken for names of classes")
+    if (kind or ("classes" if whole or not numeric else "numbers")) == "numbers":
+        return Target(name, "numbers", (), np.asarray(values, dtype=np.float64)[:, None])
+    if len(distinct) > _MOST_CHOICES:
+        raise InputError(
+            f"secrets column {name!r} has {len(distinct)} different classes, such as {distinct[0]!r}, expected at most "
+            f"{_MOST_CHOICES}"
+        )
+    indicators = (np.asarray(values)[:, None] == distinct[None]).astype(np.float64)
+    return Target(name, "classes", tuple(f"{each:g}" if numeric else str(each) for each in distinct), indicators)
+
+
+def _finite(column: pd.Series, table: str, name: Any) -> pd.Series:
+    numbers = column.astype(np.float64)
+    if np.isinf(numbers).any():
+        label = column.index[int(np.asarray(np.isinf(numbers)).argmax())]
+        raise InputError(f"{table} column {name!r} is infinite in row {label_text(label)}, expected finite numbers")
+    return numbers
+
+
+def _words(column: pd.Series, table: str, name: Any) -> pd.Series:
+    """Text, truth values or categories as text; a mixture of text and numbers is nobody's meaning."""
+    held = column.dropna()
+    kinds = {isinstance(each, (int, float, complex)) and not isinstance(each, (bool, np.bool_)) for each in held}
+    if len(kinds) > 1:
+        label, text = next((label, each) for label, each in held.items() if isinstance(each, str))
+        raise InputError(
+            f"{table} column {name!r} has the text {text!r} in row {label_text(label)} among numbers, expected one or the other"
+        )
+    return column.map(lambda each: each if pd.isna(each) else str(each)).astype(object)
+
+
+def _say_missing(missing: int, edge: int, notes: list[str]) -> None:
+    if missing > edge:
+        notes.append(f"{missing} rows in which a secret or a decision is missing are left out; nothing is filled in")
+    elif missing:
+        notes.append(f"{missing} rows at the ends have no decision at every lag and are left out")

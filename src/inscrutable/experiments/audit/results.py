@@ -1,0 +1,214 @@
+"""What an audit of two tables found: at least so much leaks, or nothing, and what would have been found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import pandas as pd
+
+from inscrutable.axes import few
+from inscrutable.saved import Saved
+
+LEVEL = 0.95
+POWER = 0.8
+_MOST_SOURCES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Telling(Saved):
+    """What one column of the decisions, or one lag, tells alone.
+
+    Args:
+        kind: "column" or "lag".
+        name: The column's name, or the lag in rows.
+        explained: Share of the secret explained by it alone, against the mean of what was learned from.
+        error: Its standard error.
+        tells: Whether it is above 0 by a one-sided test, all columns and lags of a secret taken together.
+    """
+
+    kind: str
+    name: str
+    explained: float
+    error: float
+    tells: bool
+
+
+@dataclass(frozen=True, eq=False)
+class BlockScore(Saved):
+    """How well one block of rows was read by what was learned before it.
+
+    Args:
+        first: Label of its first row.
+        last: Label of its last row.
+        error: The learner's error there: share wrong, or root mean square in the secret's unit.
+        guess_error: The same of one who sees no decision.
+        explained: Share of the secret explained, by square error.
+        learner: Who read it.
+        is_judged: Whether it counts for the claim; earlier ones only choose a learner.
+    """
+
+    first: str
+    last: str
+    error: float
+    guess_error: float
+    explained: float
+    learner: str
+    is_judged: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SecretAudit(Saved):
+    """What decisions tell of one secret.
+
+    Args:
+        name: The secret's column.
+        kind: "classes" or "numbers".
+        classes: Names of the classes.
+        is_found: Whether a leak was found, at a level of 5 % for all secrets together.
+        p_value: Share of circular shifts, the identity among them, that explain as much; over the largest of all secrets.
+        error: What the learner errs by, over the judged rows: share wrong, or root mean square in the secret's unit.
+        error_limit: Upper limit on the error of the best observer, at 95 % for all secrets together.
+        guess_error: What one errs by who sees no decision and names the commonest class, or the mean, of the rows before.
+        explained: Share of the secret explained: 1 − square error / that of the guess, of indicators where it is classes.
+        detectable: The share that would have been found in four audits of five.
+        since: Label of the row from which on the decisions tell, by the least of the summed gain; "" where nothing is found.
+        noticed: Label of the row at which it would have been noticed; "" where nothing is found.
+        sources: What single columns and lags tell alone.
+        blocks: How well each block of rows was read.
+    """
+
+    name: str
+    kind: str
+    classes: tuple[str, ...]
+    is_found: bool
+    p_value: float
+    error: float
+    error_limit: float
+    guess_error: float
+    explained: float
+    detectable: float
+    since: str
+    noticed: str
+    sources: tuple[Telling, ...]
+    blocks: tuple[BlockScore, ...]
+
+    def telling(self) -> tuple[Telling, ...]:
+        """Return the columns and lags that tell by themselves, most telling first."""
+        return tuple(sorted((each for each in self.sources if each.tells), key=lambda each: -each.explained))
+
+    def summary(self) -> str:
+        """Return what may be claimed of this secret, in a few lines."""
+        if not self.is_found:
+            return (
+                f"{self.name}: nothing found (p = {self.p_value:.2g}). A leak worth {_percent(self.detectable)} of the secret "
+                f"(as much as naming it outright in so many of the rows) would have been found in {POWER:.0%} of such audits.\n"
+                f"  {self._errors()}"
+            )
+        told = self.telling()
+        names = [f"{each.name} ({each.explained:.0%})" for each in told if each.kind == "column"]
+        late = [f"{each.name} ({each.explained:.0%})" for each in told if each.kind == "lag"]
+        lines = [
+            f"{self.name}: leaks (p = {self.p_value:.2g}), since {self.since}; noticed by {self.noticed}.",
+            f"  {self._errors()}",
+            f"  explained {self.explained:.1%} of it; alone tell the columns: {few(names, _MOST_SOURCES) or 'none'}"
+            + (f"; the lags: {few(late, _MOST_SOURCES)}" if late else ""),
+        ]
+        return "\n".join(lines)
+
+    def _errors(self) -> str:
+        if self.kind == "classes":
+            return (
+                f"the best observer names its class wrongly in at most {self.error_limit:.1%} of the rows ({LEVEL:.0%} "
+                f"confidence; this one in {self.error:.1%}), without decisions {self.guess_error:.1%}"
+            )
+        worth = 1.0 - (self.error_limit / self.guess_error) ** 2 if self.guess_error > 0 else 0.0
+        return (
+            f"the best observer errs by at most {self.error_limit:.4g} ({LEVEL:.0%} confidence; this one by {self.error:.4g}; "
+            f"root mean square), without decisions {self.guess_error:.4g}: R² at least {max(worth, 0.0):.1%}"
+        )
+
+
+def _percent(share: float) -> str:
+    return "all" if share >= 1.0 else f"{share:.1%}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PairsAudit(Saved):
+    """What published decisions tell of secrets to one who has data and no model: *at least so much*.
+
+    Args:
+        secrets: One finding for every secret, in the order given.
+        n_rows: Rows with nothing missing.
+        n_judged: Rows on which the claim is judged, the later ones.
+        embargo: Rows left out between what is learned from and what is read.
+        lags: Rows from the secret to the decision that is read.
+        n_shifts: Circular shifts behind the p-values, without the identity.
+        learners: Names of the learners.
+        notes: How missing values, unequal dates, constant columns and text were treated.
+
+    Telling: `audit_pairs`.
+    """
+
+    secrets: tuple[SecretAudit, ...]
+    n_rows: int
+    n_judged: int
+    embargo: int
+    lags: tuple[int, ...]
+    n_shifts: int
+    learners: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def is_found(self) -> bool:
+        """Whether any secret leaks."""
+        return any(each.is_found for each in self.secrets)
+
+    def of(self, name: str) -> SecretAudit:
+        """Return the finding on one secret; raise `KeyError` for an unknown one."""
+        return {each.name: each for each in self.secrets}[name]
+
+    def frame(self) -> pd.DataFrame:
+        """Return one row per secret, errors as shares wrong or in the secret's unit."""
+        names = (
+            "name",
+            "kind",
+            "is_found",
+            "p_value",
+            "error",
+            "error_limit",
+            "guess_error",
+            "explained",
+            "detectable",
+        )
+        rows = [{name: getattr(each, name) for name in (*names, "since", "noticed")} for each in self.secrets]
+        return pd.DataFrame(rows).set_index("name")
+
+    def source_frame(self) -> pd.DataFrame:
+        """Return what each column and lag tells alone of each secret, with the fields of `Telling`."""
+        return _frame([(each.name, part) for each in self.secrets for part in each.sources])
+
+    def block_frame(self) -> pd.DataFrame:
+        """Return how well each block of rows was read for each secret, with the fields of `BlockScore`."""
+        return _frame([(each.name, part) for each in self.secrets for part in each.blocks])
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return the verdict, what was done, and how the data were treated."""
+        lags = f"lags {', '.join(map(str, self.lags))}" if self.lags != (0,) else "the decision of the same row"
+        lines = [
+            *(each.summary() for each in self.secrets),
+            f"{self.n_rows} rows, the last {self.n_judged} judged, each block by what was learned from the rows before it, "
+            f"less an embargo of {self.embargo}; {lags}; {self.n_shifts} circular shifts; {', '.join(self.learners)}.",
+            "This says that at least so much leaks, never that no more does: others may learn better.",
+            *(f"Note: {note}." for note in self.notes),
+        ]
+        return "\n".join(lines)
+
+
+def _frame(parts: Sequence[tuple[str, Telling | BlockScore]]) -> pd.DataFrame:
+    """One row per part of a secret, under the secret's name."""
+    rows = [{field.name: getattr(part, field.name) for field in fields(part)} for _, part in parts]
+    return pd.DataFrame(rows, index=pd.Index([name for name, _ in parts], name="secret"))

@@ -370,6 +370,7 @@ NO_ARRAYS = """
     check_privacy_measure compare decoy_grid detectability leakage load_ieee_30_bus long_short path_leakage
     random_candidates reachable_beliefs repeated_leakage reproduce resume_study run_study
     simplex simplex_grid stationary_prior uniform_prior
+    NamingError RivalProblem SquaredError
     filtered_prior predicted_prior Lift LinearForm QuadraticForm SmoothForm
 """.split()  # noqa: SIM905
 """Public names that take no tables: objects of the library, numbers, names; results are made by the library."""

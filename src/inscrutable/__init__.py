@@ -135,11 +135,14 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.privacy import Infeasibility as Infeasibility
     from inscrutable.privacy import Leakage as Leakage
     from inscrutable.privacy import MaximalObfuscation as MaximalObfuscation
+    from inscrutable.privacy import NamingError as NamingError
     from inscrutable.privacy import NonExistence as NonExistence
     from inscrutable.privacy import NonUniqueness as NonUniqueness
     from inscrutable.privacy import PathLeakage as PathLeakage
     from inscrutable.privacy import PrivacyMeasure as PrivacyMeasure
     from inscrutable.privacy import RepeatedLeakage as RepeatedLeakage
+    from inscrutable.privacy import RivalProblem as RivalProblem
+    from inscrutable.privacy import SquaredError as SquaredError
     from inscrutable.privacy import detectability as detectability
     from inscrutable.privacy import leakage as leakage
     from inscrutable.privacy import path_leakage as path_leakage

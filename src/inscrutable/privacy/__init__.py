@@ -2,6 +2,7 @@
 
 from inscrutable.privacy.detection import Detectability, detectability
 from inscrutable.privacy.leaks import Leakage, leakage
+from inscrutable.privacy.losses import Loss, NamingError, RivalProblem, SquaredError
 from inscrutable.privacy.measures import (
     DesiredObfuscation,
     Infeasibility,
@@ -18,12 +19,16 @@ __all__ = [
     "Detectability",
     "Infeasibility",
     "Leakage",
+    "Loss",
     "MaximalObfuscation",
+    "NamingError",
     "NonExistence",
     "NonUniqueness",
     "PathLeakage",
     "PrivacyMeasure",
     "RepeatedLeakage",
+    "RivalProblem",
+    "SquaredError",
     "detectability",
     "leakage",
     "path_leakage",

@@ -11,6 +11,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior
 from inscrutable.mechanisms.disclosed import disclosed, single_decisions
 from inscrutable.mechanisms.joint import Joint, joint_law
+from inscrutable.privacy.losses import Loss, checked_loss, on_simplex
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
@@ -41,6 +42,12 @@ class Leakage(Saved):
         largest_error: The largest of the same: the belief that is hidden best.
         worst_expected_regret: max_b Σ_u K(u|π_b) ρ(π_b,u) over beliefs with weight, in the cost's unit.
         silence_regret: r₀ = min_u Σ w_b ρ(π_b,u), at which one constant decision suffices; NaN where no problem was given.
+        bayes_loss: Σ_u p(u) L(p(·|u)), what a rival with the loss L loses on average who sees the decision; in L's unit, as
+            the next three. L is the square error where no other was given: then `bayes_error`².
+        prior_loss: L(w), the same before any decision is seen.
+        worth: W = prior_loss − bayes_loss, what reading the decision is worth to the rival: 0 where it tells nothing.
+        secret_worth: L(w) − Σ w_b L(δ_b), what the belief itself would be worth: no decision is worth more.
+        loss: Which loss it is.
 
     Source: Shannon (1948); Smith, On the foundations of quantitative information flow (2009), for min-entropy leakage;
     Issa, Wagner and Kamath, An operational approach to information leakage (2020), for maximal leakage.
@@ -69,6 +76,11 @@ class Leakage(Saved):
     largest_error: float = float("nan")
     worst_expected_regret: float = float("nan")
     silence_regret: float = float("nan")
+    bayes_loss: float = float("nan")
+    prior_loss: float = float("nan")
+    worth: float = float("nan")
+    secret_worth: float = float("nan")
+    loss: str = ""
 
     @property
     def silence_share(self) -> float:
@@ -80,24 +92,34 @@ class Leakage(Saved):
         """Bayes error as a share of the prior-only error; NaN where the prior leaves none."""
         return self.bayes_error / self.prior_error if self.prior_error > 0 else float("nan")
 
+    @property
+    def worth_share(self) -> float:
+        """What reading is worth as a share of what the secret is; NaN where that is worth nothing."""
+        return self.worth / self.secret_worth if self.secret_worth > 0 else float("nan")
+
     def __repr__(self) -> str:
         return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         share = "" if np.isnan(self.silence_share) else f" ({self.silence_share:.1%} of the silence regret)"
-        return "\n".join(
-            [
-                f"against an observer who knows the mechanism; {self.n_beliefs} beliefs, {self.n_actions} played decisions",
-                f"information  {self.mutual_information:.4f} of {self.prior_entropy:.4f} bits "
-                f"(min-entropy leakage {self.min_entropy_leakage:.4f}, maximal leakage {self.maximal_leakage:.4f})",
-                f"error        {self.bayes_error:.4f} of {self.prior_error:.4f} without the decision "
-                f"(between {self.least_error:.4f} and {self.largest_error:.4f} by belief)",
-                f"top state    named rightly {self.top_state_accuracy:.1%}, "
-                f"without the decision {self.prior_top_state_accuracy:.1%}",
-                f"regret       {self.expected_regret:.4g} expected{share}, {self.worst_regret:.4g} at worst",
-            ]
-        )
+        lines = [
+            f"against an observer who knows the mechanism; {self.n_beliefs} beliefs, {self.n_actions} played decisions",
+            f"information  {self.mutual_information:.4f} of {self.prior_entropy:.4f} bits "
+            f"(min-entropy leakage {self.min_entropy_leakage:.4f}, maximal leakage {self.maximal_leakage:.4f})",
+            f"error        {self.bayes_error:.4f} of {self.prior_error:.4f} without the decision "
+            f"(between {self.least_error:.4f} and {self.largest_error:.4f} by belief)",
+            f"top state    named rightly {self.top_state_accuracy:.1%}, "
+            f"without the decision {self.prior_top_state_accuracy:.1%}",
+            f"regret       {self.expected_regret:.4g} expected{share}, {self.worst_regret:.4g} at worst",
+        ]
+        if self.loss:
+            told = "" if np.isnan(self.worth_share) else f" ({self.worth_share:.1%})"
+            lines.append(
+                f"worth        {self.worth:.4g} of the secret's {self.secret_worth:.4g}{told} to the rival: its loss is "
+                f"{self.bayes_loss:.4g}, without the decision {self.prior_loss:.4g} ({self.loss})"
+            )
+        return "\n".join(lines)
 
 
 def leakage(
@@ -105,6 +127,7 @@ def leakage(
     prior: Prior,
     problem: DecisionProblem | None = None,
     *,
+    loss: Loss | None = None,
     disclosure: Disclosure | str | None = None,
 ) -> Leakage:
     """Return what one decision of a mechanism tells an observer who knows it and holds a prior.
@@ -116,12 +139,13 @@ def leakage(
         prior: Weights of the mechanism's beliefs; in another order, or only some of them, is fine.
         problem: The decision problem, for the silence regret r₀ = V(Σ w π) − Σ w V(π), exact because costs are linear in
             the belief; None leaves it out.
+        loss: What the rival wants the belief for, `NamingError()` or `RivalProblem(problem)`; None is the square error.
         disclosure: What the observer is shown of a decision, such as `at_least(0.05)`, also as text; None is all of it. Regrets
             are those of what is played.
 
     Raises:
-        InputError: A belief of the prior is none of the mechanism's, the problem has another number of states, or the
-            disclosure does not suit the decisions, leaves some out, or needs returns.
+        InputError: A belief of the prior is none of the mechanism's, a problem has another number of states, `loss` is none, or
+            the disclosure does not suit the decisions, leaves some out, or needs returns.
 
     Cost: a few passes over the entries of K that are not zero; a second for 2,000 beliefs and 2,000 decisions.
 
@@ -162,7 +186,31 @@ def leakage(
         largest_error=float(np.sqrt(by_belief.max())),
         worst_expected_regret=float(played.by_belief(regrets)[held].max()),
         silence_regret=float("nan") if problem is None else silence_regret(problem, joint.beliefs, weights),
+        **_worths(joint, problem, loss),
     )
+
+
+def _worths(joint: Joint, problem: DecisionProblem | None, given: Loss | None) -> dict[str, Any]:
+    """What the rival loses with and without the decision, and what reading and the secret are worth.
+
+    A worth is a mean of differences none of which is below zero, L of the prior's best answer less L: at silence it is nothing.
+    """
+    loss = checked_loss(given, joint.beliefs.shape[1], problem)
+    held, shown = joint.weights > 0, joint.played > 0
+    weights, beliefs = joint.weights[held], joint.beliefs[held]
+    mean = on_simplex((weights @ beliefs)[None])
+    secret = float(weights @ loss.excess(beliefs, mean))
+    worth = min(
+        float(joint.played[shown] @ loss.excess(on_simplex(joint.means[shown]), mean)), secret
+    )  # but for rounding
+    known = float(weights @ loss.least(beliefs))
+    return {
+        "bayes_loss": known + (secret - worth),
+        "prior_loss": known + secret,
+        "worth": worth,
+        "secret_worth": secret,
+        "loss": "" if given is None else loss.unit,
+    }
 
 
 def silence_regret(problem: DecisionProblem, beliefs: Array, weights: Array) -> float:

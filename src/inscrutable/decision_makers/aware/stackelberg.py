@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,12 +18,14 @@ from inscrutable.decision_makers.aware.columns import (
     rounding_of,
     without_small,
 )
+from inscrutable.decision_makers.aware.stackelberg_answers import AnswerGame, largest_loss
 from inscrutable.decision_makers.aware.stackelberg_game import Game
 from inscrutable.decision_makers.aware.stackelberg_solver import largest_error
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.envelope import best_mixtures
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, Progress
 from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.privacy.losses import DecisionLoss, Loss, checked_loss
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -48,7 +50,8 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
         plausible_only: Whether candidates that no belief explains are left out.
         gap: Asked for between `value` and `bound`, as a share of the bound; None is 1e-6 up to 20,000 pairs of belief
-            and candidate, and 0.01 above.
+            and candidate, and 0.01 above. With a loss both are counted from what is lost even by one who knows the belief.
+        loss: What the observer loses, in the place of the square error ‖π − μ‖²: `NamingError()`, `RivalProblem(problem)`.
 
     Raises:
         InputError: An argument is malformed.
@@ -77,29 +80,32 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         worst_regret: Budget | float | None = None,
         plausible_only: bool = True,
         gap: float | None = None,
+        loss: Loss | None = None,
     ) -> None:
         options = checked_options(worst_regret, plausible_only, 1.0 if gap is None else gap)
         super().__init__(problem, budget, prior, candidates, options)
         self.asked = gap
+        self.loss = checked_loss(loss, self.problem.n_states, self.problem)
 
     def _solve(self, progress: Progress | None) -> _Solution:
         return _solved(self, progress)
 
     @property
     def value(self) -> float:
-        """Mean square error of the best estimates, in squared units of belief (Euclidean)."""
+        """The observer's mean loss: of the square error in squared units of belief (Euclidean)."""
         return self._found.value
 
     @property
     def bound(self) -> float:
-        """No mechanism on these candidates within these budgets has a larger mean square error."""
+        """No mechanism on these candidates within these budgets leaves a larger mean loss."""
         return max(self._found.bound, self.value)
 
     @property
     def gap(self) -> float:
-        """(bound − value) / bound; zero where the bound is."""
+        """(bound − value) / bound, both less what is lost even by one who knows the belief; zero where the bound is."""
         none = tolerances.NO_ERROR * self._found.prior_error
-        return 0.0 if self.bound - self.value <= none else (self.bound - self.value) / self.bound
+        short = self.bound - self.value
+        return 0.0 if short <= none else short / (self.bound - self._found.least)
 
     @property
     def status(self) -> DecisionStatus:
@@ -110,6 +116,13 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
     def estimates(self) -> Array:
         """The observer's estimate after each of the mechanism's decisions: the posterior mean, shape (M,X)."""
         return self._found.estimates
+
+    def summary(self) -> str:
+        """Return two lines for a person to read."""
+        return (
+            f"loss of one who knows the mechanism  {self.value:.6g} of at most {self.bound:.6g} ({self.loss.unit})\n"
+            f"{len(self.estimates)} decisions for {len(self.prior)} beliefs; {self.status.value}"
+        )
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
         """Return the lotteries for beliefs (T,X)."""
@@ -136,7 +149,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         least = regrets if allowed is None else np.where(allowed, regrets, np.inf)
         poor = np.flatnonzero(least.min(axis=1) > limits + rounding_of(costs))
         n_played = len(columns)
-        gains = ((beliefs[:, None, :] - self.estimates[None]) ** 2).sum(axis=2)
+        gains = self._gains(beliefs)
         if poor.size:  # an own decision that was never played is taken at face value: it gains nothing
             columns = columns.joined(beliefs[poor])
             regrets = columns.regrets(beliefs, costs)
@@ -150,6 +163,15 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         table = PriorTable(columns, costs, regrets, allowed)
         return columns, _answers(table, gains, limits)
 
+    def _gains(self, beliefs: Array) -> Array:
+        """What the fixed answers lose beyond what is lost by one who knows the belief, shape (T,M)."""
+        answers = self._found.answers
+        if answers is None:
+            return np.asarray(((beliefs[:, None, :] - self.estimates[None]) ** 2).sum(axis=2))
+        assert isinstance(self.loss, DecisionLoss)
+        best = np.atleast_1d(self.loss.precise(beliefs.shape[1]).optimal_cost(beliefs))
+        return np.asarray(beliefs @ answers.T - best[:, None])
+
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
@@ -158,8 +180,12 @@ class _Solution:
     estimates: Array
     value: float
     bound: float
-    prior_error: float
+    prior_error: float  # beyond `least`
     goal: float
+    least: float = 0.0  # what is lost by one who knows the belief
+    answers: Array | None = (
+        None  # what the rival's mixed answers cost in each state, where it has a decision of its own
+    )
 
     def __post_init__(self) -> None:
         validation.read_only(self, "estimates")
@@ -179,19 +205,49 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
     if goal is None:
         small = np.count_nonzero(held) * len(table.columns) <= _SMALL
         goal = tolerances.SMALL_ERROR_GAP if small else tolerances.ERROR_GAP
-    allowed, costs = _budgeted(table, limits)
+    budgeted = _budgeted(table, limits)
+    with threadpool_limits(limits=1, user_api="blas"):  # threads wait for each other on a busy machine
+        if isinstance(maker.loss, DecisionLoss):
+            return _answered(maker.loss, prior, table, budgeted, (held, goal, progress))
+        return _estimated(prior, table, budgeted, (held, goal, progress))
+
+
+_Asked = tuple[np.ndarray, float, Progress | None]
+"""Beliefs of weight, the gap, and who is told."""
+
+
+def _estimated(prior: Prior, table: PriorTable, budgeted: tuple[np.ndarray, Array], asked: _Asked) -> _Solution:
+    """The solution for the square error."""
+    (allowed, costs), (held, goal, progress) = budgeted, asked
     # Orthonormal coordinates in which beliefs differ: one fewer than there are states.
     basis = np.linalg.svd(np.ones((1, prior.beliefs.shape[1])))[2][1:]
     points = (prior.beliefs - prior.mean) @ basis.T
     game = Game(points[held], prior.weights[held], costs[held], allowed[held])
-    with threadpool_limits(limits=1, user_api="blas"):  # threads wait for each other on a busy machine
-        found = largest_error(game, 0.8 * goal, progress)
-    answers = Game(points, prior.weights, costs, allowed).bound(found.estimates)
-    shares = answers.rows(costs.shape[1])
-    bound = found.bound + float(prior.weights[~held] @ answers.values[~held])
-    small_share = tolerances.SELDOM * tolerances.SELDOM * goal
-    shares[held] = without_small(found.rows, table.regrets[held], small_share)
+    found = largest_error(game, 0.8 * goal, progress)
+    replies = Game(points, prior.weights, costs, allowed).bound(found.estimates)
+    shares = replies.rows(costs.shape[1])
+    bound = found.bound + float(prior.weights[~held] @ replies.values[~held])
+    shares[held] = without_small(found.rows, table.regrets[held], tolerances.SELDOM * tolerances.SELDOM * goal)
     return _solution(prior, table, shares, prior.mean + found.estimates @ basis, (bound, game.spread, goal))
+
+
+def _answered(
+    loss: DecisionLoss, prior: Prior, table: PriorTable, budgeted: tuple[np.ndarray, Array], asked: _Asked
+) -> _Solution:
+    """The solution for a rival with a decision of its own."""
+    held, goal, progress = asked
+    whole = AnswerGame.of(loss, prior.beliefs, prior.weights, budgeted)
+    game = whole.some(held)
+    found = largest_loss(game, 0.8 * goal, progress)
+    replies = whole.bound(found.answers)
+    shares = replies.rows(whole.costs.shape[1])
+    bound = found.bound + float(prior.weights[~held] @ replies.values[~held])
+    shares[held] = without_small(found.rows, table.regrets[held], tolerances.SELDOM * tolerances.SELDOM * goal)
+    least = float(prior.weights @ loss.least(prior.beliefs))
+    means = np.tile(prior.mean, (whole.costs.shape[1], 1))
+    made = _solution(prior, table, shares, means, (least + bound, game.spread, goal))
+    used = np.flatnonzero((shares > 0).any(axis=0))
+    return replace(made, value=least + whole.error(shares), least=least, answers=found.answers[used])
 
 
 def _solution(

@@ -72,7 +72,7 @@ def _whole(game: Game, goal: float, progress: Told | None) -> Confounded:
 
 
 def _by_columns(game: Game, goal: float, progress: Told | None) -> Confounded:
-    columns = _first_columns(game)
+    columns = first_columns(game.costs, game.allowed, _FIRST_COLUMNS)
     best: Confounded | None = None
     for done in range(1, _MOST_ROUNDS + 1):
         found = saddle(game.some(columns), 0.5 * goal)
@@ -105,17 +105,17 @@ def _constant(game: Game) -> Confounded | None:
     return Confounded(rows, np.zeros((rows.shape[1], game.points.shape[1])), game.spread, game.spread)
 
 
-def _first_columns(game: Game) -> np.ndarray:
+def first_columns(given: Array, allowed: np.ndarray, most: int) -> np.ndarray:
     """Columns far apart in what they cost whom, and for every row one that leaves it half of its budget."""
-    n_columns = game.costs.shape[1]
-    if n_columns <= _FIRST_COLUMNS:
+    n_columns = given.shape[1]
+    if n_columns <= most:
         return np.arange(n_columns)
-    costs = np.where(game.allowed, game.costs, np.inf)
+    costs = np.where(allowed, given, np.inf)
     features = np.minimum(costs, _DEAR).T  # dearer is much the same
     chosen = [int(features.sum(axis=1).argmin())]
     squares = (features**2).sum(axis=1)
     distance = np.full(n_columns, np.inf)
-    for _ in range(_FIRST_COLUMNS - 1):
+    for _ in range(most - 1):
         last = chosen[-1]
         distance = np.minimum(distance, squares - 2.0 * features @ features[last] + squares[last])
         chosen.append(int(distance.argmax()))

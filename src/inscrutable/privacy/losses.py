@@ -1,0 +1,204 @@
+"""What a rival loses by what it does not know of the belief: a concave Bayes risk of its law."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+
+from inscrutable.errors import InputError
+from inscrutable.problems import DecisionProblem, FiniteProblem, checked_problem
+from inscrutable.validation import Array
+
+
+class Loss(ABC):
+    """What a rival wants the belief for.
+
+    Formula: L(p) = min_a Σ p(π) ℓ(π,a), the Bayes risk of a law p of the belief: concave, and least, L(δ_π), where the belief
+    is known. All losses here are decided by the mean of the law: the best answer is that to E[π].
+
+    Attributes:
+        unit: What it is counted in.
+
+    Source: DeGroot, Uncertainty, information, and sequential experiments (1962).
+
+    Example:
+        >>> isinstance(SquaredError(), Loss)
+        True
+    """
+
+    unit: str
+
+    @abstractmethod
+    def least(self, beliefs: Array) -> Array:
+        """Return L(δ_π), what is lost even by one who knows the belief, for beliefs (n,X): shape (n,)."""
+
+    @abstractmethod
+    def excess(self, beliefs: Array, estimates: Array) -> Array:
+        """Return what one loses beyond L(δ_π), at least 0, whose answer is the best one to an estimate.
+
+        Beliefs (n,X) and estimates (n,X) are paired; a single one of either stands for all: shape (n,).
+        """
+
+    def bayes_risk(self, laws: Array, beliefs: Array) -> Array:
+        """Return L(p) of laws (…,B) on beliefs (B,X): shape (…)."""
+        means = np.asarray(laws) @ beliefs
+        return np.asarray(laws @ self.least(beliefs) + self._forgone(laws, beliefs, means))
+
+    @abstractmethod
+    def _forgone(self, laws: Array, beliefs: Array, means: Array) -> Array:
+        """Return L(p) − Σ p L(δ_π) ≥ 0 of laws (…,B) whose means (…,X) are known."""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}()"
+
+
+class SquaredError(Loss):
+    """The square error of the best estimate of the belief: what all figures are in where no loss is given.
+
+    Formula: ℓ(π,a) = ‖π − a‖², so that L(p) = Σ p(π) ‖π − E[π]‖²: a variance. Average it, and take the root at the end.
+
+    Source: the estimate of least mean square error is the posterior mean.
+
+    Example:
+        >>> from inscrutable import Prior
+        >>> prior = Prior([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5])
+        >>> print(SquaredError().bayes_risk(prior.weights, prior.beliefs))
+        0.5
+    """
+
+    unit = "squared units of belief"
+
+    def least(self, beliefs: Array) -> Array:
+        """Return zeros: nothing is lost by one who knows the belief."""
+        return np.zeros(len(beliefs))
+
+    def excess(self, beliefs: Array, estimates: Array) -> Array:
+        """Return ‖π − estimate‖²."""
+        return np.asarray(((beliefs - estimates) ** 2).sum(axis=-1))
+
+    def _forgone(self, laws: Array, beliefs: Array, means: Array) -> Array:
+        centre = beliefs.mean(axis=0)  # squares are differences: from the middle little is lost
+        return np.maximum(laws @ self.excess(beliefs, centre) - self.excess(means, centre), 0.0)
+
+
+class DecisionLoss(Loss):
+    """A loss that is the cost of a decision: by the rival's problem on so many states.
+
+    Example:
+        >>> RivalProblem(FiniteProblem([[0.0, 1.0], [1.0, 0.0]])).rival(2)
+        FiniteProblem(2 states, 2 choices)
+    """
+
+    @abstractmethod
+    def rival(self, n_states: int) -> DecisionProblem:
+        """Return the rival's decision problem on so many states."""
+
+    def least(self, beliefs: Array) -> Array:
+        """Return V(π)."""
+        return _values(self.rival(beliefs.shape[-1]), np.atleast_2d(beliefs))
+
+    def excess(self, beliefs: Array, estimates: Array) -> Array:
+        """Return π·s(a) − V(π) with the rival's best decision a under the estimate."""
+        held, problem = np.atleast_2d(beliefs), self.precise(beliefs.shape[-1])
+        costs = problem.state_costs(problem.solve(on_simplex(np.atleast_2d(estimates))))
+        return np.asarray(np.maximum((held * costs).sum(axis=-1) - _values(problem, held), 0.0))
+
+    def precise(self, n_states: int) -> DecisionProblem:
+        """Return the rival's problem less what all its decisions cost alike, of which no digit is lost."""
+        return self.rival(n_states).without_common_costs
+
+    def _forgone(self, laws: Array, beliefs: Array, means: Array) -> Array:
+        problem = self.precise(beliefs.shape[-1])
+        found = _values(problem, on_simplex(means.reshape(-1, means.shape[-1]))).reshape(means.shape[:-1])
+        return np.asarray(np.maximum(found - laws @ _values(problem, beliefs), 0.0))
+
+
+class RivalProblem(DecisionLoss):
+    """The cost of a rival's own decision, made on what it knows of the belief.
+
+    Formula: ℓ(π,a) = Σ_i π_i c(i,a) with the rival's costs c, so that L(p) = V(E[π]), V(π) = min_a Σ_i π_i c(i,a).
+
+    Args:
+        problem: The rival's decision problem on the same states, in its own unit. Costs are linear in the belief, so that its
+            best decision is the one that suits the mean of its law.
+
+    Raises:
+        InputError: `problem` is no decision problem.
+
+    Cost: one decision of the rival per law. Source: Blackwell, Equivalent comparisons of experiments (1953): what an
+    observation is worth is what a decision problem gains by it.
+
+    Example:
+        >>> from inscrutable import FiniteProblem, Prior
+        >>> wager = RivalProblem(FiniteProblem([[-1.0, 0.0], [1.0, 0.0]]))  # win or lose 1, or stay out
+        >>> prior = Prior([[1.0, 0.0], [0.0, 1.0]], [0.5, 0.5])
+        >>> print(wager.bayes_risk(prior.weights, prior.beliefs), wager.least(prior.beliefs))
+        0.0 [-1.  0.]
+    """
+
+    unit = "the rival's cost"
+
+    def __init__(self, problem: DecisionProblem) -> None:
+        self.problem = checked_problem(problem)
+
+    def rival(self, n_states: int) -> DecisionProblem:
+        """Return the rival's problem; raise `InputError` where it has another number of states."""
+        if self.problem.n_states != n_states:
+            raise InputError(f"the rival's problem has {self.problem.n_states} states, the beliefs {n_states}")
+        return self.problem
+
+    def __repr__(self) -> str:
+        return f"RivalProblem({self.problem!r})"
+
+
+class NamingError(DecisionLoss):
+    """How often the rival names the wrong state.
+
+    Formula: ℓ(π,i) = 1 − π_i, so that L(p) = 1 − max_i E[π]_i.
+
+    Source: Smith, On the foundations of quantitative information flow (2009).
+
+    Example:
+        >>> from inscrutable import Prior
+        >>> prior = Prior([[0.9, 0.1], [0.2, 0.8]], [0.5, 0.5])
+        >>> print(NamingError().bayes_risk(prior.weights, prior.beliefs).round(3))
+        0.45
+    """
+
+    unit = "share of states named wrongly"
+
+    def rival(self, n_states: int) -> DecisionProblem:
+        """Return the choice of a state, at cost 1 for each but the true one."""
+        return FiniteProblem(1.0 - np.eye(n_states))
+
+
+def checked_loss(loss: Any, n_states: int, problem: DecisionProblem | None = None) -> Loss:
+    """Return a loss on so many states, those of the agent's problem where it is given; the square error for None.
+
+    Raises:
+        InputError: It is no loss, or on other states, or the rival's problem names them otherwise than the agent's.
+    """
+    if loss is None:
+        return SquaredError()
+    if not isinstance(loss, Loss):
+        raise InputError(f"loss must be SquaredError(), NamingError(), RivalProblem(problem) or None, got {loss!r}")
+    if isinstance(loss, DecisionLoss):
+        other = loss.rival(n_states).state_names
+        own = None if problem is None else problem.state_names
+        if own is not None and other is not None and tuple(own) != tuple(other):
+            raise InputError(
+                f"the rival's problem has the state labels {list(other)}, expected {list(own)} in the same order"
+            )
+    return loss
+
+
+def on_simplex(means: Array) -> Array:
+    """Return means (n,X) of beliefs without what rounding has added to them."""
+    held = np.maximum(means, 0.0)
+    return np.asarray(held / held.sum(axis=-1, keepdims=True))
+
+
+def _values(problem: DecisionProblem, beliefs: Array) -> Array:
+    return np.atleast_1d(np.asarray(problem.optimal_cost(beliefs), dtype=np.float64))

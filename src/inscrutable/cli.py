@@ -463,6 +463,7 @@ def compare(
     market: Annotated[str, Parameter(group=_DATA)] = "paper",
     resolution: Annotated[Whole, Parameter(group=_DATA)] = 30,
     budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
+    disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
     jobs: Whole = -1,
     seed: Seed = 0,
     out: Out = Path("comparison"),
@@ -480,6 +481,8 @@ def compare(
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
+        disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
+            `inscrutable disclose` compares such schedules. Rules with a memory are then left out.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
@@ -492,7 +495,7 @@ def compare(
     from inscrutable.experiments.comparison_study import compared, comparison_study
     from inscrutable.reports.comparison import terminal_table, write_comparison
 
-    settings = ComparisonSettings(budgets=shares, unit=unit)
+    settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure)
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)

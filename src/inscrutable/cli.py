@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, run studies, compile.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, disclose, run studies, compile.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
-from inscrutable.cli_console import Speech, library_log, results, show_table
+from inscrutable.cli_console import Speech, library_log, replaced, results, show_table
+from inscrutable.cli_disclose import disclose
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_sequence import protect_next
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
@@ -63,6 +64,7 @@ app = App(
 )
 
 app.command(study)
+app.command(disclose)
 
 _DATA = Group("Data", sort_key=1)
 _INVESTOR = Group("Investor", sort_key=2)
@@ -116,7 +118,7 @@ def reproduce(
             result = reproduce(settings, jobs=jobs, folder=folder / STUDY, again=was_told(folder), progress=move)
         speech.log("Drawing the figures")
         files = [*write_reproduction(result, folder, jobs=jobs), *_write_report(result, folder, drawn=folder)]
-        files = _replace(folder, "reproduce", files, speech)
+        files = replaced(folder, "reproduce", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -199,7 +201,7 @@ def backtest(
     speech.log("Drawing the figures")
     files = [*write_backtest(result, folder), *_write_report(result, folder)]
     files.append(_save_model(result, settings.train_until, folder))
-    files = _replace(folder, "backtest", files, speech)
+    files = replaced(folder, "backtest", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
     else:
@@ -214,17 +216,6 @@ def _write_report(result: Backtest | Comparison | Reproduction, folder: Path, **
     from inscrutable.reports.page import can_write_pages, write_page
 
     return [write_page(result, folder / "report.html", **more)] if can_write_pages() else []
-
-
-def _replace(folder: Path, verb: str, files: list[Path], speech: Speech) -> list[Path]:
-    """Let no file of an earlier run of the verb stay among those just written; return these and their list."""
-    from inscrutable.datasets import replace_files
-    from inscrutable.datasets.written import LIST
-
-    removed = replace_files(folder, verb, files)
-    if removed:
-        speech.log(f"Removed from an earlier run: {', '.join(path.name for path in removed)}")
-    return [*files, folder / LIST]
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -319,7 +310,7 @@ def attack(
     if folder is not None and over_time is not None:
         paths.append(folder / "attack_over_time.csv")
         write_table(over_time.table(), paths[-1])
-    files = [] if folder is None else _replace(folder, "attack", paths, speech)
+    files = [] if folder is None else replaced(folder, "attack", paths, speech)
     if speech.json:
         followed = None if over_time is None else over_time.table().to_dict("records")
         speech.summary(attack_summary(found) | ({} if followed is None else {"over_time": followed}))
@@ -426,7 +417,7 @@ def protect(
         if planned is not None:
             held = attack_weights(investor, planned, progress=part_of(move, 0, experiment.PARTS + 1))
         found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=rng, progress=move)
-    files = [] if folder is None else _replace(folder, "protect", write_protect(found, folder), speech)
+    files = [] if folder is None else replaced(folder, "protect", write_protect(found, folder), speech)
     if speech.json:
         speech.summary(protect_summary(found))
         return
@@ -506,7 +497,7 @@ def compare(
         speech.log("Drawing the figure")
         files = write_comparison(result, folder, title=note)
         files += _write_report(result, folder, manifest={"market": note, "seed": seed})
-        files = _replace(folder, "compare", files, speech)
+        files = replaced(folder, "compare", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

@@ -73,7 +73,7 @@ def watched(
     decided, n_late = (behaviour.mechanism, 0) if behaviour.memory is None else behaviour.memory.decided
     decided, schedule = disclosed(decided, disclosure), disclosure.schedule
     drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting, PATH_STEPS, N_PATHS), rng)
-    counted = max(PATH_STEPS // 2 // schedule.period, 1) * schedule.period  # whole periods
+    counted = max((PATH_STEPS - PATH_STEPS // 2) // schedule.period, 1) * schedule.period  # whole periods
     over_time, alone, named, surprise = (
         each[-counted:].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late, schedule)
     )

@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import CostLearningAdversary as CostLearningAdversary
     from inscrutable.adversaries import CostStatus as CostStatus
     from inscrutable.adversaries import InferredBeliefs as InferredBeliefs
+    from inscrutable.adversaries import InferredWeights as InferredWeights
     from inscrutable.adversaries import LearnedCost as LearnedCost
     from inscrutable.adversaries import NaiveAdversary as NaiveAdversary
     from inscrutable.adversaries import NearOptimalAdversary as NearOptimalAdversary
@@ -31,6 +32,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import UnionBeliefs as UnionBeliefs
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
     from inscrutable.adversaries import explain_action as explain_action
+    from inscrutable.adversaries import infer_weights as infer_weights
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.budgets import Budget as Budget

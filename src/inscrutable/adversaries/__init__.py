@@ -5,6 +5,7 @@ from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_b
 from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_sets
 from inscrutable.adversaries.cost_learning import CostLearningAdversary
 from inscrutable.adversaries.explanations import ActionExplanation, explain_action
+from inscrutable.adversaries.fund_values import InferredWeights, infer_weights
 from inscrutable.adversaries.interface import Adversary
 from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
 from inscrutable.adversaries.learned_costs import CostStatus, LearnedCost, UnionBeliefs
@@ -24,6 +25,7 @@ __all__ = [
     "CostLearningAdversary",
     "CostStatus",
     "InferredBeliefs",
+    "InferredWeights",
     "LearnedCost",
     "NaiveAdversary",
     "NearOptimalAdversary",
@@ -38,6 +40,7 @@ __all__ = [
     "consistent_beliefs",
     "consistent_sets",
     "explain_action",
+    "infer_weights",
     "near_optimal_beliefs",
     "plausibility_gap",
 ]

@@ -15,7 +15,7 @@ Shown = Literal["fresh mask", "kept mask", "value"]
 
 
 class MaskedBasketFile(PlanFile):
-    """Funds of constant weights, and what is shown of them every day.
+    """Funds of constant weights, so many in each repeat, and what is shown of them every day.
 
     "fresh mask" draws a mask anew every day, "kept mask" once; masks sum to zero. "value" shows the fund's return, with some
     noise, to one who knows the returns of its assets.
@@ -25,14 +25,15 @@ class MaskedBasketFile(PlanFile):
     shown: Grid[Shown] = ("fresh mask", "kept mask", "value")
     assets: AtLeastTwo = 12
     days: Annotated[int, Field(ge=2, le=10_000)] = 250
-    funds: Annotated[Count, Field(le=10_000)] = 400
+    repeats: Count = 8
+    funds: Annotated[Count, Field(le=10_000)] = 50
     mask: Positive = 0.02
     volatility: Positive = 0.01
     noise: Positive = 0.0005
 
 
 def errors_by_day(plan: MaskedBasketFile, shown: str, rng: np.random.Generator) -> Array:
-    """Return the root mean square error of a weight after each day, over all funds, shape (days,); NaN while there is none.
+    """Return the root mean square error of a weight after each day, over the funds, shape (days,); NaN while there is none.
 
     The rival averages masked baskets; of values it takes the least-squares weights, from the day on which they are identified.
     """

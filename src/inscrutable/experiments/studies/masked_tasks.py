@@ -1,6 +1,8 @@
-"""Masked baskets as a study: one task is one thing that is shown of all funds."""
+"""Masked baskets as a study: one task is one thing that is shown of some funds."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +12,14 @@ from inscrutable.experiments.studies.tasks import Listed, Task, TaskRunner, Work
 
 
 def shown_tasks(plan: MaskedBasketFile, data_hash: str | None = None) -> Listed:
-    """Return the tasks, one for each thing shown."""
-    kept = plan.model_dump(mode="json", exclude={"kind", "name", "note", "seed", "shown"})
-    return Listed(len(plan.shown), lambda k: {"shown": plan.shown[k], **kept}, plan.seed)
+    """Return the tasks: each thing shown in every repeat."""
+    kept = plan.model_dump(mode="json", exclude={"kind", "name", "note", "seed", "shown", "repeats"})
+
+    def named(number: int) -> dict[str, Any]:
+        shown, repeat = divmod(number, plan.repeats)
+        return {"shown": plan.shown[shown], "repeat": repeat, **kept}
+
+    return Listed(len(plan.shown) * plan.repeats, named, plan.seed)
 
 
 class MaskedBasketRunner(TaskRunner):
@@ -25,7 +32,7 @@ class MaskedBasketRunner(TaskRunner):
     def figures(self, task: Task) -> dict[str, float]:
         """Return the slope and the error after the reported days."""
         rng = np.random.default_rng(self.grid.task_seed(task))
-        errors = errors_by_day(self.plan, self.plan.shown[task.number], rng)
+        errors = errors_by_day(self.plan, self.plan.shown[task.number // self.plan.repeats], rng)
         return {
             "slope": slope_of(errors),
             **{f"error_after_{day}": float(errors[day - 1]) for day in reported(self.plan)},

@@ -144,6 +144,7 @@ def backtest(
     measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
     target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     sequential: Annotated[bool, Parameter(group=_PRIVACY)] = True,
+    disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
     seed: Seed = 0,
     out: Out = Path("backtest"),
     strict: Annotated[bool, Parameter(group=_OUTPUT, negative=(), show_default=False)] = False,
@@ -172,6 +173,8 @@ def backtest(
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         sequential: Play the sequential rule as well, whose prices take up to a minute to find.
+        disclosure: What one more rival is shown of the weights, how often and how late, in rows of the returns:
+            "every(3)|delayed(2)", portfolio_return(), form_13f(0) where the first decision ends a quarter, as by default.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
             report.html, one page to play with that works offline.
@@ -189,7 +192,16 @@ def backtest(
         train_until = _middle(table) if riskless is None else "1989-12"
         speech.detail(f"Training sample: up to {train_until}")
     settings = BacktestSettings(
-        regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until, seed, covariance, sequential
+        regimes,
+        risk_aversion,
+        chosen_budget,
+        chosen_measure,
+        cost_bps,
+        train_until,
+        seed,
+        covariance,
+        sequential,
+        disclosure,
     )
     if regime_names is not None and beliefs is None:
         raise UsageError("--regime-names says which columns of --beliefs are which: give both")

@@ -147,7 +147,7 @@ def _disclosed_rows(result: Backtest) -> list[_Row]:
         return []
     return [
         _Row("share_regime_named_disclosed", f"{word}s in which one who is shown {shown} names it, %", _PERCENT, ".1f"),
-        _Row("error_disclosed", "  error of that one's estimate, r.m.s.", style=".3f"),
+        _Row("error_disclosed", f"  error of what {shown} lets it estimate, r.m.s.", style=".3f"),
     ]
 
 

@@ -501,8 +501,10 @@ def test_a_backtest_has_one_more_rival_where_a_disclosure_is_asked_for() -> None
     }
     plain = table_of(found["exact"])
     late = table_of(found["every(3)|delayed(2)"])
-    pd.testing.assert_frame_equal(plain, late.loc[plain.index])
-    assert set(late.index) - set(plain.index) == {"share_regime_named_disclosed", "error_disclosed"}
+    more = [label for label in late.index if "every(3)|delayed(2)" in label]
+    assert len(more) == 2
+    assert np.isfinite(late.loc[more].to_numpy()).all()
+    pd.testing.assert_frame_equal(plain, late.drop(index=more))
     value, seen = (found["portfolio_return()"].disclosed_estimates("ODM"), found["exact"].followed_estimates("ODM"))
     assert np.isfinite(value.to_numpy()).all()
     assert value.shape == seen.shape

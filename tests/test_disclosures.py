@@ -14,8 +14,13 @@ from hypothesis import strategies as st
 
 import inscrutable as ins
 from inscrutable import Disclosure, InputError
+from inscrutable.cli import main
+from inscrutable.experiments.backtest_inputs import BacktestSettings
+from inscrutable.experiments.comparison import ComparisonSettings, makers_of
+from inscrutable.experiments.disclosing import under_disclosures
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.disclosed import disclosed, shown_classes
+from inscrutable.reports.backtest import table_of
 
 SEED = int(os.environ.get("FRESH_SEED", "7"))
 RNG = np.random.default_rng(SEED)
@@ -424,3 +429,113 @@ def test_what_cannot_be_disclosed_so_is_refused() -> None:
         ins.path_leakage(chain, Rule(), 3, rng=RNG, disclosure="every(3)")
     with pytest.raises(InputError, match="fixed mechanism"):
         ins.SequentialAdversary(chain, Rule(), disclosure="rounded(3)")
+
+
+def test_compare_reads_what_is_shown() -> None:
+    """The sequence of a chain that is drawn anew at every step is no more than single decisions; every(1) changes nothing."""
+    problem = ins.MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+    chain, names = resting_chain(ins.uniform_prior(2, 6), 0.7), ("ODM", "uniform", "delay", "partial trades")
+    tables = {}
+    for text in ("exact", "every(1)", "rounded(1)", "every(3)|delayed(1)"):
+        asked = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10, disclosure=text)
+        found = ins.compare(problem, chain, asked, makers=makers_of(names), rng=np.random.default_rng(0))
+        assert set(found.left_out) == (set() if "every(1)" in text or text == "exact" else {"delay", "partial trades"})
+        tables[text] = found.frame().set_index("maker")
+    pd.testing.assert_frame_equal(tables["exact"], tables["every(1)"], rtol=0, atol=1e-12)
+    plain, blurred, rare = (
+        tables[text].loc[["ODM", "uniform"]] for text in ("exact", "rounded(1)", "every(3)|delayed(1)")
+    )
+    played = ins.mechanism(ins.OriginalDecisionMaker(problem), chain.prior.beliefs)
+    shown = ins.leakage(played, chain.prior, disclosure="rounded(1)")
+    assert blurred.loc["ODM", "bayes_error"] == pytest.approx(shown.bayes_error, abs=1e-12)
+    assert blurred.loc["ODM", "mutual_information"] == pytest.approx(shown.mutual_information, abs=1e-12)
+    for name in ("expected_regret", "worst_regret", "cost_share"):
+        np.testing.assert_array_equal(plain[name], blurred[name])
+    for column in ("bayes_error", "naive_error", "path_error"):
+        assert blurred.loc["ODM", column] > plain.loc["ODM", column]
+    steps = ins.path_leakage(chain, played, 12, rng=RNG, n_draws=400, disclosure="every(3)|delayed(1)")
+    expected = np.sqrt(np.mean(steps.bayes_error[-6:] ** 2))
+    assert rare.loc["ODM", "path_error"] == pytest.approx(expected, abs=5 * rare.loc["ODM", "path_error_se"] + 0.01)
+    assert rare.loc["ODM", "path_bits"] == pytest.approx(
+        steps.added[-6:].mean(), abs=5 * rare.loc["ODM", "path_bits_se"] + 0.03
+    )
+    with pytest.raises(InputError, match="returns"):
+        ComparisonSettings(disclosure="portfolio_return()")
+    with pytest.raises(InputError, match="no disclosure 'often'"):
+        ComparisonSettings(disclosure="often()")
+
+
+def test_a_study_asks_observers_by_what_they_are_shown(tmp_path: Any) -> None:
+    plan = {
+        "name": "shown",
+        "world": {"kind": "random"},
+        "beliefs": {"kind": "grid", "resolution": 4},
+        "decision_makers": ["ODM"],
+        "measures": ["error"],
+        "adversaries": [
+            {"name": "bayesian", "disclosure": ["exact", {"rounded": 1}, "top(1)|rounded(1)"]},
+            {"name": "naive", "disclosure": ["exact", "rounded(1)"]},
+            {"name": "near-optimal", "disclosure": "rounded(1)"},
+            {"name": "budget-aware", "disclosure": "rounded(1)"},
+        ],
+    }
+    study = ins.run_study(ins.Study.of(plan), tmp_path / "study")
+    assert study.status().failed == 0, list(study.errors())
+    means = study.means()
+    errors = means[means["measure"] == "error"].set_index("adversary")["mean"]
+    assert errors["bayesian, exact"] <= errors["bayesian, rounded(1)"] <= errors["bayesian, top(1)|rounded(1)"]
+    plan["adversaries"] = [{"name": "bayesian", "disclosure": "every(3)"}]
+    with pytest.raises(InputError, match="single decisions"):
+        ins.Study.of(plan)
+
+
+def test_a_backtest_has_one_more_rival_where_a_disclosure_is_asked_for() -> None:
+    draw = np.random.default_rng(0)
+    spread = np.repeat([0.01, 0.05, 0.02, 0.05], 20)[:, None]
+    months = pd.date_range("2001-01", periods=80, freq="ME")
+    returns = pd.DataFrame(0.01 + spread * draw.normal(size=(80, 2)), index=months, columns=["A", "B"])
+    asked = {"regimes": 2, "train_until": "2005-12", "sequential": False}
+    found = {
+        text: ins.run_backtest(returns, BacktestSettings(**asked, disclosure=text), restarts=2)
+        for text in ("exact", "every(3)|delayed(2)", "portfolio_return()")
+    }
+    plain = table_of(found["exact"])
+    late = table_of(found["every(3)|delayed(2)"])
+    more = [label for label in late.index if "every(3)|delayed(2)" in label]
+    assert len(more) == 2
+    assert np.isfinite(late.loc[more].to_numpy()).all()
+    pd.testing.assert_frame_equal(plain, late.drop(index=more))
+    value, seen = (found["portfolio_return()"].disclosed_estimates("ODM"), found["exact"].followed_estimates("ODM"))
+    assert np.isfinite(value.to_numpy()).all()
+    assert value.shape == seen.shape
+    with pytest.raises(InputError, match="no disclosure"):
+        BacktestSettings(disclosure="now()")
+
+
+def test_schedules_side_by_side() -> None:
+    chain = resting_chain(ins.Prior(np.eye(2), [0.5, 0.5]), 0.8)
+    book = ins.Mechanism(np.eye(2), [0, 1], np.eye(2), 1 - np.eye(2))
+    table = under_disclosures(chain, book, ["exact", "every(3)", "every(3)|delayed(2)"], 24, rng=RNG, n_draws=50)
+    flips = [0.5 * (1 - 0.8**age) for age in range(5)]
+    for text, ages in {"exact": [0], "every(3)": [0, 1, 2], "every(3)|delayed(2)": [2, 3, 4]}.items():
+        expected = np.sqrt(np.mean([2 * flips[age] * (1 - flips[age]) for age in ages]))
+        row = table.of(text)
+        assert row.error == pytest.approx(expected, abs=5 * row.error_se + 1e-9)
+    assert table.prior_error == pytest.approx(np.sqrt(0.5))
+    for wrong, said in ((["every(20)"], "steps"), (["exact", "exact"], "different"), ([], "one at least")):
+        with pytest.raises(InputError, match=said):
+            under_disclosures(chain, book, wrong, 24, rng=RNG)
+    with pytest.raises(InputError, match="no row"):
+        table.of("every(2)")
+
+
+def test_the_verb_writes_a_table_and_a_picture(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    asked = ["disclose", "--market", "paper", "--resolution", "3", "--draws", "10", "--steps", "8", "--out", str(out)]
+    assert main([*asked, "--disclosures", "exact; every(2)|delayed(1)"]) == 0
+    assert "every(2)|delayed(1)" in capsys.readouterr().out
+    assert list(pd.read_csv(out / "disclosures.csv")["disclosure"]) == ["exact", "every(2)|delayed(1)"]
+    assert {"disclosures.csv", "disclosures.png", "disclosures.svg", "summary.json"} <= {
+        each.name for each in out.iterdir()
+    }
+    assert main([*asked, "--disclosures", "sometimes()"]) == 3

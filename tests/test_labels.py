@@ -68,6 +68,7 @@ NAMED = markowitz()
 BARE = ins.MarkowitzProblem(MEANS.to_numpy(), [each.to_numpy() for each in SPREAD.values()], 2.0)
 SHOWN = NAMED.solve(BELIEF)
 SET = ins.consistent_beliefs(NAMED, SHOWN)
+BLURRED = ins.NaiveAdversary(NAMED, disclosure="rounded(6)", candidates=[SHOWN]).infer(ins.rounded(6).shown([SHOWN])[0])
 PRIOR = ins.uniform_prior(2, 4)
 PLAYED = ins.mechanism(ins.OriginalDecisionMaker(NAMED), PRIOR.beliefs)
 CANDIDATES = ins.decoy_grid(NAMED, 6)
@@ -356,6 +357,14 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
         lambda v: ins.protect(MODEL, v, 0.1, rng=np.random.default_rng(0)).deterministic.privacy,
     ),
     *((name + " belief", BELIEF, decided(make)) for name, make in MAKERS.items()),
+    ("Disclosure", HOLDINGS, lambda v: np.sort(ins.rounded(1)(v), axis=None)),
+    ("portfolio_return", HOLDINGS, lambda v: np.sort(ins.portfolio_return()(v, returns=RETURNS), axis=0)),
+    ("portfolio_return returns", RETURNS, lambda v: ins.portfolio_return()(HOLDINGS, returns=v)),
+    ("grouped", pd.Series(["a", "b", "a"], ASSETS), lambda v: float(str(ins.grouped(v)) == "")),
+    ("grouped actions", HOLDINGS, ins.grouped(["a", "b", "a"]).shown),
+    ("ShownBeliefs", BELIEF, lambda v: float(BLURRED.contains(v))),
+    ("infer_weights", RETURNS, lambda v: np.sort(ins.infer_weights(pd.Series([0.1, 0.2, 0.3], MONTHS), v).weights)),
+    ("infer_weights seen", pd.Series([0.1, 0.2, 0.3], MONTHS), lambda v: ins.infer_weights(v, RETURNS).weights),
 ]
 
 NO_ARRAYS = """
@@ -371,6 +380,7 @@ NO_ARRAYS = """
     random_candidates reachable_beliefs repeated_leakage reproduce resume_study run_study
     simplex simplex_grid stationary_prior uniform_prior
     NamingError RivalProblem SquaredError
+    InferredWeights at_least delayed every form_13f long_only n_port rounded top
     filtered_prior predicted_prior Lift LinearForm QuadraticForm SmoothForm
 """.split()  # noqa: SIM905
 """Public names that take no tables: objects of the library, numbers, names; results are made by the library."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import CostStatus as CostStatus
     from inscrutable.adversaries import DataAdversary as DataAdversary
     from inscrutable.adversaries import InferredBeliefs as InferredBeliefs
+    from inscrutable.adversaries import InferredWeights as InferredWeights
     from inscrutable.adversaries import LearnedCost as LearnedCost
     from inscrutable.adversaries import NaiveAdversary as NaiveAdversary
     from inscrutable.adversaries import NearOptimalAdversary as NearOptimalAdversary
@@ -32,6 +33,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import UnionBeliefs as UnionBeliefs
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
     from inscrutable.adversaries import explain_action as explain_action
+    from inscrutable.adversaries import infer_weights as infer_weights
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.budgets import Budget as Budget
@@ -72,10 +74,10 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers import action_grid as action_grid
     from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy
     from inscrutable.decision_makers import decoy_grid as decoy_grid
-    from inscrutable.decision_makers import least_regret as least_regret
     from inscrutable.decision_makers import privacy_frontier as privacy_frontier
     from inscrutable.decision_makers import random_candidates as random_candidates
     from inscrutable.decision_makers import rate_distortion_curve as rate_distortion_curve
+    from inscrutable.decision_makers.aware.least_regret import least_regret as least_regret
     from inscrutable.decision_makers.baselines import Calibration as Calibration
     from inscrutable.decision_makers.baselines import CalibrationStatus as CalibrationStatus
     from inscrutable.decision_makers.baselines import CoinDecisionMaker as CoinDecisionMaker

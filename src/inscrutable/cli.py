@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, audit, run studies, compile.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, disclose, audit, run studies, compile.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
@@ -16,7 +16,8 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
 from inscrutable.cli_audit import audit
-from inscrutable.cli_console import Speech, library_log, results, show_table
+from inscrutable.cli_console import Speech, library_log, replaced, results, show_table
+from inscrutable.cli_disclose import disclose
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_sequence import protect_next
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
@@ -65,6 +66,7 @@ app = App(
 )
 
 app.command(study)
+app.command(disclose)
 app.command(audit)
 
 _DATA = Group("Data", sort_key=1)
@@ -119,7 +121,7 @@ def reproduce(
             result = reproduce(settings, jobs=jobs, folder=folder / STUDY, again=was_told(folder), progress=move)
         speech.log("Drawing the figures")
         files = [*write_reproduction(result, folder, jobs=jobs), *_write_report(result, folder, drawn=folder)]
-        files = _replace(folder, "reproduce", files, speech)
+        files = replaced(folder, "reproduce", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
@@ -145,6 +147,7 @@ def backtest(
     measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
     target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     sequential: Annotated[bool, Parameter(group=_PRIVACY)] = True,
+    disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
     seed: Seed = 0,
     out: Out = Path("backtest"),
     strict: Annotated[bool, Parameter(group=_OUTPUT, negative=(), show_default=False)] = False,
@@ -173,6 +176,8 @@ def backtest(
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         sequential: Play the sequential rule as well, whose prices take up to a minute to find.
+        disclosure: What one more rival is shown of the weights, how often and how late, in rows of the returns:
+            "every(3)|delayed(2)", portfolio_return(), form_13f(0) where the first decision ends a quarter, as by default.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also
             report.html, one page to play with that works offline.
@@ -190,7 +195,16 @@ def backtest(
         train_until = _middle(table) if riskless is None else "1989-12"
         speech.detail(f"Training sample: up to {train_until}")
     settings = BacktestSettings(
-        regimes, risk_aversion, chosen_budget, chosen_measure, cost_bps, train_until, seed, covariance, sequential
+        regimes,
+        risk_aversion,
+        chosen_budget,
+        chosen_measure,
+        cost_bps,
+        train_until,
+        seed,
+        covariance,
+        sequential,
+        disclosure,
     )
     if regime_names is not None and beliefs is None:
         raise UsageError("--regime-names says which columns of --beliefs are which: give both")
@@ -202,7 +216,7 @@ def backtest(
     speech.log("Drawing the figures")
     files = [*write_backtest(result, folder), *_write_report(result, folder)]
     files.append(_save_model(result, settings.train_until, folder))
-    files = _replace(folder, "backtest", files, speech)
+    files = replaced(folder, "backtest", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
     else:
@@ -217,17 +231,6 @@ def _write_report(result: Backtest | Comparison | Reproduction, folder: Path, **
     from inscrutable.reports.page import can_write_pages, write_page
 
     return [write_page(result, folder / "report.html", **more)] if can_write_pages() else []
-
-
-def _replace(folder: Path, verb: str, files: list[Path], speech: Speech) -> list[Path]:
-    """Let no file of an earlier run of the verb stay among those just written; return these and their list."""
-    from inscrutable.datasets import replace_files
-    from inscrutable.datasets.written import LIST
-
-    removed = replace_files(folder, verb, files)
-    if removed:
-        speech.log(f"Removed from an earlier run: {', '.join(path.name for path in removed)}")
-    return [*files, folder / LIST]
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -322,7 +325,7 @@ def attack(
     if folder is not None and over_time is not None:
         paths.append(folder / "attack_over_time.csv")
         write_table(over_time.table(), paths[-1])
-    files = [] if folder is None else _replace(folder, "attack", paths, speech)
+    files = [] if folder is None else replaced(folder, "attack", paths, speech)
     if speech.json:
         followed = None if over_time is None else over_time.table().to_dict("records")
         speech.summary(attack_summary(found) | ({} if followed is None else {"over_time": followed}))
@@ -429,7 +432,7 @@ def protect(
         if planned is not None:
             held = attack_weights(investor, planned, progress=part_of(move, 0, experiment.PARTS + 1))
         found = experiment.protect(investor, held, limit, chosen, certify=certify, rng=rng, progress=move)
-    files = [] if folder is None else _replace(folder, "protect", write_protect(found, folder), speech)
+    files = [] if folder is None else replaced(folder, "protect", write_protect(found, folder), speech)
     if speech.json:
         speech.summary(protect_summary(found))
         return
@@ -467,6 +470,7 @@ def compare(
     resolution: Annotated[Whole, Parameter(group=_DATA)] = 30,
     budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
     pairs: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
+    disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
     jobs: Whole = -1,
     seed: Seed = 0,
     out: Out = Path("comparison"),
@@ -485,6 +489,8 @@ def compare(
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
         pairs: Numbers of pairs, rising, such as 100,1000: a rival who has seen so many and knows nothing else stands there too.
+        disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
+            `inscrutable disclose` compares such schedules. Rules with a memory are then left out.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
@@ -498,7 +504,7 @@ def compare(
     from inscrutable.reports.comparison import terminal_table, write_comparison
 
     seen = () if pairs is None else whole_numbers_of(pairs, "--pairs")
-    settings = ComparisonSettings(budgets=shares, unit=unit, pairs=seen)
+    settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure, pairs=seen)
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)
@@ -509,7 +515,7 @@ def compare(
         speech.log("Drawing the figure")
         files = write_comparison(result, folder, title=note)
         files += _write_report(result, folder, manifest={"market": note, "seed": seed})
-        files = _replace(folder, "compare", files, speech)
+        files = replaced(folder, "compare", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return

@@ -143,3 +143,14 @@ def show_table(frame: pd.DataFrame, title: str, *, prose: bool = False) -> None:
     for label, row in zip(frame.index, frame.itertuples(index=False), strict=True):
         table.add_row(Text(label_text(label)), *(Text(str(cell)) for cell in row))
     results().print(table)
+
+
+def replaced(folder: Path, verb: str, files: list[Path], speech: Speech) -> list[Path]:
+    """Let no file of an earlier run of the verb stay among those just written; return these and their list."""
+    from inscrutable.datasets import replace_files
+    from inscrutable.datasets.written import LIST
+
+    removed = replace_files(folder, verb, files)
+    if removed:
+        speech.log(f"Removed from an earlier run: {', '.join(path.name for path in removed)}")
+    return [*files, folder / LIST]

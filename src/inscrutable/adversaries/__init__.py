@@ -6,6 +6,7 @@ from inscrutable.adversaries.consistent_sets import ConsistentSets, consistent_s
 from inscrutable.adversaries.cost_learning import CostLearningAdversary
 from inscrutable.adversaries.data_adversary import DataAdversary
 from inscrutable.adversaries.explanations import ActionExplanation, explain_action
+from inscrutable.adversaries.fund_values import InferredWeights, infer_weights
 from inscrutable.adversaries.interface import Adversary
 from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
 from inscrutable.adversaries.learned_costs import CostStatus, LearnedCost, UnionBeliefs
@@ -26,6 +27,7 @@ __all__ = [
     "CostStatus",
     "DataAdversary",
     "InferredBeliefs",
+    "InferredWeights",
     "LearnedCost",
     "NaiveAdversary",
     "NearOptimalAdversary",
@@ -40,6 +42,7 @@ __all__ = [
     "consistent_beliefs",
     "consistent_sets",
     "explain_action",
+    "infer_weights",
     "near_optimal_beliefs",
     "plausibility_gap",
 ]

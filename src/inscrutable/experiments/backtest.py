@@ -29,6 +29,7 @@ from inscrutable.experiments.backtest_sequential import play_sequentially
 from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
 from inscrutable.filtering import filter_beliefs
+from inscrutable.mechanisms import Disclosure
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.worlds import FittedWorld, GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
 from inscrutable.worlds.hidden_markov import default_names
@@ -117,7 +118,8 @@ def run_backtest(
         "PDM": ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates),
     }
     episode = run_episode(problem, held.to_numpy(), decision_makers, rng=draw_rng, progress=progress)
-    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng)
+    shown, earned_at = Disclosure.of(chosen.disclosure), market.held.to_numpy()
+    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng, disclosure=shown, returns=earned_at)
     part = None
     if aware is not None and chosen.sequential:
         part = play_sequentially(world, problem, episode.beliefs, chosen.budget, rng=sequential_rng)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import sparse
@@ -12,7 +12,7 @@ from scipy.special import entr
 from inscrutable.adversaries import BayesianAdversary, SequentialAdversary
 from inscrutable.experiments.episodes import Episode
 from inscrutable.geometry.grids import grid_size
-from inscrutable.mechanisms import Mechanism, Prior, mechanism
+from inscrutable.mechanisms import Disclosure, Mechanism, Prior, mechanism
 from inscrutable.mechanisms.chains import BeliefChain, predicted_chain
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.privacy import DesiredObfuscation, Leakage, PrivacyMeasure, leakage
@@ -42,6 +42,7 @@ class AwareReading:
         bits: What each decision tells beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
         ceilings: Root mean square error that no rule of a decision maker's long-run regret leaves the rival who follows, in
             the long run of the fitted world; NaN where it was not computed.
+        disclosed: As `followed`, of one who is shown what the settings' disclosure shows; empty where that is everything.
 
     Source: Kerckhoffs' principle with Bayes' rule.
     """
@@ -52,6 +53,7 @@ class AwareReading:
     followed: Mapping[str, Array]
     bits: Mapping[str, Array]
     ceilings: Mapping[str, float]
+    disclosed: Mapping[str, Array] = field(default_factory=dict)
 
 
 def resolution_for(n_states: int, most: int | None = None) -> int:
@@ -79,13 +81,18 @@ def read_knowingly(
     measure: PrivacyMeasure,
     *,
     rng: np.random.Generator,
+    disclosure: Disclosure = Disclosure(),  # noqa: B008  # frozen
+    returns: Array | None = None,
 ) -> AwareReading | None:
-    """Return what rivals read who know the decision makers; None where they follow a target per step."""
+    """Return what rivals read who know the decision makers; None where they follow a target per step.
+
+    `returns` (T,U) are those that portfolios earn, for a disclosure that shows nothing else of them.
+    """
     if isinstance(measure, DesiredObfuscation) and follows_steps(measure):
         return None
     chain = doubted(predicted_chain(world, resolution_for(world.n_states), rng=rng))
     prior = chain.prior
-    estimates, leakages, followed, bits = {}, {}, {}, {}
+    estimates, leakages, followed, bits, disclosed = {}, {}, {}, {}, {}
     for name, decision_maker in decision_makers.items():
         played = mechanism(decision_maker, prior.beliefs)
         actions = episode.records[name].decisions.action
@@ -93,8 +100,12 @@ def read_knowingly(
         leakages[name] = leakage(played, prior, episode.problem)
         found = SequentialAdversary(chain, played).filter(actions, nearest=True)
         followed[name] = found.mean
+        if not disclosure.is_exact:
+            through = {"returns": returns} if disclosure.needs_returns else {}
+            rival = SequentialAdversary(chain, played, disclosure=disclosure)
+            disclosed[name] = rival.filter(disclosure(actions, **through), nearest=True, **through).mean
         bits[name] = _bits(np.vstack([prior.weights, found.weights[:-1] @ chain.transition]), played)
-    return AwareReading(prior, estimates, leakages, followed, bits, {})
+    return AwareReading(prior, estimates, leakages, followed, bits, {}, disclosed)
 
 
 def _bits(laws: Array, played: Mechanism) -> Array:

@@ -13,6 +13,7 @@ from inscrutable.budgets import Budget, as_budget
 from inscrutable.datasets import suspicious_entries
 from inscrutable.errors import InputError
 from inscrutable.experiments.performance import Frequency, frequency_of
+from inscrutable.mechanisms import Disclosure
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
 from inscrutable.worlds.covariances import covariance_rule
@@ -41,9 +42,11 @@ class BacktestSettings:
         covariance: Of the regimes: "sample", "ledoit-wolf" or "factor:k" as for `fit_gaussian_hmm`; None chooses by the
             amount of data.
         sequential: Whether the sequential rule (SDM) is played as well, whose prices take up to a minute to find.
+        disclosure: What one more rival is shown of the weights, how often and how late, such as "every(3)|delayed(2)", in rows
+            of the returns; of `portfolio_return()` it knows the returns. Steps count from the first decision.
 
     Raises:
-        InputError: A number is out of its range, or `measure` is no privacy measure.
+        InputError: A number is out of its range, `measure` is no privacy measure, or there is no such disclosure.
 
     Example:
         >>> BacktestSettings(budget=0.05).budget
@@ -59,6 +62,7 @@ class BacktestSettings:
     seed: int = 0
     covariance: str | None = None
     sequential: bool = True
+    disclosure: str = "exact"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "regimes", validation.count(self.regimes, "regimes", least=2))
@@ -69,6 +73,7 @@ class BacktestSettings:
         object.__setattr__(self, "seed", validation.count(self.seed, "seed", least=0))
         if not isinstance(self.sequential, bool):
             raise InputError(f"sequential must be True or False, got {self.sequential!r}")
+        object.__setattr__(self, "disclosure", str(Disclosure.of(self.disclosure)))
         if not isinstance(self.measure, PrivacyMeasure):
             raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {self.measure!r}")
 

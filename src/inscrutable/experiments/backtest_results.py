@@ -20,6 +20,7 @@ from inscrutable.experiments.backtest_sequential import SequentialPart
 from inscrutable.experiments.episodes import Episode, Record, relative_increase
 from inscrutable.experiments.holding import estimate_quality
 from inscrutable.experiments.performance import Performance, SharpeDifference
+from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.mechanisms.joint import top_states
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
@@ -115,6 +116,13 @@ class Backtest:
     def followed_estimates(self, name: str) -> pd.DataFrame:
         """Return what the rival concludes from all weights so far who knows how they are made, (T,X); NaN without one."""
         return self._read_as(name, {} if self.aware is None else self.aware.followed)
+
+    def disclosed_estimates(self, name: str) -> pd.DataFrame:
+        """Return the same of one who is shown what the settings' disclosure shows, (T,X); NaN where that is everything.
+
+        NaN for the sequential rule too, which goes by one who sees every decision.
+        """
+        return self._read_as(name, {} if self.aware is None else self.aware.disclosed)
 
     def _read_as(self, name: str, estimates: Mapping[str, Array]) -> pd.DataFrame:
         self._of(name)
@@ -223,7 +231,16 @@ def _figures(result: Backtest, name: str) -> dict[str, float]:
         **_cost_figures(result, record),
         **_privacy_figures(result, name),
         **_aware_figures(result, name),
+        **_disclosed_figures(result, name),
     }
+
+
+def _disclosed_figures(result: Backtest, name: str) -> dict[str, float]:
+    """What one reads who is shown a part; nothing where that is everything."""
+    if result.settings.disclosure == EXACT:
+        return {}
+    read = estimate_quality(result.disclosed_estimates(name).to_numpy(), result.beliefs.to_numpy())
+    return {"share_regime_named_disclosed": read.named, "error_disclosed": read.error}
 
 
 def _interval(name: str, found: SharpeDifference) -> dict[str, float]:

@@ -19,11 +19,12 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.comparison_measures import ComparisonRow, learned_from_data, measured
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.makers import MAKERS, Maker, behave
-from inscrutable.experiments.observers import Observed
+from inscrutable.experiments.observers import DisclosureText, Observed
 from inscrutable.experiments.sections import Count, NonNegative, Rising, Section
 from inscrutable.experiments.setting import Behaviour, Setting
-from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms import Disclosure, Prior
 from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.mechanisms.joint import top_states
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved
@@ -43,9 +44,12 @@ class ComparisonSettings(Section):
         draws: Sequences sampled for each, at least 10.
         pairs: Numbers of pairs of belief and decision, each at least 10, rising, that an observer has seen who knows nothing
             else; none leaves it out. It needs the extra `inscrutable[audit]`.
+        disclosure: What observers are shown of decisions, how often and how late, such as "every(3)|delayed(2)"; "exact" is
+            all, at once. Of single and of repeated decisions those that are shown are meant. Rules with a memory, which are
+            read from all decisions as they are, are then left out.
 
     Raises:
-        InputError: A number is malformed, or the unit unknown.
+        InputError: A number is malformed, the unit unknown, or there is no such disclosure, or it needs returns.
 
     Example:
         >>> ComparisonSettings(budgets=(0.1, 0.2), unit="cost").unit
@@ -57,6 +61,7 @@ class ComparisonSettings(Section):
     repeats: Annotated[Rising[Count], Field(min_length=1)] = (1, 10, 100)
     draws: Annotated[int, Field(ge=10, le=1_000_000)] = 500
     pairs: Rising[Annotated[int, Field(ge=10)]] = ()
+    disclosure: DisclosureText = "exact"
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -89,6 +94,7 @@ class Comparison(Saved):
         per_belief_unit: What budgets per belief are shares of: "|c*|", or "regret" where c* comes near zero.
         stays: How often the belief is the same at the next decision, by the chain; NaN where it is not known how it moves.
         pairs: Numbers of pairs seen by an observer of data alone.
+        disclosure: What observers were shown of decisions.
 
     Source: for each measure the function that computes it; the paper, Section V-B, for the trade-off.
     """
@@ -109,6 +115,7 @@ class Comparison(Saved):
     per_belief_unit: str
     stays: float = float("nan")
     pairs: tuple[int, ...] = ()
+    disclosure: str = "exact"
 
     @property
     def makers(self) -> tuple[str, ...]:
@@ -168,6 +175,7 @@ class Comparison(Saved):
         return (
             f"prior of {self.n_beliefs} beliefs, {self.prior_entropy:.2f} bits; {self.n_candidates} candidate decisions; "
             f"error without any decision {self.prior_error:.3f}; silence regret {self.silence_regret:.3g}{share}"
+            f"{'' if self.disclosure == EXACT else f'; observers are shown {self.disclosure}'}"
         )
 
     def at(self, budget: float) -> tuple[ComparisonRow, ...]:
@@ -292,15 +300,16 @@ class ComparisonTasks:
     def row(self, name: str, budget: float, *, rng: np.random.Generator) -> ComparisonRow | None:
         """Return the figures of one task; None where the decision maker does not suit the problem."""
         behaviour = self.makers[name](self.setting, budget)
+        shown = Disclosure.of(self.settings.disclosure)
         if behaviour is None:
             return None
+        if not shown.is_exact and (behaviour.memory is not None or behaviour.play is not None):
+            return None
         observed = Observed(self.setting, behaviour._replace(asked=budget), detects=True)
-        row = measured(name, observed, (self.settings.repeats, self.settings.draws), rng=rng)
-        return (
-            row
-            if not self.settings.pairs
-            else replace(row, data_errors=learned_from_data(observed, self.settings.pairs))
-        )
+        row = measured(name, observed, (self.settings.repeats, self.settings.draws), shown, rng=rng)
+        if not self.settings.pairs:
+            return row
+        return replace(row, data_errors=learned_from_data(observed, self.settings.pairs, shown))
 
     def comparison(self, rows: Sequence[ComparisonRow]) -> Comparison:
         """Return the comparison that rows make, in the order of the tasks."""
@@ -322,6 +331,7 @@ class ComparisonTasks:
             per_belief_unit="|c*|" if setting.is_relative else "regret",
             pairs=self.settings.pairs,
             stays=np.nan if setting.chain is None else float(prior.weights @ setting.chain.transition.diagonal()),
+            disclosure=self.settings.disclosure,
         )
 
 

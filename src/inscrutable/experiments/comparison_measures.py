@@ -11,7 +11,8 @@ from inscrutable.experiments.comparison_watchers import Learned, learned, watche
 from inscrutable.experiments.measures import value_of
 from inscrutable.experiments.observers import Observed
 from inscrutable.experiments.setting import Behaviour, Repeated, Watched
-from inscrutable.mechanisms import Prior
+from inscrutable.mechanisms import Disclosure, Prior
+from inscrutable.mechanisms.disclosed import disclosed
 from inscrutable.privacy import leakage, repeated_leakage
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
@@ -117,28 +118,44 @@ class ComparisonRow(Saved):
     data_errors: Array = field(default_factory=lambda: np.zeros(0))
 
 
-def learned_from_data(observed: Observed, pairs: tuple[int, ...]) -> Array:
-    """Return the errors (S,) of one who knows nothing but that many pairs of belief and decision."""
-    return np.array([observed.read_by({"name": "data", "pairs": n}).error for n in pairs])
+def learned_from_data(observed: Observed, pairs: tuple[int, ...], disclosure: Disclosure) -> Array:
+    """Return the errors (S,) of one who knows nothing but that many pairs of belief and of what is shown of a decision."""
+    shown = str(Disclosure(disclosure.maps))
+    return np.array([observed.read_by({"name": "data", "pairs": n, "disclosure": shown}).error for n in pairs])
 
 
 def measured(
-    name: str, observed: Observed, repeats: tuple[tuple[int, ...], int], *, rng: np.random.Generator
+    name: str,
+    observed: Observed,
+    repeats: tuple[tuple[int, ...], int],
+    disclosure: Disclosure = Disclosure(),  # noqa: B008  # frozen
+    *,
+    rng: np.random.Generator,
 ) -> ComparisonRow:
-    """Return every measure of a mechanism; `repeats` are the numbers of repeated decisions and the sampled sequences."""
+    """Return every measure of a mechanism; `repeats` are the numbers of repeated decisions and the sampled sequences.
+
+    Under a disclosure observers see what it shows; what is said of decisions as they are made is then NaN.
+    """
     setting, behaviour = observed.setting, observed.behaviour
-    again = _repeated(setting.prior, behaviour, repeats, rng)
+    single = Disclosure(disclosure.maps)
+    again = _repeated(setting.prior, behaviour, repeats, rng, single)
     told = again if behaviour.play is None else behaviour.play.repeated(repeats[0], told=True)
     of_mechanism: dict[str, Any] = {each: value_of(observed, each) for each in _OF_MECHANISM}
+    seen = observed.leakage_shown(single)
+    if not disclosure.is_exact:
+        of_mechanism |= {each: getattr(seen, each) for each in _LEAKED} | dict.fromkeys(_IN_FULL, np.nan)
     if behaviour.play is not None and observed.played.expected_regret > 0:
         for each in ("expected_regret", "cost_share", "silence_share"):
             of_mechanism[each] *= behaviour.play.regret / observed.played.expected_regret
     readings = {
-        each: observed.read_by({"name": each}) for each in ("naive", "near-optimal", "budget-aware", "bayesian")
+        each: observed.read_by({"name": each, "disclosure": str(single)})
+        for each in ("naive", "near-optimal", "budget-aware", "bayesian")
     }
     over_time, of_cost = rng.spawn(2)
-    path = watched(setting, behaviour, readings["bayesian"].error, over_time)
-    learner = learned(setting, behaviour, observed.joint, readings["naive"].error, of_cost)
+    path = watched(setting, behaviour, readings["bayesian"].error, over_time, disclosure)
+    learner = Learned()
+    if disclosure.is_exact:
+        learner = learned(setting, behaviour, observed.joint, readings["naive"].error, of_cost)
     return ComparisonRow(
         maker=name,
         budget=observed.asked,
@@ -146,10 +163,10 @@ def measured(
         near_optimal_error=readings["near-optimal"].error,
         budget_aware_error=readings["budget-aware"].error,
         bayes_error=readings["bayesian"].error,
-        least_error=observed.leakage.least_error,
+        least_error=seen.least_error,
         naive_top_state=readings["naive"].top_state,
         top_state_accuracy=readings["bayesian"].top_state,
-        auc=observed.detectability.auc,
+        auc=observed.detectability.auc if disclosure.is_exact else np.nan,
         n_actions=observed.played.n_actions,
         strength=behaviour.strength,
         **of_mechanism,
@@ -166,19 +183,27 @@ _OF_MECHANISM = (
     *("min_entropy_leakage", "maximal_leakage", "read_auc", "expected_gap", "implausible_share"),
 )
 
+_LEAKED = ("mutual_information", "min_entropy_leakage", "maximal_leakage")
+_IN_FULL = ("naive_privacy", "read_auc", "expected_gap", "implausible_share")
+"""What is said of decisions that are seen as they are."""
+
 
 def _prefixed(name: str, figures: Repeated | Watched | Learned, without: tuple[str, ...] = ()) -> dict[str, Any]:
     return {f"{name}_{key}": value for key, value in figures._asdict().items() if key not in without}
 
 
 def _repeated(
-    prior: Prior, behaviour: Behaviour, repeats: tuple[tuple[int, ...], int], rng: np.random.Generator
+    prior: Prior,
+    behaviour: Behaviour,
+    repeats: tuple[tuple[int, ...], int],
+    rng: np.random.Generator,
+    disclosure: Disclosure,
 ) -> Repeated:
     steps, n_draws = repeats
     if behaviour.play is not None:
         return behaviour.play.repeated(steps, told=False)
     if behaviour.memory is None:
-        found = repeated_leakage(behaviour.mechanism, prior, steps, rng=rng, n_draws=n_draws)
+        found = repeated_leakage(disclosed(behaviour.mechanism, disclosure), prior, steps, rng=rng, n_draws=n_draws)
         return Repeated(found.bayes_error, found.error_se, found.mutual_information, found.top_state_accuracy)
     read = [leakage(behaviour.memory(n), prior) for n in steps]
     return Repeated(

@@ -22,6 +22,8 @@ from inscrutable.experiments.memory_rules import PAST
 from inscrutable.experiments.setting import Behaviour, Setting, Watched
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.disclosed import disclosed
+from inscrutable.mechanisms.disclosures import Disclosure, Schedule
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.joint import Joint, top_states
 from inscrutable.privacy.sampling import adjusted_means
@@ -51,11 +53,17 @@ class Learned(NamedTuple):
     error: float = float("nan")
 
 
-def watched(setting: Setting, behaviour: Behaviour, bayes_error: float, rng: np.random.Generator) -> Watched:
-    """Return what is hidden from one who knows the rule and sees every decision of a path.
+def watched(
+    setting: Setting,
+    behaviour: Behaviour,
+    bayes_error: float,
+    rng: np.random.Generator,
+    disclosure: Disclosure = Disclosure(),  # noqa: B008  # frozen
+) -> Watched:
+    """Return what is hidden from one who knows the rule and sees every decision of a path, or what is disclosed of them.
 
     `bayes_error` is that of one who knows the rule and sees the last decision alone: its mean over paths is known, so what
-    the paths at hand are off by there is taken off here.
+    the paths at hand are off by there is taken off here, unless decisions are left out or late.
     """
     chain = setting.chain
     if chain is None:
@@ -63,14 +71,18 @@ def watched(setting: Setting, behaviour: Behaviour, bayes_error: float, rng: np.
     if behaviour.play is not None:
         return behaviour.play.watched
     decided, n_late = (behaviour.mechanism, 0) if behaviour.memory is None else behaviour.memory.decided
+    decided, schedule = disclosed(decided, disclosure), disclosure.schedule
     drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting, PATH_STEPS, N_PATHS), rng)
+    counted = max((PATH_STEPS - PATH_STEPS // 2) // schedule.period, 1) * schedule.period  # whole periods
     over_time, alone, named, surprise = (
-        each[PATH_STEPS // 2 :].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late)
+        each[-counted:].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late, schedule)
     )
     # What a decision adds is the surprise that it is, less the one that is left where the belief is known.
-    own = float(chain.prior.weights @ _entropies(decided.observed))
+    own = float(chain.prior.weights @ _entropies(decided.observed)) / schedule.period
     bits_se = float(surprise.std(ddof=1)) / np.sqrt(len(surprise))
-    squared, spread = (float(each[0]) for each in adjusted_means(over_time, alone - bayes_error**2))
+    # Where decisions are left out or late, the mean of what the last one tells is not that of `bayes_error`.
+    known = alone - bayes_error**2 if schedule.is_immediate else np.zeros_like(alone)
+    squared, spread = (float(each[0]) for each in adjusted_means(over_time, known))
     error = float(np.sqrt(max(squared, 0.0)))
     return Watched(
         error,
@@ -89,7 +101,11 @@ def _entropies(table: Any) -> Array:
 
 
 def followed(
-    chain: BeliefChain, mechanism: Mechanism, columns: np.ndarray, n_late: int = 0
+    chain: BeliefChain,
+    mechanism: Mechanism,
+    columns: np.ndarray,
+    n_late: int = 0,
+    schedule: Schedule = Schedule(),  # noqa: B008  # frozen
 ) -> tuple[Array, Array, Array, Array]:
     """Return the square error that one expects who saw all decisions so far, and one who saw the last alone.
 
@@ -103,15 +119,16 @@ def followed(
         mechanism: What decides, on the chain's beliefs.
         columns: Which of its decisions were seen, shape (T,D) for D paths; each must be possible after those before it.
         n_late: Steps by which decisions are late.
+        schedule: Which of them are shown, and how late. Entries of a step are then of the belief `schedule.lag` steps after it.
 
     Returns:
-        Each of shape (T,D), at least 0.
+        Each of shape (T,D), at least 0; where a decision is not shown it does not surprise.
     """
     # Beliefs seen from the middle of the prior, so that little is lost in the difference of squares.
     points = chain.prior.beliefs - chain.prior.mean
     squares, top = (points**2).sum(axis=1), top_states(chain.prior.beliefs)
     step = _plain(chain.transition)
-    for _ in range(n_late):
+    for _ in range(n_late + schedule.lag):
         points, squares, top = step @ points, step @ squares, step @ top
 
     def expected(laws: Array) -> Array:
@@ -123,7 +140,8 @@ def followed(
     law = np.tile(chain.prior.weights, (columns.shape[1], 1))
     found, named, surprise = (np.empty(columns.shape) for _ in range(3))
     for t, seen in enumerate(place):
-        law = (law if t == 0 else np.asarray(law @ step)) * shares[seen]
+        law = law if t == 0 else np.asarray(law @ step)
+        law = law * shares[seen] if schedule.shows(t) else law
         chance = law.sum(axis=1, keepdims=True)
         law /= chance
         found[t], named[t], surprise[t] = expected(law), (law @ top).max(axis=1), -np.log2(chance[:, 0])

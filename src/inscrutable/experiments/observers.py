@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from inscrutable.adversaries import (
     Adversary,
@@ -17,11 +17,15 @@ from inscrutable.adversaries import (
     NearOptimalAdversary,
 )
 from inscrutable.budgets import Budget
+from inscrutable.errors import InputError
 from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
 from inscrutable.experiments.sections import Grid, NonNegative, Section
 from inscrutable.experiments.setting import Behaviour, Setting
+from inscrutable.mechanisms.disclosed import disclosed, single_decisions
+from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy import Detectability, Leakage, detectability, leakage
+from inscrutable.validation import Array
 
 Chosen = Mapping[str, Any]
 
@@ -34,6 +38,31 @@ class ObserverReading(NamedTuple):
 
     error: float  # root mean square, Euclidean, in units of belief
     top_state: float  # how often a most likely state is named
+
+
+def _written(given: Any) -> str:
+    """A disclosure, given as text or as a table, as text."""
+    try:
+        found = Disclosure.of(given)
+    except InputError as error:
+        raise ValueError(str(error)) from None
+    if found.needs_returns:
+        raise ValueError(f"{found} shows decisions through returns, which are not known here")
+    return str(found)
+
+
+def _single(text: str) -> str:
+    try:
+        return str(single_decisions(Disclosure.of(text), "an observer of single decisions"))
+    except InputError as error:
+        raise ValueError(str(error)) from None
+
+
+DisclosureText = Annotated[str, BeforeValidator(_written)]
+"""A disclosure as text, given as such or as a table of operations."""
+
+Shown = Annotated[DisclosureText, AfterValidator(_single)]
+"""What is shown of a single decision, as text: "exact", "at_least(0.05)", or a table of operations."""
 
 
 class Observed:
@@ -86,13 +115,36 @@ class Observed:
         promise = self.behaviour.promise
         return Budget.regret(self.played.worst_regret) if promise is None else promise
 
+    def leakage_shown(self, disclosure: Disclosure) -> Leakage:
+        """Return what single decisions tell one who knows the rule and is shown parts of them."""
+        if disclosure.is_exact:
+            return self.leakage
+        memory = self.behaviour.memory
+        played = self.behaviour.mechanism if memory is None else memory(1)
+        return leakage(played, self.setting.prior, disclosure=disclosure)
+
+    def knowledge(self, disclosure: Disclosure) -> dict[str, Any]:
+        """Return what an observer of sets is told where parts of decisions are hidden: those played and the candidates."""
+        if disclosure.is_exact:
+            return {}
+        problem, mechanism = self.setting.problem, self.behaviour.mechanism
+        points = np.vstack([problem.as_points(mechanism.actions), self.setting.candidates.actions])
+        return {"disclosure": disclosure, "candidates": problem.as_actions(points)}
+
+    def guesses(self, observer: Adversary, disclosure: Disclosure, excuses: Array | None = None) -> Array:
+        """Return an observer's estimates (M,X) at every decision that is played, as it is shown."""
+        actions = self.behaviour.mechanism.actions
+        return guesses_of(observer, actions if disclosure.is_exact else disclosure.shown(actions), self.joint, excuses)
+
     def read_by(self, chosen: Chosen) -> ObserverReading:
         """Return what an observer, by name and keys, makes of single decisions."""
         return OBSERVERS[chosen["name"]].read(self, chosen)
 
 
 class ObserverSection(Section):
-    """An observer."""
+    """An observer; `disclosure` says what it is shown of a decision."""
+
+    disclosure: Grid[Shown] | None = None
 
     @staticmethod
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:
@@ -102,9 +154,8 @@ class ObserverSection(Section):
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
-        actions, joint = observed.behaviour.mechanism.actions, observed.joint
-        guesses = guesses_of(cls.adversary(observed, chosen), actions, joint)
-        return ObserverReading(guess_error(joint, guesses), top_state_share(joint, guesses))
+        guesses = observed.guesses(cls.adversary(observed, chosen), Disclosure.of(chosen.get("disclosure")))
+        return ObserverReading(guess_error(observed.joint, guesses), top_state_share(observed.joint, guesses))
 
 
 class Naive(ObserverSection):
@@ -115,10 +166,11 @@ class Naive(ObserverSection):
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
-        excuses = observed.detectability.excuses if observed.detects else None
-        actions, joint = observed.behaviour.mechanism.actions, observed.joint
-        guesses = guesses_of(NaiveAdversary(observed.setting.problem), actions, joint, excuses)
-        return ObserverReading(guess_error(joint, guesses), top_state_share(joint, guesses))
+        shown = Disclosure.of(chosen.get("disclosure"))
+        excuses = observed.detectability.excuses if observed.detects and shown.is_exact else None
+        reader = NaiveAdversary(observed.setting.problem, **observed.knowledge(shown))
+        guesses = observed.guesses(reader, shown, excuses)
+        return ObserverReading(guess_error(observed.joint, guesses), top_state_share(observed.joint, guesses))
 
 
 class NearOptimal(ObserverSection):
@@ -131,7 +183,8 @@ class NearOptimal(ObserverSection):
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:
         """Return it."""
         allowed = chosen.get("regret", observed.asked)
-        return NearOptimalAdversary(observed.setting.problem, allowed, prior=observed.setting.prior)
+        known = observed.knowledge(Disclosure.of(chosen.get("disclosure")))
+        return NearOptimalAdversary(observed.setting.problem, allowed, prior=observed.setting.prior, **known)
 
 
 class BudgetAware(ObserverSection):
@@ -142,7 +195,8 @@ class BudgetAware(ObserverSection):
     @staticmethod
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:
         """Return it."""
-        return BudgetAwareAdversary(observed.setting.problem, observed.promise, prior=observed.setting.prior)
+        known = observed.knowledge(Disclosure.of(chosen.get("disclosure")))
+        return BudgetAwareAdversary(observed.setting.problem, observed.promise, prior=observed.setting.prior, **known)
 
 
 class Bayesian(ObserverSection):
@@ -153,7 +207,8 @@ class Bayesian(ObserverSection):
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
-        return ObserverReading(observed.leakage.bayes_error, observed.leakage.top_state_accuracy)
+        found = observed.leakage_shown(Disclosure.of(chosen.get("disclosure")))
+        return ObserverReading(found.bayes_error, found.top_state_accuracy)
 
 
 class Data(ObserverSection):
@@ -166,9 +221,8 @@ class Data(ObserverSection):
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:
         """Return it; the same pairs at every call."""
         rng = np.random.default_rng(_DATA_SEED)
-        return DataAdversary.of(
-            observed.behaviour.mechanism, observed.setting.prior, chosen.get("pairs", 1000), rng=rng
-        )
+        played = disclosed(observed.behaviour.mechanism, Disclosure.of(chosen.get("disclosure")))
+        return DataAdversary.of(played, observed.setting.prior, chosen.get("pairs", 1000), rng=rng)
 
 
 OBSERVERS: Mapping[str, type[ObserverSection]] = {

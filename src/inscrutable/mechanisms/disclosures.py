@@ -194,13 +194,13 @@ class Disclosure:
         """Return how single decisions look, shape (M,V), or (M,) of choices; nothing is left out or moved.
 
         Args:
-            actions: Decisions (M,U), or choices (M,).
+            actions: Decisions (M,U), or choices (M,). What is shown has their order, whatever their labels.
             returns: Of the period of each decision, (M,U) or one (U,) for all; for `portfolio_return` alone.
 
         Raises:
             InputError: A map does not suit the decisions, or `portfolio_return` lacks its returns.
         """
-        assets = Axis("asset", learns=True)
+        assets = self._assets()
         points = _points(actions, (None, assets))
         return self._mapped(points, self._returns(returns, points, (None, assets)))
 
@@ -214,13 +214,17 @@ class Disclosure:
         Raises:
             InputError: As `shown`.
         """
-        steps, assets = Axis("step", learns=True), Axis("asset", learns=True)
+        steps, assets = Axis("step", learns=True), self._assets()
         points = _points(actions, (steps, assets))
         shown = np.asarray(self._mapped(points, self._returns(returns, points, (steps, assets))), dtype=np.float64)
         found, (period, offset, lag) = np.full(shown.shape, np.nan), self.schedule
         seen = np.arange(offset, max(len(points) - lag, 0), period)
         found[seen + lag] = shown[seen]
         return found
+
+    def _assets(self) -> Axis:
+        """What is known of assets' labels: nothing says which of them groups were made for."""
+        return Axis("asset", learns=all(each.name != "grouped" for each in self.maps))
 
     def _mapped(self, points: Array, returns: Array | None) -> Array:
         for name, values in self.maps:

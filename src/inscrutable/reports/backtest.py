@@ -17,6 +17,7 @@ from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.performance import LEVEL, REPLICATES
+from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.reports.backtest_plots import draw_backtest
 from inscrutable.worlds import GaussianEmission
 
@@ -135,7 +136,18 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("error_followed", "  error of that one's estimate, r.m.s.", style=".3f"),
         _Row("error_ceiling", "  the most that any rule of its regret leaves, long run", style=".3f"),
         _Row("bits_followed", "  what one more decision tells that one, bits"),
+        *_disclosed_rows(result),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
+    ]
+
+
+def _disclosed_rows(result: Backtest) -> list[_Row]:
+    shown, word = result.settings.disclosure, result.market.frequency.word
+    if shown == EXACT:
+        return []
+    return [
+        _Row("share_regime_named_disclosed", f"{word}s in which one who is shown {shown} names it, %", _PERCENT, ".1f"),
+        _Row("error_disclosed", f"  error of what {shown} lets it estimate, r.m.s.", style=".3f"),
     ]
 
 

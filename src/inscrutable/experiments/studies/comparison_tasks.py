@@ -35,6 +35,7 @@ from inscrutable.experiments.studies.tasks import Listed, Row, Task, TaskGrid, T
 from inscrutable.files import reason
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.disclosures import EXACT
 
 _NAMED = ("maker", "budget")
 """What a row's parameters say, so that its figures need not."""
@@ -62,6 +63,7 @@ def compared_pairs(plan: ComparisonFile, data_hash: str | None = None) -> Listed
     kept = plan.model_dump(mode="json", include={"unit", "market", "resolution", "repeats", "draws"})
     kept |= {"pairs": list(plan.pairs)} if plan.pairs else {}
     kept |= {} if data_hash is None else {"sha256": data_hash}
+    kept |= {} if plan.disclosure == EXACT else {"disclosure": plan.disclosure}
     seed = [plan.seed, len(plan.budgets)]
     return Listed(len(pairs), lambda k: {"decision_maker": pairs[k][0], "budget": pairs[k][1], **kept}, seed)
 

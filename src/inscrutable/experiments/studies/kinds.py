@@ -15,6 +15,7 @@ from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.kind import Kind
 from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
+from inscrutable.experiments.studies.masked_tasks import MASKED_BASKET
 from inscrutable.experiments.studies.reproduction_tasks import REPRODUCTION
 from inscrutable.experiments.studies.tables import table_of
 from inscrutable.experiments.studies.worlds import fitted_world, hash_of_data, training_of
@@ -45,7 +46,11 @@ def _fitted(plan: StudyFile, base: Path, grid: StudyGrid) -> list[dict[str, Any]
 GRID = Kind(StudyFile, StudyGrid, GridRunner, _hash, _fitted, table_of, _check)
 """Every combination of what a file's lists hold."""
 
-OTHER_KINDS: Mapping[str, Kind] = {"reproduction": REPRODUCTION, "comparison": COMPARISON}
+OTHER_KINDS: Mapping[str, Kind] = {
+    "reproduction": REPRODUCTION,
+    "comparison": COMPARISON,
+    "masked basket": MASKED_BASKET,
+}
 """What the key `kind` of a file may hold; a file without it is a grid."""
 
 

@@ -1,0 +1,83 @@
+"""The verb `inscrutable disclose`: monthly or quarterly, and how late?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Group, Parameter, validators
+
+from inscrutable.cli_console import Speech, replaced, show_table
+from inscrutable.cli_values import WHOLE, writable_folder
+
+_DATA = Group("Data", sort_key=1)
+_PRIVACY = Group("Privacy", sort_key=3)
+_OUTPUT = Group("Output", sort_key=9)
+Whole = Annotated[int, WHOLE]
+_Makers = Literal["ODM", "CDM", "PDM", "rate-distortion", "Stackelberg"]
+
+
+def disclose(
+    *,
+    market: Annotated[str, Parameter(group=_DATA)] = "returns",
+    resolution: Annotated[Whole, Parameter(group=_DATA)] = 20,
+    disclosures: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
+    rule: Annotated[_Makers, Parameter(group=_PRIVACY)] = "ODM",
+    steps: Annotated[Whole, Parameter(group=_PRIVACY)] = 24,
+    draws: Annotated[Whole, Parameter(group=_PRIVACY)] = 100,
+    seed: Annotated[int, WHOLE, Parameter(group=_OUTPUT, validator=validators.Number(gte=0))] = 0,
+    out: Annotated[Path, Parameter(group=_OUTPUT)] = Path("disclosures"),
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Set schedules of publication side by side: how often, how late, and which parts of each decision.
+
+    One row a schedule: the bits that a step tells, and how far a rival who knows the rule, the model and the schedule is off
+    about the present belief. Example: inscrutable disclose --disclosures "every(3); every(3)|delayed(2); top(5)"
+
+    Args:
+        market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the
+            model.json of a backtest.
+        resolution: Beliefs are multiples of 1/resolution.
+        disclosures: Schedules with a semicolon between them, each a chain of every(n), delayed(steps), rounded(digits),
+            long_only(), at_least(weight), top(n), grouped([labels]), form_13f(), n_port(), joined by |. Default: nine
+            usual ones.
+        rule: How decisions are made; all but ODM, the optimal ones, spend half the silence regret.
+        steps: Length of the paths; the later half counts.
+        draws: Sampled paths.
+        seed: The same seed gives the same numbers.
+        out: Folder for the table, the figure and summary.json.
+    """
+    import numpy as np
+
+    from inscrutable.experiments.comparison import SPENDS_NOTHING, makers_of
+    from inscrutable.experiments.comparison_markets import market_of
+    from inscrutable.experiments.disclosing import USUAL, under_disclosures
+    from inscrutable.experiments.setting import Setting
+    from inscrutable.reports.disclosing import summary_data, write_disclosures
+
+    asked = USUAL if disclosures is None else tuple(part.strip() for part in disclosures.split(";"))
+    folder = writable_folder(out)
+    found = market_of(market, resolution, seed)
+    setting = Setting.of(found.problem, found.chain)
+    speech.log(f"{found.note}; {len(found.prior)} beliefs")
+    spent = 0.0 if rule in SPENDS_NOTHING else 0.5 * setting.silence_regret
+    behaviour = makers_of([rule])[rule](setting, spent)
+    assert behaviour is not None  # these rules suit every portfolio
+    with speech.progress("Schedules") as move:
+        table = under_disclosures(
+            found.chain,
+            behaviour.mechanism,
+            asked,
+            steps,
+            rng=np.random.default_rng(seed),
+            n_draws=draws,
+            progress=move,
+        )
+    title = f"{rule} on {found.note}"
+    files = replaced(folder, "disclose", write_disclosures(table, folder, title=title), speech)
+    if speech.json:
+        speech.summary(summary_data(table, title))
+        return
+    show_table(table.lines(), f"What a rival reads of the present belief ({title})")
+    speech.sentence(table.summary())
+    speech.files(files)

@@ -1,0 +1,199 @@
+"""How often, how late, and how much of it? One mechanism under several disclosures, read by one who follows the belief."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import validation
+from inscrutable.decision_makers.results import Progress
+from inscrutable.errors import InputError
+from inscrutable.mechanisms import Disclosure, Mechanism
+from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.privacy import path_leakage
+from inscrutable.saved import Saved
+from inscrutable.validation import Array
+
+USUAL = (
+    "exact",
+    "delayed(1)",
+    "delayed(2)",
+    "every(3)",
+    "every(3)|delayed(1)",
+    "form_13f()",
+    "every(6)|delayed(2)",
+    "rounded(1)",
+    "top(1)",
+)
+"""What is looked at where nothing else is asked for, in steps of months."""
+
+
+@dataclass(frozen=True, eq=False)
+class DisclosureRow(Saved):
+    """What one reads who is shown this much.
+
+    Args:
+        disclosure: What is shown, as text.
+        bits: What is told a step of the beliefs so far, in bits, on average over the counted steps.
+        bits_se: Its standard error, at most.
+        error: Root mean square error of the estimate of the present belief over the counted steps, Euclidean.
+        error_se: Its standard error, at most.
+        errors: The same of every step, shape (T,).
+    """
+
+    disclosure: str
+    bits: float
+    bits_se: float
+    error: float
+    error_se: float
+    errors: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DisclosureTable(Saved):
+    """One mechanism under several disclosures.
+
+    Args:
+        rows: One a disclosure, in the order asked for.
+        prior_error: Error of one who sees nothing: the ceiling.
+        expected_regret: What the mechanism costs, in the cost's unit.
+        n_steps: Steps of a path; the later half counts, in whole periods of the schedule.
+        n_beliefs: Beliefs of the chain with weight.
+
+    Source: `path_leakage`.
+    """
+
+    rows: tuple[DisclosureRow, ...]
+    prior_error: float
+    expected_regret: float
+    n_steps: int
+    n_beliefs: int
+
+    def of(self, disclosure: Disclosure | str) -> DisclosureRow:
+        """Return the row of one disclosure; raise `InputError` where there is none."""
+        text = str(Disclosure.of(disclosure))
+        for row in self.rows:
+            if row.disclosure == text:
+                return row
+        raise InputError(f"no row of {text}; there are {[row.disclosure for row in self.rows]}")
+
+    def frame(self) -> pd.DataFrame:
+        """Return the figures, one row a disclosure: bits, errors and shares of the error of one who sees nothing."""
+        return pd.DataFrame(
+            [
+                {
+                    "disclosure": row.disclosure,
+                    "bits_a_step": row.bits,
+                    "bits_se": row.bits_se,
+                    "error": row.error,
+                    "error_se": row.error_se,
+                    "share_of_prior_error": self._share(row),
+                }
+                for row in self.rows
+            ]
+        )
+
+    def lines(self) -> pd.DataFrame:
+        """Return the same as text."""
+        cells = {
+            "bits a step": [f"{row.bits:.3f}" for row in self.rows],
+            "error": [f"{row.error:.3f}" for row in self.rows],
+            "of the error without": [f"{self._share(row):.0%}" for row in self.rows],
+        }
+        return pd.DataFrame(cells, index=pd.Index([row.disclosure for row in self.rows], name="shown"))
+
+    def _share(self, row: DisclosureRow) -> float:
+        return row.error / self.prior_error if self.prior_error > 0 else float("nan")
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return which disclosure hides most of the present belief, and which least."""
+        least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
+        return (
+            f"Who sees nothing errs by {self.prior_error:.3f}. Who follows the belief errs least with {least.disclosure} "
+            f"({least.error:.3f}, {self._share(least):.0%} of that) and most with {most.disclosure} ({most.error:.3f}, "
+            f"{self._share(most):.0%}); the decisions are the same, at an expected regret of {self.expected_regret:.3g}."
+        )
+
+
+def under_disclosures(
+    chain: BeliefChain,
+    mechanism: Mechanism,
+    disclosures: Sequence[Disclosure | str] = USUAL,
+    n_steps: int = 24,
+    *,
+    rng: np.random.Generator,
+    n_draws: int = 100,
+    progress: Progress | None = None,
+) -> DisclosureTable:
+    """Return what a mechanism tells under several disclosures one who knows it and how the belief moves.
+
+    Formula: those of `path_leakage`, averaged over the later half of the steps; every disclosure is read on the same paths.
+
+    Args:
+        chain: How the belief moves; its prior has the mechanism's beliefs.
+        mechanism: K(u|π), drawn afresh at every step.
+        disclosures: What is shown, also as text; each once.
+        n_steps: T, at least twice the longest period, and more than what is late.
+        rng: The source of the paths.
+        n_draws: Sampled paths, at least 10.
+        progress: Called with (disclosures done, disclosures in all).
+
+    Raises:
+        InputError: An argument is malformed, there are too few steps for a disclosure, or it needs returns.
+
+    Cost: a `path_leakage` for every disclosure.
+
+    Source: see `path_leakage`.
+
+    Example:
+        >>> from inscrutable import Prior
+        >>> from inscrutable.mechanisms.chains import resting_chain
+        >>> chain = resting_chain(Prior(np.eye(2), [0.5, 0.5]), 0.8)
+        >>> book = Mechanism(np.eye(2), [0, 1], np.eye(2), 1 - np.eye(2))
+        >>> found = under_disclosures(chain, book, ["exact", "delayed(1)", "every(3)"], rng=np.random.default_rng(0))
+        >>> print(found.lines().to_string())
+                   bits a step  error of the error without
+        shown
+        exact            0.469  0.000                   0%
+        delayed(1)       0.469  0.424                  60%
+        every(3)         0.270  0.408                  58%
+    """
+    asked = [Disclosure.of(each) for each in disclosures]
+    if not asked or len(set(map(str, asked))) < len(asked):
+        raise InputError("disclosures must be different ones, one at least")
+    count = validation.count(n_steps, "n_steps")
+    for each in asked:
+        least = max(2 * each.schedule.period, 2 * (each.schedule.lag + 1))
+        if count < least:
+            raise InputError(f"{each} needs {least} steps at least, got n_steps {count}")
+    seed, rows, prior_error = int(validation.generator(rng).integers(2**62)), [], 0.0
+    for done, each in enumerate(asked):
+        paths: Any = {"rng": np.random.default_rng(seed), "n_draws": n_draws, "disclosure": each}
+        found = path_leakage(chain, mechanism, count, **paths)
+        period = each.schedule.period
+        window = slice(count - count // 2 // period * period, None)
+        error = float(np.sqrt(np.mean(found.bayes_error[window] ** 2)))
+        spread = float(np.mean(found.bayes_error[window] * found.error_se[window]))
+        rows.append(
+            DisclosureRow(
+                str(each),
+                float(found.added[window].mean()),
+                float(found.added_se[window].mean()),
+                error,
+                spread / error if error > 0 else 0.0,
+                found.bayes_error,
+            )
+        )
+        prior_error = float(found.prior_error[-1])
+        if progress is not None:
+            progress(done + 1, len(asked))
+    weights = chain.prior.weights
+    regret = float(weights @ mechanism.expected_regrets)
+    return DisclosureTable(tuple(rows), prior_error, regret, count, int(np.count_nonzero(weights)))

@@ -1,0 +1,73 @@
+"""What a table of disclosures leaves for a reader: figures as CSV, a summary that is all text, and one picture."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inscrutable import __version__
+from inscrutable.datasets import output_folder, write_json, write_table
+from inscrutable.experiments.disclosing import DisclosureTable
+from inscrutable.mechanisms import Disclosure
+from inscrutable.reports.style import BLACK, BLUE, drawing, looks_of, save_figure
+
+_WIDTH, _HEIGHT = 7.4, 3.2
+_SIDE = 1.96
+"""Standard errors to either side of a 95 % interval."""
+
+
+def write_disclosures(table: DisclosureTable, folder: str | os.PathLike[str], *, title: str) -> list[Path]:
+    """Write disclosures.csv, summary.json and the picture into a folder, and return their paths.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    target = output_folder(folder)
+    figures, summary = target / "disclosures.csv", target / "summary.json"
+    write_table(table.frame().set_index("disclosure"), figures)
+    pictures = draw_disclosures(table, target)
+    write_json(summary_data(table, title), summary)
+    return [figures, *pictures, summary]
+
+
+def summary_data(table: DisclosureTable, title: str) -> dict[str, Any]:
+    """Return what `summary.json` holds: plain data, no clock, no path of this machine."""
+    kept = ("prior_error", "expected_regret", "n_steps", "n_beliefs")
+    return {
+        "version": __version__,
+        "title": title,
+        "sentence": table.summary(),
+        **{name: getattr(table, name) for name in kept},
+        "rows": table.frame().to_dict(orient="records"),
+        "disclosures": [Disclosure.of(row.disclosure).summary() for row in table.rows],
+    }
+
+
+def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
+    """Draw the error at every step, and its mean with what is told a step, for each disclosure; return the paths."""
+    looks = looks_of([row.disclosure for row in table.rows])
+    steps, places = np.arange(table.n_steps), np.arange(len(table.rows))
+    with drawing(_WIDTH, _HEIGHT, ncols=2, width_ratios=[5, 4]) as (figure, (left, right)):
+        for row, look in zip(table.rows, looks.values(), strict=True):
+            if not Disclosure.of(row.disclosure).schedule.is_immediate or row.disclosure == "exact":
+                left.plot(steps, row.errors, look.line, color=look.colour, label=row.disclosure)
+        for axes, line in ((left, "axhline"), (right, "axvline")):
+            getattr(axes, line)(table.prior_error, color=BLACK, linestyle="--", linewidth=0.8)
+        left.set(xlabel="step", ylabel="error about the present belief", ylim=(0, 1.35 * table.prior_error or 1))
+        left.legend(ncols=2, loc="upper left")
+        right.barh(
+            places,
+            [row.error for row in table.rows],
+            xerr=[_SIDE * row.error_se for row in table.rows],
+            color=BLUE,
+            alpha=0.7,
+        )
+        for place, row in zip(places, table.rows, strict=True):
+            right.text(0, place, f" {row.bits:.2f} bits a step", va="center", fontsize=6)
+        right.set_yticks(places, [row.disclosure for row in table.rows])
+        right.invert_yaxis()
+        right.set(xlabel="error in the long run; dashed: without seeing anything")
+        return save_figure(figure, folder, "disclosures")

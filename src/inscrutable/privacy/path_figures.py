@@ -17,6 +17,7 @@ from inscrutable.adversaries.inverse_filter import InverseFilter, Laws, read_dec
 from inscrutable.adversaries.sequence_evidence import Evidence, unseen_points
 from inscrutable.adversaries.sequence_results import InferredBeliefs
 from inscrutable.geometry.equal_rows import first_equal
+from inscrutable.privacy.losses import Loss
 from inscrutable.validation import Array
 
 _MOST_HELD = 2**22
@@ -30,6 +31,7 @@ class PathFigures(NamedTuple):
     belief: Array
     state: Array
     squared: Array
+    lost: Array
     interpolation_error: float = 0.0
     is_sampled: bool = True
 
@@ -51,11 +53,16 @@ def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
 class _Prior:
     """Figures of laws against those of one who sees no decision."""
 
-    def __init__(self, reader: InverseFilter, unseen: InferredBeliefs) -> None:
+    def __init__(self, reader: InverseFilter, unseen: InferredBeliefs, loss: Loss | None) -> None:
         self._points, self._of_chain, self._unseen = reader.moves.points, reader.moves.of_chain, unseen
+        self._loss = loss
+        self.interpolation_error = float(unseen.interpolation_error.max())
 
-    def figures(self, laws: Laws, step: int) -> tuple[Array, Array, Array, Array]:
-        """Return information on belief and on state (L,) in bits, square errors (L,) and means (L,X)."""
+    def figures(self, laws: Laws, step: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Return information on belief and on state (L,) in bits, square errors (L,), losses (L,) and means (L,X).
+
+        Losses are the square errors where no other loss is asked for.
+        """
         belief = laws.of_belief()
         mean = belief @ self._points
         state = mean if self._of_chain else laws.of_state()
@@ -67,11 +74,21 @@ class _Prior:
             _divergence(belief, self._unseen.weights[step]),
             _divergence(state, self._unseen.states[step]),
             squared,
+            squared if self._loss is None else self._loss.bayes_risk(belief, self._points),
             mean,
         )
 
+    def off_grid(self, beliefs: Array, means: Array) -> tuple[Array, Array]:
+        """Return square errors (D,) and losses (D,) of estimates (D,X) of beliefs (D,X) that the points only stand for."""
+        apart = ((beliefs - means) ** 2).sum(axis=1)
+        if self._loss is None:
+            return apart, apart
+        return apart, self._loss.least(beliefs) + self._loss.excess(beliefs, means)
 
-def enumerated(reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, most: int) -> PathFigures | None:
+
+def enumerated(
+    reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, most: int, loss: Loss | None = None
+) -> PathFigures | None:
     """Return exact figures (1,T) by every sequence of decisions.
 
     None where sequences leave more than `most` laws, where the observer does not know the memory, so that what a decision
@@ -79,7 +96,7 @@ def enumerated(reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, mos
     """
     if unseen.interpolation_error.max() > tolerances.SAME_BELIEF:
         return None
-    prior, found = _Prior(reader, unseen), np.zeros((4, n_steps))
+    prior, found = _Prior(reader, unseen, loss), np.zeros((5, n_steps))
     told = reader.rule.is_public
     laws = _told_starts(reader)[0] if told else reader.predicted(None)[0]
     chances = reader.rule.initial[laws.memory] if told else np.ones(1)
@@ -105,9 +122,9 @@ def enumerated(reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, mos
             side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]), known
         )
         last = [seen[k] for k in kept]
-        found[1:, t] = [chances @ each for each in prior.figures(laws, t)[:3]]
+        found[1:, t] = [chances @ each for each in prior.figures(laws, t)[:4]]
     rows = found[:, None]
-    return PathFigures(rows[0], rows[1], rows[2], rows[3], is_sampled=False)
+    return PathFigures(rows[0], rows[1], rows[2], rows[3], rows[4], is_sampled=False)
 
 
 def _told_starts(reader: InverseFilter) -> tuple[Laws, Array]:
@@ -143,27 +160,35 @@ def _merged(laws: Laws, chances: Array, last: Array) -> tuple[Laws, Array, np.nd
     return merged, np.asarray(np.bincount(place.reshape(-1), weights=chances)), kept
 
 
-def sampled(reader: InverseFilter, unseen: InferredBeliefs, draws: PathDraws, rng: np.random.Generator) -> PathFigures:
+def sampled(
+    reader: InverseFilter,
+    unseen: InferredBeliefs,
+    draws: PathDraws,
+    rng: np.random.Generator,
+    loss: Loss | None = None,
+) -> PathFigures:
     """Return figures along sampled paths of beliefs, with decisions drawn at every step."""
     block = max(_MOST_HELD // reader.moves.start.size, 1)
     parts = []
     for first in range(0, draws.places.shape[1], block):
         mine = slice(first, first + block)
         beliefs = None if draws.beliefs is None else draws.beliefs[:, mine]
-        parts.append(_Sampling(reader, unseen, PathDraws(draws.places[:, mine], beliefs), rng).run())
-    added, belief, state, squared = (np.concatenate(each) for each in zip(*(part[:4] for part in parts), strict=True))
-    return PathFigures(added, belief, state, squared, max(part.interpolation_error for part in parts))
+        parts.append(
+            _Sampling(_Prior(reader, unseen, loss), reader, PathDraws(draws.places[:, mine], beliefs), rng).run()
+        )
+    added, belief, state, squared, lost = (
+        np.concatenate(each) for each in zip(*(part[:5] for part in parts), strict=True)
+    )
+    return PathFigures(added, belief, state, squared, lost, max(part.interpolation_error for part in parts))
 
 
 class _Sampling:
     """Some paths that are followed together."""
 
-    def __init__(
-        self, reader: InverseFilter, unseen: InferredBeliefs, draws: PathDraws, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, prior: _Prior, reader: InverseFilter, draws: PathDraws, rng: np.random.Generator) -> None:
         self._reader, self._draws, self._rng = reader, draws, rng
-        self._prior = _Prior(reader, unseen)
-        self._worst = float(unseen.interpolation_error.max())
+        self._prior = prior
+        self._worst = prior.interpolation_error
         count = draws.places.shape[1]
         initial = reader.rule.initial
         self._count = len(initial)
@@ -179,7 +204,7 @@ class _Sampling:
     def run(self) -> PathFigures:
         """Follow the paths to their end."""
         n_steps, count = self._draws.places.shape
-        found = np.empty((4, count, n_steps))
+        found = np.empty((5, count, n_steps))
         which, laws, error = self._started()
         errors = error
         for t in range(n_steps):
@@ -189,15 +214,16 @@ class _Sampling:
             made = self._decided(laws, which, np.stack([errors, error]), t)
             which, laws, totals, errors = made[:4]
             self._worst = max(self._worst, float(errors.max()))
-            belief, state, squared, mean = self._prior.figures(laws, t)
+            belief, state, squared, lost, mean = self._prior.figures(laws, t)
             own, seen = np.log2(made[4]), totals[which]
             with np.errstate(divide="ignore"):
                 found[0, :, t] = np.where(seen > 0, own - np.log2(seen), 0.0)
             found[1, :, t], found[2, :, t], found[3, :, t] = belief[which], state[which], squared[which]
+            found[4, :, t] = lost[which]
             if self._draws.beliefs is not None:
-                apart = ((self._draws.beliefs[t] - mean[which]) ** 2).sum(axis=1)
-                found[3, :, t] = np.where(errors[which] > tolerances.SAME_BELIEF, apart, found[3, :, t])
-        return PathFigures(found[0], found[1], found[2], found[3], self._worst)
+                off = np.stack(self._prior.off_grid(self._draws.beliefs[t], mean[which]))
+                found[3:, :, t] = np.where(errors[which] > tolerances.SAME_BELIEF, off, found[3:, :, t])
+        return PathFigures(found[0], found[1], found[2], found[3], found[4], self._worst)
 
     def _started(self) -> tuple[np.ndarray, Laws, Array]:
         """The observers before the first decision: one, or one for every public memory."""

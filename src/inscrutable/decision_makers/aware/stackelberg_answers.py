@@ -26,8 +26,8 @@ _MOST_ROUNDS = 60
 _WHOLE = 4_000
 """Pairs of belief and decision up to which all decisions are there from the first."""
 _FIRST = 40
-_ADDED = 20
-_PAIRS = 12
+_ADDED = 40
+_PAIRS = 60
 """Decisions to which a belief is held at most beside those that it plays or is tempted by, in order of what they lack."""
 _FEW_CHOICES = 12
 """Choices of a rival up to which all are answers to every decision from the first."""

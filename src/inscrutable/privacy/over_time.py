@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,7 +19,8 @@ from inscrutable.mechanisms import Disclosure, Mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosed import disclosed_rule
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
-from inscrutable.privacy.path_figures import PathDraws, PathFigures, enumerated, sampled, unseen_beliefs
+from inscrutable.privacy.losses import Loss, checked_loss
+from inscrutable.privacy.path_figures import PathDraws, PathFigures, Prior, enumerated, sampled, unseen_beliefs
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -52,6 +54,10 @@ class PathLeakage(Saved):
         interpolation_error: Largest expected distance, over steps and paths, of the agent's belief from the points of the
             mechanism that stand for it; 0 where all is exact but for the sampling.
         n_draws: Sampled paths; 0 where every sequence of decisions was followed, so that nothing is left to chance.
+        loss: E L(p_t), what a rival loses on average who wants the present belief and has seen all decisions so far, in
+            the unit of the loss L that was asked for; None where none was.
+        loss_se: Its standard error over the sampled paths.
+        prior_loss: The same of one who sees no decision.
 
     Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
     on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
@@ -84,6 +90,16 @@ class PathLeakage(Saved):
     prior_error: Array
     interpolation_error: float
     n_draws: int
+    loss: Array | None = None
+    loss_se: Array | None = None
+    prior_loss: Array | None = None
+
+    @property
+    def worth(self) -> Array | None:
+        """What the decisions so far are worth to the rival at each step, at least 0; None where no loss was asked for."""
+        if self.loss is None or self.prior_loss is None:
+            return None
+        return np.maximum(self.prior_loss - self.loss, 0.0)
 
     def __repr__(self) -> str:
         return self.summary()
@@ -107,6 +123,10 @@ class PathLeakage(Saved):
                 f"{self.state_information[t]:.4f} ± {_SIDE * self.state_information_se[t]:.4f} of the state; "
                 f"error {self.bayes_error[t]:.4f} ± {_SIDE * self.error_se[t]:.4f} of {self.prior_error[t]:.4f}"
             )
+            if self.loss is not None and self.loss_se is not None and self.prior_loss is not None:
+                lines[-1] += (
+                    f"; the rival's loss {self.loss[t]:.4g} ± {_SIDE * self.loss_se[t]:.2g} of {self.prior_loss[t]:.4g}"
+                )
         if self.is_all_public:
             lines.append("nothing is left to hide: who reads what is public knows the belief without any decision")
         if self.interpolation_error > tolerances.SAME_BELIEF:
@@ -121,6 +141,7 @@ def path_leakage(
     *,
     rng: np.random.Generator,
     n_draws: int = 200,
+    loss: Loss | None = None,
     disclosure: Disclosure | str | None = None,
 ) -> PathLeakage:
     """Return what decisions on a belief that moves tell step by step, cumulated and of the present belief alone.
@@ -137,6 +158,7 @@ def path_leakage(
         rng: The source of paths and decisions.
         n_draws: Sampled paths, at least 10. Where the decisions leave no more different laws than that, and the observer
             knows the memory, all of them are followed instead, and the figures are exact.
+        loss: What a rival wants the belief for, such as `RivalProblem(problem)`; None leaves its figures out.
         disclosure: What the observer is shown of decisions, how often and how late, such as `every(3) | delayed(2)`, also as
             text; None is all, at once. What is seen at step t then tells of `added` there, whichever decision it is.
 
@@ -169,6 +191,7 @@ def path_leakage(
             "a world with a CategoricalEmission, and a public one of symbols if any, is needed, or a BeliefChain such as "
             f"filtered_chain makes, got {world!r}"
         )
+    wanted = None if loss is None else checked_loss(loss, rule.beliefs.shape[1])
     reader = InverseFilter(moves_of(world, BeliefPoints(rule.beliefs)), rule)
     if reader.moves.n_public > 1 and shown.schedule.lag:
         raise InputError(
@@ -176,10 +199,17 @@ def path_leakage(
             "SequentialAdversary does"
         )
     unseen = unseen_beliefs(reader, count)
-    found = enumerated(reader, unseen, count, draws, shown.schedule)
+    figures = partial(Prior, reader, unseen, wanted)
+    found = enumerated(reader, figures(), count, draws, shown.schedule)
     if found is None:
-        found = sampled(reader, unseen, _paths(world, reader, count, draws, source), source, shown.schedule)
-    return _averaged(found, unseen.spread if found.prior is None else np.sqrt(found.prior.mean(axis=0)))
+        found = sampled(reader, figures, _paths(world, reader, count, draws, source), source, shown.schedule)
+    averaged = _averaged(found, unseen.spread if found.prior is None else np.sqrt(found.prior.mean(axis=0)))
+    if wanted is None:
+        return averaged
+    (lost,), (error,) = _averages([found.lost], found.is_sampled, least=-np.inf)
+    prior = wanted.bayes_risk(unseen.weights, reader.moves.points)
+    prior = prior if found.prior_lost is None else found.prior_lost.mean(axis=0)
+    return replace(averaged, loss=lost, loss_se=error, prior_loss=prior)
 
 
 def _paths(
@@ -219,9 +249,9 @@ def _averaged(found: PathFigures, prior_error: Array) -> PathLeakage:
     )
 
 
-def _averages(figures: list[Array], is_sampled: bool) -> tuple[list[Array], list[Array]]:
-    """Means (T,) of figures (D,T), none of which is below zero, and their standard errors."""
-    means = [np.maximum(each.mean(axis=0), 0.0) for each in figures]
+def _averages(figures: list[Array], is_sampled: bool, least: float = 0.0) -> tuple[list[Array], list[Array]]:
+    """Means (T,) of figures (D,T), none of which is below the least, and their standard errors."""
+    means = [np.maximum(each.mean(axis=0), least) for each in figures]
     if not is_sampled:
         return means, [np.zeros_like(each) for each in means]
     return means, [each.std(axis=0, ddof=1) / np.sqrt(len(each)) for each in figures]

@@ -6,6 +6,7 @@ same are one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,11 +19,14 @@ from inscrutable.adversaries.sequence_evidence import Evidence, unseen_points
 from inscrutable.adversaries.sequence_results import InferredBeliefs
 from inscrutable.geometry.equal_rows import first_equal
 from inscrutable.mechanisms.disclosures import Schedule
+from inscrutable.privacy.losses import Loss
 from inscrutable.validation import Array
 from inscrutable.worlds.public import UNREAD
 
 _MOST_HELD = 2**22
 """Numbers in the laws held at once, 32 MB: of more paths one block follows after the other."""
+_BELIEF, _SQUARED, _LOST, _PRIOR, _ROWS = 1, 3, 4, 5, 7
+"""Rows of figures: after what is added the information on belief and state, square errors, losses; and of one who sees none."""
 
 
 class PathFigures(NamedTuple):
@@ -32,7 +36,9 @@ class PathFigures(NamedTuple):
     belief: Array
     state: Array
     squared: Array
+    lost: Array  # what a rival loses; the square error where no other loss was asked for
     prior: Array | None = None  # square error of one who follows what is public and sees no decision
+    prior_lost: Array | None = None  # what that one loses
     interpolation_error: float = 0.0
     is_sampled: bool = True
 
@@ -57,11 +63,12 @@ def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
     return reader.result(reader.forward(evidence)[0])
 
 
-class _Prior:
+class Prior:
     """Figures of laws against those of one who sees no decision, who reads what each observer reads."""
 
-    def __init__(self, reader: InverseFilter, unseen: InferredBeliefs) -> None:
-        self._reader, self._unseen = reader, unseen
+    def __init__(self, reader: InverseFilter, unseen: InferredBeliefs, loss: Loss | None) -> None:
+        self._reader, self._unseen, self._loss = reader, unseen, loss
+        self.interpolation_error = float(unseen.interpolation_error.max())
         self._points, self._of_chain = reader.moves.points, reader.moves.of_chain
         self._laws: Laws | None = None  # one of each observer, where something is public
 
@@ -92,13 +99,18 @@ class _Prior:
         return self._unseen.mean
 
     def without(self, n_steps: int) -> Array:
-        """Return what there is to say of each step before a decision is seen, shape (5,T)."""
-        found = np.zeros((5, n_steps))
-        found[3] = self._unseen.spread**2
+        """Return what there is to say of each step before a decision is seen, shape (7,T)."""
+        found = np.zeros((_ROWS, n_steps))
+        found[_SQUARED] = found[_LOST] = self._unseen.spread**2
+        if self._loss is not None:
+            found[_LOST] = self._loss.bayes_risk(self._unseen.weights, self._points)
         return found
 
-    def figures(self, laws: Laws, step: int) -> tuple[Array, Array, Array, Array]:
-        """Return information on belief and on state (L,) in bits, square errors (L,) and means (L,X)."""
+    def figures(self, laws: Laws, step: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Return information on belief and on state (L,) in bits, square errors (L,), losses (L,) and means (L,X).
+
+        Losses are the square errors where no other loss is asked for.
+        """
         belief = laws.of_belief()
         mean = belief @ self._points
         state = mean if self._of_chain else laws.of_state()
@@ -107,30 +119,40 @@ class _Prior:
             known = self._laws.of_belief(), self._laws.of_state()
             known = known[0], known[0] @ self._points if self._of_chain else known[1]
         centre = self._unseen.mean[step]
-        return _divergence(belief, known[0]), _divergence(state, known[1]), self._squared(belief, centre), mean
+        squared = self._squared(belief, centre)
+        return _divergence(belief, known[0]), _divergence(state, known[1]), squared, self._lost(belief, squared), mean
 
-    def own(self, step: int) -> Array:
-        """Return the square errors (L,) of those who see no decision."""
+    def own(self, step: int) -> tuple[Array, Array]:
+        """Return the square errors (L,) and losses (L,) of those who see no decision."""
         assert self._laws is not None
-        return self._squared(self._laws.of_belief(), self._unseen.mean[step])
+        belief = self._laws.of_belief()
+        squared = self._squared(belief, self._unseen.mean[step])
+        return squared, self._lost(belief, squared)
 
     def _squared(self, belief: Array, centre: Array) -> Array:
         """E‖π − mean‖² of laws (L,B), about a centre that keeps its digits."""
         off = ((belief @ self._points - centre) ** 2).sum(axis=1)
         return np.asarray(np.maximum(belief @ ((self._points - centre) ** 2).sum(axis=1) - off, 0.0))
 
+    def _lost(self, belief: Array, squared: Array) -> Array:
+        return squared if self._loss is None else self._loss.bayes_risk(belief, self._points)
 
-def enumerated(
-    reader: InverseFilter, unseen: InferredBeliefs, n_steps: int, most: int, schedule: Schedule
-) -> PathFigures | None:
+    def off_grid(self, beliefs: Array, means: Array) -> tuple[Array, Array]:
+        """Return square errors (D,) and losses (D,) of estimates (D,X) of beliefs (D,X) that the points only stand for."""
+        apart = ((beliefs - means) ** 2).sum(axis=1)
+        if self._loss is None:
+            return apart, apart
+        return apart, self._loss.least(beliefs) + self._loss.excess(beliefs, means)
+
+
+def enumerated(reader: InverseFilter, prior: Prior, n_steps: int, most: int, schedule: Schedule) -> PathFigures | None:
     """Return exact figures (1,T) by every sequence of decisions that are shown.
 
     None where sequences leave more than `most` laws, where the observer does not know the memory, so that what a decision
     adds depends on the whole path, or where the beliefs are not the points.
     """
-    if unseen.interpolation_error.max() > tolerances.SAME_BELIEF:
+    if prior.interpolation_error > tolerances.SAME_BELIEF:
         return None
-    prior = _Prior(reader, unseen)
     found = prior.without(n_steps)
     told, is_public = reader.rule.is_public, reader.moves.n_public > 1
     laws = _told_starts(reader)[0] if told else reader.predicted(None)[0]
@@ -141,14 +163,16 @@ def enumerated(
         if is_public:
             laws, chances, before = _every_reading(reader, prior, laws, chances, is_first=s == 0)
             last = [last[k] for k in before]
-            found[4, t] = chances @ prior.own(t)
+            found[_PRIOR:, t] = [chances @ each for each in prior.own(t)]
         elif s:
             laws = reader.predicted(laws)[0]
         if len(laws.memory) > len(chances) or len(chances) > most:
             return None
         if not schedule.shows(s):
             laws = _passed(reader, laws)
-            found[1:4, t] = [chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:3]]
+            found[_BELIEF:_PRIOR, t] = [
+                chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:4]
+            ]
             continue
         grown: list[tuple[Laws, Array]] = []
         count, seen = 0, []
@@ -171,18 +195,20 @@ def enumerated(
         )
         last = [seen[k] for k in kept]
         prior.followed(kept)
-        found[1:4, t] = [chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:3]]
+        found[_BELIEF:_PRIOR, t] = [
+            chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:4]
+        ]
     return _made(found[:, None], is_public, is_sampled=False)
 
 
 def _made(found: Array, is_public: bool, error: float = 0.0, *, is_sampled: bool = True) -> PathFigures:
-    """Figures (5,D,T), of which the last counts where something is public."""
-    prior = found[4] if is_public else None
-    return PathFigures(found[0], found[1], found[2], found[3], prior, error, is_sampled)
+    """Figures (7,D,T), of which the last two count where something is public."""
+    prior, lost = (found[_PRIOR], found[_PRIOR + 1]) if is_public else (None, None)
+    return PathFigures(found[0], found[1], found[2], found[3], found[4], prior, lost, error, is_sampled)
 
 
 def _every_reading(
-    reader: InverseFilter, prior: _Prior, laws: Laws, chances: Array, *, is_first: bool
+    reader: InverseFilter, prior: Prior, laws: Laws, chances: Array, *, is_first: bool
 ) -> tuple[Laws, Array, np.ndarray]:
     """Laws after every public symbol of a step, their probabilities, and which of the laws before each comes from."""
     count = reader.moves.n_public
@@ -240,28 +266,26 @@ def _merged(laws: Laws, chances: Array, last: Array) -> tuple[Laws, Array, np.nd
 
 
 def sampled(
-    reader: InverseFilter, unseen: InferredBeliefs, draws: PathDraws, rng: np.random.Generator, schedule: Schedule
+    reader: InverseFilter, prior: Callable[[], Prior], draws: PathDraws, rng: np.random.Generator, schedule: Schedule
 ) -> PathFigures:
     """Return figures along sampled paths of beliefs, with decisions drawn at every step."""
     block = max(_MOST_HELD // reader.moves.start.size, 1)
     parts = []
     for first in range(0, draws.places.shape[1], block):
         part = draws.of(slice(first, first + block))
-        parts.append(_Sampling(reader, unseen, part, rng).run(schedule))
-    added, belief, state, squared = (np.concatenate(each) for each in zip(*(part[:4] for part in parts), strict=True))
-    prior = None if draws.public is None else np.concatenate([part.prior for part in parts])
-    return PathFigures(added, belief, state, squared, prior, max(part.interpolation_error for part in parts))
+        parts.append(_Sampling(prior(), reader, part, rng))
+        parts[-1].run(schedule)
+    found = np.concatenate([part.found for part in parts], axis=1)
+    return _made(found, draws.public is not None, max(part.worst for part in parts))
 
 
 class _Sampling:
     """Some paths that are followed together."""
 
-    def __init__(
-        self, reader: InverseFilter, unseen: InferredBeliefs, draws: PathDraws, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, prior: Prior, reader: InverseFilter, draws: PathDraws, rng: np.random.Generator) -> None:
         self._reader, self._draws, self._rng = reader, draws, rng
-        self._prior = _Prior(reader, unseen)
-        self._worst = float(unseen.interpolation_error.max())
+        self._prior = prior
+        self.worst = prior.interpolation_error
         count = draws.places.shape[1]
         initial = reader.rule.initial
         self._count = len(initial)
@@ -274,11 +298,11 @@ class _Sampling:
         self._own = sparse.csr_array(own)
         self._last: list[Any] = []  # the decision that each observer of a rule saw before
 
-    def run(self, schedule: Schedule) -> PathFigures:
+    def run(self, schedule: Schedule) -> None:
         """Follow the paths to their end."""
         n_steps, count = self._draws.places.shape
         read = self._draws.public
-        found = np.repeat(self._prior.without(n_steps)[:, None], count, axis=1)
+        found = self.found = np.repeat(self._prior.without(n_steps)[:, None], count, axis=1)
         if self._draws.beliefs is not None and schedule.lag:
             self._measure_before(found, schedule.lag)
         which, laws, error = self._started()
@@ -291,7 +315,7 @@ class _Sampling:
             elif s and read is not None:
                 which, laws, error, errors = self._read_public(which, laws, errors, read[s])
             if read is not None:
-                found[4, :, t] = self._prior.own(t)[which]
+                found[_PRIOR:, :, t] = np.stack(self._prior.own(t))[:, which]
             if schedule.shows(s):
                 which, laws, totals, errors, shares = self._decided(laws, which, np.stack([errors, error]), s)
                 with np.errstate(divide="ignore"):
@@ -300,20 +324,20 @@ class _Sampling:
                 laws = self._unseen(laws, s)
             held, more = self._reader.later(laws, schedule.lag)
             worst = np.maximum(errors, more)
-            self._worst = max(self._worst, float(worst.max()))
-            belief, state, squared, mean = self._prior.figures(held, t)
-            found[1, :, t], found[2, :, t], found[3, :, t] = belief[which], state[which], squared[which]
+            self.worst = max(self.worst, float(worst.max()))
+            belief, state, squared, lost, mean = self._prior.figures(held, t)
+            found[_BELIEF:_PRIOR, :, t] = np.stack([belief, state, squared, lost])[:, which]
             if self._draws.beliefs is not None:
-                apart = ((self._draws.beliefs[t] - mean[which]) ** 2).sum(axis=1)
-                found[3, :, t] = np.where(worst[which] > tolerances.SAME_BELIEF, apart, found[3, :, t])
-        return _made(found, read is not None, self._worst)
+                off = np.stack(self._prior.off_grid(self._draws.beliefs[t], mean[which]))
+                rows = slice(_SQUARED, _PRIOR)
+                found[rows, :, t] = np.where(worst[which] > tolerances.SAME_BELIEF, off, found[rows, :, t])
 
     def _measure_before(self, found: Array, lag: int) -> None:
         """Take the true distance from the estimate at the steps before the first decision is seen."""
         assert self._draws.beliefs is not None
-        if self._worst > tolerances.SAME_BELIEF:
-            apart = self._draws.beliefs[:lag] - self._prior.means[: len(self._draws.beliefs[:lag]), None]
-            found[3, :, :lag] = (apart**2).sum(axis=2).T
+        if self.worst > tolerances.SAME_BELIEF:
+            for t, beliefs in enumerate(self._draws.beliefs[:lag]):
+                found[_SQUARED:_PRIOR, :, t] = self._prior.off_grid(beliefs, self._prior.means[t][None])
 
     def _unseen(self, laws: Laws, s: int) -> Laws:
         """Return the laws after a decision that is not shown, and let what is remembered move."""

@@ -26,10 +26,11 @@ _MOST_ROUNDS = 60
 _WHOLE = 4_000
 """Pairs of belief and decision up to which all decisions are there from the first."""
 _FIRST = 40
-_ADDED = 20
+_ADDED = 40
+_PAIRS = 60
+"""Decisions to which a belief is held at most beside those that it plays or is tempted by, in order of what they lack."""
 _FEW_CHOICES = 12
 """Choices of a rival up to which all are answers to every decision from the first."""
-_BLOCK = 2**22
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +133,14 @@ class _Search:
         self.costs = np.where(game.allowed, game.costs, 0.0)
         n_beliefs, n_columns = game.costs.shape
         self.columns = np.arange(n_columns)
-        if n_beliefs * n_columns > _WHOLE:
+        self.there = game.allowed.copy()
+        self.is_whole = n_beliefs * n_columns <= _WHOLE
+        if not self.is_whole:
             self.columns = first_columns(game.costs, game.allowed, _FIRST)
         self.points = self._first_points()
         self.known = self._gains(self.points)
         self.replies: dict[int, list[int]] = {int(m): list(range(len(self.points))) for m in self.columns}
+        self.n_first = len(self.points)
         self.mixed = np.tile(at_mean, (n_columns, 1))
         self.best = Answered(np.zeros_like(game.costs), self.mixed.copy(), -np.inf, np.inf)
 
@@ -162,22 +166,21 @@ class _Search:
             rows = np.zeros_like(self.game.costs)
             rows[:, self.columns] = shares
             cut = self._cut(shares, model)
-            replies = self.game.bound(self.mixed)
-            tempted = self._priced(replies)
+            tempted, lacking = self._priced()
             self._keep(rows)
             if progress is not None:
                 progress(done, _MOST_ROUNDS)
             short = self.best.bound - self.best.error
             near = short <= self.goal * self.best.bound + tolerances.NO_ERROR * self.spread
-            if near or not (cut or tempted.size):
+            if near or not (cut or tempted or (lacking < 0).any()):
                 break
-            self._join(tempted)
+            self._join(tempted, lacking, rows)
         return self.best
 
     def _programme(self) -> tuple[Array, Array, Array]:
         """Rows (B,n), what the model takes each decision's loss for (n,), and the multipliers of all replies in order."""
         game, columns = self.game, self.columns
-        belief, place = np.nonzero(game.allowed[:, columns])
+        belief, place = np.nonzero(self.there[:, columns])
         n_pairs, n = len(belief), len(columns)
         chance = game.weights[belief]
         numbers = [np.array(self.replies[int(m)]) for m in columns]
@@ -212,7 +215,7 @@ class _Search:
         """Rows that sum to one and stay within their budgets, up to rounding: what HiGHS is off by goes to the cheapest."""
         shares = shares / shares.sum(axis=1, keepdims=True)
         costs = self.costs[:, self.columns]
-        cheapest = np.where(self.game.allowed[:, self.columns], costs, np.inf).argmin(axis=1)
+        cheapest = np.where(self.there[:, self.columns], costs, np.inf).argmin(axis=1)
         each = np.arange(len(shares))
         spent, least = (shares * costs).sum(axis=1), costs[each, cheapest]
         over = np.clip((spent - 1.0) / np.maximum(spent - least, tolerances.TINY), 0.0, 1.0)
@@ -250,34 +253,34 @@ class _Search:
             self.known = np.hstack([self.known, known[:, [k]]])
         return bool(off.size)
 
-    def _priced(self, replies: Mixtures) -> np.ndarray:
-        """Give decisions that are left out the mixed answer that tempts least, and return those that tempt still."""
-        game = self.game
-        others = np.setdiff1d(np.arange(game.costs.shape[1]), self.columns)
-        if not others.size:
-            return others
-        inner = best_mixtures(
-            game.costs[:, self.columns],
-            game.gains(self.mixed[self.columns]) / self.spread,
-            np.ones(len(game.weights)),
-            game.allowed[:, self.columns],
-        )
-        paid = (inner.values - inner.prices)[:, None] + inner.prices[:, None] * self.costs[:, others]
-        paid = np.where(game.allowed[:, others], paid, np.inf)
+    def _priced(self) -> tuple[dict[int, np.ndarray], Array]:
+        """Give decisions that are left out the mixed answer that tempts least, and return those that tempt still.
+
+        These come with the answers in it. The second is what every pair of belief and decision (B,M) lacks to tempt.
+        """
+        game, columns = self.game, self.columns
+        n_columns = game.costs.shape[1]
+        ones = np.ones(len(game.weights))
+        known = game.gains(self.mixed[columns]) / self.spread
+        inner = best_mixtures(game.costs[:, columns], known, ones, self.there[:, columns])
+        paid = (inner.values - inner.prices)[:, None] + inner.prices[:, None] * self.costs
+        paid = np.where(game.allowed, paid, np.inf)
         near = 0.1 * self.goal + tolerances.NO_ERROR
-        pool = np.unique(np.vstack([self.mixed[self.columns], self.game.rival.state_costs(self.points)]), axis=0)
-        worst, which = _least_tempting(game.gains(pool) / self.spread, paid)
-        self.mixed[others] = pool[which]
-        order = np.argsort(-worst)
-        tempted: list[int] = []
-        for k in order[worst[order] > near][: 3 * _ADDED]:
-            share, worth = _matrix_game(self.known, paid[:, k])
-            self.mixed[others[k]] = self._costs_of(np.arange(len(self.points)), share)
-            if worth > near:
-                tempted.append(int(others[k]))
-            if len(tempted) == _ADDED:
-                break
-        return np.array(tempted, dtype=np.intp)
+        tempted: dict[int, np.ndarray] = {}
+        others = np.setdiff1d(np.arange(n_columns), columns)
+        if others.size:
+            pool = np.unique(np.vstack([self.mixed[columns], self.game.rival.state_costs(self.points)]), axis=0)
+            worst, which = _least_tempting(game.gains(pool) / self.spread, paid[:, others])
+            self.mixed[others] = pool[which]
+            order = np.argsort(-worst)
+            for k in order[worst[order] > near][: 2 * _ADDED]:
+                share, worth = _matrix_game(self.known, paid[:, others[k]])
+                self.mixed[others[k]] = self._costs_of(np.arange(len(self.points)), share)
+                if worth > near:
+                    tempted[int(others[k])] = np.flatnonzero(share > tolerances.PROBABILITY)
+                if len(tempted) == _ADDED:
+                    break
+        return tempted, paid - near - game.gains(self.mixed) / self.spread
 
     def _keep(self, rows: Array) -> None:
         """Keep the better rows, and the answers of smaller bound."""
@@ -290,10 +293,20 @@ class _Search:
             best = replace(best, answers=self.mixed.copy(), bound=bound)
         self.best = best
 
-    def _join(self, tempted: np.ndarray) -> None:
-        for m in tempted:
-            self.replies[int(m)] = list(range(len(self.points)))
-        self.columns = np.sort(np.concatenate([self.columns, tempted]))
+    def _join(self, tempted: dict[int, np.ndarray], lacking: Array, rows: Array) -> None:
+        """Add decisions with their answers, and keep of all pairs those that may be played."""
+        first = range(self.n_first)
+        for m, answers in tempted.items():
+            self.replies[m] = sorted({*first, *answers.tolist()})
+        self.columns = np.sort(np.concatenate([self.columns, np.array(list(tempted), dtype=np.intp)]))
+        if self.is_whole:
+            return
+        allowed, each = self.game.allowed[:, self.columns], np.arange(len(rows))
+        lack = np.where(allowed, lacking[:, self.columns], np.inf)
+        most = np.partition(lack, min(_PAIRS, lack.shape[1]) - 1, axis=1)[:, min(_PAIRS, lack.shape[1]) - 1]
+        kept = (lack <= np.maximum(most, 0.0)[:, None]) | (rows[:, self.columns] > 0)
+        kept[each, np.where(allowed, self.costs[:, self.columns], np.inf).argmin(axis=1)] = True
+        self.there[:, self.columns] = kept & allowed
 
 
 def _least_tempting(gains: Array, paid: Array) -> tuple[Array, np.ndarray]:

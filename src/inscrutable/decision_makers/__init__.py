@@ -1,5 +1,6 @@
 """Step 6: who decides, and how much of the belief the decision gives away."""
 
+from inscrutable.decision_makers.aware.cheapest_rule import LeastRegret, LeastRegretStatus, least_regret
 from inscrutable.decision_makers.aware.guarantees import (
     DetectabilityCap,
     Guarantee,
@@ -8,7 +9,6 @@ from inscrutable.decision_makers.aware.guarantees import (
     PointwiseLeakageCap,
     SquaredErrorFloor,
 )
-from inscrutable.decision_makers.aware.least_regret import LeastRegret, LeastRegretStatus, least_regret
 from inscrutable.decision_makers.aware.rate_distortion import (
     RateDistortionCurve,
     RateDistortionDecisionMaker,

@@ -21,6 +21,7 @@ from inscrutable import (
     LeastRegretStatus,
     MarkowitzProblem,
     MaximalLeakageCap,
+    MeanSquaredErrorFloor,
     Mechanism,
     ModelError,
     NamingErrorFloor,
@@ -28,6 +29,7 @@ from inscrutable import (
     PointwiseLeakageCap,
     Prior,
     SquaredErrorFloor,
+    StackelbergDecisionMaker,
     decoy_grid,
     detectability,
     leakage,
@@ -63,8 +65,9 @@ def asked(rng: np.random.Generator, prior: Prior) -> list[Guarantee]:
         DetectabilityCap(rng.uniform(0.0, 0.4)),
         NamingErrorFloor(rng.uniform(0.3, 0.99) * (1.0 - prior.mean.max())),
         SquaredErrorFloor(rng.uniform(0.2, 0.9) * prior.error**2),
+        MeanSquaredErrorFloor(rng.uniform(0.2, 0.99) * prior.error**2),
     ]
-    return [drawn[i] for i in sorted(rng.choice(5, size=int(rng.integers(1, 4)), replace=False))]
+    return [drawn[i] for i in sorted(rng.choice(6, size=int(rng.integers(1, 4)), replace=False))]
 
 
 def by_cones(problem: Any, prior: Prior, guarantees: list[Guarantee], actions: Any) -> float:
@@ -76,17 +79,21 @@ def by_cones(problem: Any, prior: Prior, guarantees: list[Guarantee], actions: A
     weights, table = prior.weights, cp.Variable(regrets.shape, nonneg=True)
     played = weights @ table
     rows = [cp.sum(table, axis=1) == 1]
+    squares = weights * (prior.beliefs**2).sum(axis=1) @ table
     for each in guarantees:
+        # ‖Σ p K π‖²/q as a cone, with 1e-12 that keeps q above zero
+        taken = []
         for m in range(len(actions)):
             sums = (prior.beliefs * weights[:, None]).T @ table[:, m]
             if isinstance(each, PointwiseLeakageCap):
                 rows.append(table[:, m] <= np.exp(each.nats) * played[m])
             if isinstance(each, NamingErrorFloor):
                 rows.append(sums <= (1.0 - each.least) * played[m])
+            taken.append(cp.quad_over_lin(sums, played[m] + 1e-12))
             if isinstance(each, SquaredErrorFloor):
-                # ‖a‖²/q ≤ Σ p K ‖π‖² − v q as a cone; the 1e-12 keeps q above zero
-                squares = (weights * (prior.beliefs**2).sum(axis=1)) @ table[:, m]
-                rows.append(cp.quad_over_lin(sums, played[m] + 1e-12) <= squares - each.least * played[m] + 1e-12)
+                rows.append(taken[m] <= squares[m] - each.least * played[m] + 1e-12)
+        if isinstance(each, MeanSquaredErrorFloor):
+            rows.append(sum(taken) <= cp.sum(squares) - each.least)
         if isinstance(each, MaximalLeakageCap):
             rows.append(cp.sum(cp.max(table, axis=0)) <= np.exp(each.nats))
         if isinstance(each, DetectabilityCap):
@@ -114,6 +121,7 @@ def levels_of(found: LeastRegret, prior: Prior) -> list[float]:
         DetectabilityCap: leakages.variation((np.array(weights) @ wide).tolist(), honest.played(weights).tolist()),
         NamingErrorFloor: naming,
         SquaredErrorFloor: square,
+        MeanSquaredErrorFloor: leakages.bayes_error(weights, table, beliefs) ** 2,
     }
     return [by_kind[type(each)] for each in found.guarantees if isinstance(each, Guarantee)]  # type: ignore[index]
 
@@ -209,10 +217,20 @@ def test_prices_of_leakage_and_of_square_errors_are_slopes() -> None:
         (MaximalLeakageCap(np.log(2 - 2 * error)), 1 - error),
         (NamingErrorFloor(error), 1.0),
         (SquaredErrorFloor(2 * error * (1 - error)), 1 / (2 - 4 * error)),
+        (MeanSquaredErrorFloor(2 * error * (1 - error)), 1 / (2 - 4 * error)),
     ):
         found = least_regret(problem, prior, [asked], gap=1e-8)
         assert found.regret == pytest.approx(error, abs=1e-7)
         assert found.prices[0] == pytest.approx(slope, rel=1e-4)
+
+
+@pytest.mark.parametrize("limit", [0.05, 0.2])
+def test_the_floor_on_average_is_the_inverse_of_the_largest_error(limit: float) -> None:
+    """Where all beliefs may spend the same and none has reason to spend less, the best error costs what it was given."""
+    problem, prior = FiniteProblem(1.0 - np.eye(3)), Prior(np.eye(3), np.full(3, 1 / 3))
+    best = StackelbergDecisionMaker(problem, Budget.regret(limit), prior=prior)
+    found = least_regret(problem, prior, [MeanSquaredErrorFloor(best.value)], gap=1e-6)
+    assert found.regret == pytest.approx(limit, abs=1e-5)
 
 
 @settings(max_examples=30, deadline=None)
@@ -235,6 +253,7 @@ def test_facts_that_hold_for_every_mechanism(seed: int) -> None:
     assert DetectabilityCap(0.0).reached(played, prior, problem) == pytest.approx(
         detectability(played, prior, problem).total_variation, abs=MET
     )
+    assert MeanSquaredErrorFloor(0.0).reached(played, prior, problem) == pytest.approx(found.bayes_error**2, abs=MET)
     assert SquaredErrorFloor(0.0).reached(played, prior, problem) <= found.bayes_error**2 + MET
 
 

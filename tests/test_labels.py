@@ -353,8 +353,8 @@ NO_ARRAYS = """
     ActionExplanation Adversary AffordableBeliefs Budget Calibration CalibrationStatus CheapestPrivacy CostStatus
     Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
-    DetectabilityCap Guarantee LeastRegret LeastRegretStatus MaximalLeakageCap NamingErrorFloor PointwiseLeakageCap
-    SquaredErrorFloor
+    DetectabilityCap Guarantee LeastRegret LeastRegretStatus MaximalLeakageCap MeanSquaredErrorFloor
+    NamingErrorFloor PointwiseLeakageCap SquaredErrorFloor
     FiniteRule FiniteStatus LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions
     PathLeakage Posterior
     PosteriorStatus PriceCalibration PriceStatus PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus

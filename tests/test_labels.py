@@ -341,6 +341,11 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
         lambda v: round(ins.calibrate(lambda p: ins.CoinDecisionMaker(NAMED, p), 1e-3, v, 1e-3, 1.0).parameter, 6),
     ),
     (
+        "least_regret",
+        HOLDINGS,
+        lambda v: round(ins.least_regret(SIMPLE, PRIOR, [ins.PointwiseLeakageCap(0.3)], candidates=v).regret, 9),
+    ),
+    (
         "rate_distortion_curve",
         HOLDINGS,
         lambda v: np.round(ins.rate_distortion_curve(SIMPLE, PRIOR, [0.05], candidates=v).rates, 6),
@@ -371,6 +376,8 @@ NO_ARRAYS = """
     ActionExplanation Adversary AffordableBeliefs Budget Calibration CalibrationStatus CheapestPrivacy CostStatus
     Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
+    DetectabilityCap Guarantee LeastRegret LeastRegretStatus MaximalLeakageCap MeanSquaredErrorFloor
+    NamingErrorFloor PointwiseLeakageCap SquaredErrorFloor
     FiniteRule FiniteStatus LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions
     PathLeakage Posterior
     PosteriorStatus PriceCalibration PriceStatus PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus

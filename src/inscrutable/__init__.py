@@ -57,6 +57,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers import LinearProgramme as LinearProgramme
     from inscrutable.decision_makers import LocalSearch as LocalSearch
     from inscrutable.decision_makers import MaximalLeakageCap as MaximalLeakageCap
+    from inscrutable.decision_makers import MeanSquaredErrorFloor as MeanSquaredErrorFloor
     from inscrutable.decision_makers import MixedDecision as MixedDecision
     from inscrutable.decision_makers import MixedDecisions as MixedDecisions
     from inscrutable.decision_makers import NamingErrorFloor as NamingErrorFloor

@@ -91,3 +91,32 @@ def maximal_leakage(weights: Sequence[float], table: Table) -> float:
     """In bits."""
     held = [row for w, row in zip(weights, table, strict=True) if w > 0]
     return log2(sum(max(row[m] for row in held) for m in range(len(table[0]))))
+
+
+def pointwise_leakage(weights: Sequence[float], table: Table) -> float:
+    """log2 max p(b|u)/p(b), in bits."""
+    played = marginal(joint(weights, table))
+    return max(
+        log2(q / w)
+        for m, p in enumerate(played)
+        if p > 0
+        for q, w in zip(posterior(weights, table, m), weights, strict=True)
+        if q > 0
+    )
+
+
+def variation(p: Sequence[float], q: Sequence[float]) -> float:
+    """½ Σ |p − q|."""
+    return 0.5 * sum(abs(a - b) for a, b in zip(p, q, strict=True))
+
+
+def errors_after(weights: Sequence[float], table: Table, beliefs: Table) -> tuple[float, float]:
+    """Least error of naming the state, and least mean square error, after any decision that is played."""
+    naming, square = [], []
+    for m, p in enumerate(marginal(joint(weights, table))):
+        if p > 0:
+            law = posterior(weights, table, m)
+            middle = mean(law, beliefs)
+            naming.append(1.0 - max(middle))
+            square.append(sum(q * squared(b, middle) for q, b in zip(law, beliefs, strict=True)))
+    return min(naming), min(square)

@@ -1,14 +1,15 @@
 """Step 6: who decides, and how much of the belief the decision gives away."""
 
+from inscrutable.decision_makers.aware.cheapest_rule import LeastRegret, LeastRegretStatus, least_regret
 from inscrutable.decision_makers.aware.guarantees import (
     DetectabilityCap,
     Guarantee,
     MaximalLeakageCap,
+    MeanSquaredErrorFloor,
     NamingErrorFloor,
     PointwiseLeakageCap,
     SquaredErrorFloor,
 )
-from inscrutable.decision_makers.aware.least_regret import LeastRegret, LeastRegretStatus, least_regret
 from inscrutable.decision_makers.aware.rate_distortion import (
     RateDistortionCurve,
     RateDistortionDecisionMaker,
@@ -49,6 +50,7 @@ __all__ = [
     "LinearProgramme",
     "LocalSearch",
     "MaximalLeakageCap",
+    "MeanSquaredErrorFloor",
     "MixedDecision",
     "MixedDecisions",
     "NamingErrorFloor",

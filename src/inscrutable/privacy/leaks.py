@@ -42,6 +42,8 @@ class Leakage(Saved):
         largest_error: The largest of the same: the belief that is hidden best.
         worst_expected_regret: max_b Σ_u K(u|π_b) ρ(π_b,u) over beliefs with weight, in the cost's unit.
         silence_regret: r₀ = min_u Σ w_b ρ(π_b,u), at which one constant decision suffices; NaN where no problem was given.
+        pointwise_leakage: max_u log2 max_{b: w_b>0} K(u|π_b)/p(u), in bits: the same as the maximal leakage after the one
+            decision that tells most, instead of on average.
         bayes_loss: Σ_u p(u) L(p(·|u)), what a rival with the loss L loses on average who sees the decision; in L's unit, as
             the next three. L is the square error where no other was given: then `bayes_error`².
         prior_loss: L(w), the same before any decision is seen.
@@ -50,7 +52,8 @@ class Leakage(Saved):
         loss: Which loss it is.
 
     Source: Shannon (1948); Smith, On the foundations of quantitative information flow (2009), for min-entropy leakage;
-    Issa, Wagner and Kamath, An operational approach to information leakage (2020), for maximal leakage.
+    Issa, Wagner and Kamath, An operational approach to information leakage (2020), for maximal leakage; Saeidian, Cervia,
+    Oechtering and Skoglund, Pointwise maximal leakage (2023).
 
     Example:
         >>> from inscrutable import FiniteProblem, OriginalDecisionMaker, mechanism, uniform_prior
@@ -76,6 +79,7 @@ class Leakage(Saved):
     largest_error: float = float("nan")
     worst_expected_regret: float = float("nan")
     silence_regret: float = float("nan")
+    pointwise_leakage: float = float("nan")
     bayes_loss: float = float("nan")
     prior_loss: float = float("nan")
     worth: float = float("nan")
@@ -186,6 +190,7 @@ def leakage(
         largest_error=float(np.sqrt(by_belief.max())),
         worst_expected_regret=float(played.by_belief(regrets)[held].max()),
         silence_regret=float("nan") if problem is None else silence_regret(problem, joint.beliefs, weights),
+        pointwise_leakage=_bits((joint.conditional / joint.played[joint.column]).max()),
         **_worths(joint, problem, loss),
     )
 

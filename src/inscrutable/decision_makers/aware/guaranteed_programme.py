@@ -31,7 +31,7 @@ _NEAR = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Game:
+class PlayedGame:
     """Beliefs with weight (B,X), their weights (B,), the law of what the optimal rule publishes (M,), and columns that are
     near each one (M,k), itself among them: a cut is made for all of them, for mass would only move from one to the next."""
 
@@ -68,7 +68,7 @@ class Game:
         return np.asarray(((self.beliefs[:, None, :] - means[None]) ** 2).sum(axis=2))
 
 
-class Block(NamedTuple):
+class RowBlock(NamedTuple):
     """Rows Σ table·K + extra·z ≤ sides, with z ∈ [0,1] the block's own."""
 
     table: Any  # sparse (n, B·M)
@@ -78,19 +78,19 @@ class Block(NamedTuple):
     columns: np.ndarray  # (n,): the row's column; −1 where it has none
 
 
-class Rule(Protocol):
+class RowsAndCuts(Protocol):
     """A guarantee as the programme reads it."""
 
-    def rows(self, game: Game) -> Block:
+    def rows(self, game: PlayedGame) -> RowBlock:
         """Rows that are there from the start."""
 
-    def cuts(self, game: Game, table: Array) -> Block | None:
+    def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
         """Rows that a table breaks; None where it breaks none."""
 
-    def toward_prior(self, game: Game, table: Array) -> Array:
+    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
         """Least share θ (M,) by which each column must be mixed with one that looks at no belief."""
 
-    def toward_honest(self, game: Game, table: Array) -> float:
+    def toward_honest(self, game: PlayedGame, table: Array) -> float:
         """Least share of the optimal rule's law, drawn without a look at the belief, that must be mixed in."""
 
 
@@ -103,7 +103,7 @@ class Solved(NamedTuple):
     prices: tuple[float, ...]
 
 
-def cheapest_table(game: Game, regrets: Array, rules: tuple[Rule, ...], goal: float) -> Solved:
+def cheapest_table(game: PlayedGame, regrets: Array, rules: tuple[RowsAndCuts, ...], goal: float) -> Solved:
     """Return the cheapest table that gives all the guarantees; its regret and bound differ by at most `goal` if it can be."""
     unit = max(float(regrets.max()), tolerances.TINY)
     objective = (game.weights[:, None] * regrets / unit).ravel()
@@ -140,11 +140,11 @@ def nearest_columns(regrets: Array) -> np.ndarray:
     return np.asarray(place)
 
 
-def _regret(game: Game, regrets: Array, table: Array) -> float:
+def _regret(game: PlayedGame, regrets: Array, table: Array) -> float:
     return float(game.weights @ (table * regrets).sum(axis=1))
 
 
-def _solve(game: Game, objective: Array, blocks: list[list[Block]]) -> tuple[Array, float, list[float]]:
+def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]]) -> tuple[Array, float, list[float]]:
     """A table that solves the programme of these rows, a lower bound of its value, and the guarantees' prices."""
     n_beliefs, n_columns = game.shape
     size = n_beliefs * n_columns
@@ -174,18 +174,14 @@ def _solve(game: Game, objective: Array, blocks: list[list[Block]]) -> tuple[Arr
     return shares, low, prices
 
 
-def _stacked(group: list[Block]) -> Block:
-    first = group[0]
-    n_extra = first.extra.shape[1]
-    extra = [first.extra, *(SPARSE.csr_array((len(cut.sides), n_extra)) for cut in group[1:])]
-    return Block(
-        SPARSE.vstack([each.table for each in group]).tocsr(),
-        SPARSE.vstack(extra).tocsr(),
+def _stacked(group: list[RowBlock]) -> RowBlock:
+    return RowBlock(
+        *(SPARSE.vstack([each[part] for each in group]).tocsr() for part in (0, 1)),
         *(np.concatenate([each[part] for each in group]) for part in (2, 3, 4)),
     )
 
 
-def _repaired(game: Game, table: Array, rules: tuple[Rule, ...]) -> Array:
+def _repaired(game: PlayedGame, table: Array, rules: tuple[RowsAndCuts, ...]) -> Array:
     """The table with as little mixed in as it takes to give every guarantee."""
     share = np.max([np.zeros(game.shape[1]), *(rule.toward_prior(game, table) for rule in rules)], axis=0)
     if (share >= 1.0).any():  # the prior gives no more than what is asked for

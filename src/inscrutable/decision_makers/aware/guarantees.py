@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable import tolerances, validation
-from inscrutable.decision_makers.aware.guaranteed_programme import SPARSE, Block, Game
+from inscrutable.decision_makers.aware.guaranteed_programme import SPARSE, PlayedGame, RowBlock
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
@@ -30,7 +30,7 @@ class Guarantee(ABC):
     """Whether the limit is a least value; otherwise it is a largest one."""
 
     @abstractmethod
-    def level(self, game: Game, table: Array) -> float:
+    def level(self, game: PlayedGame, table: Array) -> float:
         """Return what a table K gives, recomputed from it alone."""
 
     def reached(self, mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> float:
@@ -51,25 +51,25 @@ class Guarantee(ABC):
         over = self.limit - level if self.is_floor else level - self.limit
         return over <= tolerances.GUARANTEE_MET
 
-    # What follows is how the programme reads a guarantee; see `guaranteed_programme.Rule`.
+    # What follows is how the programme reads a guarantee; see `guaranteed_programme.RowsAndCuts`.
 
     @abstractmethod
-    def rows(self, game: Game) -> Block:
+    def rows(self, game: PlayedGame) -> RowBlock:
         """Rows of the programme that are there from the start."""
 
-    def cuts(self, game: Game, table: Array) -> Block | None:
+    def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
         """Rows that a table breaks; None where it breaks none."""
         return None
 
-    def toward_prior(self, game: Game, table: Array) -> Array:
+    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
         """Least share (M,) by which each column must be mixed with one that looks at no belief."""
         return np.zeros(game.shape[1])
 
-    def toward_honest(self, game: Game, table: Array) -> float:
+    def toward_honest(self, game: PlayedGame, table: Array) -> float:
         """Least share of the optimal rule's law, drawn without a look at the belief, that must be mixed in."""
         return 0.0
 
-    def most(self, game: Game) -> float:
+    def most(self, game: PlayedGame) -> float:
         """Return the most that a rule which looks at no belief gives: above that a floor contradicts itself."""
         return np.inf
 
@@ -107,18 +107,18 @@ class PointwiseLeakageCap(Guarantee):
     def __str__(self) -> str:
         return f"pointwise maximal leakage at most {self.nats:.4g} nats"
 
-    def level(self, game: Game, table: Array) -> float:
+    def level(self, game: PlayedGame, table: Array) -> float:
         """Return log max K(u|π)/p(u), in nats."""
         return float(np.log(max(_ratios(game, table).max(), 1.0)))
 
-    def rows(self, game: Game) -> Block:
+    def rows(self, game: PlayedGame) -> RowBlock:
         """Rows K_bm − e^ε q_m ≤ 0 and q_m − Σ_b p_b K_bm ≤ 0, with q of its own."""
         n_beliefs, n_columns = game.shape
         every, factor = SPARSE.identity(n_beliefs * n_columns), np.exp(self.nats)
         of_column = SPARSE.kron(np.ones((n_beliefs, 1)), SPARSE.identity(n_columns))
         law = SPARSE.kron(game.weights[None], SPARSE.identity(n_columns))
         n_rows = (n_beliefs + 1) * n_columns
-        return Block(
+        return RowBlock(
             SPARSE.vstack([every, -law]).tocsr(),
             SPARSE.vstack([-factor * of_column, SPARSE.identity(n_columns)]).tocsr(),
             np.zeros(n_rows),
@@ -126,7 +126,7 @@ class PointwiseLeakageCap(Guarantee):
             np.tile(np.arange(n_columns), n_beliefs + 1),
         )
 
-    def toward_prior(self, game: Game, table: Array) -> Array:
+    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
         """Return (x − e^ε)/(x − 1) for a column whose largest ratio x is too large."""
         ratios = _ratios(game, table)
         over = ratios - np.exp(self.nats)
@@ -166,16 +166,16 @@ class MaximalLeakageCap(Guarantee):
     def __str__(self) -> str:
         return f"maximal leakage at most {self.nats:.4g} nats"
 
-    def level(self, game: Game, table: Array) -> float:
+    def level(self, game: PlayedGame, table: Array) -> float:
         """Return log Σ_u max_π K(u|π), in nats."""
         return float(np.log(max(table.max(axis=0).sum(), 1.0)))
 
-    def rows(self, game: Game) -> Block:
+    def rows(self, game: PlayedGame) -> RowBlock:
         """Rows K_bm − t_m ≤ 0 and Σ_m t_m ≤ e^L, with t of its own."""
         n_beliefs, n_columns = game.shape
         size, most = n_beliefs * n_columns, float(np.exp(self.nats))
         of_column = SPARSE.kron(np.ones((n_beliefs, 1)), SPARSE.identity(n_columns))
-        return Block(
+        return RowBlock(
             SPARSE.vstack([SPARSE.identity(size), SPARSE.csr_array((1, size))]).tocsr(),
             SPARSE.vstack([-of_column, np.ones((1, n_columns))]).tocsr(),
             np.append(np.zeros(size), most),
@@ -183,7 +183,7 @@ class MaximalLeakageCap(Guarantee):
             np.full(size + 1, -1),
         )
 
-    def toward_honest(self, game: Game, table: Array) -> float:
+    def toward_honest(self, game: PlayedGame, table: Array) -> float:
         """Return (x − e^L)/(x − 1) where x = Σ_u max_π K(u|π) is too large: the mixture has at most (1 − θ) x + θ."""
         ratio = float(table.max(axis=0).sum())
         over = ratio - float(np.exp(self.nats))
@@ -223,15 +223,15 @@ class DetectabilityCap(Guarantee):
     def __str__(self) -> str:
         return f"total variation to the optimal rule at most {self.total_variation:.4g}"
 
-    def level(self, game: Game, table: Array) -> float:
+    def level(self, game: PlayedGame, table: Array) -> float:
         """Return ½ Σ_u |p(u) − q(u)|."""
         return min(0.5 * float(np.abs(game.played(table) - game.honest).sum()), 1.0)
 
-    def rows(self, game: Game) -> Block:
+    def rows(self, game: PlayedGame) -> RowBlock:
         """Rows p_m − q_m ≤ v_m and Σ_m v_m ≤ δ: what is played too often is half of the difference."""
         n_columns = game.shape[1]
         law = SPARSE.kron(game.weights[None], SPARSE.identity(n_columns))
-        return Block(
+        return RowBlock(
             SPARSE.vstack([law, SPARSE.csr_array((1, law.shape[1]))]).tocsr(),
             SPARSE.vstack([-SPARSE.identity(n_columns), np.ones((1, n_columns))]).tocsr(),
             np.append(game.honest, self.total_variation),
@@ -239,7 +239,7 @@ class DetectabilityCap(Guarantee):
             np.full(n_columns + 1, -1),
         )
 
-    def toward_honest(self, game: Game, table: Array) -> float:
+    def toward_honest(self, game: PlayedGame, table: Array) -> float:
         """Return 1 − δ/x where the total variation x is too large."""
         level = self.level(game, table)
         return float(_shares(np.array(level - self.total_variation), np.array(level)))
@@ -279,24 +279,24 @@ class NamingErrorFloor(Guarantee):
     def __str__(self) -> str:
         return f"naming error after every decision at least {self.least:.4g}"
 
-    def level(self, game: Game, table: Array) -> float:
+    def level(self, game: PlayedGame, table: Array) -> float:
         """Return min_u (1 − max_i E[π_i|u])."""
         some = game.played(table) > 0
         return float(1.0 - game.means(table)[some].max())
 
-    def rows(self, game: Game) -> Block:
+    def rows(self, game: PlayedGame) -> RowBlock:
         """Rows Σ_b p_b K_bm (π_bi − 1 + e) ≤ 0 for every state i and column m."""
         n_columns = game.shape[1]
         over = _scale(game) * game.weights[:, None] * (game.beliefs - 1.0 + self.least)  # (B,X)
         return _by_columns([SPARSE.kron(state[None], SPARSE.identity(n_columns)) for state in over.T], _scale(game))
 
-    def toward_prior(self, game: Game, table: Array) -> Array:
+    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
         """Return the share at which the largest chance of a state falls to 1 − e; it falls in a straight line."""
         means, prior = game.means(table), game.weights @ game.beliefs
         over = means - (1.0 - self.least)
         return np.asarray(_shares(over, means - prior).max(axis=1))
 
-    def most(self, game: Game) -> float:
+    def most(self, game: PlayedGame) -> float:
         """Return 1 − max_i E[π_i]."""
         return float(1.0 - (game.weights @ game.beliefs).max())
 
@@ -335,16 +335,16 @@ class SquaredErrorFloor(Guarantee):
     def __str__(self) -> str:
         return f"mean square error after every decision at least {self.least:.4g}"
 
-    def level(self, game: Game, table: Array) -> float:
+    def level(self, game: PlayedGame, table: Array) -> float:
         """Return min_u E[‖π − E[π|u]‖² | u]."""
         return float(game.square_errors(table)[game.played(table) > 0].min())
 
-    def rows(self, game: Game) -> Block:
+    def rows(self, game: PlayedGame) -> RowBlock:
         """The rows of estimates at the prior's mean: Σ_b p_b K_bm (v − ‖π_b − μ‖²) ≤ 0, right for any estimate μ."""
         count = game.shape[1]
         return self._rows(game, np.arange(count), np.tile(game.weights @ game.beliefs, (count, 1)))
 
-    def cuts(self, game: Game, table: Array) -> Block | None:
+    def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
         """The rows of the posterior means after decisions that miss the floor, for these and their neighbours."""
         missed = self.least - game.square_errors(table)
         which = np.flatnonzero(missed > tolerances.GUARANTEE_ROUNDING)
@@ -353,27 +353,102 @@ class SquaredErrorFloor(Guarantee):
         near = game.near[which]
         return self._rows(game, near.ravel(), np.repeat(game.means(table)[which], near.shape[1], axis=0))
 
-    def toward_prior(self, game: Game, table: Array) -> Array:
+    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
         """Return (v − x)/(x₀ − x) for a column of error x below the floor, where the prior's is x₀: the error is concave."""
         errors = game.square_errors(table)
         return _shares(self.least - errors, self.most(game) - errors)
 
-    def most(self, game: Game) -> float:
+    def most(self, game: PlayedGame) -> float:
         """Return Σ w ‖π − Σ w π‖²."""
         return float(game.weights @ ((game.beliefs - game.weights @ game.beliefs) ** 2).sum(axis=1))
 
-    def _rows(self, game: Game, which: np.ndarray, means: Array) -> Block:
-        (n_beliefs, n_columns), scale = game.shape, _scale(game)
+    def _rows(self, game: PlayedGame, which: np.ndarray, means: Array) -> RowBlock:
+        n_columns, scale = game.shape[1], _scale(game)
         short = scale * game.weights[:, None] * (self.least - game.squares(means))  # (B, rows)
-        belief, row = np.indices(short.shape).reshape(2, -1)
-        table = SPARSE.csr_array(
-            (short.ravel(), (row, belief * n_columns + which[row])), shape=(len(which), n_beliefs * n_columns)
-        )
         nothing = SPARSE.csr_array((len(which), 0))
-        return Block(table, nothing, np.zeros(len(which)), np.full(len(which), scale), which)
+        table = _of_columns(short, which, n_columns)
+        return RowBlock(table, nothing, np.zeros(len(which)), np.full(len(which), scale), which)
 
 
-def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> tuple[Game, Array]:
+@dataclass(frozen=True)
+class MeanSquaredErrorFloor(Guarantee):
+    """A floor on the mean square error of the best estimate of the belief, on average over the published decisions.
+
+    Formula: Σ_u p(u) E[‖π − E[π|u]‖² | u] ≥ v: what a `StackelbergDecisionMaker` makes largest, as a guarantee beside others.
+
+    Args:
+        least: v, at least 0, in squared units of belief (Euclidean); no more than the square of `Prior.error` can be had.
+
+    Raises:
+        InputError: The floor is negative or not finite.
+
+    Source: the Bayes risk of estimation under a squared loss; `Leakage.bayes_error` is its root.
+
+    Example:
+        >>> print(MeanSquaredErrorFloor(0.04))
+        mean square error of at least 0.04 on average
+    """
+
+    least: float
+    is_floor = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "least", validation.non_negative(self.least, "least"))
+
+    @property
+    def limit(self) -> float:
+        """The least mean square error, in squared units of belief."""
+        return self.least
+
+    def __str__(self) -> str:
+        return f"mean square error of at least {self.least:.4g} on average"
+
+    def level(self, game: PlayedGame, table: Array) -> float:
+        """Return Σ_u p(u) E[‖π − E[π|u]‖² | u]."""
+        return float(game.played(table) @ game.square_errors(table))
+
+    def rows(self, game: PlayedGame) -> RowBlock:
+        """The row Σ_m s_m ≤ Σ p ‖π − π₀‖² − v and those of estimates at the prior's mean π₀, s_m ≥ p(u) ‖E[π|u] − π₀‖²."""
+        (n_beliefs, n_columns), most = game.shape, self.most(game)
+        every = np.arange(n_columns)
+        cuts = self._rows(game, every, np.tile(game.weights @ game.beliefs, (n_columns, 1)))
+        return RowBlock(
+            SPARSE.vstack([SPARSE.csr_array((1, n_beliefs * n_columns)), cuts.table]).tocsr(),
+            SPARSE.vstack([np.ones((1, n_columns)), cuts.extra]).tocsr(),
+            np.append(most - self.least, cuts.sides),
+            np.append(1.0, cuts.slopes),
+            np.append(-1, cuts.columns),
+        )
+
+    def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
+        """The rows of the posterior means after all decisions that are played, for these and their neighbours."""
+        if self.least - self.level(game, table) <= tolerances.GUARANTEE_ROUNDING:
+            return None
+        which = np.flatnonzero(game.played(table) > 0)
+        near = game.near[which]
+        return self._rows(game, near.ravel(), np.repeat(game.means(table)[which], near.shape[1], axis=0))
+
+    def toward_honest(self, game: PlayedGame, table: Array) -> float:
+        """Return (v − x)/(x₀ − x) for an error x below the floor, where the prior's is x₀: the error is concave."""
+        level = self.level(game, table)
+        return float(_shares(np.array(self.least - level), np.array(self.most(game) - level)))
+
+    def most(self, game: PlayedGame) -> float:
+        """Return Σ w ‖π − Σ w π‖²."""
+        return SquaredErrorFloor(0.0).most(game)
+
+    def _rows(self, game: PlayedGame, which: np.ndarray, means: Array) -> RowBlock:
+        """Rows Σ_b p_b K_bm (2 (π_b − π₀)·(μ − π₀) − ‖μ − π₀‖²) ≤ s_m, right for any estimate μ."""
+        middle, count = game.weights @ game.beliefs, len(which)
+        apart = means - middle
+        gains = game.weights[:, None] * (2.0 * (game.beliefs - middle) @ apart.T - (apart**2).sum(axis=1))
+        own = SPARSE.csr_array((np.ones(count), (np.arange(count), which)), shape=(count, game.shape[1]))
+        return RowBlock(
+            _of_columns(gains, which, game.shape[1]), -own, np.zeros(count), np.zeros(count), np.full(count, -1)
+        )
+
+
+def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> tuple[PlayedGame, Array]:
     """Return the beliefs with weight, the optimal rule's law on all decisions, and K on them."""
     joint = joint_law(mechanism, prior)
     if checked_problem(problem).n_states != joint.beliefs.shape[1]:
@@ -387,10 +462,10 @@ def played_game(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) ->
     honest = np.bincount(place[len(points) :], weights=joint.weights[some], minlength=len(kept)).astype(np.float64)
     table = np.zeros((len(some), len(kept)))
     np.add.at(table, (joint.row, place[joint.column]), joint.conditional)
-    return Game(joint.beliefs[some], joint.weights[some], honest, np.arange(len(kept))[:, None]), table[some]
+    return PlayedGame(joint.beliefs[some], joint.weights[some], honest, np.arange(len(kept))[:, None]), table[some]
 
 
-def _ratios(game: Game, table: Array) -> Array:
+def _ratios(game: PlayedGame, table: Array) -> Array:
     """max_π K(u|π)/p(u), shape (M,); 1 where u is not played."""
     played = game.played(table)
     return np.where(played > 0, table.max(axis=0) / np.where(played > 0, played, 1.0), 1.0)
@@ -406,16 +481,23 @@ def _shares(missed: Array, room: Array) -> Array:
     return np.where(is_missed, missed / np.where(is_missed, np.maximum(room, missed), 1.0), 0.0)
 
 
-def _scale(game: Game) -> float:
+def _scale(game: PlayedGame) -> float:
     """What rows that weigh beliefs are multiplied by, so that their largest coefficients are near one."""
     return 1.0 / float(game.weights.max())
 
 
-def _by_columns(tables: list[Any], scale: float) -> Block:
+def _of_columns(values: Array, which: np.ndarray, n_columns: int) -> Any:
+    """Rows with values (B,n) for the beliefs' entries in one column each (n,)."""
+    belief, row = np.indices(values.shape).reshape(2, -1)
+    shape = values.shape[1], len(values) * n_columns
+    return SPARSE.csr_array((values.ravel(), (row, belief * n_columns + which[row])), shape=shape)
+
+
+def _by_columns(tables: list[Any], scale: float) -> RowBlock:
     table = SPARSE.vstack(tables).tocsr()
     n_rows = table.shape[0]
     columns = np.tile(np.arange(n_rows // len(tables)), len(tables))
-    return Block(table, SPARSE.csr_array((n_rows, 0)), np.zeros(n_rows), np.full(n_rows, scale), columns)
+    return RowBlock(table, SPARSE.csr_array((n_rows, 0)), np.zeros(n_rows), np.full(n_rows, scale), columns)
 
 
 def _share(value: object, name: str) -> float:

@@ -13,7 +13,7 @@ from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.base import checked_prior
 from inscrutable.decision_makers.aware.columns import Columns, columns_of, lotteries, places_of
-from inscrutable.decision_makers.aware.guaranteed_programme import Game, Solved, cheapest_table, nearest_columns
+from inscrutable.decision_makers.aware.guaranteed_programme import PlayedGame, Solved, cheapest_table, nearest_columns
 from inscrutable.decision_makers.aware.guarantees import Guarantee
 from inscrutable.decision_makers.candidates import Candidates, as_candidates, decoy_grid
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions
@@ -160,12 +160,13 @@ def least_regret(
     Args:
         problem: The decision problem.
         prior: The law of the beliefs, known to the observer.
-        guarantees: `PointwiseLeakageCap`, `MaximalLeakageCap`, `DetectabilityCap`, `NamingErrorFloor` and `SquaredErrorFloor`,
-            in any number, and a `Budget` for the expected regret; a share is one of E|c*|. All of them hold at once.
+        guarantees: `PointwiseLeakageCap`, `MaximalLeakageCap`, `DetectabilityCap`, `NamingErrorFloor`, `SquaredErrorFloor` and
+            `MeanSquaredErrorFloor`, in any number, and a `Budget` for the expected regret; a share is one of E|c*|. All of
+            them hold at once.
         candidates: Decisions to choose from; None is some 60 decoys. The optimal decisions of the prior's beliefs and of its
             mean join them.
-        gap: Asked for between regret and bound, as a share of the silence regret; only `SquaredErrorFloor`, which is no
-            linear row, ever needs it.
+        gap: Asked for between regret and bound, as a share of the silence regret; only floors on square errors,
+            which are no linear rows, ever need it.
 
     Returns:
         A `LeastRegret`: a rule with `decide`, its regret, bound and prices; or which guarantees contradict each other.
@@ -176,7 +177,7 @@ def least_regret(
 
     Cost: a linear programme in beliefs times candidates, solved again for every round of cuts and, where guarantees contradict
     each other, for each of them: 1 s for 90 times 90 and 10 s for 190 times 190 with a pointwise cap, half a minute for 66
-    times 67 with `SquaredErrorFloor`. Source: the mechanisms of least distortion in linear programmes, as in Saeidian et al.
+    times 67 with a floor on square errors. Source: mechanisms of least distortion as linear programmes, as in Saeidian et al.
     (2023); cutting planes: Kelley (J. SIAM 8, 1960).
 
     Example:
@@ -207,7 +208,7 @@ class _Search:
         self.regrets = self.columns.regrets(beliefs, self.optimal_costs)
         first = first_same(np.vstack([self.columns.points, problem.solve_points(beliefs)]))[len(self.columns) :]
         honest = np.bincount(first, weights=weights, minlength=len(self.columns)).astype(np.float64)
-        self.game = Game(beliefs, weights, honest, nearest_columns(self.regrets))
+        self.game = PlayedGame(beliefs, weights, honest, nearest_columns(self.regrets))
         self.silence = float((weights @ self.regrets).min())
         self.goal = gap * self.silence + tolerances.NO_REGRET * float(self.regrets.max())
 

@@ -102,8 +102,8 @@ class SecretAudit(Saved):
         """Return what may be claimed of this secret, in a few lines."""
         if not self.is_found:
             return (
-                f"{self.name}: nothing found (p = {self.p_value:.2g}). A leak that explains {_percent(self.detectable)} of it, in a "
-                f"way that these learners can learn, would have been found in {POWER:.0%} of such audits.\n"
+                f"{self.name}: nothing found (p = {self.p_value:.2g}). A leak that explains {_percent(self.detectable)} of it, "
+                f"in a way that these learners can learn, would have been found in {POWER:.0%} of such audits.\n"
                 f"  {self._errors()}"
             )
         told = self.telling()

@@ -44,6 +44,18 @@ GROSS = {
 }
 FLOWS = pd.DataFrame([[1.0, 2.0, 1.5], [2.0, 1.0, 1.5], [1.0, 1.0, 3.0]], MONTHS, ASSETS)
 
+DAYS = pd.date_range("2001-01-31", periods=60, freq="ME")
+FLAGS = pd.DataFrame(np.random.default_rng(6).normal(size=(60, 3)), DAYS, ASSETS)
+SIGNALS = pd.DataFrame({"score": FLAGS["Oil"] + FLAGS["Gas"] ** 2, "signal": FLAGS["Food"] - FLAGS["Gas"]}, DAYS)
+LEARNED = pd.DataFrame({"calm": (FLAGS["Oil"] > 0) * 1.0, "crisis": (FLAGS["Oil"] <= 0) * 1.0})
+
+
+def seen_pairs(beliefs: Any, actions: Any) -> Any:
+    """What an observer of data reads where states and assets are named, rows in the order given."""
+    seen = ins.DataAdversary(beliefs, actions)
+    read = seen.estimate(pd.Series([0.4, 1.0, -0.3], ASSETS))
+    return pd.Series(read, list(beliefs.columns))[STATES].to_numpy()
+
 
 def shuffles(value: Any) -> Iterator[Any]:
     """The same labelled numbers written in every order of one axis at a time."""
@@ -350,6 +362,23 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
         HOLDINGS,
         lambda v: np.round(ins.rate_distortion_curve(SIMPLE, PRIOR, [0.05], candidates=v).rates, 6),
     ),
+    (
+        "audit_pairs secrets",
+        SIGNALS,
+        lambda v: (
+            ins.audit_pairs(v, FLAGS, shifts=19)
+            .frame()
+            .loc[["score", "signal"], ["p_value", "error"]]
+            .to_numpy(dtype=float)
+        ),
+    ),
+    (
+        "audit_pairs published",
+        FLAGS,
+        lambda v: ins.audit_pairs(SIGNALS["signal"], v, shifts=19).frame()[["p_value", "error"]].to_numpy(dtype=float),
+    ),
+    ("DataAdversary beliefs", LEARNED, lambda v: seen_pairs(v, FLAGS)),
+    ("DataAdversary actions", FLAGS, lambda v: seen_pairs(LEARNED, v)),
     ("attack_weights", HOLDINGS, lambda v: np.sort(ins.attack_weights(MODEL, v).estimates, axis=0)),
     (
         "protect",
@@ -378,12 +407,14 @@ NO_ARRAYS = """
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost
     DetectabilityCap Guarantee LeastRegret LeastRegretStatus MaximalLeakageCap MeanSquaredErrorFloor
     NamingErrorFloor PointwiseLeakageCap SquaredErrorFloor
-    FiniteRule FiniteStatus LinearProgramme LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions
+    FiniteRule FiniteStatus LearningCurve LinearProgramme
+    LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions
     PathLeakage Posterior
     PosteriorStatus PriceCalibration PriceStatus PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus
     SolverError Study Trajectory UnionBeliefs action_grid check_adversary check_decision_maker
     check_decision_problem check_emission
-    check_privacy_measure compare decoy_grid detectability leakage load_ieee_30_bus long_short path_leakage
+    check_privacy_measure compare decoy_grid detectability leakage learning_curve
+    load_ieee_30_bus long_short path_leakage
     random_candidates reachable_beliefs repeated_leakage reproduce resume_study run_study
     simplex simplex_grid stationary_prior uniform_prior
     NamingError RivalProblem SquaredError

@@ -488,7 +488,7 @@ def compare(
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
-        pairs: Numbers of pairs, rising, such as 100,1000: a rival who has seen so many and knows nothing else stands there too.
+        pairs: Such as 100,1000: beside them a rival who knows nothing but so many pairs of belief and decision.
         disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
             `inscrutable disclose` compares such schedules. Rules with a memory are then left out.
         jobs: Processes; -1 is one per core. Changes nothing but the time.

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.adversaries.learners import Learner, learners
-from inscrutable.axes import Axis, ordered
+from inscrutable.axes import Axis, axis_labels, ordered
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law
@@ -46,6 +46,11 @@ class DataAdversary:
     """
 
     def __init__(self, beliefs: ArrayLike, actions: ArrayLike) -> None:
+        rows = [axis_labels(each, 0) for each in (beliefs, actions)]
+        if None not in rows and rows[0] != rows[1]:
+            raise InputError(
+                "rows of beliefs and actions have other labels, or stand in another order: they must be pairs"
+            )
         states = Axis("state", learns=True)
         self._beliefs = validation.stochastic_rows(beliefs, "beliefs", axes=(None, states))
         self._assets = Axis("asset", learns=True)

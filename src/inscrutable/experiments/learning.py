@@ -34,6 +34,13 @@ class LearningCurve(Saved):
         prior_error: What one errs by who sees no decision and knows the mean belief.
 
     Source: `learning_curve`.
+
+    Example:
+        >>> found = LearningCurve(np.array([100]), np.array([0.2]), np.array([0.01]), np.array([0.7]), 0.15, 0.4)
+        >>> print(found.summary())
+              100 pairs   error 0.2000 ± 0.0100, top state named 70.0%
+        mechanism known   error 0.1500
+           no decisions   error 0.4000
     """
 
     pairs: np.ndarray

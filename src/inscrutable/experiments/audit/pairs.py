@@ -103,7 +103,7 @@ def _table(value: Any, name: str) -> pd.DataFrame:
 
 def _aligned(hidden: pd.DataFrame, shown: pd.DataFrame, notes: list[str]) -> tuple[pd.DataFrame, pd.DataFrame, Any]:
     """Both on the rows of the published ones, and which of these have a partner."""
-    bare = [isinstance(table.index, pd.RangeIndex) for table in (hidden, shown)]
+    bare = [table.index.equals(pd.RangeIndex(len(table))) for table in (hidden, shown)]
     if any(bare):
         if len(hidden) != len(shown):
             raise InputError(
@@ -171,7 +171,7 @@ def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
     values = _finite(column, "secrets", name) if numeric else _words(column, "secrets", name)
     distinct = np.unique(np.asarray(values))
     if len(distinct) < 2:
-        raise InputError(f"secrets column {name!r} is {distinct[0]!r} in every row: there is nothing to learn")
+        raise InputError(f"secrets column {name!r} is {distinct[0]} in every row: there is nothing to learn")
     whole = numeric and len(distinct) <= _MOST_CLASSES and bool((distinct == np.round(distinct.astype(float))).all())
     if kind is None and whole:
         notes.append(f"secrets column {name!r} has {len(distinct)} whole numbers, which are taken for names of classes")

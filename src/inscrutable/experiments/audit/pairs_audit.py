@@ -84,6 +84,8 @@ def audit_pairs(
     source = np.random.default_rng(0) if rng is None else validation.generator(rng)
     makers = learners()
     asked = _checked_lags(lags)
+    if kind not in (None, "classes", "numbers"):
+        raise InputError(f'kind must be "classes" or "numbers", or None to tell by the values, got {kind!r}')
     pairs = paired(secrets, published, asked, kind)
     apart = _embargo(pairs, asked, embargo)
     draw = _shifts(len(pairs.index), apart, shifts)

@@ -71,7 +71,8 @@ class SecretAudit(Saved):
         error_limit: Upper limit on the error of the best observer, at 95 % for all secrets together.
         guess_error: What one errs by who sees no decision and names the commonest class, or the mean, of the rows before.
         explained: Share of the secret explained: 1 − square error / that of the guess, of indicators where it is classes.
-        detectable: The share that would have been found in four audits of five.
+        detectable: The share explained that would have been found in four audits of five, where it is of a form that these
+            learners can learn.
         since: Label of the row from which on the decisions tell, by the least of the summed gain; "" where nothing is found.
         noticed: Label of the row at which it would have been noticed; "" where nothing is found.
         sources: What single columns and lags tell alone.
@@ -101,8 +102,8 @@ class SecretAudit(Saved):
         """Return what may be claimed of this secret, in a few lines."""
         if not self.is_found:
             return (
-                f"{self.name}: nothing found (p = {self.p_value:.2g}). A leak worth {_percent(self.detectable)} of the secret "
-                f"(as much as naming it outright in so many of the rows) would have been found in {POWER:.0%} of such audits.\n"
+                f"{self.name}: nothing found (p = {self.p_value:.2g}). A leak that explains {_percent(self.detectable)} of it, "
+                f"in a way that these learners can learn, would have been found in {POWER:.0%} of such audits.\n"
                 f"  {self._errors()}"
             )
         told = self.telling()

@@ -151,7 +151,7 @@ MakerSection = (
 """Those that decide on single beliefs; rules with a memory need a law of how beliefs move, which a grid has none of."""
 
 Maker = Annotated[Annotated[MakerSection, Field(discriminator="name")], BeforeValidator(_named)]
-ObserverSection = observers.Naive | observers.NearOptimal | observers.BudgetAware | observers.Bayesian
+ObserverSection = observers.Naive | observers.NearOptimal | observers.BudgetAware | observers.Bayesian | observers.Data
 Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], BeforeValidator(_named)]
 Measure: Any = Literal[tuple(MEASURES)]
 PAID = "expected_regret"

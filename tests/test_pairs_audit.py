@@ -1,0 +1,390 @@
+"""An audit of two tables claims one side only: its limits hold, it raises few false alarms, and it says what it did."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+from scipy.signal import lfilter
+
+from inscrutable import InputError, Mechanism, Prior, audit_pairs, cli
+from inscrutable.adversaries.learners import learners
+from inscrutable.datasets import read_records
+from inscrutable.experiments.audit import PairsAudit, pairs_audit
+from inscrutable.experiments.audit.bounds import autocorrelations, design_effect, mean_limit, memory, share_limit
+from inscrutable.experiments.audit.forward import best_before, blocks, learn_forward
+from inscrutable.reports.audit import audit_table, write_audit
+
+pytest.importorskip("sklearn", reason="the learners come with the [audit] extra")
+
+DATES = pd.date_range("1990-01-31", periods=200, freq="ME")
+Drawn = tuple[np.ndarray, np.ndarray, np.ndarray, float, float]
+
+
+def drawn_pairs(rng: np.random.Generator, rows: int) -> Drawn:
+    """Pairs of a drawn mechanism: classes, numbers and decisions, with the Bayes errors of both by enumeration."""
+    n_states, n_beliefs, n_actions, width = (int(rng.integers(*ends)) for ends in ((2, 4), (4, 12), (2, 21), (1, 4)))
+    beliefs = rng.dirichlet(np.ones(n_states), size=n_beliefs)
+    kernel = rng.dirichlet(np.full(n_actions, 0.5), size=n_beliefs)
+    prior = Prior(beliefs, rng.dirichlet(np.full(n_beliefs, 2.0)))
+    played = Mechanism(beliefs, rng.normal(size=(n_actions, width)), kernel, np.zeros_like(kernel))
+    law = prior.weights[:, None] * kernel
+    top, value = beliefs.argmax(axis=1), beliefs[:, 0]
+    right = sum(max(law[top == state, m].sum() for state in range(n_states)) for m in range(n_actions))
+    means = (law * value[:, None]).sum(axis=0) / law.sum(axis=0)
+    square = (law * (value[:, None] - means) ** 2).sum()
+    seen = rng.choice(n_beliefs, size=rows, p=prior.weights)
+    shown = (kernel[seen].cumsum(axis=1) > rng.random(rows)[:, None]).argmax(axis=1)
+    return top[seen], value[seen], np.asarray(played.actions)[shown], 1.0 - float(right), float(np.sqrt(square))
+
+
+def autocorrelated(rng: np.random.Generator, rows: int, columns: int, stay: float) -> np.ndarray:
+    return np.asarray(lfilter([1.0], [1.0, -stay], rng.normal(size=(rows + 200, columns)), axis=0)[200:])
+
+
+def count_below(rng: np.random.Generator, cases: int, rows: int, every: int = 1) -> tuple[int, int, list[float]]:
+    """How often limits lie below the Bayes error, of classes and of numbers, and the learner's errors over the Bayes errors."""
+    below, shares = [0, 0], []
+    for case in range(cases):
+        classes, numbers, shown, *errors = drawn_pairs(rng, rows)
+        for k, (kind, secret) in enumerate((("classes", classes), ("numbers", numbers))):
+            if (case + k) % every == 0 and len(np.unique(secret)) > 1:
+                (found,) = audit_pairs(secret, shown, kind=kind, shifts=19, rng=rng).secrets  # type: ignore[arg-type]
+                below[k] += found.error_limit < errors[k]
+                shares.append(found.error / errors[k])
+    return below[0], below[1], shares
+
+
+def count_alarms(rng: np.random.Generator, cases: int, rows: int = 300) -> int:
+    alarms = 0
+    for k in range(cases):
+        series = autocorrelated(rng, rows, 4, (0.8, 0.9, 0.95, 0.98)[k % 4])
+        secret = series[:, 0] > np.median(series[:, 0]) if k % 2 else series[:, 0]
+        alarms += audit_pairs(secret, series[:, 1:], shifts=39, rng=rng).is_found
+    return alarms
+
+
+@pytest.fixture
+def without_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What single columns tell is not looked for."""
+    monkeypatch.setattr(pairs_audit, "_sources", lambda *arguments: ())
+
+
+@pytest.mark.usefixtures("without_sources")
+def test_limits_hold_for_the_best_observer(fresh_rng: np.random.Generator) -> None:
+    # Each fails one time in twenty; more than five of twenty happen once in 3,000 runs.
+    classes, numbers, _ = count_below(fresh_rng, 20, 300, every=2)
+    assert classes + numbers <= 5
+
+
+@pytest.mark.usefixtures("without_sources")
+def test_series_that_hang_together_but_not_with_each_other_seldom_alarm(fresh_rng: np.random.Generator) -> None:
+    assert count_alarms(fresh_rng, 16, 200) <= 4  # more happen once in 1,700 runs
+
+
+@pytest.mark.audit
+@pytest.mark.usefixtures("without_sources")
+def test_limits_hold_in_two_hundred_cases() -> None:
+    classes, numbers, _ = count_below(np.random.default_rng(17), 200, 600)
+    print(f"\naudit: limits below the Bayes error, of 200: classes {classes}, numbers {numbers}")
+    assert max(classes, numbers) <= 18
+
+
+@pytest.mark.audit
+@pytest.mark.usefixtures("without_sources")
+def test_five_thousand_pairs_are_learned_to_a_tenth_of_the_bayes_error() -> None:
+    _, _, shares = count_below(np.random.default_rng(18), 40, 5000)
+    print(f"\naudit: learner's error over the Bayes error, median {np.median(shares):.3f}, largest {max(shares):.3f}")
+    assert np.median(shares) <= 1.1
+
+
+@pytest.mark.audit
+@pytest.mark.usefixtures("without_sources")
+def test_false_alarms_of_two_hundred() -> None:
+    alarms = count_alarms(np.random.default_rng(19), 200)
+    print(f"\naudit: false alarms on independent autocorrelated series, of 200: {alarms}")
+    assert alarms <= 18
+
+
+@pytest.mark.audit
+def test_a_hundred_thousand_pairs_take_a_minute_at_most() -> None:
+    rng = np.random.default_rng(20)
+    shown = rng.normal(size=(100_000, 10))
+    start = time.process_time()
+    found = audit_pairs(shown[:, 0] > 2 * rng.normal(size=100_000), shown)
+    print(f"\naudit: 100,000 pairs of ten columns in {time.process_time() - start:.0f} s")
+    assert found.is_found
+    assert time.process_time() - start <= 60
+
+
+@pytest.mark.audit
+@pytest.mark.usefixtures("without_sources")
+def test_what_would_have_been_found_is_found() -> None:
+    found = 0
+    for k in range(60):
+        rng = np.random.default_rng([21, k])
+        secret, other = rng.normal(size=300), rng.normal(size=(300, 3))
+        share = audit_pairs(secret, np.column_stack([other, rng.normal(size=300)])).secrets[0].detectable
+        told = np.where(rng.random(300) < share, secret, 0.0)
+        found += audit_pairs(secret, np.column_stack([other, told])).is_found
+    print(f"\naudit: leaks said to be found in four of five audits, found in {found} of 60")
+    assert found >= 39  # fewer happen once in 500 runs at a power of 80 %
+
+
+# ---- limits and learning ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("wrong", "rows"), [(0, 30), (7, 30), (29, 30), (30, 30)])
+def test_the_limit_of_shares_is_clopper_and_pearsons(wrong: int, rows: int) -> None:
+    # Spread evenly, or with all of them wrong or right, errors are no more alike than by chance.
+    series = (np.diff(np.floor(np.arange(rows + 1) * wrong / rows)) > 0).astype(float)
+    exact = stats.binomtest(wrong, rows, alternative="less").proportion_ci(0.95, "exact").high
+    assert share_limit(series, 0.95) == pytest.approx(exact, abs=1e-9)
+
+
+@pytest.mark.parametrize("stay", [0.0, 0.5, 0.9])
+def test_the_design_effect_of_an_autoregression(stay: float) -> None:
+    series = autocorrelated(np.random.default_rng(3), 20_000, 1, stay)[:, 0]
+    assert design_effect(series) == pytest.approx((1 + stay) / (1 - stay), rel=0.25)
+    direct = [np.mean((series - series.mean())[: len(series) - k] * (series - series.mean())[k:]) for k in (1, 4)]
+    wanted = np.array(direct) * np.array([len(series) - 1, len(series) - 4]) / len(series) / series.var()
+    assert autocorrelations(series)[[1, 4]] == pytest.approx(wanted, abs=1e-9)
+    assert memory(np.ones(50)) == 0
+
+
+def test_the_limit_of_means_holds_for_skewed_losses_in_time(fresh_rng: np.random.Generator) -> None:
+    truth = float(np.exp(0.5 / (1 - 0.25)))  # of the exponential of an autoregression with ½
+    held = sum(
+        mean_limit(np.exp(autocorrelated(fresh_rng, 400, 1, 0.5)[:, 0]), 0.95, fresh_rng) >= truth for _ in range(100)
+    )
+    assert held >= 84
+
+
+def test_no_row_is_read_with_what_comes_after_it(fresh_rng: np.random.Generator) -> None:
+    features, targets = fresh_rng.normal(size=(200, 2)), fresh_rng.normal(size=(200, 1))
+    first, bounds, embargo = 20, blocks(200), 7
+    before = learn_forward(features, targets, np.zeros(1, dtype=int), embargo, learners())
+    for start, stop in bounds[3::2]:
+        other, secret = features.copy(), targets.copy()
+        other[stop:], secret[start - embargo :] = 5.0, -9.0
+        other[start - embargo : start] = 3.0
+        again = learn_forward(other, secret, np.zeros(1, dtype=int), embargo, learners())
+        rows = slice(start - first, stop - first)
+        assert np.array_equal(again.predictions[:, rows], before.predictions[:, rows])
+        assert np.array_equal(again.guesses[rows], before.guesses[rows])
+        secret[start - embargo - 1] = 99.0
+        assert not np.array_equal(
+            learn_forward(other, secret, np.zeros(1, dtype=int), embargo, learners()).guesses[rows],
+            before.guesses[rows],
+        )
+
+
+def test_shifts_learned_together_are_those_learned_alone(fresh_rng: np.random.Generator) -> None:
+    features, targets = fresh_rng.normal(size=(120, 2)), np.eye(2)[fresh_rng.integers(2, size=120)]
+    together = learn_forward(features, targets, np.array([0, 31]), 3, learners())
+    alone = learn_forward(features, np.roll(targets, 31, axis=0), np.array([0]), 3, learners())
+    assert together.squares[:, 1] == pytest.approx(alone.squares[:, 0], abs=1e-9)
+    assert best_before(np.array([[[1.0, 9.0, 9.0]], [[2.0, 0.0, 0.0]]])).tolist() == [[0, 0, 1]]
+
+
+def test_ridge_is_ridge(fresh_rng: np.random.Generator) -> None:
+    known, read, target = (fresh_rng.normal(size=shape) for shape in ((50, 3), (5, 3), (50, 1, 1)))
+    unit = known.std(axis=0)
+    points, queries = (known - known.mean(axis=0)) / unit, (read - known.mean(axis=0)) / unit
+    slope = np.linalg.solve(points.T @ points + 0.01 * 50 * np.eye(3), points.T @ (target[:, 0, 0] - target.mean()))
+    found = learners()["ridge, penalty 0.01"](known, read)(target)[:, 0, 0]
+    assert found == pytest.approx(target.mean() + queries @ slope, abs=1e-9)
+
+
+# ---- what is found, and said -----------------------------------------------------------------------
+
+
+def leaking(rows: int = 240, since: int = 0) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Two secrets and three columns; one column tells of the regime from a row on, one row late of the number."""
+    rng = np.random.default_rng(4)
+    dates = pd.date_range("1990-01-31", periods=rows, freq="ME", name="date")
+    regime, score = rng.random(rows) < 0.5, rng.normal(size=rows)
+    told = np.where(np.arange(rows) >= since, regime, 0.5)
+    late = np.concatenate([[0.0], score[:-1]])
+    weights = {
+        "Oil": told + 0.4 * rng.normal(size=rows),
+        "Gas": rng.normal(size=rows),
+        "Food": late + rng.normal(size=rows),
+    }
+    secrets = pd.DataFrame({"regime": np.where(regime, "wild", "calm"), "score": score}, index=dates)
+    return secrets, pd.DataFrame(weights, index=dates)
+
+
+def test_columns_and_lags_that_tell_are_named() -> None:
+    found = audit_pairs(*leaking(), lags=(0, 1), shifts=19)
+    regime, score = found.of("regime"), found.of("score")
+    assert regime.is_found
+    assert score.is_found
+    assert {(each.kind, each.name) for each in regime.telling()} == {("column", "Oil"), ("lag", "0")}
+    assert {(each.kind, each.name) for each in score.telling()} == {("column", "Food"), ("lag", "1")}
+    assert regime.error_limit < regime.guess_error
+    assert found.embargo >= 1
+    assert "at least so much leaks" in str(found)
+
+
+def test_a_leak_that_begins_late_is_dated() -> None:
+    secrets, published = leaking(600, 330)
+    found = audit_pairs(secrets["regime"], published, shifts=19).secrets[0]
+    assert found.is_found
+    assert abs((pd.Timestamp(found.since) - secrets.index[330]).days) <= 31 * 45
+    assert pd.Timestamp(found.noticed) > pd.Timestamp(found.since)
+
+
+def test_nothing_found_claims_nothing_and_says_what_would_have_been() -> None:
+    rng = np.random.default_rng(6)
+    found = audit_pairs(rng.random(200) < 0.4, rng.normal(size=(200, 2)))
+    (secret,) = found.secrets
+    assert not found.is_found
+    assert 0 < secret.detectable < 0.3
+    assert secret.error_limit >= secret.guess_error
+    assert (secret.since, secret.noticed) == ("", "")
+    assert "nothing found" in str(found)
+    assert "80%" in str(found)
+
+
+def test_many_secrets_are_judged_together() -> None:
+    rng = np.random.default_rng(8)
+    secrets, published = rng.normal(size=(150, 8)), rng.normal(size=(150, 2))
+    published[:, 0] += secrets[:, 5]
+    found = audit_pairs(secrets, published, shifts=19)
+    assert [each.is_found for each in found.secrets] == [k == 5 for k in range(8)]
+    alone = audit_pairs(secrets[:, 0], published, shifts=19).secrets[0]
+    assert found.secrets[0].p_value >= alone.p_value
+    assert found.secrets[0].error_limit >= alone.error_limit
+
+
+def test_labels_join_rows_and_the_order_of_columns_changes_nothing() -> None:
+    secrets, published = leaking()
+    expected = audit_pairs(secrets, published, shifts=19)
+    shuffled = audit_pairs(secrets.iloc[::-1], published[["Food", "Oil", "Gas"]], shifts=19)
+    assert shuffled.frame().equals(expected.frame())
+    bare = audit_pairs(secrets.to_numpy()[:, 0], published.to_numpy(), shifts=19).secrets[0]
+    assert bare.error == pytest.approx(expected.of("regime").error)
+    mixed = audit_pairs(secrets["regime"], published.to_numpy(), shifts=19).secrets[0]
+    assert mixed.blocks[0].first == bare.blocks[0].first or mixed.blocks[0].first.startswith("19")
+    with pytest.raises(InputError, match="expected rows in order of time"):
+        audit_pairs(secrets, published.iloc[::-1])
+
+
+def test_treatments_are_said() -> None:
+    secrets, published = leaking()
+    published["Cash"] = 0.1
+    published["call"] = np.where(published["Oil"] > 0.5, "buy", "sell")
+    published.iloc[7, 0] = np.nan
+    secrets.iloc[[9, 11], 1] = np.nan
+    notes = " | ".join(audit_pairs(secrets.iloc[5:], published.iloc[:-4], shifts=19).notes)
+    assert "4 of 235 rows of secrets have no partner, such as 2009-09-30" in notes
+    assert "5 of 236 rows of published have no partner, such as 1990-01-31" in notes
+    assert "3 rows in which a secret or a decision is missing are left out" in notes
+    assert "constant: Cash" in notes
+    assert "'call' is read as 2 choices: buy, sell" in notes
+
+
+COUNTED = np.arange(80) % 3
+
+
+@pytest.mark.parametrize(
+    ("secrets", "published", "options", "message"),
+    [
+        (np.ones(80), COUNTED, {}, "is 1.0 in every row: there is nothing to learn"),
+        (COUNTED, np.ones(80), {}, "published decisions never change"),
+        (COUNTED, np.ones(79), {}, "secrets have 80 rows, published 79"),
+        (COUNTED[:40], COUNTED[:40], {}, "40 rows .* expected at least 60"),
+        (
+            pd.Series(range(80), pd.Index(range(100, 180))),
+            pd.Series(range(80), DATES[:80]),
+            {},
+            "no row label of secrets",
+        ),
+        (pd.Series(COUNTED, [*"ab"] * 40), pd.Series(range(80), DATES[:80]), {}, "label a twice"),
+        (COUNTED, np.where(COUNTED == 1, np.inf, 0.0), {}, "infinite in row 1"),
+        (COUNTED, pd.Series([*map(float, range(79)), "sold"]), {}, "text 'sold' in row 79 among numbers"),
+        (np.array([str(k) for k in range(80)]), COUNTED, {}, "80 different classes"),
+        (COUNTED, np.array([str(k) for k in range(80)]), {}, "80 different texts"),
+        (np.array(["a", "b"] * 40), COUNTED, {"kind": "numbers"}, "its kind is classes"),
+        (COUNTED, COUNTED, {"kind": "words"}, 'kind must be "classes" or "numbers"'),
+        (COUNTED, COUNTED, {"lags": ()}, "lags must be whole numbers"),
+        (COUNTED, COUNTED, {"lags": (0, 0)}, "lags must be whole numbers"),
+        (COUNTED, COUNTED, {"lags": (0.5,)}, "lags must be whole numbers"),
+        (COUNTED, COUNTED, {"lags": (0, 12)}, "leaves too little to learn from"),
+        (COUNTED, COUNTED, {"lags": (100,)}, "0 rows .* expected at least 60"),
+        (COUNTED, COUNTED, {"embargo": 20}, "leaves too little to learn from"),
+        (COUNTED, COUNTED, {"shifts": 5}, "shifts"),
+        (np.zeros((2, 2, 2)), COUNTED, {}, "shape"),
+    ],
+)
+def test_bad_tables_are_refused(secrets: Any, published: Any, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        audit_pairs(secrets, published, **options)
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "sklearn", None)
+    with pytest.raises(InputError, match=r"pip install 'inscrutable\[audit\]'"):
+        audit_pairs(COUNTED, COUNTED)
+
+
+# ---- files and the command -------------------------------------------------------------------------
+
+
+def test_the_result_is_written_and_loaded(tmp_path: Path) -> None:
+    found = audit_pairs(*leaking(), shifts=19)
+    found.save(tmp_path / "audit.npz")
+    assert PairsAudit.load(tmp_path / "audit.npz").summary() == found.summary()
+    names = [path.name for path in write_audit(found, tmp_path)]
+    assert names == ["audit.csv", "blocks.csv", "sources.csv", "summary.json", "audit.png", "audit.svg"]
+    blocks_read = pd.read_csv(tmp_path / "blocks.csv")
+    assert (len(blocks_read), blocks_read["is_judged"].sum()) == (18, 12)
+    assert json.loads((tmp_path / "summary.json").read_text("utf-8"))["is_found"] is True
+    assert audit_table(found)["leak"].str.contains("found").all()
+
+
+def test_files_are_read_with_what_is_missing(tmp_path: Path) -> None:
+    file = tmp_path / "signals.csv"
+    file.write_text("date,regime,score\n2020-01-31,calm,0.5\n2020-02-29,NA,\n2020-03-31,wild,-1\n")
+    frame = read_records(file)
+    assert frame["score"].isna().tolist() == [False, True, False]
+    assert frame["regime"].isna().tolist() == [False, True, False]
+    file.write_text("date,score\n2020-01-31,calm\n2020-02-29,1\n")
+    with pytest.raises(InputError, match=r"line 2, column 'score': found 'calm' where line 3 has the number '1'"):
+        read_records(file)
+    file.write_text("date,score\n2020-02-29,2\n2020-01-31,1\n")
+    with pytest.raises(InputError, match="goes back in time"):
+        read_records(file)
+    file.write_text("date\n2020-02-29\n")
+    with pytest.raises(InputError, match="one column"):
+        read_records(file)
+
+
+def test_the_command_prints_the_verdict_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    secrets, published = leaking()
+    secrets.to_csv(tmp_path / "signals.csv")
+    published.to_csv(tmp_path / "weights.csv")
+    files = ["--secrets", str(tmp_path / "signals.csv"), "--published", str(tmp_path / "weights.csv")]
+    out = tmp_path / "out"
+    assert cli.main(["audit", *files, "--lags", "0,1", "--out", str(out), "-q"]) == 0
+    said = capsys.readouterr().out
+    assert "regime: leaks" in said
+    assert str(out / "audit.csv") in said
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        ["audit.csv", "audit.png", "audit.svg", "blocks.csv", "files.json", "sources.csv", "summary.json"]
+    )
+    assert cli.main(["audit", *files, "--json", "-q", "--embargo", "2", "--kind", "classes"]) == 3
+    assert "240 different classes" in capsys.readouterr().err
+    assert cli.main(["audit", *files, "--json", "-q", "--embargo", "2"]) == 0
+    assert json.loads(capsys.readouterr().out)["embargo"] == 2
+    assert cli.main(["audit", *files, "--lags", "soon"]) == 2
+    assert "expected whole numbers" in capsys.readouterr().err
+    assert cli.main(["audit", *files[:3], str(tmp_path / "none.csv")]) == 3

@@ -69,6 +69,7 @@ class ComparisonRow(Saved):
         learned_high: The greatest.
         learned_holds: 1 where the true risk aversion is among these, 0 where it is not or there are none; NaN for costs
             without one.
+        rival_worth: What one decision is worth to the rival, in its own unit; NaN where no rival was given.
         learned_error: Of that observer, who then reads single decisions as the naive one does; NaN where none explains all.
     """
 
@@ -113,6 +114,7 @@ class ComparisonRow(Saved):
     learned_high: float = float("nan")
     learned_holds: float = float("nan")
     learned_error: float = float("nan")
+    rival_worth: float = float("nan")
 
 
 def measured(
@@ -145,6 +147,7 @@ def measured(
         auc=observed.detectability.auc,
         n_actions=observed.played.n_actions,
         strength=behaviour.strength,
+        rival_worth=observed.leakage.worth if setting.loss is not None else float("nan"),
         **of_mechanism,
         **_prefixed("repeated", again, without=("regret",)),
         told_errors=told.errors,

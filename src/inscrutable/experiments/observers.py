@@ -44,13 +44,13 @@ class Observed:
     @cached_property
     def played(self) -> Leakage:
         """What single decisions cost, and tell one who takes them for draws of a mechanism."""
-        return leakage(self.behaviour.mechanism, self.setting.prior, self.setting.problem)
+        return leakage(self.behaviour.mechanism, self.setting.prior, self.setting.problem, loss=self.setting.loss)
 
     @cached_property
     def leakage(self) -> Leakage:
         """What single decisions tell one who knows the rule."""
         memory = self.behaviour.memory
-        return self.played if memory is None else leakage(memory(1), self.setting.prior)
+        return self.played if memory is None else leakage(memory(1), self.setting.prior, loss=self.setting.loss)
 
     @cached_property
     def detectability(self) -> Detectability:

@@ -468,6 +468,7 @@ def compare(
     *,
     market: Annotated[str, Parameter(group=_DATA)] = "paper",
     resolution: Annotated[Whole, Parameter(group=_DATA)] = 30,
+    rival: Annotated[Path | None, Parameter(group=_DATA)] = None,
     budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
     pairs: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
     disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
@@ -486,6 +487,7 @@ def compare(
         market: paper (a random market, every belief equally likely and lasting as regimes do), returns (the 12 US industries
             that come with the package, and how often its investor holds which belief), or the model.json of a backtest.
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
+        rival: TOML file whose [problem] is what a rival wants the belief for: what the secret and reading are worth to it.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
         pairs: Such as 100,1000: beside them a rival who knows nothing but so many pairs of belief and decision.
@@ -501,10 +503,12 @@ def compare(
 
     from inscrutable.experiments.comparison import ComparisonSettings
     from inscrutable.experiments.comparison_study import compared, comparison_study
+    from inscrutable.experiments.rivals import read_rival
     from inscrutable.reports.comparison import terminal_table, write_comparison
 
     seen = () if pairs is None else whole_numbers_of(pairs, "--pairs")
-    settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure, pairs=seen)
+    wanted = None if rival is None else read_rival(rival)
+    settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure, pairs=seen, rival=wanted)
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)

@@ -22,6 +22,7 @@ from inscrutable.experiments.holding import estimate_quality
 from inscrutable.experiments.performance import Performance, SharpeDifference
 from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.mechanisms.joint import top_states
+from inscrutable.privacy import RivalProblem
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, HiddenMarkovModel
@@ -290,7 +291,8 @@ def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
         "share_regime_named_followed": followed.named,
         "error_followed": followed.error,
     }
-    keys = ("error_without", "bits_aware", "bits_prior", "bits_followed", "error_ceiling")
+    worths = ("worth_secret", "worth_followed", "worth_copied")
+    keys = ("error_without", "bits_aware", "bits_prior", "bits_followed", "error_ceiling", *worths)
     if aware is None:
         return found | dict.fromkeys(keys, unknown)
     told = aware.leakages.get(name)
@@ -300,4 +302,17 @@ def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
         "bits_prior": aware.prior.entropy,
         "bits_followed": float(aware.bits[name].mean()),
         "error_ceiling": aware.ceilings.get(name, unknown),
+        **_worths(result, name, aware.prior.mean),
     }
+
+
+def _worths(result: Backtest, name: str, mean: Array) -> dict[str, float]:
+    """What beliefs and weights are worth to a rival with the investor's own problem, judged by the investor's beliefs.
+
+    The rival plays what suits the long-run mean of the belief, its estimate given all weights, or the weights themselves.
+    """
+    beliefs, loss = result.beliefs.to_numpy(), RivalProblem(result.problem)
+    secret = float(loss.excess(beliefs, mean[None]).mean())
+    followed = float(loss.excess(beliefs, result.followed_estimates(name).to_numpy()).mean())
+    copied = float(result.episode.records[name].expected_regret.mean())
+    return {"worth_secret": secret, "worth_followed": secret - followed, "worth_copied": secret - copied}

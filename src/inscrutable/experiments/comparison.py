@@ -20,12 +20,14 @@ from inscrutable.experiments.comparison_measures import ComparisonRow, learned_f
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.makers import MAKERS, Maker, behave
 from inscrutable.experiments.observers import DisclosureText, Observed
+from inscrutable.experiments.rivals import Rival, is_own, wanting
 from inscrutable.experiments.sections import Count, NonNegative, Rising, Section
 from inscrutable.experiments.setting import Behaviour, Setting
 from inscrutable.mechanisms import Disclosure, Prior
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.mechanisms.joint import top_states
+from inscrutable.privacy import leakage
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved
 
@@ -47,6 +49,8 @@ class ComparisonSettings(Section):
         disclosure: What observers are shown of decisions, how often and how late, such as "every(3)|delayed(2)"; "exact" is
             all, at once. Of single and of repeated decisions those that are shown are meant. Rules with a memory, which are
             read from all decisions as they are, are then left out.
+        rival: What a rival wants the belief for, as the section [problem] of a study file, such as {"kind": "own"}, the agent's
+            own problem, {"kind": "finite", "costs": [[-1, 0], [1, 0]]} or {"kind": "naming"}; None: nothing but the belief.
 
     Raises:
         InputError: A number is malformed, the unit unknown, or there is no such disclosure, or it needs returns.
@@ -62,6 +66,7 @@ class ComparisonSettings(Section):
     draws: Annotated[int, Field(ge=10, le=1_000_000)] = 500
     pairs: Rising[Annotated[int, Field(ge=10)]] = ()
     disclosure: DisclosureText = "exact"
+    rival: Rival | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -95,6 +100,10 @@ class Comparison(Saved):
         stays: How often the belief is the same at the next decision, by the chain; NaN where it is not known how it moves.
         pairs: Numbers of pairs seen by an observer of data alone.
         disclosure: What observers were shown of decisions.
+        secret_worth: What the belief is worth to the rival, in its own unit; NaN without a rival.
+        prior_loss: What the rival loses who sees no decision.
+        rival: The unit of the rival's loss; empty without one.
+        rival_is_own: Whether the rival has the agent's own problem, so that nobody can stop it from copying.
 
     Source: for each measure the function that computes it; the paper, Section V-B, for the trade-off.
     """
@@ -116,6 +125,10 @@ class Comparison(Saved):
     stays: float = float("nan")
     pairs: tuple[int, ...] = ()
     disclosure: str = "exact"
+    secret_worth: float = float("nan")
+    prior_loss: float = float("nan")
+    rival: str = ""
+    rival_is_own: bool = False
 
     @property
     def makers(self) -> tuple[str, ...]:
@@ -157,7 +170,9 @@ class Comparison(Saved):
         values: dict[str, object] = {
             each.name: getattr(row, each.name)
             for each in fields(row)
-            if not each.name.startswith(("repeated_", "data_")) and each.name != "told_errors"
+            if not each.name.startswith(("repeated_", "data_"))
+            and each.name != "told_errors"
+            and (self.rival or each.name != "rival_worth")
         }
         for s, n in enumerate(self.repeats):
             values[f"bayes_error_after_{n}"] = float(row.repeated_errors[s])
@@ -212,7 +227,29 @@ class Comparison(Saved):
             for who, found in seen.items()
         ]
         said = asked.text(without="any decision", state="state", cases="the cases")
-        return f"At an expected regret of {worth}, a protection holds against an observer {said}: {'; '.join(parts)}."
+        held = f"At an expected regret of {worth}, a protection holds against an observer {said}: {'; '.join(parts)}."
+        return " ".join(filter(None, [held, self.rival_summary()]))
+
+    def rival_summary(self) -> str:
+        """Return what the secret and reading are worth to the rival and what hiding costs, at the middle budget."""
+        rows = self.at(self.middle_budget)
+        if not self.rival or not rows:
+            return ""
+        if not self.secret_worth > 0:
+            return "To this rival the belief is worth nothing, and so is every decision."
+        least, most = min(rows, key=lambda row: row.rival_worth), max(rows, key=lambda row: row.rival_worth)
+        told = (
+            f"To the rival the belief is worth {self.secret_worth:.3g} ({self.rival}); reading one decision, which costs the "
+            f"agent up to {self.middle_budget:.3g}, is worth from {least.rival_worth:.3g} ({least.maker}, "
+            f"{least.rival_worth / self.secret_worth:.0%}) to {most.rival_worth:.3g} ({most.maker}, "
+            f"{most.rival_worth / self.secret_worth:.0%})."
+        )
+        if self.rival_is_own:
+            told += (
+                " The rival's problem is the agent's own: nobody can stop it from copying, so that the share given up and the "
+                "share taken add up to 1 at least."
+            )
+        return told
 
     def __repr__(self) -> str:
         return f"{self.header()}\n{self.summary()}"
@@ -286,6 +323,9 @@ class ComparisonTasks:
     settings: ComparisonSettings
     makers: Mapping[str, Maker]
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "setting", wanting(self.setting, self.settings.rival))
+
     @cached_property
     def budgets(self) -> tuple[float, ...]:
         """Expected regrets, in the cost's unit."""
@@ -332,7 +372,22 @@ class ComparisonTasks:
             pairs=self.settings.pairs,
             stays=np.nan if setting.chain is None else float(prior.weights @ setting.chain.transition.diagonal()),
             disclosure=self.settings.disclosure,
+            **self._rival(),
         )
+
+    def _rival(self) -> dict[str, Any]:
+        """What the belief is worth to the rival, and what it loses without any decision."""
+        loss, prior = self.setting.loss, self.setting.prior
+        if loss is None:
+            return {}
+        known = leakage(self.setting.optimal, prior, loss=loss)
+        own = is_own(loss, self.setting.problem)
+        return {
+            "secret_worth": known.secret_worth,
+            "prior_loss": known.prior_loss,
+            "rival": loss.unit,
+            "rival_is_own": own,
+        }
 
 
 COMPARED: Mapping[str, Mapping[str, Any]] = {

@@ -70,6 +70,7 @@ class ComparisonRow(Saved):
         learned_high: The greatest.
         learned_holds: 1 where the true risk aversion is among these, 0 where it is not or there are none; NaN for costs
             without one.
+        rival_worth: What one decision is worth to the rival, in its own unit; NaN where no rival was given.
         learned_error: Of that observer, who then reads single decisions as the naive one does; NaN where none explains all.
         data_errors: Of one who has only data, for each number of pairs asked for, shape (S,); one sample of pairs each.
     """
@@ -115,6 +116,7 @@ class ComparisonRow(Saved):
     learned_high: float = float("nan")
     learned_holds: float = float("nan")
     learned_error: float = float("nan")
+    rival_worth: float = float("nan")
     data_errors: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -169,6 +171,7 @@ def measured(
         auc=observed.detectability.auc if disclosure.is_exact else np.nan,
         n_actions=observed.played.n_actions,
         strength=behaviour.strength,
+        rival_worth=seen.worth if setting.loss is not None else float("nan"),
         **of_mechanism,
         **_prefixed("repeated", again, without=("regret",)),
         told_errors=told.errors,

@@ -29,6 +29,7 @@ from inscrutable.decision_makers.baselines import (
     RoundingDecisionMaker,
     UniformDecisionMaker,
 )
+from inscrutable.errors import InputError
 from inscrutable.experiments.candidates_only import CandidateDecisionMaker
 from inscrutable.experiments.memory_rules import delayed, partly
 from inscrutable.experiments.sections import Count, Grid, NonNegative, Positive, Probability, Section
@@ -167,18 +168,25 @@ class Uniform(MakerSection):
 
 
 class Stackelberg(MakerSection):
-    """The mechanism that leaves one who knows it the largest error, with a budget per belief; `gap` is the proof's."""
+    """The mechanism that leaves one who knows it the largest error, with a budget per belief; `gap` is the proof's,
+    `loss` what is made large: the square error, or the loss of the section [rival]."""
 
     takes = Takes.EACH
     name: Literal["Stackelberg"]
     gap: Grid[Annotated[float, Field(gt=0, lt=1)]] | None = None
+    loss: Grid[Literal["squared", "rival"]] | None = None
 
     @staticmethod
     def make(setting: Setting, chosen: Chosen, amount: Any, seed: Seed) -> Any:
-        """Return it with a budget per belief."""
+        """Return it with a budget per belief; against the loss of the setting's rival where that is asked for."""
         prior, candidates = setting.prior, setting.candidates
+        loss = None
+        if chosen.get("loss") == "rival":
+            if setting.loss is None:
+                raise InputError('a Stackelberg maker with loss = "rival" needs the section [rival], which is missing')
+            loss = setting.loss
         return StackelbergDecisionMaker(
-            setting.problem, amount, prior=prior, candidates=candidates, gap=chosen.get("gap")
+            setting.problem, amount, prior=prior, candidates=candidates, gap=chosen.get("gap"), loss=loss
         )
 
 

@@ -86,6 +86,18 @@ MEASURES: Mapping[str, Measure] = {
         "maximal leakage: the most of that under any prior on the same beliefs.",
         attrgetter("leakage.maximal_leakage"),
     ),
+    "worth": Measure(
+        "worth to the rival",
+        "worth to the rival: by how much one decision lowers the loss of the rival of the section rival, in the rival's unit; "
+        "of the square error without that section. 0 where the decision tells nothing.",
+        attrgetter("leakage.worth"),
+        -1,
+    ),
+    "secret_worth": Measure(
+        "worth of the secret",
+        "worth of the secret: the same of the belief itself; no decision is worth more.",
+        attrgetter("leakage.secret_worth"),
+    ),
     "prior_error": Measure(
         "error without a decision",
         "error without a decision: what is left to one who knows no more than the law of beliefs.",

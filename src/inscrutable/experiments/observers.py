@@ -85,13 +85,13 @@ class Observed:
     @cached_property
     def played(self) -> Leakage:
         """What single decisions cost, and tell one who takes them for draws of a mechanism."""
-        return leakage(self.behaviour.mechanism, self.setting.prior, self.setting.problem)
+        return leakage(self.behaviour.mechanism, self.setting.prior, self.setting.problem, loss=self.setting.loss)
 
     @cached_property
     def leakage(self) -> Leakage:
         """What single decisions tell one who knows the rule."""
         memory = self.behaviour.memory
-        return self.played if memory is None else leakage(memory(1), self.setting.prior)
+        return self.played if memory is None else leakage(memory(1), self.setting.prior, loss=self.setting.loss)
 
     @cached_property
     def detectability(self) -> Detectability:
@@ -121,7 +121,7 @@ class Observed:
             return self.leakage
         memory = self.behaviour.memory
         played = self.behaviour.mechanism if memory is None else memory(1)
-        return leakage(played, self.setting.prior, disclosure=disclosure)
+        return leakage(played, self.setting.prior, disclosure=disclosure, loss=self.setting.loss)
 
     def knowledge(self, disclosure: Disclosure) -> dict[str, Any]:
         """Return what an observer of sets is told where parts of decisions are hidden: those played and the candidates."""

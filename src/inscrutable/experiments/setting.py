@@ -17,6 +17,7 @@ from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior, mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.played import PlaysMany
+from inscrutable.privacy import Loss
 from inscrutable.privacy.leaks import silence_regret
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
@@ -30,12 +31,16 @@ Seed = Callable[[], np.random.Generator]
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A problem, the law of the private belief, decisions to choose from, and how the belief moves where that is known."""
+    """A problem, the law of the private belief, decisions to choose from, and how the belief moves where that is known.
+
+    `loss` is what a rival wants the belief for; None is the square error.
+    """
 
     problem: DecisionProblem
     prior: Prior
     candidates: Candidates
     chain: BeliefChain | None = None
+    loss: Loss | None = None
     kept: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     @classmethod

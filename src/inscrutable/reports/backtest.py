@@ -137,6 +137,9 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("error_ceiling", "  the most that any rule of its regret leaves, long run", style=".3f"),
         _Row("bits_followed", "  what one more decision tells that one, bits"),
         *_disclosed_rows(result),
+        _Row("worth_secret", f"worth of the beliefs to a rival who invests alike, bp per {word}", _BASIS_POINTS),
+        _Row("worth_followed", "  of reading the weights, to one who follows them all", _BASIS_POINTS),
+        _Row("worth_copied", "  of holding the published weights, as they are", _BASIS_POINTS),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
     ]
 
@@ -179,7 +182,11 @@ def _aware_notes(result: Backtest) -> list[str]:
         f"which belief (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits, error {prior.error:.3f} without weights); "
         "it reads the nearest decision that is played on that grid, each alone, and guesses the posterior mean. One who also "
         f"follows all {word}s remembers every decision and knows how the belief moves in the fitted regimes, but for one "
-        f"{word} in a hundred, when it may go anywhere."
+        f"{word} in a hundred, when it may go anywhere.",
+        "Worth: a rival with the investor's own problem holds what suits the long-run mean of the belief, or what it reads, or "
+        "the published weights themselves; judged by the investor's beliefs, against the first. Nobody can be stopped from "
+        "copying: what the weights are worth to that rival and what hiding costs the investor add up to what the beliefs are "
+        "worth.",
     ]
 
 

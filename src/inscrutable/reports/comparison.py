@@ -18,7 +18,7 @@ from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.experiments.comparison_watchers import GAMMA_RANGE, N_PATHS, PATH_STEPS
 from inscrutable.experiments.makers import MAKERS
 from inscrutable.files import whole_file
-from inscrutable.reports.comparison_plots import draw_comparison
+from inscrutable.reports.comparison_plots import draw_comparison, draw_rival
 
 _PERCENT = 100.0
 _TITLE_WIDTH = 10
@@ -88,11 +88,17 @@ def _columns(comparison: Comparison) -> list[_Column]:
         *(over_time if comparison.is_moving else []),
         *(astray if comparison.ceilings else []),
         *(learned if comparison.is_learned else []),
+        *([_worth_column(comparison)] if comparison.rival else []),
         _Column("bits", lambda row: row.mutual_information, ".2f"),
         _Column("top state, naive, %", lambda row: _PERCENT * row.naive_top_state, ".0f"),
         _Column("top state, aware, %", lambda row: _PERCENT * row.top_state_accuracy, ".0f"),
         _Column("told from honest, AUC", lambda row: row.read_auc, ".2f"),
     ]
+
+
+def _worth_column(comparison: Comparison) -> _Column:
+    secret = comparison.secret_worth or np.nan
+    return _Column("worth to the rival, % of the secret's", lambda row: _PERCENT * row.rival_worth / secret, ".1f")
 
 
 _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
@@ -181,6 +187,7 @@ def notes_of(comparison: Comparison) -> list[str]:
         "Decisions are read to full precision, and the prior has finitely many beliefs: an exact decision that only one of "
         "them leads to names it.",
         *_watchers(comparison),
+        *_rival(comparison),
         "told from honest, AUC: how well one decision is told from an optimal one by what the naive observer reads from it; "
         "0.5 is nothing, 1 certainty.",
         "comparison.csv has further figures, and all to full precision; its columns are the fields of "
@@ -277,6 +284,24 @@ def _watchers(comparison: Comparison) -> list[str]:
     return found
 
 
+def _rival(comparison: Comparison) -> list[str]:
+    """What is to be known of a rival who wants something, where there is one."""
+    if not comparison.rival:
+        return []
+    found = (
+        "worth to the rival: by how much one decision lowers what the rival loses on average, who knows the mechanism and the "
+        f"prior, in the rival's own unit ({comparison.rival}). It loses {comparison.prior_loss:.4g} without any decision, and "
+        f"{comparison.secret_worth:.4g} less where it knows the belief: no decision is worth more."
+    )
+    if comparison.rival_is_own:
+        found += (
+            " Its problem is the agent's own: it can play what it sees, so that the worth of reading and the expected regret "
+            "add up to the silence regret at least, whatever the rule (a decision that comes late or altered excepted). "
+            "Hiding protects the view from one with another problem, or who comes later."
+        )
+    return [found]
+
+
 def markdown_of(comparison: Comparison, title: str) -> str:
     """Return the comparison as Markdown: header, verdict, a table for each budget, notes."""
     parts = [f"# {title}", f"{_first_upper(comparison.header())}.", comparison.summary()]
@@ -324,8 +349,8 @@ def write_comparison(
         title: What it was made on, the heading of the Markdown file.
 
     Returns:
-        comparison.csv (every figure in full), comparison.md, comparison.png and .svg, comparison.npz (for
-        `Comparison.load`), summary.json.
+        comparison.csv (every figure in full), comparison.md, comparison.png and .svg, of a rival who wants something also
+        comparison_rival.png and .svg, comparison.npz (for `Comparison.load`), summary.json.
 
     Raises:
         InputError: A file cannot be written.
@@ -338,7 +363,7 @@ def write_comparison(
     with whole_file(text) as temporary:
         temporary.write_text(markdown_of(comparison, title), encoding="utf-8")
     comparison.save(saved)
-    pictures = draw_comparison(comparison, target)
+    pictures = [*draw_comparison(comparison, target), *draw_rival(comparison, target)]
     write_json(summary_data(comparison, title), summary)
     return [table, text, *pictures, saved, summary]
 
@@ -352,6 +377,7 @@ def summary_data(comparison: Comparison, title: str) -> dict[str, Any]:
         "left_out budgets unit repeats n_draws n_beliefs n_candidates prior_entropy prior_error prior_top_state silence_regret "
         "mean_cost per_belief_unit"
     )
+    kept += " rival rival_is_own secret_worth prior_loss" if comparison.rival else ""
     return {
         "version": __version__,
         "title": title,

@@ -17,6 +17,7 @@ from inscrutable.validation import Array
 
 _PAGE_WIDTH = 7.0
 _PANEL_HEIGHT = 2.3
+_RIVAL_HEIGHT = 3.8
 _COLUMNS = 2
 _HEADER_WIDTH = 150
 _PERCENT = 100.0
@@ -83,6 +84,34 @@ def draw_comparison(comparison: Comparison, folder: Path) -> list[Path]:
         figure.supxlabel(_scale(comparison)[1], fontsize=8)
         figure.supylabel("error of the observer's estimate (root mean square)", fontsize=8)
         return save_figure(figure, folder, "comparison")
+
+
+def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
+    """Draw what reading one decision is worth to the rival against what it costs, where there is a rival; return the paths.
+
+    Where the rival's problem is the agent's own, a line says what it can always have by copying.
+    """
+    if not (comparison.rival and comparison.secret_worth > 0):
+        return []
+    scale, along_name = _scale(comparison)
+    looks, high = looks_of(comparison.makers), _PERCENT / comparison.secret_worth
+    with drawing(_PAGE_WIDTH, _RIVAL_HEIGHT) as (figure, axes):
+        for maker in comparison.makers:
+            rows = comparison.of(maker)
+            along = scale * np.array([row.expected_regret for row in rows])
+            heights = high * np.array([row.rival_worth for row in rows])
+            _curve(axes, along, heights, np.zeros(len(rows)), maker, looks[maker])
+        if comparison.rival_is_own and comparison.silence_regret > 0:
+            ends = np.array([0.0, _PERCENT])
+            axes.plot(
+                ends, ends[::-1], color=BLACK, linestyle=":", linewidth=1.2, label="copying: never below", zorder=2
+            )
+        axes.set_xlim(0.0, None if max(comparison.budgets) > 0 else 1.0)
+        axes.set_ylim(0.0, _PERCENT)
+        axes.set_xlabel(along_name)
+        axes.set_ylabel("worth of reading, % of the secret's")
+        figure.legend(loc="outside upper left", ncols=4, columnspacing=1.2, handlelength=2.4)
+        return save_figure(figure, folder, "comparison_rival")
 
 
 def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:

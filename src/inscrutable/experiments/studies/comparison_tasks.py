@@ -64,6 +64,7 @@ def compared_pairs(plan: ComparisonFile, data_hash: str | None = None) -> Listed
     kept |= {"pairs": list(plan.pairs)} if plan.pairs else {}
     kept |= {} if data_hash is None else {"sha256": data_hash}
     kept |= {} if plan.disclosure == EXACT else {"disclosure": plan.disclosure}
+    kept |= {} if plan.rival is None else {"rival": plan.rival.model_dump(mode="json", exclude_none=True)}
     seed = [plan.seed, len(plan.budgets)]
     return Listed(len(pairs), lambda k: {"decision_maker": pairs[k][0], "budget": pairs[k][1], **kept}, seed)
 

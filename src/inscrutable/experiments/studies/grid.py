@@ -86,6 +86,8 @@ class StudyGrid:
     def parts(self, places: Sequence[int]) -> dict[str, str]:
         """Return the canonical text of each part of a task, by name."""
         maker, budget = self.plays[places[5]]
+        # Without a rival the identities of tasks are what they were.
+        rival = {} if self.study.rival is None else {"rival": canonical(self.study.rival.model_dump(exclude_none=True))}
         return {
             "adversary": self.adversaries[places[6]].text,
             "beliefs": self.beliefs[places[2]].text,
@@ -94,6 +96,7 @@ class StudyGrid:
             "decision_maker": maker.text,
             "problem": self.problems[places[1]].text,
             "repeat": str(places[4]),
+            **rival,
             "world": self.worlds[places[0]].text,
         }
 

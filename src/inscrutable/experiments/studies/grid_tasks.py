@@ -15,6 +15,7 @@ from inscrutable.experiments.makers import behave
 from inscrutable.experiments.measures import figures_of
 from inscrutable.experiments.observers import Observed
 from inscrutable.experiments.random_markets import WARM_UP
+from inscrutable.experiments.rivals import wanting
 from inscrutable.experiments.setting import Setting, path_prior
 from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid
 from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
@@ -70,7 +71,7 @@ class GridRunner(TaskRunner):
         assert section is not None
         problem = problem_of(section, regimes)
         prior = self._prior(whole, regimes, problem)
-        return Setting(problem, prior, self._candidates(places[3], problem))
+        return wanting(Setting(problem, prior, self._candidates(places[3], problem)), self.study.rival)
 
     def _regimes(self, places: Sequence[int]) -> Regimes:
         world = self.study.world

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from inscrutable.errors import InputError
 from inscrutable.experiments import makers, observers
 from inscrutable.experiments.measures import MEASURES
+from inscrutable.experiments.rivals import Rival
 from inscrutable.experiments.sections import (
     AtLeastTwo,
     Count,
@@ -183,6 +184,7 @@ class StudyFile(PlanFile):
     candidates: CandidateSection = CandidateSection()
     decision_makers: Several[Maker]
     budgets: BudgetSection = BudgetSection()
+    rival: Rival | None = None
     adversaries: Several[Observer] = (observers.Naive(name="naive"),)
     measures: Grid[Measure] = (*JUDGED, "naive_privacy", PAID, "mutual_information", *WITHOUT)
 

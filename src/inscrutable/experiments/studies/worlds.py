@@ -16,16 +16,13 @@ from inscrutable.datasets.power import load_ieee_30_bus
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.random_markets import MarketLaw, random_market
+from inscrutable.experiments.rivals import weight_limits
 from inscrutable.experiments.studies.layout import FittedWorldSection, GivenWorld
 from inscrutable.files import reason
 from inscrutable.problems import (
     DecisionProblem,
     MarkowitzProblem,
-    Polyhedron,
     dispatch_problem,
-    max_weights,
-    min_weights,
-    simplex,
 )
 from inscrutable.validation import Array
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
@@ -129,16 +126,5 @@ def problem_of(section: dict[str, Any], regimes: Regimes) -> DecisionProblem:
             wind_capacities=section.get("wind_capacities"),
             penalty=section["penalty"],
         )
-    limits = _limits(section, regimes.means.shape[1])
+    limits = weight_limits(section, regimes.means.shape[1])
     return MarkowitzProblem(regimes.means, regimes.covariances, section["risk_aversion"], limits)
-
-
-def _limits(section: dict[str, Any], assets: int) -> Polyhedron | None:
-    region = simplex(assets)
-    if "max_weight" not in section and "min_weight" not in section:
-        return None
-    if "max_weight" in section:
-        region = region & max_weights(assets, section["max_weight"])
-    if "min_weight" in section:
-        region = region & min_weights(assets, section["min_weight"])
-    return region

@@ -6,7 +6,14 @@ from inscrutable.datasets.daily import load_daily_returns
 from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.datasets.french import IndustryReturns, load_industry_returns
 from inscrutable.datasets.suspicious import suspicious_entries
-from inscrutable.datasets.tables import WeightsTable, read_beliefs, read_returns, read_weights, simple_returns
+from inscrutable.datasets.tables import (
+    WeightsTable,
+    read_beliefs,
+    read_returns,
+    read_signals,
+    read_weights,
+    simple_returns,
+)
 from inscrutable.datasets.written import replace_files
 from inscrutable.files import whole_file
 
@@ -18,6 +25,7 @@ __all__ = [
     "output_folder",
     "read_beliefs",
     "read_returns",
+    "read_signals",
     "read_weights",
     "replace_files",
     "simple_returns",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -40,6 +41,7 @@ class AwareReading:
         leakages: What one decision tells under the prior, by decision maker.
         followed: Posterior means given all decisions so far, shape (T,X), by decision maker.
         bits: What each decision tells beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
+        beside_public: The same as `followed` by one who also reads what is public; empty where that is nothing.
         ceilings: Root mean square error that no rule of a decision maker's long-run regret leaves the rival who follows, in
             the long run of the fitted world; NaN where it was not computed.
 
@@ -52,6 +54,7 @@ class AwareReading:
     followed: Mapping[str, Array]
     bits: Mapping[str, Array]
     ceilings: Mapping[str, float]
+    beside_public: Mapping[str, Array] = field(default_factory=dict)
 
 
 def resolution_for(n_states: int, most: int | None = None) -> int:
@@ -68,8 +71,34 @@ def doubted(chain: BeliefChain) -> BeliefChain:
     Formula: T = (1 − ε) T + ε 1 w', which keeps the prior w. Without it, real data contradict the rival in every fifth row, who
     then reads optimal portfolios worse than one who reads them alone.
     """
-    anew = np.tile(chain.prior.weights, (len(chain.prior), 1))
-    return BeliefChain(chain.prior, (1.0 - _DOUBT) * chain.transition.toarray() + _DOUBT * anew)
+    weights = chain.prior.weights
+    anew = np.tile(weights, (len(chain.prior), 1))
+    tables = None
+    if chain.public is not None:  # what is read then says nothing of the belief
+        tables = [(1.0 - _DOUBT) * each.toarray() + _DOUBT * (weights @ each).sum() * anew for each in chain.public]
+    return BeliefChain(chain.prior, (1.0 - _DOUBT) * chain.transition.toarray() + _DOUBT * anew, tables)
+
+
+class PublicSymbols(NamedTuple):
+    """What is public as symbols, for rivals who follow beliefs on a grid."""
+
+    world: HiddenMarkovModel  # the investor's, with one public number
+    cuts: Array
+    read: np.ndarray  # (T,)
+
+
+def rivals_chain(
+    world: HiddenMarkovModel, resolution: int, public: PublicSymbols | None, *, rng: np.random.Generator
+) -> BeliefChain:
+    """Return how the investor's belief moves for a rival, with tables of what is public where that is something."""
+    if public is None:
+        return doubted(predicted_chain(world, resolution, rng=rng))
+    return doubted(predicted_chain(public.world, resolution, rng=rng, cuts=public.cuts))
+
+
+def without_public(chain: BeliefChain) -> BeliefChain:
+    """Return the chain for one who reads nothing."""
+    return BeliefChain(chain.prior, chain.transition)
 
 
 def read_knowingly(
@@ -79,13 +108,14 @@ def read_knowingly(
     measure: PrivacyMeasure,
     *,
     rng: np.random.Generator,
+    public: PublicSymbols | None = None,
 ) -> AwareReading | None:
     """Return what rivals read who know the decision makers; None where they follow a target per step."""
     if isinstance(measure, DesiredObfuscation) and follows_steps(measure):
         return None
-    chain = doubted(predicted_chain(world, resolution_for(world.n_states), rng=rng))
-    prior = chain.prior
-    estimates, leakages, followed, bits = {}, {}, {}, {}
+    reading = rivals_chain(world, resolution_for(world.n_states), public, rng=rng)
+    chain, prior = without_public(reading), reading.prior
+    estimates, leakages, followed, bits, beside = {}, {}, {}, {}, {}
     for name, decision_maker in decision_makers.items():
         played = mechanism(decision_maker, prior.beliefs)
         actions = episode.records[name].decisions.action
@@ -94,7 +124,10 @@ def read_knowingly(
         found = SequentialAdversary(chain, played).filter(actions, nearest=True)
         followed[name] = found.mean
         bits[name] = _bits(np.vstack([prior.weights, found.weights[:-1] @ chain.transition]), played)
-    return AwareReading(prior, estimates, leakages, followed, bits, {})
+        if public is not None:
+            told = SequentialAdversary(reading, played).filter(actions, public=public.read, nearest=True)
+            beside[name] = told.mean
+    return AwareReading(prior, estimates, leakages, followed, bits, {}, beside)
 
 
 def _bits(laws: Array, played: Mechanism) -> Array:

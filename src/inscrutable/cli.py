@@ -277,9 +277,12 @@ def _middle(table: pd.DataFrame) -> str:
 
 def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
     from inscrutable.experiments.investor_model import InvestorModel
+    from inscrutable.worlds import HiddenMarkovModel
 
     note = "; ".join([f"regimes fitted to {len(result.assets)} assets up to {train_until}", *result.doubts])
-    model = InvestorModel(result.world, result.problem, result.assets, result.regimes, result.budget, note)
+    kept = result.world  # numbers that are no returns are no part of the file
+    world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
+    model = InvestorModel(world, result.problem, result.assets, result.regimes, result.budget, note)
     return model.save(folder / "model.json")
 
 

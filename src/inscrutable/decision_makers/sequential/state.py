@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from inscrutable import tolerances, validation
 from inscrutable.decision_makers.sequential.laws import ChainLaw
@@ -62,9 +63,10 @@ def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem
     """Return what a sequence on a table is of."""
     cap = np.array([-1.0, 0.0] if table.cap is None else [table.cap.amount, float(table.cap.is_relative)])
     found = table.columns
-    return SequenceProblem(
-        table.prior.beliefs, table.prior.weights, law.chain.transition, found.points, found.found.costs, cap, limit
+    moves = (
+        law.chain.transition if law.chain.public is None else sparse.csr_array(sparse.hstack(list(law.chain.public)))
     )
+    return SequenceProblem(table.prior.beliefs, table.prior.weights, moves, found.points, found.found.costs, cap, limit)
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,11 +82,10 @@ def test_symbols_that_say_nothing_change_nothing() -> None:
         assert np.abs(getattr(one, name) - getattr(other, name)).max() < 1e-12
 
 
-@pytest.mark.parametrize("information_price", [float("inf"), 0.1])
-def test_the_calibration_meets_the_budget(information_price: float) -> None:
+def test_the_calibration_meets_the_budget() -> None:
     rng = np.random.default_rng([SEED, 4])
     chain = chain_of(np.array([[0.6, 0.4], [0.4, 0.6]]))
-    maker = maker_of(chain, information_price=information_price)
+    maker = maker_of(chain, information_price=float("inf"))
     prices = maker.calibration
     assert prices.regret == pytest.approx(0.25, abs=0.01)
     places, read = (each[:, 0] for each in chain.public_paths(600, 1, rng=rng))
@@ -121,7 +120,7 @@ def test_it_goes_to_disk_and_back(tmp_path: Path) -> None:
     maker = maker_of(chain, calibration=PRICES)
     sequence = maker.begin()
     sequence.observe(2)
-    sequence.publish(0)
+    sequence.publish(1)
     sequence.save(tmp_path / "sequence.npz")
     sequence.close()
     again = maker.begin().load(tmp_path / "sequence.npz")
@@ -143,11 +142,8 @@ def test_what_does_not_fit_is_refused() -> None:
         BeliefChain(prior, np.eye(2), [np.diag([1.0, 0.0]), np.diag([0.0, 1.0])]), calibration=PRICES
     ).begin()
     certain.observe(0)
-    real = HiddenMarkovModel(
-        moves,
-        GaussianEmission([[0.0], [1.0]], np.ones((2, 1, 1))),
-        public=GaussianEmission([[0.0], [1.0]], np.ones((2, 1, 1))),
-    )
+    sensor, symbols = GaussianEmission([[0.0], [1.0]], np.ones((2, 1, 1))), CategoricalEmission(moves)
+    real, nothing = HiddenMarkovModel(moves, sensor, public=sensor), HiddenMarkovModel(moves, symbols)
     rng = np.random.default_rng(0)
     refused = [
         ("whole number from 0 to 2", lambda: maker.begin().observe()),
@@ -160,7 +156,7 @@ def test_what_does_not_fit_is_refused() -> None:
         ("no MemoryMechanism", lambda: maker.as_mechanism()),
         ("one real number with cuts", lambda: SequentialDecisionMaker(GUESS, 0.1, world=real, rng=rng)),
         ("rising", lambda: filtered_chain(real, 4, rng=rng, cuts=[1.0, 0.0])),
-        ("in which a real number", lambda: filtered_chain(HiddenMarkovModel(moves, CategoricalEmission(moves)), 4, rng=rng, cuts=[0.0])),
+        ("in which a real number", lambda: filtered_chain(nothing, 4, rng=rng, cuts=[0.0])),
         ("sum to the transition", lambda: BeliefChain(prior, moves, [moves, moves])),
         ("no probability", lambda: BeliefChain(prior, moves, [2.0 * moves, -moves])),
         ("tables of shape", lambda: BeliefChain(prior, moves, [])),

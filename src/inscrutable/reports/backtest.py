@@ -261,20 +261,17 @@ def verdict(result: Backtest) -> str:
         )
     ]
     meant = asked.text(without="any weights", state="regime", cases=f"{word}s")
-    return (
-        f"A protection holds against a rival {meant}: {'; '.join([*said, *_luck(result, asked), *_ceilings(result)])}."
-        f"{_beyond_public(result)}"
-    )
+    parts = [*said, *_luck(result, asked), *_ceilings(result), *_beyond_public(result)]
+    return f"A protection holds against a rival {meant}: {'; '.join(parts)}."
 
 
-def _beyond_public(result: Backtest) -> str:
-    """Whom no protection holds against, as a sentence; empty where it is nobody."""
+def _beyond_public(result: Backtest) -> list[str]:
+    """Whom no protection holds against, as the end of a sentence; nothing where it is nobody."""
     if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
-        return ""
-    return (
-        " None holds against one who follows all these returns with this model: what the belief comes from is public, and "
-        "nothing is left to hide."
-    )
+        return []
+    return [
+        "against one who follows all these returns with this model none does: they are public, and nothing is left to hide"
+    ]
 
 
 def _ceilings(result: Backtest) -> list[str]:

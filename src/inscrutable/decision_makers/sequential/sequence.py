@@ -225,8 +225,8 @@ class DecisionSequence:
     def observe(self, public: int | None = None) -> None:
         """Let one step pass, at whose beginning everybody read `public`: None, nothing.
 
-        Before the first decision it tells what was read then; a step that is observed twice passed without a decision. Where the
-        chain has public symbols, every step begins with the one that was read, before its decision.
+        Before the first decision it tells what was read then; a step that is observed twice passed without a decision. Where
+        the chain has public symbols, every step begins with the one that was read, before its decision.
 
         Args:
             public: The symbol, a whole number; None where the chain has none.

@@ -27,6 +27,7 @@ from inscrutable.cli_values import (
     RuleName,
     UsageError,
     belief_of,
+    beside_of,
     budget_of,
     budgets_of,
     measure_of,
@@ -139,6 +140,8 @@ def backtest(
     beliefs: Annotated[Path | None, Parameter(group=_DATA)] = None,
     regime_names: Annotated[str | None, Parameter(group=_DATA)] = None,
     train_until: Annotated[str | None, Parameter(group=_DATA)] = None,
+    public: Annotated[str, Parameter(group=_DATA)] = "market",
+    private: Annotated[Path | None, Parameter(group=_DATA)] = None,
     regimes: Annotated[Whole, Parameter(group=_INVESTOR)] = 3,
     covariance: Annotated[str | None, Parameter(group=_INVESTOR)] = None,
     risk_aversion: Annotated[float, Parameter(group=_INVESTOR)] = 5.0,
@@ -166,6 +169,11 @@ def backtest(
         regime_names: For `--beliefs` whose columns have other names: these, by rising volatility, such as bull,bear.
         train_until: Last date of the training sample, such as 1989-12. Default: 1989-12 for the 12 industries, the
             middle of other data.
+        public: What the rival follows beside the weights: none, market, all, the name of a column of the returns, or a CSV of
+            dates and one column of numbers, which the investor then reads, too. The market is that of the 12 industries, of
+            other data the mean of the assets.
+        private: CSV of your own signal, which nobody else has: dates, then the likelihood of it in each regime, columns named
+            as for `--beliefs`. A date without a row has no signal.
         regimes: Number of regimes fitted to the training sample.
         covariance: How their covariances are estimated: sample, ledoit-wolf (shrunk) or factor:K. Default: sample where there
             are ten rows per regime and asset, else ledoit-wolf.
@@ -209,10 +217,11 @@ def backtest(
     if regime_names is not None and beliefs is None:
         raise UsageError("--regime-names says which columns of --beliefs are which: give both")
     own = None if beliefs is None else _own_beliefs(beliefs, regime_names, regimes, speech)
+    beside = beside_of(public, private, table, embedded=riskless is not None)
     folder = writable_folder(out)
     speech.log(f"{table.shape[1]} assets, {len(table)} rows; fitting {regimes} regimes up to {train_until}")
     with speech.progress("Decisions") as move:
-        result = run_backtest(table, settings, beliefs=own, riskless=riskless, progress=move)
+        result = run_backtest(table, settings, beliefs=own, riskless=riskless, beside=beside, progress=move)
     speech.log("Drawing the figures")
     files = [*write_backtest(result, folder), *_write_report(result, folder)]
     files.append(_save_model(result, settings.train_until, folder))
@@ -274,9 +283,12 @@ def _middle(table: pd.DataFrame) -> str:
 
 def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
     from inscrutable.experiments.investor_model import InvestorModel
+    from inscrutable.worlds import HiddenMarkovModel
 
     note = "; ".join([f"regimes fitted to {len(result.assets)} assets up to {train_until}", *result.doubts])
-    model = InvestorModel(result.world, result.problem, result.assets, result.regimes, result.budget, note)
+    kept = result.world  # numbers that are no returns are no part of the file
+    world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
+    model = InvestorModel(world, result.problem, result.assets, result.regimes, result.budget, note)
     return model.save(folder / "model.json")
 
 

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal
 from cyclopts import Parameter, Token
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from inscrutable.budgets import Budget
+    from inscrutable.experiments.backtest_public import BesideReturns
     from inscrutable.privacy import PrivacyMeasure
 
 RuleName = Literal["optimal", "cdm", "pdm", "sequential"]
@@ -58,6 +61,25 @@ def whole_numbers_of(text: str, option: str) -> tuple[int, ...]:
         return tuple(int(part.replace("−", "-")) for part in text.split(","))
     except ValueError:
         raise UsageError(f"{option} {text}: expected whole numbers such as 1,10,100") from None
+
+
+def beside_of(public: str, private: Path | None, returns: pd.DataFrame, *, embedded: bool) -> BesideReturns:
+    """Return what "none", "market", "all", a column or a file stands for, with a private signal's file."""
+    from inscrutable.datasets import load_industry_returns, read_signals
+    from inscrutable.experiments.backtest_public import ALL, MARKET, NOTHING, BesideReturns
+
+    read: Any = public
+    if public not in (NOTHING, MARKET, ALL, *returns.columns):
+        if not Path(public).is_file():
+            raise UsageError(
+                f"--public {public}: expected none, market, all, a file, or one of the columns {', '.join(returns.columns)}"
+            )
+        table = read_signals(public)
+        if table.shape[1] != 1:
+            raise UsageError(f"--public {public}: it has {table.shape[1]} columns of numbers, expected one")
+        read = table.iloc[:, 0]
+    market = load_industry_returns().market if embedded and public == MARKET else None
+    return BesideReturns(read, market, None if private is None else read_signals(private))
 
 
 WHOLE = Parameter(converter=whole_number)

@@ -51,9 +51,10 @@ class Evidence:
         """Return the same as an array (1,); None where nothing is public."""
         return None if self.public is None else self.public[step : step + 1]
 
-    def without_states(self) -> Evidence:
-        """Return what the decisions tell, and what is public."""
-        return replace(self, states=np.ones_like(self.states), offsets=np.zeros_like(self.offsets))
+    def without_states(self, *, has_public: bool) -> Evidence:
+        """Return what the decisions tell, and what is public in a world that has it."""
+        read = self.public if has_public else None
+        return replace(self, states=np.ones_like(self.states), offsets=np.zeros_like(self.offsets), public=read)
 
     def status(self, column: int, moved: bool, total: float) -> SequenceStatus:
         """Return what a decision told, given its number, whether the nearest stood in for it, and its probability."""
@@ -117,8 +118,7 @@ def public_evidence(
     world: HiddenMarkovModel | BeliefChain, public: Any, n_steps: int, steps: Axis
 ) -> np.ndarray | None:
     """Return what was read of what is public: symbols (T,), or real rows (T,Z); raise `InputError` where it does not fit."""
-    emission = None if isinstance(world, BeliefChain) else world.public_emission
-    has_public = emission is not None or (isinstance(world, BeliefChain) and world.public is not None)
+    emission, has_public = None if isinstance(world, BeliefChain) else world.public_emission, world.public is not None
     if public is None:
         if has_public:
             raise InputError("the world has something public: pass it as `public`, NaN where it was not read")

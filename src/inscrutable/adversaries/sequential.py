@@ -56,7 +56,7 @@ class SequentialAdversary:
             well; or a `MechanismRule`, such as `SequentialDecisionMaker`, which makes K_t of what one holds at step t who
             has seen the decisions before it and nothing else.
         agent_world: The world as the agent has it in its own filter; None: the same. An observation that it rules out
-            leaves the agent with its prediction. Of a chain the one that a rule takes for true.
+            leaves the agent with its prediction. Of a chain the one that a rule takes for true, which may have nothing public.
         sensor: The adversary's own sensor on the same states, an `Emission`; what it reports goes into `observations`.
         interpolation: "linear", or "nearest": each belief is moved to the nearest of the mechanism's. From five states on
             always the latter.
@@ -241,7 +241,7 @@ class SequentialAdversary:
         seen, offsets = state_evidence(len(points), n_states, self.sensor, known, reported)
         read = public_evidence(self.world, beside.public, len(points), steps)
         evidence = Evidence(points, nearest, told, seen, offsets, read)
-        alone = evidence.without_states()
+        alone = evidence.without_states(has_public=self.agent_world.public is not None)
         if self._rule.is_fixed or (self._agents_own is self._reader and (alone.states == seen).all()):
             return self._read(self._reader, evidence, tables, smooth=smooth)[0]
         # The rule goes by what one holds who sees the decisions and what is public, in the world as the agent has it.

@@ -7,7 +7,14 @@ from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.datasets.french import IndustryReturns, load_industry_returns
 from inscrutable.datasets.records import read_records
 from inscrutable.datasets.suspicious import suspicious_entries
-from inscrutable.datasets.tables import WeightsTable, read_beliefs, read_returns, read_weights, simple_returns
+from inscrutable.datasets.tables import (
+    WeightsTable,
+    read_beliefs,
+    read_returns,
+    read_signals,
+    read_weights,
+    simple_returns,
+)
 from inscrutable.datasets.written import replace_files
 from inscrutable.files import whole_file
 
@@ -20,6 +27,7 @@ __all__ = [
     "read_beliefs",
     "read_records",
     "read_returns",
+    "read_signals",
     "read_weights",
     "replace_files",
     "simple_returns",

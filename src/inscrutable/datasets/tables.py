@@ -186,6 +186,35 @@ def read_beliefs(path: PathLike, *, names: Sequence[str] | None = None) -> pd.Da
     return pd.DataFrame(clipped / clipped.sum(axis=1, keepdims=True), index=index, columns=pd.Index(wanted))
 
 
+def read_signals(path: PathLike) -> pd.DataFrame:
+    """Read dated numbers of any kind from a CSV file: one signal a column.
+
+    Args:
+        path: The file. First column: strictly increasing dates, as for `read_returns`. Every other column: numbers.
+
+    Returns:
+        (T,K) numbers, a DatetimeIndex, columns labelled as in the file.
+
+    Raises:
+        InputError: With file, line and column: everything `read_returns` raises about files, cells and dates.
+
+    Cost: O(T K).
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable.datasets import read_signals
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "signal.csv")
+        ...     _ = file.write_text("date,spread\\n2020-01,1.5\\n2020-02,2.5\\n")
+        ...     print(read_signals(file).to_numpy().tolist())
+        [[1.5], [2.5]]
+    """
+    table = _dated_table(path, "signal")
+    values = numbers(table, range(1, len(table.header)))
+    return pd.DataFrame(values, index=date_index(table), columns=table.labels_from(1))
+
+
 def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
     """Read published portfolio weights, one row per portfolio, aligned to a model's assets by label.
 

@@ -21,9 +21,17 @@ from inscrutable.decision_makers import (
 )
 from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.results import Progress
-from inscrutable.errors import ModelError
-from inscrutable.experiments.backtest_aware import read_knowingly
+from inscrutable.errors import InputError, ModelError
+from inscrutable.experiments.backtest_aware import Beside, read_knowingly
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
+from inscrutable.experiments.backtest_public import (
+    BesideReturns,
+    PublicWorld,
+    held_beliefs,
+    investors_world,
+    public_world,
+    read_public,
+)
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest, SharpeComparison, resting_beliefs
 from inscrutable.experiments.backtest_sequential import play_sequentially
 from inscrutable.experiments.episodes import Episode, run_episode
@@ -31,6 +39,7 @@ from inscrutable.experiments.performance import Performance, SharpeDifference, s
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Disclosure
 from inscrutable.problems import MarkowitzProblem
+from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
 from inscrutable.worlds.hidden_markov import default_names
 
@@ -60,6 +69,7 @@ def run_backtest(
     *,
     beliefs: pd.DataFrame | None = None,
     riskless: pd.Series | None = None,
+    beside: BesideReturns | None = None,
     restarts: int | None = None,
     progress: Progress | None = None,
 ) -> Backtest:
@@ -79,6 +89,8 @@ def run_backtest(
             One column per regime, which bears its name (`regime_names`), or its number by rising volatility. Means and
             covariances of the regimes still come from the fit. Rows on other dates are ignored.
         riskless: Riskless returns by date, for Sharpe ratios of excess returns; None is zero.
+        beside: What the rival follows itself, and a signal that the investor alone has; None: a rival who follows the mean
+            return of the assets, and no signal.
         restarts: Starts of the fit, at least 1; None is thirty, and fewer, down to five, for large samples.
         progress: Called with (decisions made, decisions in all).
 
@@ -109,7 +121,10 @@ def run_backtest(
     seeds = np.random.SeedSequence(chosen.seed).spawn(_SEEDS)
     fit_rng, draw_rng, bootstrap_rng, aware_rng, _, sequential_rng = map(np.random.default_rng, seeds)
     fit, world, problem = fitted_investor(market, chosen, restarts, rng=fit_rng)
-    held = _held_beliefs(world, market, beliefs)
+    read = BesideReturns() if beside is None else beside
+    world, public, everything = _with_public(read, world, market)
+    held = _held_beliefs(world, market, public, read.private, beliefs)
+    symbols = public.symbols(market.decided)
     measure, budget = chosen.measure, chosen.budget_of_each
     candidates = candidates_for(problem, measure, None)
     decision_makers: dict[str, _KnownMaker] = {
@@ -119,10 +134,11 @@ def run_backtest(
     }
     episode = run_episode(problem, held.to_numpy(), decision_makers, rng=draw_rng, progress=progress)
     shown, earned_at = Disclosure.of(chosen.disclosure), market.held.to_numpy()
-    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng, disclosure=shown, returns=earned_at)
+    seen = Beside(shown, earned_at, symbols)
+    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng, beside=seen)
     part = None
     if aware is not None and chosen.sequential:
-        part = play_sequentially(world, problem, episode.beliefs, chosen.budget, rng=sequential_rng)
+        part = play_sequentially(world, problem, episode.beliefs, chosen.budget, rng=sequential_rng, public=symbols)
     if aware is not None and part is not None:
         aware = part.joined(aware, SEQUENTIAL)
         episode = replace(episode, records={**episode.records, SEQUENTIAL: part.record(episode.beliefs, measure)})
@@ -130,8 +146,9 @@ def run_backtest(
     comparisons = {name: _comparison(earned, performance["ODM"], bootstrap_rng) for name, earned in performance.items()}
     for doubt in resting_beliefs(held):  # the fit says its own
         _LOGGER.warning("%s", doubt)
+    told = read_public(public, episode, everything, aware, market.decided)
     return Backtest(
-        chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware, part
+        chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware, part, told
     )
 
 
@@ -180,11 +197,32 @@ def _gaussian(world: HiddenMarkovModel) -> GaussianEmission:
     return world.emission
 
 
-def _held_beliefs(world: HiddenMarkovModel, market: ReturnsSample, beliefs: pd.DataFrame | None) -> pd.DataFrame:
+def _with_public(
+    read: BesideReturns, world: HiddenMarkovModel, market: ReturnsSample
+) -> tuple[HiddenMarkovModel, PublicWorld, Array]:
+    """The investor's world with what is public, and what all returns say, (T,X) on the dates of the decisions."""
+    alone = filter_beliefs(world, market.returns)
+    public = public_world(read, world, market, alone.beliefs)
+    seen = investors_world(public, world)
+    predicted = alone.predicted if seen is world else held_beliefs(seen, market, public, None)
+    return seen, public, predicted.loc[market.decided].to_numpy()
+
+
+def _held_beliefs(
+    world: HiddenMarkovModel,
+    market: ReturnsSample,
+    public: PublicWorld,
+    private: pd.DataFrame | None,
+    beliefs: pd.DataFrame | None,
+) -> pd.DataFrame:
     """Beliefs on the dates of the decisions, each about the row after its date."""
     if beliefs is not None:
+        if private is not None:
+            raise InputError(
+                "beliefs of your own hold every signal of yours already: give beliefs or private, not both"
+            )
         return beliefs_by_date(beliefs, market.decided, world.names)
-    return filter_beliefs(world, market.returns).predicted.loc[market.decided]
+    return held_beliefs(world, market, public, private).loc[market.decided]
 
 
 def _performance(episode: Episode, market: ReturnsSample, settings: BacktestSettings) -> dict[str, Performance]:

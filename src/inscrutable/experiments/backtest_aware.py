@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -29,6 +30,14 @@ _DOUBT = 0.01
 """How often a rival takes the belief to be drawn anew; from 0.001 to 0.2 its errors are the same to 0.002."""
 
 
+class Beside(NamedTuple):
+    """What rivals are shown of decisions, and what else they read."""
+
+    disclosure: Disclosure = Disclosure()
+    returns: Array | None = None  # (T,U): what portfolios earn, for a disclosure that shows nothing else of them
+    public: PublicSymbols | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class AwareReading:
     """What rivals read who know the mechanism and the prior: one from each decision alone, one from all up to it.
@@ -40,6 +49,7 @@ class AwareReading:
         leakages: What one decision tells under the prior, by decision maker.
         followed: Posterior means given all decisions so far, shape (T,X), by decision maker.
         bits: What each decision tells beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
+        beside_public: The same as `followed` by one who also reads what is public; empty where that is nothing.
         ceilings: Root mean square error that no rule of a decision maker's long-run regret leaves the rival who follows, in
             the long run of the fitted world; NaN where it was not computed.
         disclosed: As `followed`, of one who is shown what the settings' disclosure shows; empty where that is everything.
@@ -54,6 +64,7 @@ class AwareReading:
     bits: Mapping[str, Array]
     ceilings: Mapping[str, float]
     disclosed: Mapping[str, Array] = field(default_factory=dict)
+    beside_public: Mapping[str, Array] = field(default_factory=dict)
 
 
 def resolution_for(n_states: int, most: int | None = None) -> int:
@@ -70,8 +81,34 @@ def doubted(chain: BeliefChain) -> BeliefChain:
     Formula: T = (1 − ε) T + ε 1 w', which keeps the prior w. Without it, real data contradict the rival in every fifth row, who
     then reads optimal portfolios worse than one who reads them alone.
     """
-    anew = np.tile(chain.prior.weights, (len(chain.prior), 1))
-    return BeliefChain(chain.prior, (1.0 - _DOUBT) * chain.transition.toarray() + _DOUBT * anew)
+    weights = chain.prior.weights
+    anew = np.tile(weights, (len(chain.prior), 1))
+    tables = None
+    if chain.public is not None:  # what is read then says nothing of the belief
+        tables = [(1.0 - _DOUBT) * each.toarray() + _DOUBT * (weights @ each).sum() * anew for each in chain.public]
+    return BeliefChain(chain.prior, (1.0 - _DOUBT) * chain.transition.toarray() + _DOUBT * anew, tables)
+
+
+class PublicSymbols(NamedTuple):
+    """What is public as symbols, for rivals who follow beliefs on a grid."""
+
+    world: HiddenMarkovModel  # the investor's, with one public number
+    cuts: Array
+    read: np.ndarray  # (T,)
+
+
+def rivals_chain(
+    world: HiddenMarkovModel, resolution: int, public: PublicSymbols | None, *, rng: np.random.Generator
+) -> BeliefChain:
+    """Return how the investor's belief moves for a rival, with tables of what is public where that is something."""
+    if public is None:
+        return doubted(predicted_chain(world, resolution, rng=rng))
+    return doubted(predicted_chain(public.world, resolution, rng=rng, cuts=public.cuts))
+
+
+def without_public(chain: BeliefChain) -> BeliefChain:
+    """Return the chain for one who reads nothing."""
+    return BeliefChain(chain.prior, chain.transition)
 
 
 def read_knowingly(
@@ -81,18 +118,15 @@ def read_knowingly(
     measure: PrivacyMeasure,
     *,
     rng: np.random.Generator,
-    disclosure: Disclosure = Disclosure(),  # noqa: B008  # frozen
-    returns: Array | None = None,
+    beside: Beside = Beside(),  # noqa: B008  # frozen
 ) -> AwareReading | None:
-    """Return what rivals read who know the decision makers; None where they follow a target per step.
-
-    `returns` (T,U) are those that portfolios earn, for a disclosure that shows nothing else of them.
-    """
+    """Return what rivals read who know the decision makers; None where they follow a target per step."""
     if isinstance(measure, DesiredObfuscation) and follows_steps(measure):
         return None
-    chain = doubted(predicted_chain(world, resolution_for(world.n_states), rng=rng))
-    prior = chain.prior
-    estimates, leakages, followed, bits, disclosed = {}, {}, {}, {}, {}
+    disclosure, returns, public = beside
+    reading = rivals_chain(world, resolution_for(world.n_states), public, rng=rng)
+    chain, prior = without_public(reading), reading.prior
+    estimates, leakages, followed, bits, disclosed, told = {}, {}, {}, {}, {}, {}
     for name, decision_maker in decision_makers.items():
         played = mechanism(decision_maker, prior.beliefs)
         actions = episode.records[name].decisions.action
@@ -105,7 +139,10 @@ def read_knowingly(
             rival = SequentialAdversary(chain, played, disclosure=disclosure)
             disclosed[name] = rival.filter(disclosure(actions, **through), nearest=True, **through).mean
         bits[name] = _bits(np.vstack([prior.weights, found.weights[:-1] @ chain.transition]), played)
-    return AwareReading(prior, estimates, leakages, followed, bits, {}, disclosed)
+        if public is not None:
+            rival = SequentialAdversary(reading, played)
+            told[name] = rival.filter(actions, public=public.read, nearest=True).mean
+    return AwareReading(prior, estimates, leakages, followed, bits, {}, disclosed, told)
 
 
 def _bits(laws: Array, played: Mechanism) -> Array:

@@ -16,6 +16,7 @@ from inscrutable.decision_makers import Candidates, DecisionStatus
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_aware import AwareReading
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample
+from inscrutable.experiments.backtest_public import BesideWeights
 from inscrutable.experiments.backtest_sequential import SequentialPart
 from inscrutable.experiments.episodes import Episode, Record, relative_increase
 from inscrutable.experiments.holding import estimate_quality
@@ -55,6 +56,7 @@ class Backtest:
         comparisons: Sharpe ratios against the ODM's.
         aware: What rivals read who know how the weights are made; None where a target is given per step.
         sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
+        public: What rivals hold who follow what is public; None in results of before there were any.
 
     Source: the paper's Section V-A on data instead of a simulation. Example: see `run_backtest`.
     """
@@ -71,6 +73,7 @@ class Backtest:
     comparisons: Mapping[str, SharpeComparison]
     aware: AwareReading | None = None
     sequential: SequentialPart | None = None
+    public: BesideWeights | None = None
 
     @property
     def assets(self) -> tuple[str, ...]:
@@ -233,6 +236,7 @@ def _figures(result: Backtest, name: str) -> dict[str, float]:
         **_privacy_figures(result, name),
         **_aware_figures(result, name),
         **_disclosed_figures(result, name),
+        **({} if result.public is None else result.public.figures(name, result.beliefs.to_numpy())),
     }
 
 

@@ -7,15 +7,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.adversaries import SequentialAdversary
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import SequentialDecisionMaker
 from inscrutable.decision_makers.results import Decision, DecisionStatus, stack
 from inscrutable.decision_makers.sequential.ceiling import ceiling_of
 from inscrutable.decision_makers.sequential.path import PathDecisions
-from inscrutable.experiments.backtest_aware import AwareReading, doubted, resolution_for
+from inscrutable.experiments.backtest_aware import (
+    AwareReading,
+    PublicSymbols,
+    resolution_for,
+    rivals_chain,
+    without_public,
+)
 from inscrutable.experiments.episodes import Record
-from inscrutable.mechanisms.chains import predicted_chain
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
@@ -40,12 +46,14 @@ class SequentialPart:
         path: What it published, and what a rival holds who follows it.
         others: What the same rival would have held of other draws, each of shape (T,X).
         silence_regret: Long-run mean regret of the one constant portfolio that suits the fitted world best.
+        beside_public: What a rival holds who follows it and what is public, which the rule does not know of, shape (T,X).
     """
 
     maker: SequentialDecisionMaker
     path: PathDecisions
     others: tuple[Array, ...]
     silence_regret: float
+    beside_public: Array | None = None
 
     def ceiling(self, regret: float) -> float:
         """Return the root mean square error that no rule of a long-run mean regret exceeds, on this grid and candidates."""
@@ -83,6 +91,9 @@ class SequentialPart:
             aware,
             followed={**aware.followed, name: self.path.observer_means},
             bits={**aware.bits, name: self.path.bits},
+            beside_public=aware.beside_public
+            if self.beside_public is None
+            else {**aware.beside_public, name: self.beside_public},
             ceilings={each: self.ceiling(regret) for each, regret in regrets.items() if regret > least},
         )
 
@@ -94,6 +105,7 @@ def play_sequentially(
     budget: Budget | None,
     *,
     rng: np.random.Generator,
+    public: PublicSymbols | None = None,
 ) -> SequentialPart | None:
     """Return what the sequential rule publishes along beliefs (T,X); None where there is nothing to spend.
 
@@ -105,12 +117,13 @@ def play_sequentially(
         beliefs: What the investor holds, in the order of time.
         budget: Long-run mean regret; None is half of what silence costs in the long run.
         rng: The source of the simulations and draws.
+        public: What a rival reads beside the portfolios.
 
     Raises:
         SolverError: No price was found at which the budget is met.
     """
-    chain = doubted(predicted_chain(world, resolution_for(world.n_states, _MOST_BELIEFS), rng=rng))
-    prior = chain.prior
+    reading = rivals_chain(world, resolution_for(world.n_states, _MOST_BELIEFS), public, rng=rng)
+    chain, prior = without_public(reading), reading.prior
     costs = np.asarray(problem.optimal_cost(prior.beliefs))
     silence = max(float(problem.optimal_cost(prior.mean)) - float(prior.weights @ costs), 0.0)
     limit = Budget.regret(SHARE_OF_SILENCE * silence) if budget is None else budget
@@ -118,4 +131,8 @@ def play_sequentially(
         return None
     maker = SequentialDecisionMaker(problem, limit, chain=chain, information_price=float("inf"), rng=rng)
     path, *others = (maker.decide_path(beliefs, rng=rng) for _ in range(1 + _OTHER_DRAWS))
-    return SequentialPart(maker, path, tuple(each.observer_means for each in others), silence)
+    beside = None
+    if public is not None and len(maker.calibration.shares) == 1:
+        rival = SequentialAdversary(reading, maker, agent_world=chain)
+        beside = rival.filter(path.actions, public=public.read, nearest=True).mean
+    return SequentialPart(maker, path, tuple(each.observer_means for each in others), silence, beside)

@@ -17,7 +17,7 @@ from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import Prior, grid_visits, predicted
 from inscrutable.validation import Array
-from inscrutable.worlds import HiddenMarkovModel
+from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,23 +185,30 @@ def resting_chain(prior: Prior, stay: float) -> BeliefChain:
 
 
 def filtered_chain(
-    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
+    world: HiddenMarkovModel,
+    resolution: int,
+    *,
+    rng: np.random.Generator,
+    n_steps: int = 100_000,
+    cuts: ArrayLike | None = None,
 ) -> BeliefChain:
     """Return how the filtered belief of a world moves, binned on the regular grid of beliefs.
 
     Formula: T_bb' = share of the steps with π_t nearest to π_b whose next belief is nearest to π_b'; the path is closed to a
     ring, so that the prior, `filtered_prior` of the same arguments, is the chain's law to the last digit.
 
-    That the next bin depends on the present one alone is an approximation, which a finer grid improves.
+    That the next bin depends on the present one alone is an approximation, which a finer grid improves. Where something is
+    public in the world, the chain's `public` tables are shares of the same steps by what was read.
 
     Args:
         world: The hidden Markov model whose observations the agent filters.
         resolution: r, at least 1: beliefs are multiples of 1/r.
         rng: The source of the simulated path.
         n_steps: Length of the simulated path, at least 1; the first tenth is left out.
+        cuts: Where what is public is one real number: rising numbers that cut it into symbols, `np.searchsorted(cuts, z)`.
 
     Raises:
-        InputError: A number is not whole or below 1, or `rng` is no generator.
+        InputError: A number is not whole or below 1, `rng` is no generator, or cuts are missing, not asked for, or do not rise.
 
     Cost: one simulated and filtered path. Source: Ulam's method.
 
@@ -212,10 +219,45 @@ def filtered_chain(
         >>> chain.transition.shape == (len(chain.prior), len(chain.prior))
         True
     """
-    prior, places = grid_visits(world, resolution, rng=rng, n_steps=n_steps)
-    pairs = np.ones(len(places)), (places, np.roll(places, -1))
-    counts = sparse.csr_array(sparse.coo_array(pairs, shape=(len(prior), len(prior))))
-    return BeliefChain(prior, sparse.diags_array(1.0 / counts.sum(axis=1)) @ counts)
+    limits = None if cuts is None else _rising(cuts)
+    prior, places, public = grid_visits(world, resolution, rng=rng, n_steps=n_steps)
+    later = np.roll(places, -1)
+
+    def counted(some: Any) -> Any:
+        pairs = np.ones(len(places[some])), (places[some], later[some])
+        return sparse.csr_array(sparse.coo_array(pairs, shape=(len(prior), len(prior))))
+
+    counts = counted(slice(None))
+    scale = sparse.diags_array(1.0 / counts.sum(axis=1))
+    read, n_public = _public_symbols(world, public, limits)
+    if read is None:
+        return BeliefChain(prior, scale @ counts)
+    read = np.roll(read, -1)
+    return BeliefChain(prior, scale @ counts, [scale @ counted(read == symbol) for symbol in range(n_public)])
+
+
+def _rising(cuts: ArrayLike) -> Array:
+    limits = validation.finite_array(cuts, "cuts", ndim=1)
+    if not limits.size or (np.diff(limits) <= 0).any():
+        raise InputError(f"cuts must be rising numbers, got {limits.tolist()}")
+    return limits
+
+
+def _public_symbols(
+    world: HiddenMarkovModel, public: np.ndarray | None, cuts: Array | None
+) -> tuple[np.ndarray | None, int]:
+    """What was read on a path as symbols, and how many there are."""
+    emission = world.public_emission
+    if isinstance(emission, CategoricalEmission) or public is None:
+        if cuts is not None:
+            raise InputError("cuts are for a world in which a real number is public")
+        return public, 0 if emission is None else emission.n_symbols  # type: ignore[attr-defined]
+    if cuts is None or public[0].size != 1:
+        raise InputError(
+            f"what is public must be symbols, or one real number with cuts, got {public[0].size} real numbers a step"
+            f"{' without cuts' if cuts is None else ''}"
+        )
+    return np.searchsorted(cuts, public.reshape(-1)), len(cuts) + 1
 
 
 stationary_chain = filtered_chain
@@ -223,14 +265,19 @@ stationary_chain = filtered_chain
 
 
 def predicted_chain(
-    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int = 100_000
+    world: HiddenMarkovModel,
+    resolution: int,
+    *,
+    rng: np.random.Generator,
+    n_steps: int = 100_000,
+    cuts: ArrayLike | None = None,
 ) -> BeliefChain:
     """Return how the belief about the next state moves from step to step: `filtered_chain` one step ahead.
 
     Arguments and errors as `filtered_chain`; the chain's prior is `predicted_prior`.
     """
-    filtered = filtered_chain(world, resolution, rng=rng, n_steps=n_steps)
-    return BeliefChain(predicted(filtered.prior, world), filtered.transition)
+    filtered = filtered_chain(world, resolution, rng=rng, n_steps=n_steps, cuts=cuts)
+    return BeliefChain(predicted(filtered.prior, world), filtered.transition, filtered.public)
 
 
 def _rows(transition: Any | ArrayLike, count: int) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -132,7 +133,7 @@ def filtered_prior(
         >>> prior.beliefs.shape[1]
         2
     """
-    return grid_visits(world, resolution, rng=rng, n_steps=n_steps)[0]
+    return grid_visits(world, resolution, rng=rng, n_steps=n_steps).prior
 
 
 stationary_prior = filtered_prior
@@ -177,20 +178,28 @@ def predicted(prior: Prior, world: HiddenMarkovModel) -> Prior:
     return Prior(prior.beliefs @ world.transition, prior.weights)
 
 
-def grid_visits(
-    world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int
-) -> tuple[Prior, np.ndarray]:
+class GridVisits(NamedTuple):
+    """A simulated path of beliefs on a grid: its law, the point at each step, and what was public there, if anything."""
+
+    prior: Prior
+    places: np.ndarray
+    public: np.ndarray | None
+
+
+def grid_visits(world: HiddenMarkovModel, resolution: int, *, rng: np.random.Generator, n_steps: int) -> GridVisits:
     """Return `filtered_prior` and its point nearest to the simulated belief at each step after the first tenth."""
     if not isinstance(world, HiddenMarkovModel):
         raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
     count = validation.count(n_steps, "n_steps")
     resolution = validation.count(resolution, "resolution")
     path = world.sample(count, rng=validation.generator(rng))
-    beliefs = filter_beliefs(world, path.observations, public=path.public).beliefs[count // 10 :]
+    skipped = count // 10
+    beliefs = filter_beliefs(world, path.observations, public=path.public).beliefs[skipped:]
     points, place, met = np.unique(
         rounded_to_grid(beliefs, resolution), axis=0, return_inverse=True, return_counts=True
     )
-    return Prior(points / resolution, met / met.sum()), place.reshape(-1)
+    read = None if path.public is None else path.public[skipped:]
+    return GridVisits(Prior(points / resolution, met / met.sum()), place.reshape(-1), read)
 
 
 def rounded_to_grid(beliefs: Array, resolution: int) -> np.ndarray:

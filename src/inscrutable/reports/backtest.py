@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from inscrutable import __version__
+from inscrutable import __version__, tolerances
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
@@ -140,6 +140,7 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("worth_secret", f"worth of the beliefs to a rival who invests alike, bp per {word}", _BASIS_POINTS),
         _Row("worth_followed", "  of reading the weights, to one who follows them all", _BASIS_POINTS),
         _Row("worth_copied", "  of holding the published weights, as they are", _BASIS_POINTS),
+        *_public_rows(result),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
     ]
 
@@ -154,6 +155,60 @@ def _disclosed_rows(result: Backtest) -> list[_Row]:
     ]
 
 
+def _public_rows(result: Backtest) -> list[_Row]:
+    if result.public is None:
+        return []
+    everything = _Row("error_all_returns", "all: error by following all these returns, no weights", style=".3f")
+    if result.public.without is None:
+        return [everything]
+    return [
+        _Row("error_public_without", "error by following what is public, without weights", style=".3f"),
+        _Row("error_public_face_value", "  with the weights at face value", style=".3f"),
+        _Row("error_public_followed", "  with the weights and the rule", style=".3f"),
+        everything,
+    ]
+
+
+def _public_notes(result: Backtest) -> list[str]:
+    public = result.public
+    if public is None:
+        return []
+    said = []
+    if public.without is not None:
+        said.append(
+            f"Public: the rival follows {public.said}, with the investor's model of it. At face value it takes the belief "
+            f"nearest to its own among those that explain the weights.{_misled(result)}"
+        )
+    return [*said, _all_public(result)]
+
+
+def _all_public(result: Backtest) -> str:
+    """What one needs no weights for."""
+    figures = result.figures[result.names[0]]
+    error = figures["error_all_returns"]
+    if error <= tolerances.SAME_BELIEF:
+        return (
+            "All: these returns are public, and the belief comes from them alone: one who follows them with this model needs "
+            "no weights, and nothing is left to hide from that one."
+        )
+    return (
+        "All: these returns are public; one who follows them with this model and sees no weights errs by "
+        f"{error:.3f}: that is what the investor's own information keeps."
+    )
+
+
+def _misled(result: Backtest) -> str:
+    """Where what is public is worse than nothing, because the fitted regimes are not the truth, a sentence that says so."""
+    figures = result.figures[result.names[0]]
+    following, blind = figures["error_public_without"], figures["error_without"]
+    if not following > blind:
+        return ""
+    return (
+        f" Here that misleads it: it errs by {following:.3f} without weights, and by {blind:.3f} where it looks at nothing. In "
+        "the fitted regimes, were they the truth, more public information would never do harm."
+    )
+
+
 def notes_of(result: Backtest) -> list[str]:
     """Return the definitions that the table rests on."""
     settings, market = result.settings, result.market
@@ -166,6 +221,7 @@ def notes_of(result: Backtest) -> list[str]:
         "The rival knows means, covariances and γ, takes the published weights (of a lottery, the draw) at face value, "
         "and guesses the centre of the beliefs that explain them.",
         *_aware_notes(result),
+        *_public_notes(result),
         "Turnover counts from the last published weights after they drifted with returns; the first purchase is left out.",
         f"Intervals: studentised circular block bootstrap, {REPLICATES} samples (Ledoit and Wolf 2008).",
         f"Silence regret: {result.silence_regret * _BASIS_POINTS:.2f} bp per {word}, the mean regret of the one constant "
@@ -224,9 +280,17 @@ def verdict(result: Backtest) -> str:
         )
     ]
     meant = asked.text(without="any weights", state="regime", cases=f"{word}s")
-    return (
-        f"A protection holds against a rival {meant}: {'; '.join([*said, *_luck(result, asked), *_ceilings(result)])}."
-    )
+    parts = [*said, *_luck(result, asked), *_ceilings(result), *_beyond_public(result)]
+    return f"A protection holds against a rival {meant}: {'; '.join(parts)}."
+
+
+def _beyond_public(result: Backtest) -> list[str]:
+    """Whom no protection holds against, as the end of a sentence; nothing where it is nobody."""
+    if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
+        return []
+    return [
+        "against one who follows all these returns with this model none does: they are public, and nothing is left to hide"
+    ]
 
 
 def _ceilings(result: Backtest) -> list[str]:
@@ -397,6 +461,7 @@ def summary_data(result: Backtest) -> dict[str, Any]:
         "regimes": _regimes(result),
         "silence_regret": result.silence_regret,
         "sequential": _sequential_data(result),
+        "public": None if result.public is None else result.public.said,
         "decision_makers": {name: dict(figures) for name, figures in result.figures.items()},
     }
 

@@ -13,7 +13,7 @@ import logging
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,6 +57,7 @@ class _Market(NamedTuple):
     law: ChainLaw
     limit: float
     draws: Array  # (P,T) uniform numbers
+    reads: Array | None = None  # (P,T) the same for what everybody reads; None where nothing is public
 
 
 def calibrated(
@@ -64,7 +65,7 @@ def calibrated(
 ) -> PriceCalibration:
     """Return the prices of largest simulated loss whose simulated mean regret is the limit."""
     draws = rng.random((_PATHS, _LAST))
-    market = _Market(table, law, limit, draws)
+    market = _Market(table, law, limit, draws, None if law.n_public is None else rng.random(draws.shape))
     silence = _silence(table)
     unit = table.prior_loss
     if silence <= limit or not unit > 0:
@@ -115,7 +116,8 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
         step = rule.step(market.law.weights(market.law.start()))
         return PriceTrial(prices.regret, step.regret / market.table.period, 0.0, step.loss, 0.0, 0.0)
     with ThreadPoolExecutor(len(market.draws)) as pool:
-        paths = list(pool.map(lambda draws: _followed(rule, market.law, draws), market.draws[:, :n_steps]))
+        reads: Any = [None] * len(market.draws) if market.reads is None else market.reads[:, :n_steps]
+        paths = list(pool.map(lambda *drawn: _followed(rule, market.law, *drawn), market.draws[:, :n_steps], reads))
     figures = np.concatenate([path[:, min(_SKIPPED, n_steps // 4) :] for path in paths], axis=1)
     values, controls = figures[:3], figures[3:]
     values = values - _slopes(controls, values).T @ controls
@@ -144,12 +146,14 @@ def _controls(table: StepTable) -> Array:
     return np.asarray((found / np.where(spread > 0.0, spread, 1.0)).T)
 
 
-def _followed(rule: StepRule, law: ChainLaw, draws: Array) -> Array:
+def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) -> Array:
     """Mean regret, mean loss and bits, a step each, of all decisions shown along the observer's path, and the control
     variates, shape (3+C,T)."""
     controls = _controls(rule.table)
     found = np.empty((3 + len(controls), len(draws)))
     state, kept, step = law.start(), -1, None
+    if reads is not None:
+        state = law.moved(state, law.drawn(state, float(reads[0])))
     for t, draw in enumerate(draws):
         step = rule.step(law.weights(state), kept, step)
         found[:3, t] = step.regret / rule.table.period, step.loss, step.bits / rule.table.period
@@ -158,7 +162,11 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array) -> Array:
         levels = step.played[order].cumsum()
         atom = order[min(int(np.searchsorted(levels, draw * levels[-1], side="right")), len(order) - 1)]
         kept = int(step.numbers[atom])
-        state = law.moved(law.seen(state, step.rows[:, atom]), rule.table.period)
+        state = law.seen(state, step.rows[:, atom])
+        if reads is not None:  # every decision is then shown
+            state = law.moved(state, law.drawn(state, float(reads[(t + 1) % len(reads)])))
+        else:
+            state = law.later(state, rule.table.period)
     return found
 
 

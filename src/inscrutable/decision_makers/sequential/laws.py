@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from inscrutable.errors import InputError
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.validation import Array
@@ -17,7 +18,8 @@ class ChainLaw:
 
     def __init__(self, chain: BeliefChain) -> None:
         self.chain = chain
-        self._forward: Any = sparse.csr_array(chain.transition.T)
+        tables = [chain.transition] if chain.public is None else chain.public
+        self._forwards: list[Any] = [sparse.csr_array(each.T) for each in tables]
 
     @property
     def prior(self) -> Prior:
@@ -25,12 +27,17 @@ class ChainLaw:
         return self.chain.prior
 
     @property
+    def n_public(self) -> int | None:
+        """How many symbols everybody may read at a step; None where nothing is public."""
+        return None if self.chain.public is None else len(self._forwards)
+
+    @property
     def is_still(self) -> bool:
-        """Whether no belief ever moves."""
-        return bool((self.chain.transition.diagonal() >= 1.0).all())
+        """Whether no belief ever moves, and nothing is read of it either."""
+        return self.chain.public is None and bool((self.chain.transition.diagonal() >= 1.0).all())
 
     def start(self) -> Array:
-        """Return the law before the first decision."""
+        """Return the law before the first decision, and before anything is read."""
         return np.array(self.chain.prior.weights)
 
     def seen(self, state: Array, shares: Array) -> Array:
@@ -38,12 +45,29 @@ class ChainLaw:
         found = state * shares
         return np.asarray(found / found.sum())
 
-    def moved(self, state: Array, steps: int = 1) -> Array:
-        """Return the law so many steps later: p T."""
-        for _ in range(steps):
-            found = self._forward @ state
-            state = np.asarray(found / found.sum())
+    def moved(self, state: Array, read: int | None = None) -> Array:
+        """Return the law one step later, given the symbol that everybody read then: p T_z.
+
+        Raises `InputError` where the symbol has probability 0.
+        """
+        found = self._forwards[0 if read is None else read] @ state
+        total = found.sum()
+        if not total > 0:
+            raise InputError(f"public {read} has probability 0 after all that was published and read")
+        return np.asarray(found / total)
+
+    def later(self, state: Array, n_steps: int) -> Array:
+        """Return the law so many steps later, where nothing is public."""
+        for _ in range(n_steps):
+            state = self.moved(state)
         return state
+
+    def drawn(self, state: Array, uniform: float) -> int | None:
+        """Return the symbol that is read one step later, by inversion of its law; None where nothing is public."""
+        if self.n_public is None:
+            return None
+        sums = np.cumsum([(each @ state).sum() for each in self._forwards])
+        return int(np.searchsorted(sums, uniform * sums[-1], side="right").clip(max=len(sums) - 1))
 
     def weights(self, state: Array) -> Array:
         """Return the law of the belief, shape (B,)."""

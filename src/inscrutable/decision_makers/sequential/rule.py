@@ -30,6 +30,7 @@ from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
+from inscrutable.worlds.observations import symbols
 
 _CANDIDATES = 500
 """Decoys where no candidates are given: as many again change the error by less than its standard error, and every step takes
@@ -51,9 +52,10 @@ class SequentialDecisionMaker(Described):
     Args:
         problem: The decision problem.
         budget: The long-run mean regret: `Budget.regret(r)`, or a share of E|c*| under the chain's prior.
-        chain: How the belief moves, a `BeliefChain`; its prior is what the observer holds before the first decision.
+        chain: How the belief moves, a `BeliefChain`; its prior is what the observer holds before the first decision. Where it
+            has public symbols, p_t is also given those, and every step begins with `observe`.
         world: Instead of a chain, a world whose observations the agent filters: the chain is then `filtered_chain` of it on a
-            grid of at most 500 beliefs.
+            grid of at most 500 beliefs. What is public in it must be symbols; of a real number make the chain, with `cuts`.
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
             meet the budget or the cap, the optimal decisions of the chain's beliefs join them.
         loss: What the observer loses; None is the square error of its estimate of the belief.
@@ -115,7 +117,7 @@ class SequentialDecisionMaker(Described):
         self.chain = _checked_chain(chain, _chain_of(world, self._rng), self.problem)
         if loss is not None:
             raise InputError(f"loss must be None, the square error: no other is known to this rule, got {loss!r}")
-        self.disclosure = _checked_disclosure(disclosure)
+        self.disclosure = _checked_disclosure(disclosure, self.chain)
         if information_price is not None and not (
             isinstance(information_price, (int, float)) and information_price >= 0
         ):
@@ -198,7 +200,8 @@ class SequentialDecisionMaker(Described):
             most: The largest number of memories, at least 1.
 
         Raises:
-            InputError: `most` is not a whole number of at least 1, or some decisions are never shown.
+            InputError: `most` is not a whole number of at least 1, some decisions are never shown, or the chain has public
+                symbols, which no memory reads.
 
         Cost: a step for every memory.
 
@@ -217,18 +220,24 @@ class SequentialDecisionMaker(Described):
             raise InputError(
                 f"a mechanism with a memory plays alike at every step, and {self.disclosure} shows only some"
             )
+        if self.law.n_public is not None:
+            raise InputError(
+                "what is public moves the observer's law, too, and no MemoryMechanism reads it: play the rule"
+            )
         return finite_rule(self.table, self.law, self.calibration, validation.count(most, "most"))
 
     def begin(self) -> DecisionSequence:
         """Return a new sequence of decisions; where one of two prices is to be drawn, each sequence draws its own."""
         return DecisionSequence(self, self._rng)
 
-    def decide_path(self, beliefs: ArrayLike, *, public: None = None, rng: np.random.Generator) -> PathDecisions:
+    def decide_path(
+        self, beliefs: ArrayLike, *, public: ArrayLike | None = None, rng: np.random.Generator
+    ) -> PathDecisions:
         """Return drawn decisions along a path of beliefs (T,X), in the order of time, and what the observer held.
 
         Args:
             beliefs: π_t, shape (T,X); those that are not of the chain's beliefs are counted.
-            public: What everybody reads beside the decisions; None: nothing.
+            public: The symbols that everybody read before each decision, shape (T,), where the chain has any; None: nothing.
             rng: The source of the draws.
 
         Raises:
@@ -237,11 +246,15 @@ class SequentialDecisionMaker(Described):
         held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         source = validation.generator(rng)
         sequence = DecisionSequence(self, source)
-        sequence.observe(public)
+        read = None if public is None else self._symbols(public, len(held))
+        if read is None:
+            sequence.observe()
         knowledge = Knowledge(self.chain, self.disclosure.schedule.lag)
         regrets, losses, bits, expected, own = np.empty((5, len(held)))
         means, points = np.empty((len(held), held.shape[1])), []
         for t, belief in enumerate(held):
+            if read is not None:
+                sequence.observe(int(read[t]))
             lottery = sequence.decide(belief)
             atom = int(source.choice(len(lottery.probabilities), p=lottery.probabilities))
             now = sequence.expected
@@ -253,6 +266,14 @@ class SequentialDecisionMaker(Described):
         return PathDecisions(
             np.array(points), regrets, means, losses, bits, self.calibration.status, expected, own, sequence.n_off_grid
         )
+
+    def _symbols(self, public: ArrayLike, n_steps: int) -> np.ndarray:
+        if self.law.n_public is None:
+            raise InputError("public was given, but the rule's chain knows of no public information")
+        read = symbols(public, self.law.n_public, "public")
+        if len(read) != n_steps:
+            raise InputError(f"public has {len(read)} entries, expected one per belief: {n_steps}")
+        return read
 
     def summary(self) -> str:
         """Return a few lines for a person to read; the prices are found where they are not known yet."""
@@ -297,10 +318,14 @@ def _checked_chain(chain: Any, made: Any, problem: DecisionProblem) -> BeliefCha
     return chain
 
 
-def _checked_disclosure(given: Any) -> Disclosure:
+def _checked_disclosure(given: Any, chain: BeliefChain) -> Disclosure:
     found = Disclosure.of(given)
     if found.needs_returns:
         raise InputError(
             f"the rule cannot go by {found}: what is seen of a decision must follow from the decision alone"
+        )
+    if chain.public is not None and not found.schedule.is_immediate:
+        raise InputError(
+            f"the rule does not go by both: {found} leaves decisions out or delays them, and the chain has public symbols"
         )
     return found

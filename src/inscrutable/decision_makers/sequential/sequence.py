@@ -62,7 +62,8 @@ class DecisionSequence:
     """Decisions one after the other, with what the observer holds of the belief; `SequentialDecisionMaker.begin` makes it.
 
     At every step `decide` says what to draw from, any number of times; `publish` records the one decision that was drawn and
-    seen. Time passes with `observe`, or with the next `decide` or `publish`, where `observe` was left out.
+    seen. Time passes with `observe`, or with the next `decide` or `publish`, where `observe` was left out. Where the chain has
+    public symbols, `observe` takes the one that everybody read, before each decision.
 
     Cost: the solve of a step, some milliseconds for 500 beliefs and 500 decisions. Source: see `SequentialDecisionMaker`.
 
@@ -229,24 +230,40 @@ class DecisionSequence:
         self.n_off_grid += self._is_off_grid
         self._published, self._looked = True, False
 
-    def observe(self, public: None = None) -> None:
+    def observe(self, public: int | None = None) -> None:
         """Let one step pass, at whose beginning everybody read `public`: None, nothing.
 
-        Before the first decision it tells that nothing was read; a step that is observed twice passed without a decision.
+        Before the first decision it tells what was read then; a step that is observed twice passed without a decision. Where
+        the chain has public symbols, every step begins with the one that was read, before its decision.
+
+        Args:
+            public: The symbol, a whole number; None where the chain has none.
+
+        Raises:
+            InputError: A symbol is missing or not asked for, or it has probability 0 by now; nothing is recorded then.
         """
-        if public is not None:
-            raise InputError(f"public must be None: the rule knows of no public information, got {public!r}")
-        if self._published or self._looked:
-            self._pass()
+        count = self._law.n_public
+        if count is None and public is not None:
+            raise InputError(f"public must be None: the rule's chain knows of no public information, got {public!r}")
+        if count is not None:
+            whole = isinstance(public, (int, np.integer)) and not isinstance(public, bool)
+            if not whole or not 0 <= public < count:  # type: ignore[operator]
+                raise InputError(
+                    f"public must be a whole number from 0 to {count - 1}, what everybody read, got {public!r}"
+                )
+        if self._published or self._looked or count is not None:
+            self._pass(None if public is None else int(public))
         self._looked = True
 
-    def _pass(self) -> None:
-        self._state = self._law.moved(self._state)
+    def _pass(self, read: int | None = None) -> None:
+        self._state = self._law.moved(self._state, read)
         self.n_steps += 1
         self._published, self._step = False, None
         self._own, self._is_off_grid = float("nan"), False
 
     def _now(self) -> Step:
+        if self._law.n_public is not None and (self._published or not self._looked):
+            raise InputError("what everybody read at this step comes before its decision: call observe(public)")
         if self._published:
             self._pass()
         if self._step is None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from inscrutable import tolerances, validation
 from inscrutable.decision_makers.sequential.laws import ChainLaw
@@ -69,7 +70,10 @@ def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem
     cap = np.array([-1.0, 0.0] if table.cap is None else [table.cap.amount, float(table.cap.is_relative)])
     found, prior = table.columns, table.prior
     costs, shown = found.found.costs, str(table.disclosure)
-    return SequenceProblem(prior.beliefs, prior.weights, law.chain.transition, found.points, costs, cap, limit, shown)
+    moves = law.chain.transition
+    if law.chain.public is not None:
+        moves = sparse.csr_array(sparse.hstack(list(law.chain.public)))
+    return SequenceProblem(prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown)
 
 
 @dataclass(frozen=True, eq=False)

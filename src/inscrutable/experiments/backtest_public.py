@@ -1,0 +1,265 @@
+"""What is read beside the published weights: by everybody, a market's return; by the investor alone, a signal of its own.
+
+The rival who follows what is public alone has E[π_t|z_0..t] = p(x|z_0..t), an ordinary filter of the public number. One who
+sees the weights, too, follows the law of the belief on the grid of the other rivals, the number cut into as many symbols as
+quantiles: particles, which follow it uncut, are contradicted by real returns far more often.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import validation
+from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.errors import InputError
+from inscrutable.experiments.backtest_aware import AwareReading, PublicSymbols
+from inscrutable.experiments.backtest_inputs import ReturnsSample
+from inscrutable.experiments.episodes import Episode
+from inscrutable.experiments.holding import estimate_quality
+from inscrutable.filtering import filter_beliefs
+from inscrutable.validation import Array
+from inscrutable.worlds import GaussianEmission, HiddenMarkovModel, PublicPart
+
+NOTHING, MARKET, ALL = "none", "market", "all"
+_SYMBOLS = 8
+"""Quantiles that a public number is cut into: simulated steps are too few for many more."""
+
+
+@dataclass(frozen=True, eq=False)
+class BesideReturns:
+    """What is read beside weights and returns.
+
+    Args:
+        public: What the rival follows itself: "none"; "market", the return of `market`, or without one the mean of the assets;
+            "all" returns; the label of one asset; or a Series of numbers by date, which the investor then reads, too.
+        market: (N,) the market's returns by date. Followed is the portfolio of the assets that comes nearest to them in the
+            training sample, so that the market is a part of what the investor reads.
+        private: The investor's own signal, which nobody else has: likelihoods of the regimes by date, one column per regime,
+            which bears its name, or its number by rising volatility; of a date without a row there is no signal.
+
+    Example:
+        >>> BesideReturns(public="all").public
+        'all'
+    """
+
+    public: str | pd.Series = MARKET
+    market: pd.Series | None = None
+    private: pd.DataFrame | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.public, (str, pd.Series)):
+            raise InputError(f"public must be none, market, all, an asset's label or a Series, got {self.public!r}")
+        for name, kind in (("market", pd.Series), ("private", pd.DataFrame)):
+            given = getattr(self, name)
+            if given is not None and not (isinstance(given, kind) and isinstance(given.index, pd.DatetimeIndex)):
+                raise InputError(f"{name} must be a {kind.__name__} with dates, got {given!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class PublicWorld:
+    """What is public in a backtest.
+
+    Args:
+        said: What is followed, in words.
+        world: The investor's world with it; None where nothing is, or all returns are.
+        read: (N,) the number on every date.
+        cuts: What the number is cut at.
+        is_all: Whether all returns are public.
+    """
+
+    said: str
+    world: HiddenMarkovModel | None = None
+    read: pd.Series | None = None
+    cuts: Array | None = None
+    is_all: bool = False
+
+    def symbols(self, dates: pd.DatetimeIndex) -> PublicSymbols | None:
+        """Return it as symbols on the dates of the decisions."""
+        if self.world is None or self.read is None or self.cuts is None:
+            return None
+        return PublicSymbols(self.world, self.cuts, np.searchsorted(self.cuts, self.read.loc[dates].to_numpy()))
+
+
+@dataclass(frozen=True, eq=False)
+class BesideWeights:
+    """What rivals hold who follow what is public, as estimates (T,X) of the investor's belief.
+
+    Args:
+        said: What is followed, in words.
+        everything: Of one who follows all returns with this model and sees no weights.
+        without: Of one who follows what is public and sees no weights; None where nothing is.
+        face: The belief nearest to that among those that explain the weights, by decision maker.
+        followed: Given the weights and the rule as well, by decision maker; empty where that was not computed.
+    """
+
+    said: str
+    everything: Array
+    without: Array | None
+    face: Mapping[str, Array]
+    followed: Mapping[str, Array]
+
+    def figures(self, name: str, beliefs: Array) -> dict[str, float]:
+        """Return the errors of these estimates; NaN where there is none."""
+        unknown = np.full(beliefs.shape, np.nan)
+        held = {
+            "error_public_without": unknown if self.without is None else self.without,
+            "error_public_face_value": self.face.get(name, unknown),
+            "error_public_followed": self.followed.get(name, unknown),
+            "error_all_returns": self.everything,
+        }
+        return {key: estimate_quality(each, beliefs).error for key, each in held.items()}
+
+
+def public_world(beside: BesideReturns, world: HiddenMarkovModel, market: ReturnsSample, held: Any) -> PublicWorld:
+    """Return what is public; `held` are the filtered beliefs (N,X) that numbers of another kind than returns are fitted to."""
+    assets, training = list(market.returns.columns), market.training
+    if isinstance(beside.public, pd.Series):
+        read = _on_dates(beside.public, pd.DatetimeIndex(market.returns.index), "public")
+        sensor = _fitted(read.iloc[: market.n_training].to_numpy(), np.asarray(held)[: market.n_training])
+        return _cut(
+            f"{beside.public.name or 'its numbers'}, which the investor reads, too", world, sensor, read, market
+        )
+    if beside.public in (NOTHING, ALL):
+        return PublicWorld("nothing" if beside.public == NOTHING else "all returns", is_all=beside.public == ALL)
+    if beside.public == MARKET and beside.public not in assets:
+        if beside.market is None:
+            weights, said = np.full(len(assets), 1.0 / len(assets)), "the mean return of the assets"
+        else:
+            target = _on_dates(beside.market, pd.DatetimeIndex(training.index), "market").to_numpy()
+            weights = np.linalg.lstsq(training.to_numpy(), target, rcond=None)[0]
+            rest = target - training.to_numpy() @ weights
+            said = f"the market's return, as the portfolio of the assets nearest to it (R² {1 - rest.var() / target.var():.4f})"
+    elif beside.public in assets:
+        weights, said = np.eye(len(assets))[assets.index(beside.public)], f"the return of {beside.public}"
+    else:
+        raise InputError(f"public must be none, market, all or one of the assets {assets}, got {beside.public!r}")
+    part = PublicPart(pd.DataFrame([weights], columns=assets))
+    return _cut(said, world, part, pd.Series(market.returns.to_numpy() @ weights, market.returns.index), market)
+
+
+def investors_world(public: PublicWorld, world: HiddenMarkovModel) -> HiddenMarkovModel:
+    """Return the world as the investor filters it: with a public sensor of its own where there is one."""
+    return public.world if public.world is not None and not isinstance(public.world.public, PublicPart) else world
+
+
+def held_beliefs(
+    world: HiddenMarkovModel, market: ReturnsSample, public: PublicWorld, private: pd.DataFrame | None
+) -> pd.DataFrame:
+    """Return predicted beliefs on all dates, from the returns, a public sensor of its own, and a private signal."""
+    index = pd.DatetimeIndex(market.returns.index)
+    read = None if isinstance(world.public, PublicPart) or world.public is None else public.read
+    if private is None:
+        return filter_beliefs(world, market.returns, public=read).predicted
+    signal = _signal(private, index, world.names)
+    if read is not None:
+        assert world.public_emission is not None
+        signal = signal + np.asarray(world.public_emission.log_likelihoods(read.to_numpy()))
+    told = HiddenMarkovModel(
+        world.transition, world.emission, world.initial, names=world.names, public=_Signal(world.n_states)
+    )
+    return filter_beliefs(told, market.returns, public=signal).predicted
+
+
+def read_public(
+    public: PublicWorld, episode: Episode, everything: Array, aware: AwareReading | None, dates: pd.DatetimeIndex
+) -> BesideWeights:
+    """Return what rivals hold who follow what is public."""
+    without = everything if public.is_all else None
+    if public.world is not None and public.read is not None:
+        sensor, world = public.world.public_emission, public.world
+        assert sensor is not None
+        alone = HiddenMarkovModel(world.transition, sensor, world.initial)
+        found = filter_beliefs(alone, public.read.to_numpy()).predicted
+        without = found[pd.DatetimeIndex(public.read.index).get_indexer(dates)]
+    if without is None:
+        return BesideWeights(public.said, everything, None, {}, {})
+    face = {name: _nearest(episode, record.decisions.action, without) for name, record in episode.records.items()}
+    followed = dict.fromkeys(episode.records, everything) if public.is_all else {}
+    if not public.is_all and aware is not None:
+        followed = dict(aware.beside_public)
+    return BesideWeights(public.said, everything, without, face, followed)
+
+
+class _Signal:
+    """A sensor that reports its own log-likelihoods, (T,X)."""
+
+    def __init__(self, n_states: int) -> None:
+        self.n_states = n_states
+
+    def log_likelihoods(self, observations: Any) -> Array:
+        """Return what was reported."""
+        return np.asarray(observations, dtype=np.float64)
+
+    def sample(self, states: Any, *, rng: np.random.Generator) -> Any:
+        """Refuse: what the signal says in a state is not known."""
+        raise InputError("a private signal is known by its likelihoods alone and cannot be drawn")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return its type."""
+        return {"type": "signal"}
+
+
+def _cut(
+    said: str, world: HiddenMarkovModel, public: PublicPart | GaussianEmission, read: pd.Series, market: ReturnsSample
+) -> PublicWorld:
+    with_it = HiddenMarkovModel(world.transition, world.emission, world.initial, names=world.names, public=public)
+    known = read.iloc[: market.n_training].to_numpy()
+    cuts = np.unique(np.quantile(known, np.arange(1, _SYMBOLS) / _SYMBOLS))
+    return PublicWorld(said, with_it, read, cuts)
+
+
+def _fitted(values: Array, held: Array) -> GaussianEmission:
+    """Mean and variance of a number in each regime, as the filtered beliefs of the training sample weigh its rows."""
+    shares = held / held.sum(axis=0)
+    means = shares.T @ values
+    variances = (shares * (values[:, None] - means) ** 2).sum(axis=0)
+    if not (variances > 0).all():
+        raise InputError("the public numbers do not vary in the training sample")
+    return GaussianEmission(means[:, None], variances[:, None, None])
+
+
+def _nearest(episode: Episode, actions: Array, without: Array) -> Array:
+    """Of the beliefs that explain each decision the one nearest to what is held without it; that itself where none does."""
+    found = [belief_set_of(episode.problem, each).nearest(own) for each, own in zip(actions, without, strict=True)]
+    return np.where(np.isnan(found), without, found)
+
+
+def _on_dates(given: pd.Series, dates: pd.DatetimeIndex, what: str) -> pd.Series:
+    missing = dates[~dates.isin(given.index)]
+    if len(missing):
+        raise InputError(
+            f"{what} lacks {len(missing)} of {len(dates)} dates of the returns, the first {missing[0]:%Y-%m-%d}"
+        )
+    if given.index.has_duplicates:
+        raise InputError(f"{what} has a date twice")
+    return pd.Series(validation.finite_array(given.loc[dates].to_numpy(), what, ndim=1), dates)
+
+
+def _signal(private: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tuple[str, ...]) -> Array:
+    """Log-likelihoods (N,X) on all dates, 0 where there is no signal."""
+    columns = set(private.columns)
+    if columns not in (set(regimes), set(range(len(regimes)))) or private.shape[1] != len(regimes):
+        raise InputError(
+            f"private has the columns {list(private.columns)}, expected one per regime, by rising volatility: {list(regimes)}"
+        )
+    rows = private[list(regimes) if columns == set(regimes) else list(range(len(regimes)))]
+    rows = rows.loc[rows.index.isin(dates)]
+    if not len(rows) or rows.index.has_duplicates:
+        raise InputError(
+            "private has none of the dates of the returns" if not len(rows) else "private has a date twice"
+        )
+    values = validation.finite_array(rows.to_numpy(), "private", ndim=2)
+    bad = np.flatnonzero((values < 0).any(axis=1) | ~(values.max(axis=1) > 0))
+    if bad.size:
+        raise InputError(
+            f"private has {values[bad[0]].tolist()} on {rows.index[bad[0]]:%Y-%m-%d}: likelihoods are at least 0, one above"
+        )
+    found = np.zeros((len(dates), len(regimes)))
+    with np.errstate(divide="ignore"):
+        found[dates.get_indexer(rows.index)] = np.log(values)
+    return found

@@ -1,0 +1,166 @@
+"""The sequential rule where everybody reads something before every decision."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    Budget,
+    CategoricalEmission,
+    FiniteProblem,
+    GaussianEmission,
+    HiddenMarkovModel,
+    InputError,
+    PriceCalibration,
+    Prior,
+    SequentialAdversary,
+    SequentialDecisionMaker,
+    path_leakage,
+)
+from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
+
+SEED = int(os.environ.get("FRESH_SEED", "0"))
+GUESS = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
+PRICES = PriceCalibration.at(np.log(3.0), float("inf"))
+
+
+def chain_of(reading: np.ndarray, flip: float = 0.1) -> BeliefChain:
+    """Certainty of one of two states; a symbol is read that depends on the new state, (2,Z)."""
+    moves = np.array([[1 - flip, flip], [flip, 1 - flip]])
+    return BeliefChain(Prior(np.eye(2), [0.5, 0.5]), moves, [moves * column for column in reading.T])
+
+
+READING = np.array([[0.7, 0.2, 0.1], [0.3, 0.2, 0.5]])
+
+
+def maker_of(chain: BeliefChain, **options: object) -> SequentialDecisionMaker:
+    rng = np.random.default_rng([SEED, 2])
+    return SequentialDecisionMaker(GUESS, Budget.regret(0.25), chain=chain, rng=rng, **options)
+
+
+def test_the_observers_law_is_bayes_rule_with_both() -> None:
+    rng = np.random.default_rng([SEED, 1])
+    chain = chain_of(READING)
+    maker = maker_of(chain, calibration=PRICES)
+    sequence, law = maker.begin(), np.array([0.5, 0.5])
+    places, read = (each[:, 0] for each in chain.public_paths(12, 1, rng=rng))
+    actions = []
+    for t, (place, z) in enumerate(zip(places, read, strict=True)):
+        with pytest.raises(InputError, match="observe"):
+            sequence.decide(np.eye(2)[place])
+        sequence.observe(int(z))
+        law = law @ chain.transition.toarray() * READING[:, z]
+        law /= law.sum()
+        assert np.abs(sequence.observer.weights - law).max() < 1e-12
+        rows = maker.mechanism_for(Prior(np.eye(2), law), actions[-1] if actions else None).probabilities.toarray()
+        lottery = sequence.decide(np.eye(2)[place])
+        action = int(lottery.actions[rng.choice(len(lottery.probabilities), p=lottery.probabilities)])
+        sequence.publish(action)
+        law = law * rows[:, action]
+        law /= law.sum()
+        assert np.abs(sequence.observer.weights - law).max() < 1e-9
+        actions.append(action)
+        assert t + 1 == sequence.n_published
+    found = SequentialAdversary(chain, maker).filter(actions, public=read)
+    assert np.abs(found.weights[-1] - sequence.observer.weights).max() < 1e-9
+    # Who does not know of the symbols holds something else.
+    blind = SequentialAdversary(BeliefChain(chain.prior, chain.transition), maker).filter(actions)
+    assert np.abs(blind.weights - found.weights).max() > 1e-3
+
+
+def test_symbols_that_say_nothing_change_nothing() -> None:
+    plain = maker_of(BeliefChain(Prior(np.eye(2), [0.5, 0.5]), chain_of(READING).transition), calibration=PRICES)
+    silent = maker_of(chain_of(np.full((2, 2), 0.5)), calibration=PRICES)
+    beliefs, rng = np.eye(2)[[0, 0, 1, 1, 0]], np.random.default_rng
+    one = plain.decide_path(beliefs, rng=rng(5))
+    other = silent.decide_path(beliefs, public=[0, 1, 1, 0, 1], rng=rng(5))
+    for name in ("actions", "regrets", "losses", "bits", "observer_means"):
+        assert np.abs(getattr(one, name) - getattr(other, name)).max() < 1e-12
+
+
+def test_the_calibration_meets_the_budget() -> None:
+    rng = np.random.default_rng([SEED, 4])
+    chain = chain_of(np.array([[0.6, 0.4], [0.4, 0.6]]))
+    maker = maker_of(chain, information_price=float("inf"))
+    prices = maker.calibration
+    assert prices.regret == pytest.approx(0.25, abs=0.01)
+    places, read = (each[:, 0] for each in chain.public_paths(600, 1, rng=rng))
+    path = maker.decide_path(np.eye(2)[places], public=read, rng=rng)
+    assert path.expected_regrets.mean() == pytest.approx(prices.regret, abs=6 * prices.regret_se + 0.03)
+    assert path.losses.mean() <= maker.ceiling + 0.05
+
+
+def test_a_world_with_public_symbols_makes_such_a_chain_and_paths_tell_less_beyond_them() -> None:
+    rng = np.random.default_rng([SEED, 6])
+    law, sensor = [[0.9, 0.1], [0.2, 0.8]], GaussianEmission([[0.0], [1.5]], [[[1.0]], [[1.0]]])
+    public = CategoricalEmission([[0.8, 0.2], [0.3, 0.7]])
+    world = HiddenMarkovModel(law, sensor, public=public)
+    chain = filtered_chain(world, 8, rng=rng, n_steps=40_000)
+    assert chain.n_public == 2
+    share = np.array([chain.prior.weights @ each.sum(axis=1) for each in chain.public])
+    assert np.abs(share - world.initial @ public.probabilities).max() < 0.02
+    maker = maker_of(chain, calibration=PRICES)
+    told = path_leakage(chain, maker, 4, rng=rng, n_draws=20)
+    assert (told.bayes_error <= told.prior_error + 1e-9).all()
+    assert told.prior_error[-1] < chain.prior.error
+    # A real number is cut; its symbols have the shares of its quantiles.
+    real = HiddenMarkovModel(law, sensor, public=GaussianEmission([[0.0], [1.0]], [[[1.0]], [[2.0]]]))
+    cut = filtered_chain(real, 8, rng=rng, n_steps=40_000, cuts=[-0.5, 0.5, 1.5])
+    drawn = real.sample(40_000, rng=rng).public[:, 0]
+    share = np.array([cut.prior.weights @ each.sum(axis=1) for each in cut.public])
+    assert np.abs(share - np.bincount(np.searchsorted([-0.5, 0.5, 1.5], drawn)) / len(drawn)).max() < 0.02
+
+
+def test_it_goes_to_disk_and_back(tmp_path: Path) -> None:
+    chain = chain_of(READING)
+    maker = maker_of(chain, calibration=PRICES)
+    sequence = maker.begin()
+    sequence.observe(2)
+    sequence.publish(1)
+    sequence.save(tmp_path / "sequence.npz")
+    sequence.close()
+    again = maker.begin().load(tmp_path / "sequence.npz")
+    assert np.array_equal(again.observer.weights, sequence.observer.weights)
+    again.observe(1)
+    sequence.observe(1)
+    assert np.array_equal(again.observer.weights, sequence.observer.weights)
+    again.close()
+    other = maker_of(chain_of(READING[:, ::-1]), calibration=PRICES)
+    with pytest.raises(InputError, match="a chain that is another"):
+        other.begin().load(tmp_path / "sequence.npz")
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    chain, moves = chain_of(READING), np.full((2, 2), 0.5)
+    prior, maker = Prior(np.eye(2), [0.5, 0.5]), maker_of(chain, calibration=PRICES)
+    plain = maker_of(BeliefChain(prior, moves), calibration=PRICES)
+    certain = maker_of(
+        BeliefChain(prior, np.eye(2), [np.diag([1.0, 0.0]), np.diag([0.0, 1.0])]), calibration=PRICES
+    ).begin()
+    certain.observe(0)
+    sensor, symbols = GaussianEmission([[0.0], [1.0]], np.ones((2, 1, 1))), CategoricalEmission(moves)
+    real, nothing = HiddenMarkovModel(moves, sensor, public=sensor), HiddenMarkovModel(moves, symbols)
+    rng = np.random.default_rng(0)
+    refused = [
+        ("whole number from 0 to 2", lambda: maker.begin().observe()),
+        ("whole number from 0 to 2", lambda: maker.begin().observe(3)),
+        ("knows of no public", lambda: plain.begin().observe(1)),
+        ("knows of no public", lambda: plain.decide_path(np.eye(2), public=[0, 1], rng=rng)),
+        ("expected one per belief", lambda: maker.decide_path(np.eye(2), public=[0], rng=rng)),
+        ("whole number from", lambda: maker.decide_path(np.eye(2), rng=rng)),
+        ("probability 0", lambda: certain.observe(1)),
+        ("no MemoryMechanism", lambda: maker.as_mechanism()),
+        ("one real number with cuts", lambda: SequentialDecisionMaker(GUESS, 0.1, world=real, rng=rng)),
+        ("rising", lambda: filtered_chain(real, 4, rng=rng, cuts=[1.0, 0.0])),
+        ("in which a real number", lambda: filtered_chain(nothing, 4, rng=rng, cuts=[0.0])),
+        ("sum to the transition", lambda: BeliefChain(prior, moves, [moves, moves])),
+        ("no probability", lambda: BeliefChain(prior, moves, [2.0 * moves, -moves])),
+        ("tables of shape", lambda: BeliefChain(prior, moves, [])),
+    ]  # fmt: skip
+    for said, ask in refused:
+        with pytest.raises(InputError, match=said):
+            ask()

@@ -37,6 +37,8 @@ from inscrutable import (
     mechanism,
     uniform_prior,
 )
+from inscrutable.decision_makers.aware.guaranteed_programme import lower_bound
+from inscrutable.linear_programmes import Rows
 from oracles import leakages
 from strategies import SEEDS
 
@@ -186,6 +188,20 @@ def test_a_cone_programme_agrees_on_portfolios(seed: int) -> None:
     check_holds(found, prior)
 
 
+@settings(max_examples=30, deadline=None)
+@given(SEEDS)
+def test_any_prices_bound_the_least_regret_from_below(seed: int) -> None:
+    rng = np.random.default_rng([seed, FRESH])
+    n_beliefs, n_columns, n_extra = (int(k) for k in rng.integers(1, 5, size=3))
+    size, n_rows = n_beliefs * n_columns, int(rng.integers(1, 6))
+    objective, prices = rng.normal(size=size), rng.exponential(size=n_rows)
+    matrix = rng.normal(size=(n_rows, size + n_extra))
+    table = rng.dirichlet(np.ones(n_columns), size=n_beliefs)
+    others = rng.uniform(size=n_extra)
+    kept = Rows(matrix, matrix @ np.append(table.ravel(), others) + rng.exponential(size=n_rows) * rng.integers(2))
+    assert lower_bound((n_beliefs, n_columns), objective, kept, prices) <= objective @ table.ravel() + 1e-9
+
+
 @settings(max_examples=6, deadline=None)
 @given(SEEDS)
 def test_prices_are_slopes(seed: int) -> None:
@@ -328,6 +344,8 @@ def test_beliefs_without_weight_copies_and_single_decisions() -> None:
     one = least_regret(FiniteProblem([[1.0], [2.0]]), Prior(beliefs[:2], [0.6, 0.4]), [PointwiseLeakageCap(0.0)])
     assert one.regret == 0.0
     assert one.silence_regret == 0.0
+    known = least_regret(FiniteProblem([[1.0, 2.0]]), Prior([[1.0]], [1.0]), [NamingErrorFloor(0.0)])
+    assert known.regret == 0.0
     certain = least_regret(FiniteProblem(costs), Prior([[0.3, 0.7]], [1.0]), [SquaredErrorFloor(0.0)])
     assert certain.regret == 0.0
 

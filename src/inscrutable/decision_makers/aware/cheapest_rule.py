@@ -18,7 +18,7 @@ from inscrutable.decision_makers.aware.guarantees import Guarantee
 from inscrutable.decision_makers.candidates import Candidates, as_candidates, decoy_grid
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions
 from inscrutable.errors import InputError, ModelError, SolverError
-from inscrutable.geometry import simplex_grid
+from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
@@ -295,7 +295,7 @@ class _Search:
 
 def _few_decoys(problem: DecisionProblem) -> Candidates:
     resolution = 1
-    while len(simplex_grid(problem.n_states, resolution + 1)) <= _DECOYS:
+    while resolution < _DECOYS and grid_size(problem.n_states, resolution + 1) <= _DECOYS:
         resolution += 1
     return decoy_grid(problem, resolution)
 

@@ -163,8 +163,7 @@ def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]]) -> 
     shares[:, game.played(shares) < tolerances.RARELY_PLAYED] = 0.0
     shares /= shares.sum(axis=1, keepdims=True)
     duals = np.maximum(-found.duals, 0.0)
-    reduced = (objective + table.T @ duals).reshape(n_beliefs, n_columns)
-    low = float(reduced.min(axis=1).sum() + np.minimum(extra.T @ duals, 0.0).sum() - sides @ duals)
+    low = lower_bound(game.shape, objective, Rows(SPARSE.hstack([table, extra]).tocsr(), sides), duals)
     played, prices, start = game.played(shares), [], 0
     for block in wide:
         here = duals[start : start + len(block.sides)]
@@ -172,6 +171,16 @@ def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]]) -> 
         prices.append(float(here @ (block.slopes * factors)))
         start += len(block.sides)
     return shares, low, prices
+
+
+def lower_bound(shape: tuple[int, int], objective: Array, rows: Rows, prices: Array) -> float:
+    """Return what no table that keeps the rows is cheaper than, by any prices ≥ 0 of the rows.
+
+    Each row of the table is a law, so that its least entry bounds it; whatever else the rows need lies between 0 and 1.
+    """
+    paid = np.asarray(rows.matrix.T @ prices)
+    reduced = (objective + paid[: objective.size]).reshape(shape)
+    return float(reduced.min(axis=1).sum() + np.minimum(paid[objective.size :], 0.0).sum() - rows.sides @ prices)
 
 
 def _stacked(group: list[RowBlock]) -> RowBlock:

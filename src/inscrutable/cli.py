@@ -16,7 +16,8 @@ from cyclopts import App, CycloptsError, Group, Parameter, validators
 
 from inscrutable import __version__
 from inscrutable.cli_audit import audit
-from inscrutable.cli_console import Speech, library_log, replaced, results, show_table
+from inscrutable.cli_compare import compare
+from inscrutable.cli_console import Speech, library_log, replaced, results, show_table, write_report
 from inscrutable.cli_disclose import disclose
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_sequence import protect_next
@@ -29,9 +30,7 @@ from inscrutable.cli_values import (
     belief_of,
     beside_of,
     budget_of,
-    budgets_of,
     measure_of,
-    whole_numbers_of,
     writable_folder,
 )
 from inscrutable.errors import DiskError, InputError, InscrutableError, ModelError
@@ -45,9 +44,7 @@ if TYPE_CHECKING:
     from inscrutable.experiments.attack import Attack
     from inscrutable.experiments.attack_over_time import AttackOverTime
     from inscrutable.experiments.backtest import Backtest
-    from inscrutable.experiments.comparison import Comparison
     from inscrutable.experiments.protect import Protection
-    from inscrutable.experiments.reproduction import Reproduction
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
 _LONGEST_TABLE = 40
@@ -67,6 +64,7 @@ app = App(
 )
 
 app.command(study)
+app.command(compare)
 app.command(disclose)
 app.command(audit)
 
@@ -121,7 +119,7 @@ def reproduce(
         with speech.progress("Random markets") as move:
             result = reproduce(settings, jobs=jobs, folder=folder / STUDY, again=was_told(folder), progress=move)
         speech.log("Drawing the figures")
-        files = [*write_reproduction(result, folder, jobs=jobs), *_write_report(result, folder, drawn=folder)]
+        files = [*write_reproduction(result, folder, jobs=jobs), *write_report(result, folder, drawn=folder)]
         files = replaced(folder, "reproduce", files, speech)
     if speech.json:
         speech.summary_file(folder / "summary.json")
@@ -223,7 +221,7 @@ def backtest(
     with speech.progress("Decisions") as move:
         result = run_backtest(table, settings, beliefs=own, riskless=riskless, beside=beside, progress=move)
     speech.log("Drawing the figures")
-    files = [*write_backtest(result, folder), *_write_report(result, folder)]
+    files = [*write_backtest(result, folder), *write_report(result, folder)]
     files.append(_save_model(result, settings.train_until, folder))
     files = replaced(folder, "backtest", files, speech)
     if speech.json:
@@ -233,13 +231,6 @@ def backtest(
         speech.sentence("\n\n".join(filter(None, [text_of(result), warned, headline(result), verdict(result)])) + "\n")
         speech.files(files)
     return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0
-
-
-def _write_report(result: Backtest | Comparison | Reproduction, folder: Path, **more: Any) -> list[Path]:
-    """The page, where the extra that it needs is there."""
-    from inscrutable.reports.page import can_write_pages, write_page
-
-    return [write_page(result, folder / "report.html", **more)] if can_write_pages() else []
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -473,73 +464,6 @@ def _show_protection(found: Protection) -> None:
             for regime, (low, high) in zip(found.model.regimes, found.aware_bounds[0], strict=True)
         )
         results().print(f"An observer who also knows the regret you allow is left with: {low_high}.")
-
-
-@app.command
-def compare(
-    *,
-    market: Annotated[str, Parameter(group=_DATA)] = "paper",
-    resolution: Annotated[Whole, Parameter(group=_DATA)] = 30,
-    rival: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
-    pairs: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
-    disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
-    jobs: Whole = -1,
-    seed: Seed = 0,
-    out: Out = Path("comparison"),
-    speech: Speech = Speech(),  # noqa: B008  # frozen
-) -> None:
-    """Set ways of hiding side by side, against a rival who takes decisions at face value and one who knows how they are made.
-
-    The table also has a rival who follows the belief over time, and one who has to learn the risk aversion first.
-
-    Every way spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
-
-    Args:
-        market: paper (a random market, every belief equally likely and lasting as regimes do), returns (the 12 US industries
-            that come with the package, and how often its investor holds which belief), or the model.json of a backtest.
-        resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
-        rival: TOML file whose [problem] is what a rival wants the belief for: what the secret and reading are worth to it.
-        budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
-            regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
-        pairs: Such as 100,1000: beside them a rival who knows nothing but so many pairs of belief and decision.
-        disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
-            `inscrutable disclose` compares such schedules. Rules with a memory are then left out.
-        jobs: Processes; -1 is one per core. Changes nothing but the time.
-        seed: The same seed gives the same numbers.
-        out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
-            report.html, one page to play with that works offline. The study behind them is kept in its folder "study": a
-            run that was stopped goes on there when the same command is given again.
-    """
-    unit, shares = budgets_of(budgets)
-
-    from inscrutable.experiments.comparison import ComparisonSettings
-    from inscrutable.experiments.comparison_study import compared, comparison_study
-    from inscrutable.experiments.rivals import read_rival
-    from inscrutable.reports.comparison import terminal_table, write_comparison
-
-    seen = () if pairs is None else whole_numbers_of(pairs, "--pairs")
-    wanted = None if rival is None else read_rival(rival)
-    settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure, pairs=seen, rival=wanted)
-    folder = writable_folder(out)
-    speech.detail(f"Settings: {settings}")
-    asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)
-    with resumable(folder / STUDY, AGAIN):
-        with speech.progress("Decision makers at budgets") as move:
-            more: dict[str, Any] = {"again": was_told(folder), "say": speech.log, "progress": move}
-            result, note = compared(asked, folder / STUDY, jobs=jobs, **more)
-        speech.log("Drawing the figure")
-        files = write_comparison(result, folder, title=note)
-        files += _write_report(result, folder, manifest={"market": note, "seed": seed})
-        files = replaced(folder, "compare", files, speech)
-    if speech.json:
-        speech.summary_file(folder / "summary.json")
-        return
-    middle = result.middle_budget
-    show_table(terminal_table(result, middle), f"Expected regret of {middle:.3g} ({result.header()})")
-    speech.sentence(result.summary())
-    speech.sentence(f"What the columns mean, and all other budgets: {folder / 'comparison.md'}")
-    speech.files(files)
 
 
 @app.command(name="compile")

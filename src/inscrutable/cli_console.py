@@ -154,3 +154,10 @@ def replaced(folder: Path, verb: str, files: list[Path], speech: Speech) -> list
     if removed:
         speech.log(f"Removed from an earlier run: {', '.join(path.name for path in removed)}")
     return [*files, folder / LIST]
+
+
+def write_report(result: Any, folder: Path, **more: Any) -> list[Path]:
+    """Return the page of a result, where the extra that it needs is there."""
+    from inscrutable.reports.page import can_write_pages, write_page
+
+    return [write_page(result, folder / "report.html", **more)] if can_write_pages() else []

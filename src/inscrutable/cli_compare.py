@@ -1,0 +1,82 @@
+"""The verb `inscrutable compare`: every way of hiding beside every rival."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Group, Parameter, validators
+
+from inscrutable.cli_console import Speech, replaced, show_table, write_report
+from inscrutable.cli_study import AGAIN, STUDY, resumable, was_told
+from inscrutable.cli_values import WHOLE, budgets_of, whole_numbers_of, writable_folder
+
+_DATA = Group("Data", sort_key=1)
+_PRIVACY = Group("Privacy", sort_key=3)
+_OUTPUT = Group("Output", sort_key=9)
+
+
+def compare(
+    *,
+    market: Annotated[str, Parameter(group=_DATA)] = "paper",
+    resolution: Annotated[int, WHOLE, Parameter(group=_DATA)] = 30,
+    rival: Annotated[Path | None, Parameter(group=_DATA)] = None,
+    budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
+    pairs: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
+    disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
+    jobs: Annotated[int, WHOLE] = -1,
+    seed: Annotated[int, WHOLE, Parameter(group=_OUTPUT, validator=validators.Number(gte=0))] = 0,
+    out: Annotated[Path, Parameter(group=_OUTPUT)] = Path("comparison"),
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Set ways of hiding side by side, against a rival who takes decisions at face value and one who knows how they are made.
+
+    The table also has a rival who follows the belief over time, and one who has to learn the risk aversion first.
+
+    Every way spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
+
+    Args:
+        market: paper (a random market, every belief equally likely and lasting as regimes do), returns (the 12 US industries
+            that come with the package, and how often its investor holds which belief), or the model.json of a backtest.
+        resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
+        rival: TOML file whose [problem] is what a rival wants the belief for: what the secret and reading are worth to it.
+        budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
+            regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
+        pairs: Such as 100,1000: beside them a rival who knows nothing but so many pairs of belief and decision.
+        disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
+            `inscrutable disclose` compares such schedules. Rules with a memory are then left out.
+        jobs: Processes; -1 is one per core. Changes nothing but the time.
+        seed: The same seed gives the same numbers.
+        out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
+            report.html, one page to play with that works offline. The study behind them is kept in its folder "study": a
+            run that was stopped goes on there when the same command is given again.
+    """
+    unit, shares = budgets_of(budgets)
+
+    from inscrutable.experiments.comparison import ComparisonSettings
+    from inscrutable.experiments.comparison_study import compared, comparison_study
+    from inscrutable.experiments.rivals import read_rival
+    from inscrutable.reports.comparison import terminal_table, write_comparison
+
+    seen = () if pairs is None else whole_numbers_of(pairs, "--pairs")
+    wanted = None if rival is None else read_rival(rival)
+    settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure, pairs=seen, rival=wanted)
+    folder = writable_folder(out)
+    speech.detail(f"Settings: {settings}")
+    asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)
+    with resumable(folder / STUDY, AGAIN):
+        with speech.progress("Decision makers at budgets") as move:
+            more: dict[str, Any] = {"again": was_told(folder), "say": speech.log, "progress": move}
+            result, note = compared(asked, folder / STUDY, jobs=jobs, **more)
+        speech.log("Drawing the figure")
+        files = write_comparison(result, folder, title=note)
+        files += write_report(result, folder, manifest={"market": note, "seed": seed})
+        files = replaced(folder, "compare", files, speech)
+    if speech.json:
+        speech.summary_file(folder / "summary.json")
+        return
+    middle = result.middle_budget
+    show_table(terminal_table(result, middle), f"Expected regret of {middle:.3g} ({result.header()})")
+    speech.sentence(result.summary())
+    speech.sentence(f"What the columns mean, and all other budgets: {folder / 'comparison.md'}")
+    speech.files(files)

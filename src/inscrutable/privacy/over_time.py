@@ -20,7 +20,7 @@ from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosed import disclosed_rule
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.privacy.losses import Loss, checked_loss
-from inscrutable.privacy.path_figures import PathDraws, PathFigures, Prior, enumerated, sampled, unseen_beliefs
+from inscrutable.privacy.path_figures import Baseline, PathDraws, PathFigures, enumerated, sampled, unseen_beliefs
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -199,7 +199,7 @@ def path_leakage(
             "SequentialAdversary does"
         )
     unseen = unseen_beliefs(reader, count)
-    figures = partial(Prior, reader, unseen, wanted)
+    figures = partial(Baseline, reader, unseen, wanted)
     found = enumerated(reader, figures(), count, draws, shown.schedule)
     if found is None:
         found = sampled(reader, figures, _paths(world, reader, count, draws, source), source, shown.schedule)

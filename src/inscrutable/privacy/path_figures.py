@@ -63,7 +63,7 @@ def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
     return reader.result(reader.forward(evidence)[0])
 
 
-class Prior:
+class Baseline:
     """Figures of laws against those of one who sees no decision, who reads what each observer reads."""
 
     def __init__(self, reader: InverseFilter, unseen: InferredBeliefs, loss: Loss | None) -> None:
@@ -145,7 +145,9 @@ class Prior:
         return apart, self._loss.least(beliefs) + self._loss.excess(beliefs, means)
 
 
-def enumerated(reader: InverseFilter, prior: Prior, n_steps: int, most: int, schedule: Schedule) -> PathFigures | None:
+def enumerated(
+    reader: InverseFilter, prior: Baseline, n_steps: int, most: int, schedule: Schedule
+) -> PathFigures | None:
     """Return exact figures (1,T) by every sequence of decisions that are shown.
 
     None where sequences leave more than `most` laws, where the observer does not know the memory, so that what a decision
@@ -208,7 +210,7 @@ def _made(found: Array, is_public: bool, error: float = 0.0, *, is_sampled: bool
 
 
 def _every_reading(
-    reader: InverseFilter, prior: Prior, laws: Laws, chances: Array, *, is_first: bool
+    reader: InverseFilter, prior: Baseline, laws: Laws, chances: Array, *, is_first: bool
 ) -> tuple[Laws, Array, np.ndarray]:
     """Laws after every public symbol of a step, their probabilities, and which of the laws before each comes from."""
     count = reader.moves.n_public
@@ -266,7 +268,7 @@ def _merged(laws: Laws, chances: Array, last: Array) -> tuple[Laws, Array, np.nd
 
 
 def sampled(
-    reader: InverseFilter, prior: Callable[[], Prior], draws: PathDraws, rng: np.random.Generator, schedule: Schedule
+    reader: InverseFilter, prior: Callable[[], Baseline], draws: PathDraws, rng: np.random.Generator, schedule: Schedule
 ) -> PathFigures:
     """Return figures along sampled paths of beliefs, with decisions drawn at every step."""
     block = max(_MOST_HELD // reader.moves.start.size, 1)
@@ -282,7 +284,7 @@ def sampled(
 class _Sampling:
     """Some paths that are followed together."""
 
-    def __init__(self, prior: Prior, reader: InverseFilter, draws: PathDraws, rng: np.random.Generator) -> None:
+    def __init__(self, prior: Baseline, reader: InverseFilter, draws: PathDraws, rng: np.random.Generator) -> None:
         self._reader, self._draws, self._rng = reader, draws, rng
         self._prior = prior
         self.worst = prior.interpolation_error

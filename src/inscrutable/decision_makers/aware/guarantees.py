@@ -19,7 +19,12 @@ from inscrutable.validation import Array
 
 
 class Guarantee(ABC):
-    """A promise about a mechanism K(u|π) under a prior, for `least_regret`; all of them can be asked for together."""
+    """A promise about a mechanism K(u|π) under a prior, for `least_regret`; all of them can be asked for together.
+
+    Example:
+        >>> isinstance(PointwiseLeakageCap(1.0), Guarantee)
+        True
+    """
 
     @property
     @abstractmethod

@@ -14,11 +14,13 @@ from inscrutable import (
     MarkowitzProblem,
     PriceCalibration,
     Prior,
+    SequentialAdversary,
     SequentialDecisionMaker,
     decoy_grid,
     delayed,
     every,
     grouped,
+    path_leakage,
     portfolio_return,
     rounded,
     uniform_prior,
@@ -151,6 +153,29 @@ def test_the_observer_holds_what_the_decisions_shown_tell(
         assert drawn.losses[t] == pytest.approx(squares, abs=1e-6)
         law = law @ transition
     assert drawn.status is maker.calibration.status
+
+
+@pytest.mark.parametrize("disclosure", [None, every(3, 1), every(2) | delayed(3), rounded(1), rounded(1) | delayed(1)])
+def test_an_adversary_who_knows_the_rule_holds_the_same(
+    fresh_rng: np.random.Generator, disclosure: Disclosure | None
+) -> None:
+    maker, shown = maker_of(fresh_rng, disclosure), Disclosure.of(disclosure)
+    places = maker.chain.paths(12, 1, rng=fresh_rng)[:, 0]
+    drawn = maker.decide_path(maker.beliefs[places], rng=np.random.default_rng(1))
+    adversary = SequentialAdversary(maker.chain, maker, disclosure=disclosure)
+    found = adversary.filter(shown(drawn.actions))
+    assert np.abs(found.mean - drawn.observer_means).max() < 1e-6
+    with pytest.raises(InputError, match="goes by"):
+        SequentialAdversary(maker.chain, maker, disclosure=shown | every(5))
+
+
+def test_the_calibrated_loss_is_what_paths_lose(fresh_rng: np.random.Generator) -> None:
+    disclosure = every(2) | delayed(1)
+    maker = maker_of(fresh_rng, disclosure, calibration=None, information_price=ALONE)
+    found = path_leakage(maker.chain, maker, 40, rng=fresh_rng, n_draws=20, disclosure=disclosure)
+    late = (found.bayes_error[10:] ** 2).mean()
+    assert late == pytest.approx(maker.calibration.loss, abs=0.15 * maker.table.prior_loss)
+    assert (found.added[::2] == 0.0).all()
 
 
 def test_of_decisions_that_look_alike_the_cheapest_is_played(fresh_rng: np.random.Generator) -> None:

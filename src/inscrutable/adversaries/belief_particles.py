@@ -119,7 +119,8 @@ class BeliefParticles:
                 else self._rule.at(self._on_points(before, mixture), last, seen=evidence.is_seen(t))
             )
             used.append(known)
-            last = known.action(known.column(evidence.points[t], evidence.nearest)[0])
+            if evidence.is_seen(t):  # ties go to what was seen last
+                last = known.action(known.column(evidence.points[t], evidence.nearest)[0])
             cloud, held = self._weighed(cloud, held, mixture, evidence, t, known, track)
             track.logs[t] += read.offset
             cloud, alive = _thinned(cloud, self._n_particles, rng)

@@ -207,7 +207,8 @@ class InverseFilter:
                 tables[t] if tables is not None else self.rule.at(seen.of_belief()[0], before, seen=evidence.is_seen(t))
             )
             column, moved = known.column(evidence.points[t], evidence.nearest)
-            before = known.action(column)
+            if column != UNSEEN:  # ties go to what was seen last
+                before = known.action(column)
             told = None if evidence.told is None else evidence.told[t + 1 : t + 2]
             laws, reading, total = self.read(known, seen, column, told, error=float(errors[: t + 1].max()))
             with np.errstate(divide="ignore"):

@@ -15,7 +15,7 @@ from inscrutable.adversaries.sequence_evidence import Evidence, impossible_step
 from inscrutable.adversaries.sequence_results import SequenceStatus
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError
-from inscrutable.mechanisms.disclosed import checked_for, disclosed
+from inscrutable.mechanisms.disclosed import checked_for, disclosed, disclosed_rule
 from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.mechanisms.memory import with_memory
 from inscrutable.validation import Array
@@ -34,9 +34,9 @@ class ShownSteps:
 
     def __init__(self, given: Any, disclosure: Disclosure) -> None:
         self.disclosure, self.rule = disclosure, checked_rule(given)
-        self._mechanism = given if disclosure.is_exact else checked_for(given, disclosure)
+        self._mechanism = checked_for(given, disclosure)
         if disclosure.maps and not disclosure.needs_returns:
-            self.rule = checked_rule(disclosed(given, disclosure))
+            self.rule = checked_rule(disclosed_rule(given, disclosure))
 
     @property
     def actions(self) -> Any:

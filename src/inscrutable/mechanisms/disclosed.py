@@ -10,8 +10,9 @@ from scipy import sparse
 
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.disclosures import Disclosure
-from inscrutable.mechanisms.memory import MemoryMechanism
+from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.mechanisms.played import Mechanism, merged
+from inscrutable.mechanisms.priors import Prior
 from inscrutable.validation import Array
 
 _Known = TypeVar("_Known", Mechanism, MemoryMechanism)
@@ -86,22 +87,49 @@ def disclosed_rule(given: Any, disclosure: Disclosure) -> Any:
     Raises:
         InputError: The disclosure needs returns, hides decisions of a rule, or the steps of a public memory.
     """
-    if disclosure.is_exact:
-        return given
     if disclosure.needs_returns:
         raise InputError(
             f"{disclosure} shows decisions through returns, whose law is not known here: SequentialAdversary.filter takes them"
         )
-    return disclosed(checked_for(given, disclosure), disclosure)
+    played = checked_for(given, disclosure)
+    return played if isinstance(played, DisclosedRule) else disclosed(played, disclosure)
+
+
+class DisclosedRule:
+    """A rule that goes by a disclosure, playing values shown.
+
+    Args:
+        rule: The rule.
+        disclosure: What it goes by.
+    """
+
+    def __init__(self, rule: MechanismRule, disclosure: Disclosure) -> None:
+        self._rule, self._disclosure = rule, disclosure
+
+    @property
+    def beliefs(self) -> Array:
+        """The beliefs on which it takes laws, shape (B,X)."""
+        return self._rule.beliefs
+
+    def mechanism_for(self, law: Prior, before: Any = None) -> Mechanism:
+        """Return what is played as it is shown; `before` is the value shown last."""
+        return disclosed(self._rule.mechanism_for(law, before), self._disclosure)
 
 
 def checked_for(given: Any, disclosure: Disclosure) -> Any:
-    """Return a mechanism whose decisions can be disclosed so; raise `InputError` for others."""
+    """Return a mechanism whose decisions can be disclosed so, or a rule that goes by that; raise `InputError` for others."""
+    if isinstance(given, MechanismRule) and not isinstance(given, (Mechanism, MemoryMechanism)):
+        goes_by = Disclosure.of(getattr(given, "disclosure", None))
+        if (goes_by.maps, goes_by.schedule) != (disclosure.maps, disclosure.schedule):
+            raise InputError(
+                f"the rule goes by what one holds who sees its decisions as {goes_by}, not as {disclosure}: make it with "
+                f"disclosure={str(disclosure)!r}"
+            )
+        return DisclosedRule(given, disclosure) if disclosure.maps else given
+    if disclosure.is_exact:
+        return given
     if not isinstance(given, (Mechanism, MemoryMechanism)):
-        raise InputError(
-            f"{disclosure} needs a fixed mechanism, got {given!r}: a rule goes by what one holds who sees every decision, as "
-            "it is and at once"
-        )
+        raise InputError(f"{disclosure} needs a mechanism, or a rule that goes by it, got {given!r}")
     if getattr(given, "is_public", False) and not disclosure.schedule.is_immediate:
         raise InputError(
             f"the mechanism's memory is public at every step, which {disclosure} contradicts: it leaves decisions out or "

@@ -234,8 +234,8 @@ def _told_starts(reader: InverseFilter) -> tuple[Laws, Array]:
 
 
 def _passed(reader: InverseFilter, laws: Laws) -> Laws:
-    """The laws after a decision that nobody saw, of a mechanism that is always the same."""
-    tables = reader.rule.at(reader.moves.start[0])
+    """The laws after a decision that nobody saw; a rule, which remembers nothing, is not asked."""
+    tables = reader.rule.at(reader.moves.start[0], seen=False)
     unseen = np.full(int(laws.observer[-1]) + 1, UNSEEN)
     return read_decisions(tables, laws, unseen).moved(laws)
 

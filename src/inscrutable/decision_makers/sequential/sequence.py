@@ -173,7 +173,7 @@ class DecisionSequence:
 
         Args:
             law: What the observer holds, on the chain's beliefs.
-            before: The decision of the step before, which ties go to; None: there is none.
+            before: The decision seen last, or the value it was shown as, which ties go to; None: there is none.
 
         Raises:
             InputError: The law is on other beliefs, or `before` is malformed.

@@ -63,9 +63,14 @@ class StepTable:
         return self.disclosure.schedule.period
 
     def number(self, action: Any) -> int:
-        """Return the number of the value that a decision is shown as; −1 for None, or for one that none of these is."""
+        """Return the number of a value shown, or of the one a decision is shown as; −1 where there is none, or for None."""
         if action is None:
             return -1
+        shown = np.asarray(action, dtype=np.float64).reshape(-1)
+        if self.disclosure.maps and shown.size == self.classes.values.shape[1]:
+            gaps = np.abs(self.classes.values - shown).max(axis=1)
+            if gaps.min() <= tolerances.SAME_ACTION:
+                return int(gaps.argmin())
         place, gap = self.nearest(action, np.arange(self.n_values))
         return place if gap <= tolerances.SAME_ACTION else -1
 

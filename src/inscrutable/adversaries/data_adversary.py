@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.adversaries.learners import Learner, learners
-from inscrutable.axes import Axis, axis_labels, ordered
+from inscrutable.axes import Axis, ordered
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law
@@ -46,7 +46,8 @@ class DataAdversary:
     """
 
     def __init__(self, beliefs: ArrayLike, actions: ArrayLike) -> None:
-        rows = [axis_labels(each, 0) for each in (beliefs, actions)]
+        # Their own labels also where these are 0, 1, …: a table turned round has them in another order.
+        rows = [_row_labels(each) for each in (beliefs, actions)]
         if None not in rows and rows[0] != rows[1]:
             raise InputError(
                 "rows of beliefs and actions have other labels, or stand in another order: they must be pairs"
@@ -116,6 +117,10 @@ class DataAdversary:
 
 
 MEAN = "mean"
+
+
+def _row_labels(table: Any) -> tuple[Any, ...] | None:
+    return tuple(table.index) if hasattr(table, "to_numpy") and hasattr(table, "index") else None
 
 
 def _mean(known: Array, read: Array) -> Any:

@@ -385,7 +385,7 @@ LAW_RESIDUAL = 1e-13
 RETURNING_LAW = 1e-12
 """Probability with which a decision that is not played may come back in the next trial: it is then scaled up or goes to 0."""
 
-SAME_LAW = 1e-6
+SAME_MEMORY = 1e-6
 """Laws of the belief that are one memory of a rule: a step is solved to a gap, so that a law that comes back does so up to some
 1e-8; what is played after one differs from what is played after the other by about as much."""
 

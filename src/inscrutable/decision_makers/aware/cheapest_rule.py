@@ -22,13 +22,11 @@ from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
-from inscrutable.saved import saved_choice
 
 _DECOYS = 60
 """Decoys among the candidates where none are given: programmes grow with beliefs times candidates."""
 
 
-@saved_choice
 class LeastRegretStatus(Enum):
     """Whether the least regret was found; the text says what to do about it.
 

@@ -21,9 +21,15 @@ from inscrutable.validation import Array
 class Guarantee(ABC):
     """A promise about a mechanism K(u|π) under a prior, for `least_regret`; all of them can be asked for together.
 
+    Each of them can be recomputed from any mechanism, of whatever decision maker.
+
     Example:
-        >>> isinstance(PointwiseLeakageCap(1.0), Guarantee)
-        True
+        >>> from inscrutable import FiniteProblem, OriginalDecisionMaker, PointwiseLeakageCap, Prior, mechanism
+        >>> problem, prior = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), Prior(np.eye(2), [0.5, 0.5])
+        >>> asked: Guarantee = PointwiseLeakageCap(nats=0.5)
+        >>> given = asked.reached(mechanism(OriginalDecisionMaker(problem), prior.beliefs), prior, problem)
+        >>> round(given, 4), asked.is_met(given)
+        (0.6931, False)
     """
 
     @property

@@ -79,7 +79,7 @@ class _Found:
         """Return the place of a memory, which is added where none is like it."""
         for place, known in enumerate(self.memories):
             same = (known.price, known.kept) == (memory.price, memory.kept)
-            if same and np.abs(known.law - memory.law).max() <= tolerances.SAME_LAW:
+            if same and np.abs(known.law - memory.law).max() <= tolerances.SAME_MEMORY:
                 return place
         self.memories.append(memory)
         return len(self.memories) - 1

@@ -193,7 +193,7 @@ class SequentialDecisionMaker(Described):
     def as_mechanism(self, most: int = 100) -> FiniteRule:
         """Return the rule as a mechanism with a memory, where the observer can come to hold at most `most` laws.
 
-        Laws that differ by no more than `tolerances.SAME_LAW` anywhere count as one; decisions that come less often than
+        Laws that differ by no more than `tolerances.SAME_MEMORY` anywhere count as one; decisions that come less often than
         `tolerances.RARELY_PLAYED` leave the memory as it is.
 
         Args:

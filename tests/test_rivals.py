@@ -138,10 +138,11 @@ def test_a_study_measures_worth_and_hides_from_its_rival(tmp_path: Path) -> None
         "measures": ["worth", "secret_worth", "expected_regret"],
     }
     frame = run_study(Study.of(plan | {"rival": {"kind": "naming"}}), tmp_path / "one").frame()
-    worth = frame.set_index(frame["decision_maker"] + frame["loss"].fillna(""))["worth"].astype(float)
+    loss = frame["decision_maker.loss"].fillna("")
+    worth = dict(zip(frame["decision_maker"] + loss, frame["worth"].astype(float), strict=True))
     assert worth["Stackelbergrival"] <= worth["Stackelbergsquared"] + 1e-6
     assert worth["ODM"] == pytest.approx(float(frame["secret_worth"].iloc[0]), rel=1e-9)
     alone = run_study(Study.of(plan), tmp_path / "two").frame()
     failed = alone[alone["status"] == "failed"]
     assert len(failed) == 1
-    assert "needs the section [rival]" in failed["error"].iloc[0]
+    assert "needs the section [rival]" in failed["failure"].iloc[0]

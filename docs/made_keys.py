@@ -35,7 +35,7 @@ def study_keys(folder: Path) -> None:
     from inscrutable.experiments.studies import layout
 
     parts = [table("At the top of the file", "", rows(layout.StudyFile, TOP))]
-    for field in ("world", "problem", "beliefs", "candidates", "budgets"):
+    for field in ("world", "problem", "beliefs", "candidates", "budgets", "rival"):
         models = sections(layout.StudyFile.model_fields[field].annotation)
         parts += [
             table(f"[{field}]{kind(each)}", each.__doc__, rows(each))

@@ -16,6 +16,7 @@ from pydantic import BaseModel
 
 from inscrutable import Study, resume_study, run_study
 from inscrutable.errors import InputError, InscrutableError
+from inscrutable.experiments import rivals
 from inscrutable.experiments.studies import layout
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.reading import StudySource, checked_study
@@ -37,6 +38,7 @@ def sections() -> list[tuple[str, type[BaseModel], str]]:
         "[beliefs]": (layout.GridBeliefs, layout.StationaryBeliefs, layout.PathBeliefs),
         "[candidates]": (layout.CandidateSection,),
         "[budgets]": (layout.BudgetSection,),
+        "[rival]": (rivals.OwnRival, rivals.MarkowitzRival, rivals.FiniteRival, rivals.NamingRival),
         "[[decision_makers]]": get_args(layout.MakerSection),
         "[[adversaries]]": get_args(layout.ObserverSection),
     }.items():

@@ -117,13 +117,5 @@ print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 # with the moves since: with a chain of two states that flips with probability p its guess is wrong with probability
 # (1 − (1 − 2p)^d)/2. A belief that rests longer than the delay is read like any other, as the left panel shows.
 #
-# **Nobody can be stopped from copying.** Let V(p) be the least expected cost under a belief, and r₀ = V(E π) − E V(π) what the
-# private belief is worth to the agent. A rival with the same problem who sees the decision u in time can play it. Its gain W over
-# one who sees nothing is at least r₀ − E ρ: what the agent does not give up, the rival can take. In shares of r₀,
-#
-# .. code-block:: text
-#
-#    given up + taken ≥ 1.
-#
-# To hide a view does not protect from a rival with the same problem at the same moment. It protects the view: from one with
-# other assets or limits, from one who comes later, and from one who wants to know the next decision.
+# What a rival can make of all this, and from whom nothing protects, says the
+# :ref:`next page <sphx_glr_made_concepts_7_worth.py>`.

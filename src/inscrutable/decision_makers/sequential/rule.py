@@ -27,6 +27,7 @@ from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 from inscrutable.mechanisms.disclosures import Disclosure
+from inscrutable.privacy import SquaredError
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -58,7 +59,8 @@ class SequentialDecisionMaker(Described):
             grid of at most 500 beliefs. What is public in it must be symbols; of a real number make the chain, with `cuts`.
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
             meet the budget or the cap, the optimal decisions of the chain's beliefs join them.
-        loss: What the observer loses; None is the square error of its estimate of the belief.
+        loss: What the observer loses: the square error of its estimate of the belief, `SquaredError()` or None. For other
+            losses `path_leakage(..., loss=)` says what the rule's decisions are worth to a rival.
         information_price: λ, in loss per nat; infinite where information alone counts; None: the best of several. A price
             below a thousandth of the prior loss is taken as that.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
@@ -104,7 +106,7 @@ class SequentialDecisionMaker(Described):
         chain: BeliefChain | None = None,
         world: Any = None,
         candidates: Candidates | ArrayLike | None = None,
-        loss: None = None,
+        loss: SquaredError | None = None,
         information_price: float | None = None,
         worst_regret: Budget | float | None = None,
         disclosure: Disclosure | str | None = None,
@@ -115,8 +117,11 @@ class SequentialDecisionMaker(Described):
         self.budget = as_budget(budget)
         self._rng = validation.generator(rng)
         self.chain = _checked_chain(chain, _chain_of(world, self._rng), self.problem)
-        if loss is not None:
-            raise InputError(f"loss must be None, the square error: no other is known to this rule, got {loss!r}")
+        if loss is not None and not isinstance(loss, SquaredError):
+            raise InputError(
+                f"loss must be SquaredError() or None, the same: no other is known to this rule, got {loss!r}; single "
+                "decisions hide from other rivals by StackelbergDecisionMaker(..., loss=)"
+            )
         self.disclosure = _checked_disclosure(disclosure, self.chain)
         if information_price is not None and not (
             isinstance(information_price, (int, float)) and information_price >= 0

@@ -155,6 +155,7 @@ def test_what_does_not_fit_is_refused() -> None:
         ("probability 0", lambda: certain.observe(1)),
         ("no MemoryMechanism", lambda: maker.as_mechanism()),
         ("one real number with cuts", lambda: SequentialDecisionMaker(GUESS, 0.1, world=real, rng=rng)),
+        ("were not read", lambda: SequentialAdversary(chain, maker).filter([1, 1], public=[1, np.nan])),
         ("rising", lambda: filtered_chain(real, 4, rng=rng, cuts=[1.0, 0.0])),
         ("in which a real number", lambda: filtered_chain(nothing, 4, rng=rng, cuts=[0.0])),
         ("sum to the transition", lambda: BeliefChain(prior, moves, [moves, moves])),

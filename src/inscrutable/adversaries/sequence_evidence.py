@@ -51,6 +51,13 @@ class Evidence:
         """Return the same as an array (1,); None where nothing is public."""
         return None if self.public is None else self.public[step : step + 1]
 
+    @property
+    def is_all_read(self) -> bool:
+        """Whether everything that is public was read."""
+        if self.public is None:
+            return True
+        return not bool(np.isnan(self.public).any() or (self.public.ndim == 1 and (self.public == UNREAD).any()))
+
     def without_states(self, *, has_public: bool) -> Evidence:
         """Return what the decisions tell, and what is public in a world that has it."""
         read = self.public if has_public else None

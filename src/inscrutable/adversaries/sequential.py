@@ -241,6 +241,10 @@ class SequentialAdversary:
         seen, offsets = state_evidence(len(points), n_states, self.sensor, known, reported)
         read = public_evidence(self.world, beside.public, len(points), steps)
         evidence = Evidence(points, nearest, told, seen, offsets, read)
+        if not (self._rule.is_fixed or evidence.is_all_read):
+            raise InputError(
+                "public has rows that were not read, but the rule goes by all that everybody reads: pass them"
+            )
         alone = evidence.without_states(has_public=self.agent_world.public is not None)
         if self._rule.is_fixed or (self._agents_own is self._reader and (alone.states == seen).all()):
             return self._read(self._reader, evidence, tables, smooth=smooth)[0]

@@ -539,3 +539,14 @@ def test_the_verb_writes_a_table_and_a_picture(tmp_path: Any, capsys: pytest.Cap
         each.name for each in out.iterdir()
     }
     assert main([*asked, "--disclosures", "sometimes()"]) == 3
+
+
+def test_the_verb_makes_the_sequential_rule_for_each_schedule(
+    tmp_path: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    asked = ["disclose", "--market", "paper", "--resolution", "3", "--draws", "10", "--steps", "8", "--out", str(out)]
+    assert main([*asked, "--rule", "sequential", "--disclosures", "exact; every(2)"]) == 0
+    assert "decisions are made for each" in capsys.readouterr().out
+    exact, quarterly = pd.read_csv(out / "disclosures.csv").error
+    assert quarterly > exact > 0.0

@@ -19,7 +19,16 @@ import pytest
 from scipy.optimize import linprog
 
 import browser
-from inscrutable import Budget, InputError, MarkowitzProblem, NonExistence, cli, consistent_beliefs, uniform_prior
+from inscrutable import (
+    Budget,
+    InputError,
+    MarkowitzProblem,
+    NonExistence,
+    cli,
+    cli_console,
+    consistent_beliefs,
+    uniform_prior,
+)
 from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.reports import page as page_folder
@@ -497,10 +506,10 @@ def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_command_line_does_without_the_extra(
     compared: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert cli._write_report(compared, tmp_path) == [tmp_path / "report.html"]
+    assert cli_console.write_report(compared, tmp_path) == [tmp_path / "report.html"]
     (tmp_path / "report.html").unlink()
     monkeypatch.setitem(sys.modules, "jinja2", None)
-    assert cli._write_report(compared, tmp_path) == []
+    assert cli_console.write_report(compared, tmp_path) == []
     assert not list(tmp_path.iterdir())
 
 

@@ -75,10 +75,10 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.decision_makers import action_grid as action_grid
     from inscrutable.decision_makers import cheapest_privacy as cheapest_privacy
     from inscrutable.decision_makers import decoy_grid as decoy_grid
+    from inscrutable.decision_makers import least_regret as least_regret
     from inscrutable.decision_makers import privacy_frontier as privacy_frontier
     from inscrutable.decision_makers import random_candidates as random_candidates
     from inscrutable.decision_makers import rate_distortion_curve as rate_distortion_curve
-    from inscrutable.decision_makers.aware.cheapest_rule import least_regret as least_regret
     from inscrutable.decision_makers.baselines import Calibration as Calibration
     from inscrutable.decision_makers.baselines import CalibrationStatus as CalibrationStatus
     from inscrutable.decision_makers.baselines import CoinDecisionMaker as CoinDecisionMaker

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter, validators
 
 from inscrutable.cli_console import Speech, replaced, show_table
 from inscrutable.cli_values import WHOLE, writable_folder
 
+if TYPE_CHECKING:
+    from inscrutable.decision_makers import SequentialDecisionMaker
+    from inscrutable.experiments.setting import Setting
+    from inscrutable.mechanisms import Disclosure
+
 _DATA = Group("Data", sort_key=1)
 _PRIVACY = Group("Privacy", sort_key=3)
 _OUTPUT = Group("Output", sort_key=9)
 Whole = Annotated[int, WHOLE]
-_Makers = Literal["ODM", "CDM", "PDM", "rate-distortion", "Stackelberg"]
+_Makers = Literal["ODM", "CDM", "PDM", "rate-distortion", "Stackelberg", "sequential"]
 
 
 def disclose(
@@ -41,7 +47,8 @@ def disclose(
         disclosures: Schedules with a semicolon between them, each a chain of every(n), delayed(steps), rounded(digits),
             long_only(), at_least(weight), top(n), grouped([labels]), form_13f(), n_port(), joined by |. Default: nine
             usual ones.
-        rule: How decisions are made; all but ODM, the optimal ones, spend half the silence regret.
+        rule: How decisions are made; all but ODM, the optimal ones, spend half the silence regret. The sequential one is made
+            for each schedule, which takes a minute or two each: name few.
         steps: Length of the paths; the later half counts.
         draws: Sampled paths.
         seed: The same seed gives the same numbers.
@@ -61,16 +68,20 @@ def disclose(
     setting = Setting.of(found.problem, found.chain)
     speech.log(f"{found.note}; {len(found.prior)} beliefs")
     spent = 0.0 if rule in SPENDS_NOTHING else 0.5 * setting.silence_regret
-    behaviour = makers_of([rule])[rule](setting, spent)
-    assert behaviour is not None  # these rules suit every portfolio
+    played: Any = partial(_sequential, setting, spent, seed)
+    if rule != "sequential":
+        behaviour = makers_of([rule])[rule](setting, spent)
+        assert behaviour is not None  # these rules suit every portfolio
+        played = behaviour.mechanism
     with speech.progress("Schedules") as move:
         table = under_disclosures(
             found.chain,
-            behaviour.mechanism,
+            played,
             asked,
             steps,
             rng=np.random.default_rng(seed),
             n_draws=draws,
+            regret=spent if rule == "sequential" else None,
             progress=move,
         )
     title = f"{rule} on {found.note}"
@@ -81,3 +92,21 @@ def disclose(
     show_table(table.lines(), f"What a rival reads of the present belief ({title})")
     speech.sentence(table.summary())
     speech.files(files)
+
+
+def _sequential(setting: Setting, regret: float, seed: int, disclosure: Disclosure) -> SequentialDecisionMaker:
+    """The sequential rule that goes by a disclosure."""
+    import numpy as np
+
+    from inscrutable.budgets import Budget
+    from inscrutable.decision_makers import SequentialDecisionMaker
+
+    return SequentialDecisionMaker(
+        setting.problem,
+        Budget.regret(regret),
+        chain=setting.chain,
+        candidates=setting.candidates,
+        information_price=float("inf"),  # a rule a schedule: the best price of information would take minutes each
+        disclosure=disclosure,
+        rng=np.random.default_rng(seed),
+    )

@@ -1,8 +1,8 @@
-"""How often, how late, and how much of it? One mechanism under several disclosures, read by one who follows the belief."""
+"""How often, how late, and how much of it? Decisions under several disclosures, read by one who follows the belief."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import pandas as pd
 from inscrutable import validation
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
-from inscrutable.mechanisms import Disclosure, Mechanism
+from inscrutable.mechanisms import Disclosure, Mechanism, MechanismRule
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.privacy import path_leakage
 from inscrutable.saved import Saved
@@ -55,7 +55,7 @@ class DisclosureRow(Saved):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DisclosureTable(Saved):
-    """One mechanism under several disclosures.
+    """One mechanism under several disclosures, or a rule made for each of them.
 
     Args:
         rows: One a disclosure, in the order asked for.
@@ -63,6 +63,7 @@ class DisclosureTable(Saved):
         expected_regret: What the mechanism costs, in the cost's unit.
         n_steps: Steps of a path; the later half counts, in whole periods of the schedule.
         n_beliefs: Beliefs of the chain with weight.
+        is_made_for_each: Whether decisions differ, as a rule goes by what is shown of them.
 
     Source: `path_leakage`.
     """
@@ -72,6 +73,7 @@ class DisclosureTable(Saved):
     expected_regret: float
     n_steps: int
     n_beliefs: int
+    is_made_for_each: bool = False
 
     def of(self, disclosure: Disclosure | str) -> DisclosureRow:
         """Return the row of one disclosure; raise `InputError` where there is none."""
@@ -115,21 +117,23 @@ class DisclosureTable(Saved):
     def summary(self) -> str:
         """Return which disclosure hides most of the present belief, and which least."""
         least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
+        same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
         return (
             f"Who sees nothing errs by {self.prior_error:.3f}. Who follows the belief errs least with {least.disclosure} "
             f"({least.error:.3f}, {self._share(least):.0%} of that) and most with {most.disclosure} ({most.error:.3f}, "
-            f"{self._share(most):.0%}); the decisions are the same, at an expected regret of {self.expected_regret:.3g}."
+            f"{self._share(most):.0%}); {same}, at an expected regret of {self.expected_regret:.3g}."
         )
 
 
 def under_disclosures(
     chain: BeliefChain,
-    mechanism: Mechanism,
+    mechanism: Mechanism | Callable[[Disclosure], MechanismRule],
     disclosures: Sequence[Disclosure | str] = USUAL,
     n_steps: int = 24,
     *,
     rng: np.random.Generator,
     n_draws: int = 100,
+    regret: float | None = None,
     progress: Progress | None = None,
 ) -> DisclosureTable:
     """Return what a mechanism tells under several disclosures one who knows it and how the belief moves.
@@ -138,11 +142,13 @@ def under_disclosures(
 
     Args:
         chain: How the belief moves; its prior has the mechanism's beliefs.
-        mechanism: K(u|π), drawn afresh at every step.
+        mechanism: K(u|π), drawn afresh at every step; or a function that returns the rule that goes by a disclosure, such as a
+            `SequentialDecisionMaker`.
         disclosures: What is shown, also as text; each once.
         n_steps: T, at least twice the longest period, and more than what is late.
         rng: The source of the paths.
         n_draws: Sampled paths, at least 10.
+        regret: What a rule costs, in the cost's unit; None is what the mechanism costs.
         progress: Called with (disclosures done, disclosures in all).
 
     Raises:
@@ -163,7 +169,7 @@ def under_disclosures(
         shown
         exact            0.469  0.000                   0%
         delayed(1)       0.469  0.424                  60%
-        every(3)         0.270  0.408                  58%
+        every(3)         0.267  0.398                  56%
     """
     asked = [Disclosure.of(each) for each in disclosures]
     if not asked or len(set(map(str, asked))) < len(asked):
@@ -173,10 +179,11 @@ def under_disclosures(
         least = max(2 * each.schedule.period, 2 * (each.schedule.lag + 1))
         if count < least:
             raise InputError(f"{each} needs {least} steps at least, got n_steps {count}")
+    is_fixed = isinstance(mechanism, Mechanism)
     seed, rows, prior_error = int(validation.generator(rng).integers(2**62)), [], 0.0
     for done, each in enumerate(asked):
         paths: Any = {"rng": np.random.default_rng(seed), "n_draws": n_draws, "disclosure": each}
-        found = path_leakage(chain, mechanism, count, **paths)
+        found = path_leakage(chain, mechanism if isinstance(mechanism, Mechanism) else mechanism(each), count, **paths)
         period = each.schedule.period
         window = slice(count - count // 2 // period * period, None)
         error = float(np.sqrt(np.mean(found.bayes_error[window] ** 2)))
@@ -195,5 +202,6 @@ def under_disclosures(
         if progress is not None:
             progress(done + 1, len(asked))
     weights = chain.prior.weights
-    regret = float(weights @ mechanism.expected_regrets)
-    return DisclosureTable(tuple(rows), prior_error, regret, count, int(np.count_nonzero(weights)))
+    if regret is None:
+        regret = float(weights @ mechanism.expected_regrets) if isinstance(mechanism, Mechanism) else float("nan")
+    return DisclosureTable(tuple(rows), prior_error, regret, count, int(np.count_nonzero(weights)), not is_fixed)

@@ -85,7 +85,7 @@ def disclosed_rule(given: Any, disclosure: Disclosure) -> Any:
     """Return what plays values shown, for an observer of sequences who sees no returns.
 
     Raises:
-        InputError: The disclosure needs returns, hides decisions of a rule, or the steps of a public memory.
+        InputError: The disclosure needs returns, is not the one that a rule goes by, or hides the steps of a public memory.
     """
     if disclosure.needs_returns:
         raise InputError(

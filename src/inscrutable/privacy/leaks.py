@@ -45,7 +45,7 @@ class Leakage(Saved):
         pointwise_leakage: max_u log2 max_{b: w_b>0} K(u|π_b)/p(u), in bits: the same as the maximal leakage after the one
             decision that tells most, instead of on average.
         bayes_loss: Σ_u p(u) L(p(·|u)), what a rival with the loss L loses on average who sees the decision; in L's unit, as
-            the next three. L is the square error where no other was given: then `bayes_error`².
+            the next three. L is the square error where no other was given.
         prior_loss: L(w), the same before any decision is seen.
         worth: W = prior_loss − bayes_loss, what reading the decision is worth to the rival: 0 where it tells nothing.
         secret_worth: L(w) − Σ w_b L(δ_b), what the belief itself would be worth: no decision is worth more.

@@ -164,7 +164,7 @@ def path_leakage(
 
     Raises:
         InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs; or a disclosure
-            needs returns, belongs to a rule, hides the steps of a public memory, or is late where something is public at once.
+            needs returns, is not a rule's own, hides steps of a public memory, or is late where something is public at once.
 
     Cost: T·n_draws steps of the filter, equal sequences once: B² multiplications each on a chain of B beliefs, or as many
         as its entries; of a rule as many mechanisms.

@@ -56,6 +56,7 @@ def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
                 left.plot(steps, row.errors, look.line, color=look.colour, label=row.disclosure)
         for axes, line in ((left, "axhline"), (right, "axvline")):
             getattr(axes, line)(table.prior_error, color=BLACK, linestyle="--", linewidth=0.8)
+        left.xaxis.get_major_locator().set_params(integer=True)
         left.set(xlabel="step", ylabel="error about the present belief", ylim=(0, 1.35 * table.prior_error or 1))
         left.legend(ncols=2, loc="upper left")
         right.barh(

@@ -313,7 +313,36 @@ class NamingErrorFloor(Guarantee):
 
 
 @dataclass(frozen=True)
-class SquaredErrorFloor(Guarantee):
+class _SquareErrors(Guarantee):
+    """A floor on mean square errors, by cutting planes: a row for each estimate that has been met."""
+
+    least: float
+    is_floor = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "least", validation.non_negative(self.least, "least"))
+
+    @property
+    def limit(self) -> float:
+        """The least mean square error, in squared units of belief."""
+        return self.least
+
+    def most(self, game: PlayedGame) -> float:
+        """Return Σ w ‖π − Σ w π‖²."""
+        return float(game.weights @ ((game.beliefs - game.weights @ game.beliefs) ** 2).sum(axis=1))
+
+    def _cuts_after(self, game: PlayedGame, table: Array, which: np.ndarray) -> RowBlock:
+        """The rows of the posterior means after some decisions, for these and their neighbours."""
+        near = game.near[which]
+        return self._rows(game, near.ravel(), np.repeat(game.means(table)[which], near.shape[1], axis=0))
+
+    @abstractmethod
+    def _rows(self, game: PlayedGame, which: np.ndarray, means: Array) -> RowBlock:
+        """Return the rows of estimates (n,X) after decisions (n,)."""
+
+
+@dataclass(frozen=True)
+class SquaredErrorFloor(_SquareErrors):
     """A floor on the mean square error of the best estimate of the belief after every published decision.
 
     Formula: E[‖π − E[π|u]‖² | u] ≥ v for every u that is played.
@@ -331,17 +360,6 @@ class SquaredErrorFloor(Guarantee):
         >>> print(SquaredErrorFloor(0.04))
         mean square error after every decision at least 0.04
     """
-
-    least: float
-    is_floor = True
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "least", validation.non_negative(self.least, "least"))
-
-    @property
-    def limit(self) -> float:
-        """The least mean square error, in squared units of belief."""
-        return self.least
 
     def __str__(self) -> str:
         return f"mean square error after every decision at least {self.least:.4g}"
@@ -361,17 +379,12 @@ class SquaredErrorFloor(Guarantee):
         which = np.flatnonzero(missed > tolerances.GUARANTEE_ROUNDING)
         if not which.size:
             return None
-        near = game.near[which]
-        return self._rows(game, near.ravel(), np.repeat(game.means(table)[which], near.shape[1], axis=0))
+        return self._cuts_after(game, table, which)
 
     def toward_prior(self, game: PlayedGame, table: Array) -> Array:
         """Return (v − x)/(x₀ − x) for a column of error x below the floor, where the prior's is x₀: the error is concave."""
         errors = game.square_errors(table)
         return _shares(self.least - errors, self.most(game) - errors)
-
-    def most(self, game: PlayedGame) -> float:
-        """Return Σ w ‖π − Σ w π‖²."""
-        return float(game.weights @ ((game.beliefs - game.weights @ game.beliefs) ** 2).sum(axis=1))
 
     def _rows(self, game: PlayedGame, which: np.ndarray, means: Array) -> RowBlock:
         n_columns, scale = game.shape[1], _scale(game)
@@ -382,7 +395,7 @@ class SquaredErrorFloor(Guarantee):
 
 
 @dataclass(frozen=True)
-class MeanSquaredErrorFloor(Guarantee):
+class MeanSquaredErrorFloor(_SquareErrors):
     """A floor on the mean square error of the best estimate of the belief, on average over the published decisions.
 
     Formula: Σ_u p(u) E[‖π − E[π|u]‖² | u] ≥ v: what a `StackelbergDecisionMaker` makes largest, as a guarantee beside others.
@@ -399,17 +412,6 @@ class MeanSquaredErrorFloor(Guarantee):
         >>> print(MeanSquaredErrorFloor(0.04))
         mean square error of at least 0.04 on average
     """
-
-    least: float
-    is_floor = True
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "least", validation.non_negative(self.least, "least"))
-
-    @property
-    def limit(self) -> float:
-        """The least mean square error, in squared units of belief."""
-        return self.least
 
     def __str__(self) -> str:
         return f"mean square error of at least {self.least:.4g} on average"
@@ -436,17 +438,12 @@ class MeanSquaredErrorFloor(Guarantee):
         if self.least - self.level(game, table) <= tolerances.GUARANTEE_ROUNDING:
             return None
         which = np.flatnonzero(game.played(table) > 0)
-        near = game.near[which]
-        return self._rows(game, near.ravel(), np.repeat(game.means(table)[which], near.shape[1], axis=0))
+        return self._cuts_after(game, table, which)
 
     def toward_honest(self, game: PlayedGame, table: Array) -> float:
         """Return (v − x)/(x₀ − x) for an error x below the floor, where the prior's is x₀: the error is concave."""
         level = self.level(game, table)
         return float(_shares(np.array(self.least - level), np.array(self.most(game) - level)))
-
-    def most(self, game: PlayedGame) -> float:
-        """Return Σ w ‖π − Σ w π‖²."""
-        return SquaredErrorFloor(0.0).most(game)
 
     def _rows(self, game: PlayedGame, which: np.ndarray, means: Array) -> RowBlock:
         """Rows Σ_b p_b K_bm (2 (π_b − π₀)·(μ − π₀) − ‖μ − π₀‖²) ≤ s_m, right for any estimate μ."""

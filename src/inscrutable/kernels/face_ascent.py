@@ -24,8 +24,12 @@ from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _NONE = whole(0)
 _WITNESS = 1e-2
+"""Curvature of the member's coordinates, as a share of the decision's. Of 840 decisions and lotteries where states outnumber
+actions, .001 loses in 13, up to 25 %; with .1 seven gain, 4 % at most, and three lose .02 %."""
 _ACROSS = 3.0
+"""Curvature across rows that held, over the largest of the rest; with 1 or 10, some ten of these 840 differ to either side."""
 _GROWTH = 2.0
+"""Factor of the shift that makes the model convex; with 4 or 10, some eight of these 840 differ to either side."""
 _CREEP = 1e-5
 """An ascent ends where its last gain and the next one promised, each repeated in all trials left, are less than this share of
 the value: half to two thirds of all trials gain less."""

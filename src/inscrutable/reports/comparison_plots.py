@@ -104,7 +104,13 @@ def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
         if comparison.rival_is_own and comparison.silence_regret > 0:
             ends = np.array([0.0, _PERCENT])
             axes.plot(
-                ends, ends[::-1], color=BLACK, linestyle=":", linewidth=1.2, label="copying: never below", zorder=2
+                ends,
+                ends[::-1],
+                color=BLACK,
+                linestyle=":",
+                linewidth=1.2,
+                label="copying: never below but by chance of sampling",
+                zorder=2,
             )
         axes.set_xlim(0.0, None if max(comparison.budgets) > 0 else 1.0)
         axes.set_ylim(0.0, _PERCENT)

@@ -67,8 +67,11 @@ def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
             alpha=0.7,
         )
         for place, row in zip(places, table.rows, strict=True):
-            right.text(0, place, f" {row.bits:.2f} bits a step", va="center", fontsize=6)
+            end = row.error + _SIDE * row.error_se
+            right.text(end, place, f" {row.bits:.2f} bits a step", va="center", fontsize=6)
         right.set_yticks(places, [row.disclosure for row in table.rows])
         right.invert_yaxis()
-        right.set(xlabel="error in the long run; dashed: without seeing anything")
+        right.set(
+            xlabel="error in the long run; dashed: without seeing anything", xlim=(0, 1.4 * table.prior_error or 1)
+        )
         return save_figure(figure, folder, "disclosures")

@@ -8,10 +8,12 @@ spare S_bm = ℓ_b + λ_b c_bm − |π_b − μ_m|² stays positive, and every s
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.aware.stackelberg_game import Game, centred_start
@@ -81,7 +83,7 @@ class _Newton:
         system = self._of_rows() if self.on_rows else self._of_columns()
         # Every unknown in its own unit: those of hardly played columns are tiny.
         self.units = 1.0 / np.sqrt(np.maximum(np.diag(system), _TINY))
-        self.system = system * self.units[:, None] * self.units
+        self.factors = _factored(system * self.units[:, None] * self.units)
 
     def _own_blocks(self, scale: Array) -> Array:
         size = self.game.points.shape[1]
@@ -121,7 +123,7 @@ class _Newton:
         return np.asarray(system)
 
     def _solved(self, sides: Array) -> Array:
-        return np.asarray(self.units * np.linalg.solve(self.system, self.units * sides))
+        return np.asarray(self.units * lu_solve(self.factors, self.units * sides, check_finite=False))
 
     def _onto_columns(self, levels: Array, prices: Array) -> Array:
         each = self.to_level * levels[:, None] + self.to_price * prices[:, None]
@@ -165,6 +167,19 @@ class _Newton:
         rows = direct - self.ratio * spare
         unspent = (unspent_aim - now.unspent * prices) / now.prices
         return _Point(rows, unspent, levels - self.mean_costs * prices, prices, estimates, spare)
+
+
+def _factored(system: Array) -> tuple[Array, np.ndarray]:
+    """The triangular factors of Newton's system: rounding may leave it short of positive definite, so not Cholesky's."""
+    if not np.isfinite(system).all():
+        raise np.linalg.LinAlgError("Newton's system is not finite")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", LinAlgWarning)
+        try:
+            factors: tuple[Array, np.ndarray] = lu_factor(system, overwrite_a=True, check_finite=False)
+        except LinAlgWarning as singular:
+            raise np.linalg.LinAlgError(str(singular)) from None
+    return factors
 
 
 def saddle(game: Game, goal: float, progress: Callable[[int], None] | None = None) -> Saddle:

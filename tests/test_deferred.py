@@ -74,7 +74,7 @@ def test_a_first_decision_compiles_no_search(tmp_path: Path):
     )
     compiled = set(run.stdout.split())
     assert "solve_path" in compiled, run.stderr  # many beliefs at once: only compiled code is fast enough
-    assert not compiled & {"plan", "best_starts", "climb_decoys", "climb", "project_in", "describe_sets"}
+    assert not compiled & {"search_regions", "best_starts", "climb", "project_in", "describe_sets"}
 
 
 @numba.njit

@@ -18,7 +18,7 @@ from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.face_ascent import ascend
 from inscrutable.kernels.face_lines import SAMPLES, best_place, decision_value, interval, line_weight
 from inscrutable.kernels.face_sets import dearest, look_around, move_to_cheapest
-from inscrutable.kernels.options import bare, bare_kernel, kernel, part, whole, woven
+from inscrutable.kernels.options import bare, bare_kernel, part, whole, woven
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
 
@@ -43,13 +43,11 @@ class Scene(NamedTuple):
 
 
 class Climbs(NamedTuple):
-    """n climbs, in the order of their beliefs: where each begins."""
+    """n climbs of one belief: where each begins."""
 
-    belief: Any  # (n,) number of the belief
     region: Any  # (n,)
     decoys: Any  # (n,X)
-    actions: Any  # (n,U); NaN for the decoy's own
-    floor: Any  # (n,) the best value known: where no decoy of a region reaches it, its sets are not looked at
+    actions: Any  # (n,U)
     is_known: Any  # (n,) whether lines through the region's cheapest decision were looked at in an earlier turn
 
 
@@ -131,12 +129,12 @@ def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any
             numbers[s, 4] = max(weight, 0.0) / distance if is_spent else 0.0
 
 
-@deferred(bare_kernel)
-def climb_decoys(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
-    """Fill the spots of climbs low..high from their decoys; what no decoy allows has the value −∞."""
+@part
+def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
+    """Fill the spots of `count` climbs from their decoys; what no decoy allows has the value −∞."""
     n_states, y = rules.basis.shape[0], room.decoy
-    for s in range(low, high):
-        number, aim = climbs.region[s], aim_of(scene, climbs.belief[s], rules)
+    for s in range(count):
+        number = climbs.region[s]
         face, w = face_of(regions, number, n_states), room.place[: regions.size[number] + 1]
         spots.numbers[s, 0], spots.numbers[s, 3], spots.is_known[s] = -np.inf, -np.inf, False
         put(climbs.decoys[s], y)
@@ -174,66 +172,53 @@ def fill_distances(
 
 
 @woven
-def _begin(climbs: Any, regions: Any, spots: Any, s: int, w: Any) -> bool:
-    """Fill w with the best decision so far, or the one that the climb was given; False where there is none."""
-    if spots.numbers[s, 0] > -np.inf:
-        for a in range(w.size):
-            w[a] = spots.place[s, a]
-        return True
-    if np.isnan(climbs.actions[s, 0]):
-        return False
-    locate(regions, climbs.region[s], climbs.actions[s], w)
-    return True
-
-
-@woven
-def _is_hopeless(climbs: Any, spots: Any, rules: Any, s: int) -> bool:
+def _is_hopeless(spots: Any, floor: float, rules: Any, s: int) -> bool:
     """Whether the farthest decoy found in a region is worth less than what is known: no set is farther than its members.
 
     Where it is worth as much it may be what is known, and the region has other peaks.
     """
-    return bool(-np.inf < spots.numbers[s, 3] < climbs.floor[s] - rules.near)
+    return bool(-np.inf < spots.numbers[s, 3] < floor - rules.near)
 
 
-@deferred(bare_kernel)
-def search_lines(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
-    """Improve the spots of climbs low..high in regions of at most one free coordinate with sets larger than points."""
+@bare
+def search_lines(
+    count: int, climbs: Any, aim: Any, floor: float, regions: Any, rules: Any, spots: Any, room: Any
+) -> None:
+    """Improve the spots of `count` climbs in regions of at most one free coordinate with sets larger than points.
+
+    `floor` is the best value known: where no decoy of a region reaches it, its sets are not looked at.
+    """
     n_states = rules.basis.shape[0]
     work = (room.place[:2], room.member, room.values, room.distance)
-    for s in range(low, high):
-        number, aim = climbs.region[s], aim_of(scene, climbs.belief[s], rules)
+    for s in range(count):
+        number = climbs.region[s]
         k, w = regions.size[number], room.place[: regions.size[number] + 1]
-        if regions.is_point[number] or k > 1 or _is_hopeless(climbs, spots, rules, s):
+        if regions.is_point[number] or k > 1 or _is_hopeless(spots, floor, rules, s):
             continue
         face = face_of(regions, number, n_states)
         w[k], weight = 1.0, 0.0
         if k == 1:
-            if not np.isnan(climbs.actions[s, 0]):
-                locate(regions, number, climbs.actions[s], w)
-                _keep(face, aim, rules, w, weight, spots, s, room)
-            if not _begin(climbs, regions, spots, s, w):
-                continue
-            floor = max(spots.numbers[s, 0], climbs.floor[s])
-            first, last = interval(face, aim, w, room.along, dearest(aim, floor), rules.near)
+            locate(regions, number, climbs.actions[s], w)
+            _keep(face, aim, rules, w, weight, spots, s, room)
+            if spots.numbers[s, 0] > -np.inf:
+                put(spots.place[s, : k + 1], w)
+            known = max(spots.numbers[s, 0], floor)
+            first, last = interval(face, aim, w, room.along, dearest(aim, known), rules.near)
             if first > last:
                 continue
             line = (w[0] + first, w[0], w[0] + last)
-            w[0] = best_place(face, aim, rules, line, floor, _ROUNDS, work)
+            w[0] = best_place(face, aim, rules, line, known, _ROUNDS, work)
             weight = line_weight(face, aim, rules, w, (line[0], line[2]), work)
         _keep(face, aim, rules, w, weight, spots, s, room)
 
 
 @bare
-def _was_known(climbs: Any, spots: Any, s: int, low: int) -> bool:
-    """Whether another climb of the same belief has looked at the lines of the region."""
-    if climbs.is_known[s]:
-        return True
-    for other in range(s - 1, low - 1, -1):
-        if climbs.belief[other] != climbs.belief[s]:
-            return False
-        if climbs.region[other] == climbs.region[s] and spots.is_known[other]:
-            return True
-    return False
+def _was_known(climbs: Any, spots: Any, s: int) -> bool:
+    """Whether another climb has looked at the lines of the region."""
+    known = climbs.is_known[s]
+    for other in range(s):
+        known = known or (climbs.region[other] == climbs.region[s] and spots.is_known[other])
+    return bool(known)
 
 
 @woven
@@ -305,33 +290,32 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
     return float(weight) if low == 1.0 else 0.0
 
 
-@deferred(kernel)
-def search_sets(low: int, high: int, climbs: Any, scene: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
-    """Improve the spots of climbs low..high in regions of more coordinates with sets larger than points.
+@part
+def search_sets(
+    count: int, climbs: Any, aim: Any, floor: float, regions: Any, rules: Any, spots: Any, room: Any
+) -> None:
+    """Improve the spots of `count` climbs in regions of more coordinates with sets larger than points; `floor` as for lines.
 
     The slopes of the set are followed from the best ends of lines through the cheapest decision, from the decision that the
-    climb was given, and from the best so far. The lines are the same for all climbs of a belief in a region: one looks at
-    them.
+    climb was given, and from the best so far. The lines are the same for all climbs in a region: one looks at them.
     """
     n_states = rules.basis.shape[0]
-    for s in range(low, high):
-        number, aim = climbs.region[s], aim_of(scene, climbs.belief[s], rules)
+    for s in range(count):
+        number = climbs.region[s]
         k = regions.size[number]
-        if regions.is_point[number] or k < 2 or _is_hopeless(climbs, spots, rules, s):
+        if regions.is_point[number] or k < 2 or _is_hopeless(spots, floor, rules, s):
             continue
         face, best, given = face_of(regions, number, n_states), np.empty(k + 1), np.empty(k + 1)
-        is_given = not np.isnan(climbs.actions[s, 0])
-        if is_given:
-            locate(regions, number, climbs.actions[s], given)
-            _keep(face, aim, rules, given, 0.0, spots, s, room)
-        if not _begin(climbs, regions, spots, s, best):
-            continue
-        is_given = is_given and bool(np.any(given != best))
-        centre, member = best.copy(), climbs.decoys[s].copy()
+        locate(regions, number, climbs.actions[s], given)
+        _keep(face, aim, rules, given, 0.0, spots, s, room)
+        put(given, best)
+        member = climbs.decoys[s].copy()
         if spots.numbers[s, 0] > -np.inf:
+            put(spots.place[s, : k + 1], best)
             put(spots.nearest[s], member)
+        is_given, centre = bool(np.any(given != best)), best.copy()
         found, n_found = np.empty((_STARTS, k + 1)), 0
-        if not _was_known(climbs, spots, s, low):
+        if not _was_known(climbs, spots, s):
             move_to_cheapest(face, aim, rules.near, centre)
             n_found = look_around(face, aim, rules, centre, spots.numbers[s, 0], found, room.distance)
             spots.is_known[s] = True

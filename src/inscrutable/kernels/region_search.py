@@ -1,8 +1,8 @@
 """The search over critical regions: from starts uphill, and on to the regions beyond the rows that are in reach.
 
-A search for one belief depends on nothing but its own starts. It takes turns: `plan` keeps what the last climbs found and says
-which come next; the climbs of all beliefs are then done together. A region whose programme is not made yet is asked for, and
-the search of that belief goes on once it is there.
+A search for one belief depends on nothing but its own starts. It takes turns: climbs from the most promising starts, then into
+the neighbours of the best regions; what they find is kept, and says which come next. A region whose programme is not made yet
+is asked for, and the search of that belief goes on once it is there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,16 @@ import numpy as np
 from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import bare, bare_kernel, kernel, woven
-from inscrutable.kernels.region_climb import aim_of
+from inscrutable.kernels.region_climb import (
+    ClimbRoom,
+    Climbs,
+    Spots,
+    aim_of,
+    climb_decoys,
+    climb_room,
+    search_lines,
+    search_sets,
+)
 from inscrutable.kernels.regions import (
     UNKNOWN,
     decision_in,
@@ -22,12 +31,15 @@ from inscrutable.kernels.regions import (
     has_multipliers,
     rows_of,
 )
-from inscrutable.kernels.set_distance import distance_room, nearest_belief
+from inscrutable.kernels.set_distance import nearest_belief
 
 NOT_BEGUN, ENDED = -1, -2
 BEST, FAR = 0, 1
 """Sources of climbs: an entry's best decision, and its farthest belief's; then the beliefs of freed rows."""
 _UNMET = 1e6  # below all distances: rows that no belief of a decision meets come last
+_INWARD = 0.01
+"""Share of the way to the belief by which a climb beyond a row begins before the decision that asked for it: where the budget
+is spent and the row is met nothing is left to begin with."""
 
 
 class Table(NamedTuple):
@@ -45,7 +57,7 @@ class Starts(NamedTuple):
     first: Any  # (T+1,)
     region: Any  # (n,)
     decoys: Any  # (n,X)
-    actions: Any  # (n,U); NaN for the decoy's own
+    actions: Any  # (n,U)
     promise: Any  # (n,) no more than this is expected of a start
 
 
@@ -56,6 +68,8 @@ class Explored(NamedTuple):
     """
 
     stage: Any  # (T,) how many regions may still be left without gain, NOT_BEGUN or ENDED
+    n_missing: Any  # (T,) regions that must be made before the search goes on
+    missing: Any  # (T,P,2) region and row whose other side each is
     n_begun: Any  # (T,) starts looked at
     before: Any  # (T,2) the best value and potential before the last region's neighbours were climbed
     count: Any  # (T,)
@@ -72,33 +86,37 @@ class Explored(NamedTuple):
     tried: Any  # (T,Q)
 
 
-class Plans(NamedTuple):
-    """The climbs that T beliefs ask for, and the regions that must be made first."""
+class Turn(NamedTuple):
+    """The climbs that come next in the search of one belief, P at most, and memory for them."""
 
-    floor: Any  # (T,) the best value known
-    n_climbs: Any  # (T,)
-    region: Any  # (T,P)
-    source: Any  # (T,P) BEST, FAR, those behind them, or −1 − s for start s
-    decoys: Any  # (T,2+F,X) of the sources
-    actions: Any  # (T,2,U) at BEST and FAR; those behind them have the first
-    n_missing: Any  # (T,)
-    missing: Any  # (T,P,2) region and row whose other side is asked for
-
-
-class PlanRoom(NamedTuple):
-    """Memory of plans, one after the other."""
-
+    n_climbs: Any  # (1,)
+    region: Any  # (P,)
+    source: Any  # (P,) BEST, FAR, those behind them, or −1 − s for start s
+    decoys: Any  # (2+X,X) of the sources
+    actions: Any  # (2,U) at BEST and FAR; those behind them have the first
+    climbs: Climbs
+    spots: Spots
     values: Any  # (R,)
     order: Any  # (R,)
     members: Any  # (R,X)
-    distance: Any
+    climb: ClimbRoom
 
 
-def plan_room(n_states: int, n_actions: int, n_rows: int) -> PlanRoom:
-    """Return memory for plans in a problem."""
-    return PlanRoom(
-        np.empty(n_rows), np.empty(n_rows, dtype=np.int64), np.empty((n_rows, n_states)),
-        distance_room(n_states, n_actions, n_states + n_rows),
+def turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
+    """Return memory for searches in a problem with turns of at most so many climbs."""
+    size, whole = n_actions + 1, np.int64
+    climbs = Climbs(
+        np.empty(most, dtype=whole), np.empty((most, n_states)), np.empty((most, n_actions)),
+        np.empty(most, dtype=np.bool_),
+    )  # fmt: skip
+    spots = Spots(
+        np.empty((most, 5)), np.empty((most, n_states)), np.empty((most, size)), np.empty((most, n_states)),
+        np.empty((most, size)), np.empty(most, dtype=np.bool_),
+    )  # fmt: skip
+    return Turn(
+        np.zeros(1, dtype=whole), np.empty(most, dtype=whole), np.empty(most, dtype=whole),
+        np.empty((FAR + 1 + n_states, n_states)), np.empty((FAR + 1, n_actions)), climbs, spots, np.empty(n_rows),
+        np.empty(n_rows, dtype=whole), np.empty((n_rows, n_states)), climb_room(n_states, n_actions, n_rows),
     )  # fmt: skip
 
 
@@ -188,17 +206,24 @@ def _is_new(reached: Any, t: int, number: int) -> bool:
 
 
 @bare
-def _ask(regions: Any, number: int, row: int, source: int, t: int, plans: Any) -> int:
+def _ask_in(turn: Any, number: int, source: int) -> None:
+    """Ask for a climb in a region."""
+    j = turn.n_climbs[0]
+    turn.region[j], turn.source[j] = number, source
+    turn.n_climbs[0] += 1
+
+
+@bare
+def _ask(regions: Any, number: int, row: int, source: int, t: int, search: Any) -> int:
     """Ask for a climb in the region beyond a row, or for that region where it is missing."""
+    reached, turn = search
     other = regions.beyond[number, row]
     if other == UNKNOWN or regions.size[other] == UNKNOWN:
-        j = plans.n_missing[t]
-        plans.missing[t, j, 0], plans.missing[t, j, 1] = number, row
-        plans.n_missing[t] += 1
+        j = reached.n_missing[t]
+        reached.missing[t, j, 0], reached.missing[t, j, 1] = number, row
+        reached.n_missing[t] += 1
         return UNKNOWN
-    j = plans.n_climbs[t]
-    plans.region[t, j], plans.source[t, j] = other, source
-    plans.n_climbs[t] += 1
+    _ask_in(turn, other, source)
     return int(other)
 
 
@@ -214,7 +239,7 @@ def _row_at(row: Any, belief: Any, w: Any) -> float:
 
 @bare
 def _ask_at_corner(
-    regions: Any, number: int, limits: Any, w: Any, belief: Any, source: int, t: int, plans: Any
+    regions: Any, number: int, limits: Any, w: Any, belief: Any, source: int, t: int, search: Any
 ) -> None:
     """Ask for the regions beyond the rows whose multiplier or slack is zero at a decision and a belief that explains it."""
     n_states, first = belief.size, regions.n_set_rows[number]
@@ -222,11 +247,11 @@ def _ask_at_corner(
     if has_multipliers(regions, number, n_states):
         for r in range(regions.n_told[number]):
             if _row_at(rows[n_states + r], belief, w) <= limits.reach:
-                _ask(regions, number, regions.told[number, r], source, t, plans)
+                _ask(regions, number, regions.told[number, r], source, t, search)
     for row in range(regions.tight.shape[1]):
         if not regions.tight[number, row]:
             if _row_at(rows[first], belief, w) <= limits.reach:
-                _ask(regions, number, row, source, t, plans)
+                _ask(regions, number, row, source, t, search)
             first += 1
 
 
@@ -239,27 +264,27 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: i
     at this decision, the least multipliers at the farthest belief count instead: other decisions of the region may meet
     those rows.
     """
-    _, plans, room = search
-    n_states, n_told, far = rules.basis.shape[0], regions.n_told[number], plans.decoys[t, FAR]
+    _, turn = search
+    n_states, n_told, far = rules.basis.shape[0], regions.n_told[number], turn.decoys[FAR]
     face = face_of(regions, number, n_states)
     for r in range(n_told):
-        distance = nearest_belief(face, w, aim.point, rules, n_states + r, room.members[r], room.distance)
-        room.values[r] = aim.sign * distance
+        distance = nearest_belief(face, w, aim.point, rules, n_states + r, turn.members[r], turn.climb.distance)
+        turn.values[r] = aim.sign * distance
         if not distance < np.inf:
-            put(far, room.members[r])
-            room.values[r] = -_UNMET - _row_at(face.rows[n_states + r], far, w)
-    put_descending(room.values[:n_told], room.order)
+            put(far, turn.members[r])
+            turn.values[r] = -_UNMET - _row_at(face.rows[n_states + r], far, w)
+    put_descending(turn.values[:n_told], turn.order)
     for j in range(min(n_states, n_told)):
-        r = room.order[j]
-        put(room.members[r], plans.decoys[t, FAR + 1 + j])
-        _ask(regions, number, regions.told[number, r], FAR + 1 + j, t, plans)
+        r = turn.order[j]
+        put(turn.members[r], turn.decoys[FAR + 1 + j])
+        _ask(regions, number, regions.told[number, r], FAR + 1 + j, t, search)
 
 
 @woven
-def _ask_all_told(regions: Any, number: int, t: int, plans: Any) -> None:
+def _ask_all_told(regions: Any, number: int, t: int, search: Any) -> None:
     """Ask for the regions beyond all tight rows: none has a multiplier of its own."""
     for r in range(regions.n_told[number]):
-        _ask(regions, number, regions.told[number, r], BEST, t, plans)
+        _ask(regions, number, regions.told[number, r], BEST, t, search)
 
 
 @woven
@@ -269,18 +294,18 @@ def _ask_into_corner(regions: Any, number: int, n: int, limits: Any, w: Any, cor
     All members have the same decision and so the same regret. At a corner of the set the multipliers of some tight rows are
     zero: with these freed the set shrinks to the corner at no cost to first order.
     """
-    _, plans, room = search
+    _, turn = search
     n_states, n_told = corner.size, regions.n_told[number]
     rows = rows_of(regions, number, n_states)
     for r in range(n_told):
-        room.values[r] = -_row_at(rows[n_states + r], corner, w)
-    put_descending(room.values[:n_told], room.order)
+        turn.values[r] = -_row_at(rows[n_states + r], corner, w)
+    put_descending(turn.values[:n_told], turn.order)
     here = number
     for j in range(min(n - regions.size[number], n_told)):
-        r = room.order[j]
-        if -room.values[r] > limits.reach:
+        r = turn.order[j]
+        if -turn.values[r] > limits.reach:
             break
-        here = _ask(regions, here, regions.told[number, r], FAR, t, plans)
+        here = _ask(regions, here, regions.told[number, r], FAR, t, search)
         if here == UNKNOWN:
             break
 
@@ -298,7 +323,7 @@ def _next(reached: Any, t: int) -> int:
 @woven
 def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search: Any) -> None:
     """Ask for the neighbours of the best region not searched yet; nothing is asked where the search has ended."""
-    reached, plans, _ = search
+    reached, turn = search
     e = _next(reached, t)
     if e < 0:
         reached.stage[t] = ENDED
@@ -306,82 +331,123 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
     n_states, n = rules.basis.shape
     number = reached.region[t, e]
     size, is_point = regions.size[number] + 1, regions.is_point[number]
-    w, v, far = reached.place[t, e, :size], reached.far_place[t, e, :size], plans.decoys[t, FAR]
+    w, v, far = reached.place[t, e, :size], reached.far_place[t, e, :size], turn.decoys[FAR]
     put(reached.far[t, e], far)
-    decision_in(regions, number, v, limits.bound, plans.actions[t, FAR])
-    put(plans.actions[t, FAR], plans.actions[t, BEST])
+    decision_in(regions, number, v, limits.bound, turn.actions[FAR])
+    put(turn.actions[FAR], turn.actions[BEST])
     is_set = aim.sign > 0.0 and not is_point
     if reached.numbers[t, e, 0] > -np.inf:
-        nearest = plans.decoys[t, BEST]
+        nearest = turn.decoys[BEST]
         put(reached.nearest[t, e], nearest)
-        decision_in(regions, number, w, limits.bound, plans.actions[t, BEST])
+        decision_in(regions, number, w, limits.bound, turn.actions[BEST])
         if not has_multipliers(regions, number, n_states):
-            _ask_all_told(regions, number, t, plans)
+            _ask_all_told(regions, number, t, search)
         elif not is_point and not is_set:
             _ask_for_freed(regions, number, aim, rules, w, t, search)
-        _ask_at_corner(regions, number, limits, w, nearest, BEST, t, plans)
+        _ask_at_corner(regions, number, limits, w, nearest, BEST, t, search)
     if is_set:
-        _ask_at_corner(regions, number, limits, v, far, FAR, t, plans)
+        _ask_at_corner(regions, number, limits, v, far, FAR, t, search)
         if has_multipliers(regions, number, n_states):
             _ask_for_freed(regions, number, aim, rules, v, t, search)
             _ask_into_corner(regions, number, n, limits, v, far, t, search)
-    if plans.n_missing[t] > 0:
+    if reached.n_missing[t] > 0:
         return
     reached.expanded[t, e] = True
     _is_new(reached, t, _key(number, BEST, far, aim.point))
-    count, plans.n_climbs[t] = plans.n_climbs[t], 0
+    count, turn.n_climbs[0] = turn.n_climbs[0], 0
     for j in range(count):
-        source = plans.source[t, j]
-        if _is_new(reached, t, _key(plans.region[t, j], source, plans.decoys[t, source], aim.point)):
-            into = plans.n_climbs[t]
-            plans.region[t, into], plans.source[t, into] = plans.region[t, j], plans.source[t, j]
-            plans.n_climbs[t] += 1
+        region, source = turn.region[j], turn.source[j]
+        if _is_new(reached, t, _key(region, source, turn.decoys[source], aim.point)):
+            _ask_in(turn, region, source)
 
 
 @woven
-def _ask_for_starts(starts: Any, limits: Any, reached: Any, t: int, plans: Any) -> None:
+def _ask_for_starts(starts: Any, limits: Any, top: float, reached: Any, t: int, turn: Any) -> None:
     """Ask for the next starts of those that promise more than is found: one, and then three times as many as before."""
-    top, first, last = plans.floor[t], starts.first[t], starts.first[t + 1]
+    first, last = starts.first[t], starts.first[t + 1]
     s, room = first + reached.n_begun[t], max(1, 3 * reached.n_begun[t])
-    while s < last and plans.n_climbs[t] < room:
+    while s < last and turn.n_climbs[0] < room:
         if starts.promise[s] > top + limits.polish:
-            j = plans.n_climbs[t]
-            plans.region[t, j], plans.source[t, j] = starts.region[s], -1 - s
-            plans.n_climbs[t] += 1
+            _ask_in(turn, starts.region[s], -1 - s)
         s += 1
     reached.n_begun[t] = s - first
 
 
-@deferred(bare_kernel)
-def plan(low: int, high: int, scene: Any, regions: Any, starts: Any, rules: Any, limits: Any, found: Any) -> None:
-    """Keep what the climbs of beliefs low..high found, and plan the next ones, until a search has some or has ended.
+@bare
+def _plan(aim: Any, regions: Any, starts: Any, rules: Any, limits: Any, t: int, search: Any) -> None:
+    """Ask for the climbs of the next turn: none where regions are missing for it, and where the search has ended."""
+    reached, turn = search
+    turn.n_climbs[0], reached.n_missing[t] = 0, 0
+    top = _top(reached, t, 0)
+    if reached.stage[t] == NOT_BEGUN:
+        _ask_for_starts(starts, limits, top, reached, t, turn)
+        if turn.n_climbs[0] > 0:
+            return
+        reached.stage[t] = limits.patience
+    potential = _top(reached, t, 3)
+    gains = top > reached.before[t, 0] or potential > reached.before[t, 1] + limits.polish
+    if gains and reached.stage[t] != ENDED:
+        reached.stage[t] = limits.patience
+    reached.before[t, 0], reached.before[t, 1] = top, potential
+    while reached.stage[t] > 0 and turn.n_climbs[0] == 0 and reached.n_missing[t] == 0:
+        _ask_around(regions, aim, rules, limits, t, search)
+        if reached.n_missing[t] == 0 and reached.stage[t] > 0:
+            reached.stage[t] -= 1
+    if reached.n_missing[t] > 0:
+        turn.n_climbs[0] = 0
+    elif turn.n_climbs[0] == 0:
+        reached.stage[t] = ENDED
 
-    found: (`Explored`, `Plans`, `PlanRoom`, (first (T+1,), `Climbs`, `Spots`) of the last turn).
+
+@woven
+def _begin_climbs(starts: Any, belief: Any, t: int, search: Any) -> None:
+    """Where the climbs of a turn begin: at starts, or where the last climbs came to rest."""
+    reached, turn = search
+    climbs = turn.climbs
+    for j in range(turn.n_climbs[0]):
+        number, source = turn.region[j], turn.source[j]
+        climbs.region[j], climbs.is_known[j] = number, False
+        for e in range(reached.count[t]):
+            if reached.region[t, e] == number and reached.is_known[t, e]:
+                climbs.is_known[j] = True
+        if source < 0:
+            put(starts.decoys[-1 - source], climbs.decoys[j])
+            put(starts.actions[-1 - source], climbs.actions[j])
+        else:
+            put(turn.actions[FAR if source == FAR else BEST], climbs.actions[j])
+            for i in range(belief.size):
+                decoy = turn.decoys[source, i]
+                climbs.decoys[j, i] = decoy + _INWARD * (belief[i] - decoy)
+
+
+@deferred(kernel)
+def search_regions(
+    steps: Any, scene: Any, regions: Any, starts: Any, rules: Any, limits: Any, search: tuple[Any, Any]
+) -> None:
+    """Search for beliefs `steps` (n,), each until it has ended or asks for regions that are missing.
+
+    search: (`Explored`, `Turn`).
     """
-    reached, plans, room, last = found
-    first, climbs, spots = last
-    for t in range(low, high):
-        for s in range(first[t], first[t + 1]):
-            number = climbs.region[s]
-            orthant = 0 if regions.is_point[number] else _orthant(spots.far[s], scene.points[t])
-            _record(reached, t, (number, orthant), spots, s)
-        plans.n_climbs[t], plans.n_missing[t] = 0, 0
-        plans.floor[t] = _top(reached, t, 0)
-        if reached.stage[t] == NOT_BEGUN:
-            _ask_for_starts(starts, limits, reached, t, plans)
-            if plans.n_climbs[t] > 0:
-                continue
-            reached.stage[t] = limits.patience
-        value, potential = plans.floor[t], _top(reached, t, 3)
-        gains = value > reached.before[t, 0] or potential > reached.before[t, 1] + limits.polish
-        if gains and reached.stage[t] != ENDED:
-            reached.stage[t] = limits.patience
-        reached.before[t, 0], reached.before[t, 1] = value, potential
+    reached, turn = search
+    climbs, spots = turn.climbs, turn.spots
+    for t in steps:
         aim = aim_of(scene, t, rules)
-        while reached.stage[t] > 0 and plans.n_climbs[t] == 0 and plans.n_missing[t] == 0:
-            _ask_around(regions, aim, rules, limits, t, (reached, plans, room))
-            if plans.n_missing[t] == 0 and reached.stage[t] > 0:
-                reached.stage[t] -= 1
+        while True:
+            _plan(aim, regions, starts, rules, limits, t, search)
+            count = turn.n_climbs[0]
+            if count == 0:
+                break
+            _begin_climbs(starts, aim.belief, t, search)
+            climb_decoys(count, climbs, aim, regions, rules, spots, turn.climb)
+            if aim.sign > 0.0:
+                # No set is farther than its members: regions whose decoys are not worth as much are left out.
+                floor = _top(reached, t, 0)
+                search_lines(count, climbs, aim, floor, regions, rules, spots, turn.climb)
+                search_sets(count, climbs, aim, floor, regions, rules, spots, turn.climb)
+            for j in range(count):
+                number = climbs.region[j]
+                orthant = 0 if regions.is_point[number] else _orthant(spots.far[j], aim.point)
+                _record(reached, t, (number, orthant), spots, j)
 
 
 @deferred(kernel)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,28 +18,17 @@ from inscrutable.decision_makers.search.atlas import Atlas
 from inscrutable.decision_makers.search.edge_climbs import edge_decoys
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.climb import Aim, Rules
-from inscrutable.kernels.region_climb import (
-    Climbs,
-    Scene,
-    Spots,
-    climb_decoys,
-    climb_room,
-    fill_distances,
-    search_lines,
-    search_sets,
-)
+from inscrutable.kernels.region_climb import Scene, climb_room, fill_distances
 from inscrutable.kernels.region_search import (
-    BEST,
-    FAR,
+    ENDED,
     NOT_BEGUN,
     Explored,
-    Plans,
     Starts,
     Tolerances,
     best_starts,
-    plan,
-    plan_room,
     read_actions,
+    search_regions,
+    turn_room,
 )
 from inscrutable.kernels.regions import Regions
 from inscrutable.kernels.threads import in_chunks
@@ -47,9 +36,7 @@ from inscrutable.problems import QuadraticProblem
 from inscrutable.validation import Array
 
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
-_CHUNK, _FEW_BELIEFS, _CHUNKS = 32, 4, 32
-"""Beliefs that a thread takes at a time, to choose starts; to climb at least four, and where there are many a share of them:
-with four always, 2,000 lotteries over three states take a quarter longer."""
+_CHUNK, _FEW_BELIEFS = 32, 4  # beliefs that a thread takes at a time, to choose starts and to search
 _STARTS, _SIGNS = 24, 5  # candidates that a search starts from; directions whose signs make an orthant
 """With 12 starts one of 72 beliefs over six states loses 44 %; with three directions 9 of 144 beliefs over five and six states
 with as many assets or fewer lose up to 37 %."""
@@ -71,9 +58,6 @@ _EDGE_STATES = 5
 """Climbs along the edge (20 ms a belief) from so many states on: of 72 beliefs on concentrated markets none is lost without
 them at X = 3 and 4, two of X = 5 (up to 6 %) and seven of X = 6 (up to 3 %). Where decisions have fewer free coordinates than
 beliefs, pairs do as much: of 1,080 decisions and lotteries there 6 change, by −0.2 % to 7 %, in half the time."""
-_INWARD = 0.01
-"""Share of the way to the belief by which a climb beyond a row begins before the decision that asked for it: where the budget
-is spent and the row is met nothing is left to begin with."""
 _RAY_STEPS, _SPARED, _FARTHER = 8, 0.02, 4.0
 """Steps on a ray, the share of the budget that is not spent there, and the longest step. Without them two of 60 beliefs
 over two states with budgets of 1e-5 are lost."""
@@ -172,38 +156,36 @@ def search(
 ) -> Explored:
     """Return what the searches of a block reach from their starts; where it does not go on, in the starts' regions alone."""
     count, n_states = scene.beliefs.shape
-    rules = rules_for(n_states)
+    rules, partition = rules_for(n_states), atlas.partition
     limits = _limits_for(n_states) if goes_on else _LIMITS._replace(patience=0)
-    partition = atlas.partition
     partition.make(starts.region)
-    reached, plans = _explored(atlas, count), _plans(atlas, starts)
-    first, climbs = _planned(atlas, scene, (reached, plans), starts)
-    spots = _climbed(atlas, scene, first, climbs)
-    while True:
-        regions, last = partition.arrays, (first, climbs, spots)
+    # Climbs of a turn: all starts; every row from the best and from the farthest decision, freed ones, and those of a corner.
+    around = 2 * (len(atlas.problem.constraints.b_ub) + n_states)
+    most = max(int(np.diff(starts.first).max(initial=0)), around)
+    reached, left = _explored(atlas, count, around), np.arange(count)
 
-        def work(low: int, high: int, regions: Regions = regions, last: Any = last) -> None:
-            room = plan_room(*atlas.size)
-            plan(low, high, scene, regions, starts, rules, limits, (reached, plans, room, last))
-
-        in_chunks(work, count, _CHUNK)
-        asked = np.arange(plans.missing.shape[1]) < plans.n_missing[:, None]
-        if asked.any():
-            partition.reach(plans.missing[asked])
-        first, climbs = _planned(atlas, scene, (reached, plans), starts)
+    def ended(*_: int) -> None:
         if progress is not None:
-            under_way = (plans.n_climbs > 0) | (plans.n_missing > 0)
-            progress(count - int(under_way.sum()), count)
-        if not len(climbs.belief) and not asked.any():
-            return reached
-        spots = _climbed(atlas, scene, first, climbs)
+            progress(int((reached.stage == ENDED).sum()), count)
+
+    while left.size:
+        regions, steps = partition.arrays, left
+
+        def work(low: int, high: int, regions: Regions = regions, steps: np.ndarray = steps) -> None:
+            room = turn_room(*atlas.size, most)
+            search_regions(steps[low:high], scene, regions, starts, rules, limits, (reached, room))
+
+        in_chunks(work, left.size, _FEW_BELIEFS, ended)
+        left = np.flatnonzero(reached.stage != ENDED)
+        partition.reach(reached.missing[np.arange(around) < reached.n_missing[:, None]])
+    return reached
 
 
-def _explored(atlas: Atlas, count: int) -> Explored:
+def _explored(atlas: Atlas, count: int, most_missing: int) -> Explored:
     n_states, size = atlas.problem.n_states, atlas.problem.n_actions + 1
     return Explored(
-        np.full(count, NOT_BEGUN), np.zeros(count, dtype=np.int64), np.full((count, 2), -np.inf),
-        np.zeros(count, dtype=np.int64),
+        np.full(count, NOT_BEGUN), np.zeros(count, dtype=np.int64), np.empty((count, most_missing, 2), dtype=np.int64),
+        np.zeros(count, dtype=np.int64), np.full((count, 2), -np.inf), np.zeros(count, dtype=np.int64),
         np.empty((count, _MOST_REACHED), dtype=np.int64), np.empty((count, _MOST_REACHED), dtype=np.int64),
         np.empty((count, _MOST_REACHED, 5)),
         np.empty((count, _MOST_REACHED, n_states)), np.empty((count, _MOST_REACHED, size)),
@@ -211,65 +193,6 @@ def _explored(atlas: Atlas, count: int) -> Explored:
         np.empty((count, _MOST_REACHED), dtype=np.bool_), np.empty((count, _MOST_REACHED), dtype=np.bool_),
         np.zeros(count, dtype=np.int64), np.empty((count, _MOST_TRIED), dtype=np.int64),
     )  # fmt: skip
-
-
-def _plans(atlas: Atlas, starts: Starts) -> Plans:
-    count, n_states, n_actions = len(starts.first) - 1, atlas.problem.n_states, atlas.problem.n_actions
-    # All starts; every row from the best and from the farthest decision, freed ones, and those of a corner.
-    around = 2 * (len(atlas.problem.constraints.b_ub) + n_states)
-    most = max(int(np.diff(starts.first).max(initial=0)), around)
-    return Plans(
-        np.empty(count), np.zeros(count, dtype=np.int64), np.empty((count, most), dtype=np.int64),
-        np.empty((count, most), dtype=np.int64), np.empty((count, FAR + 1 + n_states, n_states)),
-        np.empty((count, FAR + 1, n_actions)), np.zeros(count, dtype=np.int64),
-        np.empty((count, most, 2), dtype=np.int64),
-    )  # fmt: skip
-
-
-def _planned(atlas: Atlas, scene: Scene, state: tuple[Explored, Plans], starts: Starts) -> tuple[np.ndarray, Climbs]:
-    """Return the climbs of all beliefs, and where each belief's begin; those that wait for a region have none."""
-    reached, plans = state
-    ready = np.where(plans.n_missing > 0, 0, plans.n_climbs)
-    first = np.concatenate([[0], np.cumsum(ready)])
-    belief, place = np.nonzero(np.arange(plans.source.shape[1]) < ready[:, None])
-    belief, source = np.ascontiguousarray(belief), plans.source[belief, place]
-    start = -1 - source
-    begun = np.flatnonzero(start >= 0)
-    decoys = plans.decoys[belief, np.maximum(source, BEST)]
-    beyond = np.flatnonzero(start < 0)
-    decoys[beyond] += _INWARD * (scene.beliefs[belief[beyond]] - decoys[beyond])
-    actions = plans.actions[belief, np.where(source == FAR, FAR, BEST)]
-    decoys[begun], actions[begun] = starts.decoys[start[begun]], starts.actions[start[begun]]
-    region = plans.region[belief, place]
-    is_known = np.zeros(len(belief), dtype=np.bool_)
-    if not atlas.partition.arrays.is_point[region].all():
-        held = np.arange(reached.region.shape[1]) < reached.count[belief, None]
-        is_known = (held & reached.is_known[belief] & (reached.region[belief] == region[:, None])).any(axis=1)
-    return first, Climbs(belief, region, decoys, actions, plans.floor[belief], is_known)
-
-
-def _climbed(atlas: Atlas, scene: Scene, first: np.ndarray, climbs: Climbs) -> Spots:
-    """Return where climbs come to rest; those of each belief begin at `first` (T+1,)."""
-    n_climbs, n_states = climbs.decoys.shape
-    regions, rules, size = atlas.partition.arrays, rules_for(n_states), climbs.actions.shape[1] + 1
-    spots = Spots(
-        np.empty((n_climbs, 5)), np.empty((n_climbs, n_states)), np.empty((n_climbs, size)), np.empty((n_climbs, n_states)),
-        np.empty((n_climbs, size)), np.empty(n_climbs, dtype=np.bool_),
-    )  # fmt: skip
-    kernels = [climb_decoys]
-    if scene.sign > 0.0:
-        larger, n_free = ~regions.is_point[climbs.region], regions.size[climbs.region]
-        kernels += [search_lines] if np.any(larger & (n_free <= 1)) else []
-        kernels += [search_sets] if np.any(larger & (n_free > 1)) else []
-
-    def work(low: int, high: int) -> None:
-        room = climb_room(*atlas.size)
-        for follow in kernels:
-            follow(int(first[low]), int(first[high]), climbs, scene, regions, rules, spots, room)
-
-    count = len(first) - 1
-    in_chunks(work, count, min(max(count // _CHUNKS, _FEW_BELIEFS), _CHUNK))
-    return spots
 
 
 def starts_of(atlas: Atlas, scene: Scene, n_starts: int, others: list[SomeStarts] | None = None) -> Starts:

@@ -14,11 +14,10 @@ import numpy as np
 
 from inscrutable.kernels.climb import Aim, Rules, climb
 from inscrutable.kernels.copies import put
-from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.face_ascent import ascend
 from inscrutable.kernels.face_lines import SAMPLES, best_place, decision_value, interval, line_weight
 from inscrutable.kernels.face_sets import dearest, look_around, move_to_cheapest
-from inscrutable.kernels.options import bare, bare_kernel, part, whole, woven
+from inscrutable.kernels.options import bare, part, whole, woven
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
 
@@ -149,26 +148,6 @@ def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, sp
                 spots.numbers[s, 3] = -loss
                 if aim.limit < np.inf:
                     spots.numbers[s, 3] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
-
-
-@deferred(bare_kernel)
-def fill_distances(
-    low: int, high: int, starts: Any, scene: Any, regions: Any, rules: Any, distances: Any, room: Any
-) -> None:
-    """Fill how far the consistent sets of starts low..high are from their aims; NaN in regions where sets are points.
-
-    starts: (belief (n,), region (n,), actions (n,U)). A decision that no belief explains is infinitely far.
-    """
-    belief, region, actions = starts
-    n_states = rules.basis.shape[0]
-    for s in range(low, high):
-        number = region[s]
-        distances[s] = np.nan
-        if not regions.is_point[number]:
-            w = room.place[: regions.size[number] + 1]
-            locate(regions, number, actions[s], w)
-            face = face_of(regions, number, n_states)
-            distances[s] = nearest_belief(face, w, scene.points[belief[s]], rules, NO_ROW, room.member, room.distance)
 
 
 @woven

@@ -29,11 +29,20 @@ from inscrutable.kernels.regions import (
     decision_in,
     face_of,
     has_multipliers,
+    locate,
     rows_of,
 )
-from inscrutable.kernels.set_distance import nearest_belief
+from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 NOT_BEGUN, ENDED = -1, -2
+_PROMISE = 1.15
+"""How much farther than its start a climb may come to rest; starts that promise less than is found are skipped."""
+_SET_PROMISE = 1.5
+"""The same where more than the decoy explains the decision: the search leaves the decoy. With 1.25, 11 of 1,080 decisions and
+lotteries over four to eight states and fewer assets lose up to 19 %; with 2.5 two gain and one loses, in 1.5 times the time."""
+_PROMISE_AT_PRICE, _SET_PROMISE_AT_PRICE = 1.015, 1.2
+"""The same at a price, where starts already stand at their best budget: nothing is lost on 430 beliefs of X = 2, 3, 4. With
+1.05 for sets, 5 of 540 lotteries lose up to 6 %; with 1.5, two gain and one loses up to 2 %."""
 BEST, FAR = 0, 1
 """Sources of climbs: an entry's best decision, and its farthest belief's; then the beliefs of freed rows."""
 _UNMET = 1e6  # below all distances: rows that no belief of a decision meets come last
@@ -52,13 +61,14 @@ class Table(NamedTuple):
 
 
 class Starts(NamedTuple):
-    """Where the searches of T beliefs begin, belief by belief, the most promising first."""
+    """Where the searches of T beliefs begin, belief by belief."""
 
     first: Any  # (T+1,)
     region: Any  # (n,)
     decoys: Any  # (n,X)
     actions: Any  # (n,U)
-    promise: Any  # (n,) no more than this is expected of a start
+    promise: Any  # (n,) no more than this is expected of a start; before its search, what is added to that
+    order: Any  # (n,) the starts of each belief, the most promising first; filled by its search
 
 
 class Explored(NamedTuple):
@@ -362,13 +372,47 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
 
 
 @woven
+def _put_starts_in_order(starts: Any, aim: Any, regions: Any, rules: Any, t: int, room: Any) -> None:
+    """How far climbs may come from the starts of a belief, less what that costs at a price; the most promising come first."""
+    n_states, first = aim.point.size, starts.first[t]
+    for s in range(first, starts.first[t + 1]):
+        number, decoy = starts.region[s], starts.decoys[s]
+        w = room.place[: regions.size[number] + 1]
+        locate(regions, number, starts.actions[s], w)
+        face = face_of(regions, number, n_states)
+        # Toward a target nothing is better than the target itself.
+        if aim.sign > 0.0:
+            distance, on_set = np.inf, not regions.is_point[number]
+            if on_set:
+                distance = nearest_belief(face, w, aim.point, rules, NO_ROW, room.member, room.distance)
+            if not distance < np.inf:
+                distance = 0.0
+                for i in range(n_states):
+                    distance += (decoy[i] - aim.point[i]) * (decoy[i] - aim.point[i])
+                distance = np.sqrt(distance)
+            if aim.price > 0.0:
+                distance *= _SET_PROMISE_AT_PRICE if on_set else _PROMISE_AT_PRICE
+            else:
+                distance *= _SET_PROMISE if on_set else _PROMISE
+            starts.promise[s] += distance
+        if aim.price > 0.0:
+            starts.promise[s] -= aim.price * (cost_at(face.curves, aim.belief, w) - aim.optimal_cost)
+        place = s
+        while place > first and starts.promise[starts.order[place - 1]] < starts.promise[s]:
+            starts.order[place] = starts.order[place - 1]
+            place -= 1
+        starts.order[place] = s
+
+
+@woven
 def _ask_for_starts(starts: Any, limits: Any, top: float, reached: Any, t: int, turn: Any) -> None:
     """Ask for the next starts of those that promise more than is found: one, and then three times as many as before."""
     first, last = starts.first[t], starts.first[t + 1]
     s, room = first + reached.n_begun[t], max(1, 3 * reached.n_begun[t])
     while s < last and turn.n_climbs[0] < room:
-        if starts.promise[s] > top + limits.polish:
-            _ask_in(turn, starts.region[s], -1 - s)
+        start = starts.order[s]
+        if starts.promise[start] > top + limits.polish:
+            _ask_in(turn, starts.region[start], -1 - start)
         s += 1
     reached.n_begun[t] = s - first
 
@@ -380,6 +424,8 @@ def _plan(aim: Any, regions: Any, starts: Any, rules: Any, limits: Any, t: int, 
     turn.n_climbs[0], reached.n_missing[t] = 0, 0
     top = _top(reached, t, 0)
     if reached.stage[t] == NOT_BEGUN:
+        if reached.n_begun[t] == 0:
+            _put_starts_in_order(starts, aim, regions, rules, t, turn.climb)
         _ask_for_starts(starts, limits, top, reached, t, turn)
         if turn.n_climbs[0] > 0:
             return

@@ -37,6 +37,12 @@ def in_chunks(
     An error in `work`, or Ctrl-C, ends the call as soon as the chunks under way have ended, and is raised here.
     `progress(items done, count)` is called on the calling thread, after each of its chunks and at the end.
     """
+    if count <= chunk:
+        if count > 0:
+            work(0, count)
+        if count > 0 and progress is not None:
+            progress(count, count)
+        return
     starts = iter(range(0, count, chunk))  # taking the next entry is one step under the interpreter's lock
     ended: list[int] = []
     stop = Event()

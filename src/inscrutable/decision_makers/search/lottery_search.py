@@ -18,11 +18,12 @@ from inscrutable.decision_makers.search.region_search import (
     Best,
     SomeStarts,
     cut,
-    in_order,
     read,
     search,
     starts_at,
+    starts_in,
     starts_of,
+    together,
     values_of,
 )
 from inscrutable.kernels.region_climb import Scene
@@ -62,9 +63,10 @@ def best_lotteries(atlas: Atlas, scene: Scene, singles: Decisions, progress: Pro
     count, parts = len(scene.beliefs), []
     for first in range(0, count, _BLOCK):
         part = slice(first, min(first + _BLOCK, count))
-        block = _Block(atlas, cut(scene, part), singles, part)
-        block.close()
-        parts.append(block.lotteries())
+        with atlas.partition.searched(atlas.patterns):
+            block = _Block(atlas, cut(scene, part), singles, part)
+            block.close()
+            parts.append(block.lotteries())
         if progress is not None:
             progress(part.stop, count)
     columns = zip(*(vars(part).values() for part in parts), strict=True)
@@ -81,6 +83,7 @@ class _Block:
         self.regrets, self.privacies = np.zeros((count, _KNOWN)), np.full((count, _KNOWN), -np.inf)
         self.actions = np.zeros((count, _KNOWN, problem.n_actions))
         self.decoys = np.full((count, _KNOWN, n_states), np.nan)
+        self.regions = np.zeros((count, _KNOWN), dtype=np.int64)
         self.polished = np.zeros((count, _KNOWN), dtype=np.bool_)
         self.polished[:, _SINGLE] = [status is DecisionStatus.POLISHED for status in singles.status[part]]
         self.used = np.full(count, _SINGLE + 1)
@@ -97,11 +100,15 @@ class _Block:
         regrets = np.minimum(singles.regret[part], scene.limits)
         self._keep(_SINGLE, single, singles.decoy[part], regrets, singles.privacy[part])
         self.price = np.nan_to_num(singles.table.price[part])
+        corners = np.eye(n_states)
+        self.corners = starts_at(atlas, np.arange(n_states), corners, problem.solve(corners))
         self.left, self.right = np.full(count, _OWN), np.full(count, _NONE)
 
     def _keep(self, place: int, actions: Array, decoys: Array, regrets: Array, privacies: Array) -> None:
         self.actions[:, place], self.decoys[:, place] = actions, decoys
         self.regrets[:, place], self.privacies[:, place] = regrets, privacies
+        region = self.atlas.problem.constraints
+        self.regions[:, place] = self.atlas.partition.numbers(region.slacks(actions) < region.observed_slack)
 
     def close(self) -> None:
         """Search at the slopes of the chords until nothing lies above them."""
@@ -112,11 +119,10 @@ class _Block:
                 break
             # The best single decision is best of all at no other price than its own.
             prices = self._next_prices(steps, self.price[steps] if turn == 0 else np.zeros(len(steps)))
-            with self.atlas.partition.searched(self.atlas.patterns):
-                steps = steps[self._add(steps, prices)]
-                if steps.size:
-                    self._draw(steps)
-                    self._settle(steps)
+            steps = steps[self._add(steps, prices)]
+            if steps.size:
+                self._draw(steps)
+                self._settle(steps)
 
     def _settle(self, steps: np.ndarray) -> None:
         """Climb from both ends of each chord at its slope until neither gains, a few times at most."""
@@ -127,10 +133,8 @@ class _Block:
             rows, prices = np.concatenate([steps, steps]), np.tile(self._slopes(steps), 2)
             ends = np.concatenate([self.left[steps], self.right[steps]])
             scene = self._scene_at(rows, prices)
-            start = starts_at(
-                self.atlas, scene, np.arange(len(rows)), self.decoys[rows, ends], self.actions[rows, ends]
-            )
-            reached = search(self.atlas, scene, in_order(scene, [start]), goes_on=False)
+            start = self._starts(np.arange(len(rows)), (rows, ends))
+            reached = search(self.atlas, scene, together(scene, [start]), goes_on=False)
             levels = np.tile(self._levels(steps, prices[: len(steps)]), 2)
             best = values_of(reached).argmax(axis=1)
             better = values_of(reached)[np.arange(len(rows)), best] > levels + tolerances.CHORD_GAIN
@@ -152,12 +156,13 @@ class _Block:
         return np.asarray(self.privacies[steps, left] - prices * self.regrets[steps, left])
 
     def _take(self, best: Best, rows: np.ndarray) -> None:
-        """Keep what was found for beliefs `rows` (n,), each at most once."""
-        place = self.used[rows]
+        """Keep what was found for beliefs `rows` (n,), in order: those of one belief stand together."""
+        place = self.used[rows] + np.arange(len(rows)) - np.searchsorted(rows, rows)
+        self.regions[rows, place] = best.regions
         self.actions[rows, place], self.decoys[rows, place] = best.actions, best.decoys
         self.regrets[rows, place], self.privacies[rows, place] = best.regrets, best.privacies
         self.polished[rows, place] = True
-        self.used[rows] += 1
+        self.used[rows] = place + 1
 
     def _draw(self, steps: np.ndarray) -> None:
         """Draw the best chord at the budget between the decisions known: A affordable, B not, or A alone."""
@@ -206,32 +211,30 @@ class _Block:
         """Search at a price; keep what lies above the line of that slope through A, and return which beliefs gained."""
         levels, scene = self._levels(steps, prices), self._scene_at(steps, prices)
         reached = search(self.atlas, scene, starts_of(self.atlas, scene, _STARTS, self._ends(scene, steps)))
-        gained = np.zeros(len(steps), dtype=np.bool_)
         values = values_of(reached)
-        for entry in np.argsort(-values, axis=1)[:, :_NEW].T:
-            better = np.flatnonzero(values[np.arange(len(steps)), entry] > levels + tolerances.CHORD_GAIN)
-            if not better.size:
-                break
-            self._take(read(self.atlas, scene, reached, better, entry[better]), steps[better])
-            gained[better] = True
+        entries = np.argsort(-values, axis=1)[:, :_NEW]
+        which, place = np.nonzero(np.take_along_axis(values, entries, axis=1) > levels[:, None] + tolerances.CHORD_GAIN)
+        if which.size:
+            self._take(read(self.atlas, scene, reached, which, entries[which, place]), steps[which])
+        gained = np.zeros(len(steps), dtype=np.bool_)
+        gained[which] = True
         return gained
+
+    def _starts(self, rows: np.ndarray, known: tuple[np.ndarray, np.ndarray], added: float = 0.0) -> SomeStarts:
+        """Starts of the rows (n,) of a scene at decisions known of beliefs, `known` (belief (n,), place (n,))."""
+        return starts_in(rows, self.regions[known], self.decoys[known], self.actions[known], added)
 
     def _ends(self, scene: Scene, steps: np.ndarray) -> list[SomeStarts]:
         """Starts at A, at B, and where nothing is as far: at the decisions of the simplex's corners."""
-        parts = [] if scene.sign < 0.0 else [self._corners(scene)]
+        parts = []
+        if scene.sign > 0.0:
+            rows, corner = (each.reshape(-1) for each in np.indices((len(steps), len(self.corners.belief))))
+            _, regions, decoys, actions, _ = self.corners
+            parts.append(starts_in(rows, regions[corner], decoys[corner], actions[corner]))
         for end in (self.left[steps], self.right[steps]):
             there = np.flatnonzero(end != _NONE)
-            at = (steps[there], end[there])
-            start = starts_at(self.atlas, scene, there, self.decoys[at], self.actions[at])
-            parts.append(start._replace(promise=np.full(len(start.belief), np.inf)))
+            parts.append(self._starts(there, (steps[there], end[there]), np.inf))
         return parts
-
-    def _corners(self, scene: Scene) -> SomeStarts:
-        """A start at each state known for certain."""
-        count, n_states = scene.beliefs.shape
-        steps, corner = (each.reshape(-1) for each in np.indices((count, n_states)))
-        actions = self.atlas.problem.solve(np.eye(n_states))
-        return starts_at(self.atlas, scene, steps, np.eye(n_states)[corner], actions[corner])
 
     def lotteries(self) -> Lotteries:
         """Return the lotteries."""

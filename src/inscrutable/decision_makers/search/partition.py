@@ -104,8 +104,7 @@ class Partition:
     def make(self, numbers: np.ndarray) -> None:
         """Make the programmes of regions that have none yet."""
         with self._lock:
-            missing = numbers[self._columns[0][numbers] == UNKNOWN]
-            for number in np.unique(missing):
+            for number in sorted(set(numbers[self._columns[0][numbers] == UNKNOWN].tolist())):
                 face = face_programme(self.problem, self._tight[number].copy())
                 self._programmes[int(number)] = face
                 places = [flat.size for flat in self._flat]

@@ -18,7 +18,7 @@ from inscrutable.decision_makers.search.atlas import Atlas
 from inscrutable.decision_makers.search.edge_climbs import edge_decoys
 from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.kernels.climb import Aim, Rules
-from inscrutable.kernels.region_climb import Scene, climb_room, fill_distances
+from inscrutable.kernels.region_climb import Scene
 from inscrutable.kernels.region_search import (
     ENDED,
     NOT_BEGUN,
@@ -44,15 +44,6 @@ _MOST_REACHED, _MOST_TRIED = 64, 1024  # regions that a search keeps, and that i
 _FEW, _FARTHEST = 100, 1.5
 """Candidates, and more than any two beliefs are apart: where fewer are affordable all starts are climbed. Otherwise 5 of 60
 decisions over four states lose up to 44 % at a budget of a hundredth."""
-_PROMISE = 1.15
-"""How much farther than its start a climb may come to rest; starts that promise less than is found are skipped."""
-_SET_PROMISE = 1.5
-"""The same where more than the decoy explains the decision: the search leaves the decoy. With 1.25, 11 of 1,080 decisions and
-lotteries over four to eight states and fewer assets lose up to 19 %; with 2.5 two gain and one loses, in 1.5 times the time."""
-_PROMISE_AT_PRICE, _SET_PROMISE_AT_PRICE = 1.015, 1.2
-"""The same at a price, where starts already stand at their best budget: nothing is lost on 430 beliefs of X = 2, 3, 4. With
-1.05 for sets, 5 of 540 lotteries lose up to 6 %; with 1.5, two gain and one loses up to 2 %."""
-_DISTANCES = 256  # starts whose sets' distances a thread takes at a time
 _PAIRS = 4  # beliefs in two states only
 _EDGE_STATES = 5
 """Climbs along the edge (20 ms a belief) from so many states on: of 72 beliefs on concentrated markets none is lost without
@@ -73,6 +64,7 @@ class Best(NamedTuple):
     privacies: Array  # (T,)
     regrets: Array  # (T,)
     prices: Array  # (T,) derivative of the privacy in the budget
+    regions: np.ndarray  # (T,) where it lies; nothing is said where there is none
 
 
 @cache
@@ -139,7 +131,7 @@ def read(atlas: Atlas, scene: Scene, reached: Explored, steps: np.ndarray, entri
     decoys, numbers = np.full((len(steps), scene.beliefs.shape[1]), np.nan), np.zeros((3, len(steps)))
     decoys[found], numbers[:, found] = reached.nearest[at], reached.numbers[at][:, [1, 2, 4]].T
     privacies[found] = numbers[0, found]
-    return Best(actions, decoys, privacies, numbers[1], numbers[2])
+    return Best(actions, decoys, privacies, numbers[1], numbers[2], reached.region[steps, entries])
 
 
 def _report(progress: Progress, before: int, count: int, done: int, _: int) -> None:
@@ -177,7 +169,8 @@ def search(
 
         in_chunks(work, left.size, _FEW_BELIEFS, ended)
         left = np.flatnonzero(reached.stage != ENDED)
-        partition.reach(reached.missing[np.arange(around) < reached.n_missing[:, None]])
+        if left.size:
+            partition.reach(reached.missing[np.arange(around) < reached.n_missing[:, None]])
     return reached
 
 
@@ -206,24 +199,29 @@ def starts_of(atlas: Atlas, scene: Scene, n_starts: int, others: list[SomeStarts
         best_starts(low, high, scene, atlas.table, atlas.axes, len(atlas.patterns), chosen, ends)
 
     in_chunks(look, count, _CHUNK)
-    parts = [_candidate_starts(atlas, scene, *chosen[:2]), *_end_starts(atlas, scene, ends)]
+    steps, places = np.nonzero(chosen[0] >= 0)
+    index = chosen[0][steps, places]
+    parts = [starts_in(steps, atlas.table.region[index], atlas.table.decoys[index], atlas.actions[index])]
+    parts += _end_starts(atlas, scene, ends)
     if scene.sign > 0.0 and atlas.axes.shape[1] > atlas.problem.n_actions - len(atlas.problem.constraints.b_eq):
         parts.append(_pair_starts(atlas, scene))
     elif n_states >= _EDGE_STATES:
         parts += _edge_starts(atlas, scene)
-    starts = in_order(scene, [*parts, *(others or ())])
+    starts = together(scene, [*parts, *(others or ())])
     # Few candidates say little of how far climbs from them come: then no start is skipped.
-    few = np.repeat(n_worth < _FEW, np.diff(starts.first))
-    return starts._replace(promise=starts.promise + np.where(few, _FARTHEST, 0.0))
+    starts.promise[np.repeat(n_worth < _FEW, np.diff(starts.first))] += _FARTHEST
+    return starts
 
 
-def in_order(scene: Scene, parts: list[SomeStarts]) -> Starts:
-    """Return the starts of each belief that has anything to spend, the most promising first."""
-    belief, *rest = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+def together(scene: Scene, parts: list[SomeStarts]) -> Starts:
+    """Return the starts of each belief that has anything to spend."""
+    belief, region, decoys, actions, promise = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     searched = np.flatnonzero(scene.limits[belief] > 0.0)
-    order = searched[np.lexsort((-rest[-1][searched], belief[searched]))]
+    order = searched[np.argsort(belief[searched], kind="stable")]
     first = np.searchsorted(belief[order], np.arange(len(scene.beliefs) + 1))
-    return Starts(first, *(np.ascontiguousarray(column[order]) for column in rest))
+    return Starts(
+        first, region[order], decoys[order], actions[order], promise[order], np.empty(len(order), dtype=np.int64)
+    )
 
 
 class SomeStarts(NamedTuple):
@@ -233,46 +231,12 @@ class SomeStarts(NamedTuple):
     region: np.ndarray  # (n,)
     decoys: Array  # (n,X)
     actions: Array  # (n,U)
-    promise: Array  # (n,)
+    promise: Array  # (n,) what is added to what a start promises
 
 
-def _promises(
-    atlas: Atlas, scene: Scene, steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Array
-) -> Array:
-    """How far climbs of beliefs `steps` (n,) in regions `numbers` (n,) may come from decoys (n,X) and their decisions (n,U);
-    what that costs at a price is not taken off yet."""
-    # Near a ray little is farther than its end; toward a target nothing is better than the target itself.
-    if scene.sign < 0:
-        return np.zeros(len(steps))
-    atlas.partition.make(numbers)
-    regions, rules = atlas.partition.arrays, rules_for(atlas.problem.n_states)
-    far = np.linalg.norm(decoys - scene.points[steps], axis=1)
-    at_price, is_point = scene.prices[steps] > 0.0, regions.is_point[numbers]
-    if not is_point.all():
-        found = np.empty(len(steps))
-        starts = tuple(np.ascontiguousarray(column) for column in (steps, numbers, actions))
-
-        def work(low: int, high: int) -> None:
-            fill_distances(low, high, starts, scene, regions, rules, found, climb_room(*atlas.size))
-
-        in_chunks(work, len(steps), _DISTANCES)
-        far = np.where(np.isfinite(found), found, far)
-    of_points = np.where(at_price, _PROMISE_AT_PRICE, _PROMISE)
-    of_sets = np.where(at_price, _SET_PROMISE_AT_PRICE, _SET_PROMISE)
-    return np.asarray(np.where(is_point, of_points, of_sets) * far)
-
-
-def _candidate_starts(atlas: Atlas, scene: Scene, chosen: np.ndarray, values: Array) -> SomeStarts:
-    steps, places = np.nonzero(chosen >= 0)
-    index = chosen[steps, places]
-    decoys = atlas.table.decoys[index]
-    # At a price the value of a candidate is less than its distance by what it costs.
-    cost = np.linalg.norm((decoys - scene.points[steps]) @ atlas.axes, axis=1) - scene.sign * values[steps, places]
-    numbers = atlas.table.region[index]
-    promise = _promises(atlas, scene, steps, numbers, decoys, atlas.actions[index]) - np.where(
-        scene.prices[steps] > 0.0, scene.sign * cost, 0.0
-    )
-    return SomeStarts(steps, numbers, decoys, atlas.actions[index], promise)
+def starts_in(steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Array, added: float = 0.0) -> SomeStarts:
+    """Return starts of beliefs `steps` (n,) in regions `numbers` (n,), at decoys (n,X) and their decisions (n,U)."""
+    return SomeStarts(steps, numbers, decoys, actions, np.full(len(steps), added))
 
 
 def _pair_starts(atlas: Atlas, scene: Scene) -> SomeStarts:
@@ -284,7 +248,7 @@ def _pair_starts(atlas: Atlas, scene: Scene) -> SomeStarts:
     chosen = np.argsort(-values, axis=1)[:, :_PAIRS]
     steps, places = np.nonzero(np.take_along_axis(values, chosen, axis=1) > -np.inf)
     index = chosen[steps, places]
-    return starts_at(atlas, scene, steps, pairs.decoys[index], pairs.actions[index])
+    return starts_at(atlas, steps, pairs.decoys[index], pairs.actions[index])
 
 
 def _edge_starts(atlas: Atlas, scene: Scene) -> Iterator[SomeStarts]:
@@ -294,7 +258,7 @@ def _edge_starts(atlas: Atlas, scene: Scene) -> Iterator[SomeStarts]:
             scene.beliefs[t], scene.points[t], scene.sign, float(scene.optimal_costs[t]), float(scene.limits[t]), 0.0
         )
         decoys = edge_decoys(atlas.problem, aim, atlas.table.decoys, atlas.table.costs)[:_STARTS]
-        yield starts_at(atlas, scene, np.full(len(decoys), t), decoys, atlas.problem.solve(decoys))
+        yield starts_at(atlas, np.full(len(decoys), t), decoys, atlas.problem.solve(decoys))
 
 
 def _end_starts(atlas: Atlas, scene: Scene, ends: Array) -> Iterator[SomeStarts]:
@@ -304,7 +268,7 @@ def _end_starts(atlas: Atlas, scene: Scene, ends: Array) -> Iterator[SomeStarts]
         return
     decoys = ends[steps, places]
     actions = _moved_to_the_budget(atlas.problem, scene, steps, decoys)
-    yield starts_at(atlas, scene, steps, decoys, actions)
+    yield starts_at(atlas, steps, decoys, actions)
 
 
 def _moved_to_the_budget(problem: QuadraticProblem, scene: Scene, steps: np.ndarray, decoys: Array) -> Array:
@@ -342,8 +306,8 @@ def _moved_to_the_budget(problem: QuadraticProblem, scene: Scene, steps: np.ndar
     return np.asarray(actions)
 
 
-def starts_at(atlas: Atlas, scene: Scene, steps: np.ndarray, decoys: Array, actions: Array) -> SomeStarts:
-    """Return starts of beliefs `steps` (n,) at decoys (n,X) and their decisions (n,U)."""
+def starts_at(atlas: Atlas, steps: np.ndarray, decoys: Array, actions: Array) -> SomeStarts:
+    """Return starts of beliefs `steps` (n,) at decoys (n,X) and their decisions (n,U), in the regions where these lie."""
     region = atlas.problem.constraints
     slack = region.slacks(actions)
     # The region an observer sees; and, where rows are slack by less than the least, the one with those rows loose.
@@ -351,8 +315,4 @@ def starts_at(atlas: Atlas, scene: Scene, steps: np.ndarray, decoys: Array, acti
     other = np.flatnonzero((seen != exact).any(axis=1))
     which = np.concatenate([np.arange(len(steps)), other])
     numbers = atlas.partition.numbers(np.concatenate([seen, exact[other]]))
-    promise = _promises(atlas, scene, steps[which], numbers, decoys[which], actions[which])
-    if scene.prices.any():
-        costs = (atlas.problem.state_costs(actions) * scene.beliefs[steps]).sum(axis=1) - scene.optimal_costs[steps]
-        promise -= (scene.prices[steps] * costs)[which]
-    return SomeStarts(steps[which], numbers, decoys[which], actions[which], promise)
+    return starts_in(steps[which], numbers, decoys[which], actions[which])

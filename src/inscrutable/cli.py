@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import App, CycloptsError, Group, Parameter, validators
+from cyclopts import App, CycloptsError, Parameter
 
 from inscrutable import __version__
 from inscrutable.cli_audit import audit
@@ -23,10 +23,16 @@ from inscrutable.cli_interrupts import Interrupts, interrupts_kept
 from inscrutable.cli_sequence import protect_next
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
-    WHOLE,
+    DATA,
+    INVESTOR,
+    OUTPUT,
+    PRIVACY,
     MeasureName,
+    Out,
     RuleName,
+    Seed,
     UsageError,
+    Whole,
     belief_of,
     beside_of,
     budget_of,
@@ -67,18 +73,6 @@ app.command(study)
 app.command(compare)
 app.command(disclose)
 app.command(audit)
-
-_DATA = Group("Data", sort_key=1)
-_INVESTOR = Group("Investor", sort_key=2)
-_PRIVACY = Group("Privacy", sort_key=3)
-_OUTPUT = Group("Output", sort_key=9)
-
-Out = Annotated[Path, Parameter(group=_OUTPUT)]
-OptionalOut = Annotated[Path | None, Parameter(group=_OUTPUT)]
-_AT_LEAST_0 = Parameter(group=_OUTPUT, validator=validators.Number(gte=0))
-Whole = Annotated[int, WHOLE]
-Seed = Annotated[Whole, _AT_LEAST_0]
-OptionalSeed = Annotated[int | None, WHOLE, _AT_LEAST_0]
 
 
 @app.command
@@ -132,26 +126,26 @@ def reproduce(
 @app.command
 def backtest(
     *,
-    returns: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    prices: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    daily: Annotated[bool, Parameter(group=_DATA, negative=(), show_default=False)] = False,
-    beliefs: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    regime_names: Annotated[str | None, Parameter(group=_DATA)] = None,
-    train_until: Annotated[str | None, Parameter(group=_DATA)] = None,
-    public: Annotated[str, Parameter(group=_DATA)] = "market",
-    private: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    regimes: Annotated[Whole, Parameter(group=_INVESTOR)] = 3,
-    covariance: Annotated[str | None, Parameter(group=_INVESTOR)] = None,
-    risk_aversion: Annotated[float, Parameter(group=_INVESTOR)] = 5.0,
-    cost_bps: Annotated[float, Parameter(group=_INVESTOR)] = 10.0,
-    budget: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
-    measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
-    target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
-    sequential: Annotated[bool, Parameter(group=_PRIVACY)] = True,
-    disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
+    returns: Annotated[Path | None, Parameter(group=DATA)] = None,
+    prices: Annotated[Path | None, Parameter(group=DATA)] = None,
+    daily: Annotated[bool, Parameter(group=DATA, negative=(), show_default=False)] = False,
+    beliefs: Annotated[Path | None, Parameter(group=DATA)] = None,
+    regime_names: Annotated[str | None, Parameter(group=DATA)] = None,
+    train_until: Annotated[str | None, Parameter(group=DATA)] = None,
+    public: Annotated[str, Parameter(group=DATA)] = "market",
+    private: Annotated[Path | None, Parameter(group=DATA)] = None,
+    regimes: Annotated[Whole, Parameter(group=INVESTOR)] = 3,
+    covariance: Annotated[str | None, Parameter(group=INVESTOR)] = None,
+    risk_aversion: Annotated[float, Parameter(group=INVESTOR)] = 5.0,
+    cost_bps: Annotated[float, Parameter(group=INVESTOR)] = 10.0,
+    budget: Annotated[str | None, Parameter(group=PRIVACY)] = None,
+    measure: Annotated[MeasureName, Parameter(group=PRIVACY)] = "maximal",
+    target: Annotated[str | None, Parameter(group=PRIVACY)] = None,
+    sequential: Annotated[bool, Parameter(group=PRIVACY)] = True,
+    disclosure: Annotated[str, Parameter(group=PRIVACY)] = "exact",
     seed: Seed = 0,
     out: Out = Path("backtest"),
-    strict: Annotated[bool, Parameter(group=_OUTPUT, negative=(), show_default=False)] = False,
+    strict: Annotated[bool, Parameter(group=OUTPUT, negative=(), show_default=False)] = False,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> int:
     """Walk a regime-switching investor through real returns while a rival reads its published weights.
@@ -286,12 +280,12 @@ def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
 @app.command
 def attack(
     *,
-    model: Annotated[Path, Parameter(group=_DATA)],
-    weights: Annotated[Path, Parameter(group=_DATA)],
-    mechanism: Annotated[RuleName | None, Parameter(group=_DATA)] = None,
-    budget: Annotated[str | None, Parameter(group=_DATA)] = None,
-    state: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    out: OptionalOut = None,
+    model: Annotated[Path, Parameter(group=DATA)],
+    weights: Annotated[Path, Parameter(group=DATA)],
+    mechanism: Annotated[RuleName | None, Parameter(group=DATA)] = None,
+    budget: Annotated[str | None, Parameter(group=DATA)] = None,
+    state: Annotated[Path | None, Parameter(group=DATA)] = None,
+    out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Read published weights back into the beliefs that explain them: what do my holdings say?
@@ -365,18 +359,18 @@ def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:
 @app.command
 def protect(
     *,
-    model: Annotated[Path, Parameter(group=_DATA)],
-    belief: Annotated[str | None, Parameter(group=_DATA)] = None,
-    beliefs: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    weights: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    budget: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
-    measure: Annotated[MeasureName, Parameter(group=_PRIVACY)] = "maximal",
-    target: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
-    certify: Annotated[float | None, Parameter(group=_PRIVACY)] = None,
-    state: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    publish: Annotated[bool, Parameter(group=_DATA, negative=(), show_default=False)] = False,
-    seed: OptionalSeed = None,
-    out: OptionalOut = None,
+    model: Annotated[Path, Parameter(group=DATA)],
+    belief: Annotated[str | None, Parameter(group=DATA)] = None,
+    beliefs: Annotated[Path | None, Parameter(group=DATA)] = None,
+    weights: Annotated[Path | None, Parameter(group=DATA)] = None,
+    budget: Annotated[str | None, Parameter(group=PRIVACY)] = None,
+    measure: Annotated[MeasureName, Parameter(group=PRIVACY)] = "maximal",
+    target: Annotated[str | None, Parameter(group=PRIVACY)] = None,
+    certify: Annotated[float | None, Parameter(group=PRIVACY)] = None,
+    state: Annotated[Path | None, Parameter(group=DATA)] = None,
+    publish: Annotated[bool, Parameter(group=DATA, negative=(), show_default=False)] = False,
+    seed: Seed | None = None,
+    out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Say what to publish instead, what that costs, and what an observer then concludes.

@@ -5,24 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Parameter
 
-from inscrutable.cli_console import Speech, show_table
-from inscrutable.cli_values import WHOLE, whole_numbers_of, writable_folder
-
-_DATA = Group("Data", sort_key=1)
-_OUTPUT = Group("Output", sort_key=9)
+from inscrutable.cli_console import Speech, replaced, show_table
+from inscrutable.cli_values import AT_LEAST_0, DATA, Out, Seed, Whole, whole_numbers_of, writable_folder
 
 
 def audit(
     *,
-    secrets: Annotated[Path, Parameter(group=_DATA)],
-    published: Annotated[Path, Parameter(group=_DATA)],
-    lags: Annotated[str, Parameter(group=_DATA)] = "0",
-    embargo: Annotated[int | None, WHOLE, Parameter(group=_DATA, validator=validators.Number(gte=0))] = None,
-    kind: Annotated[Literal["classes", "numbers"] | None, Parameter(group=_DATA)] = None,
-    seed: Annotated[int, WHOLE, Parameter(group=_OUTPUT, validator=validators.Number(gte=0))] = 0,
-    out: Annotated[Path | None, Parameter(group=_OUTPUT)] = None,
+    secrets: Annotated[Path, Parameter(group=DATA)],
+    published: Annotated[Path, Parameter(group=DATA)],
+    lags: Annotated[str, Parameter(group=DATA)] = "0",
+    embargo: Annotated[Whole | None, Parameter(group=DATA), AT_LEAST_0] = None,
+    kind: Annotated[Literal["classes", "numbers"] | None, Parameter(group=DATA)] = None,
+    seed: Seed = 0,
+    out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Say whether published decisions leak secrets at all, and how much at least, from two files and no model.
@@ -41,8 +38,7 @@ def audit(
     """
     import numpy as np
 
-    from inscrutable.datasets import read_records, replace_files
-    from inscrutable.datasets.written import LIST
+    from inscrutable.datasets import read_records
     from inscrutable.experiments.audit import audit_pairs
     from inscrutable.reports.audit import audit_summary, audit_table, write_audit
 
@@ -51,11 +47,7 @@ def audit(
     folder = None if out is None else writable_folder(out)
     speech.log(f"{len(tables[0])} rows of secrets, {len(tables[1])} of decisions; learning forward in time")
     found = audit_pairs(*tables, lags=steps, embargo=embargo, kind=kind, rng=np.random.default_rng(seed))
-    files: list[Path] = []
-    if folder is not None:
-        files = write_audit(found, folder)
-        replace_files(folder, "audit", files)
-        files.append(folder / LIST)
+    files = [] if folder is None else replaced(folder, "audit", write_audit(found, folder), speech)
     if speech.json:
         speech.summary(audit_summary(found))
         return

@@ -5,28 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, show_table, write_report
 from inscrutable.cli_study import AGAIN, STUDY, resumable, was_told
-from inscrutable.cli_values import WHOLE, budgets_of, whole_numbers_of, writable_folder
-
-_DATA = Group("Data", sort_key=1)
-_PRIVACY = Group("Privacy", sort_key=3)
-_OUTPUT = Group("Output", sort_key=9)
+from inscrutable.cli_values import DATA, PRIVACY, Out, Seed, Whole, budgets_of, whole_numbers_of, writable_folder
 
 
 def compare(
     *,
-    market: Annotated[str, Parameter(group=_DATA)] = "paper",
-    resolution: Annotated[int, WHOLE, Parameter(group=_DATA)] = 30,
-    rival: Annotated[Path | None, Parameter(group=_DATA)] = None,
-    budgets: Annotated[str, Parameter(group=_PRIVACY)] = "silence:0.25,0.5,0.75,1",
-    pairs: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
-    disclosure: Annotated[str, Parameter(group=_PRIVACY)] = "exact",
-    jobs: Annotated[int, WHOLE] = -1,
-    seed: Annotated[int, WHOLE, Parameter(group=_OUTPUT, validator=validators.Number(gte=0))] = 0,
-    out: Annotated[Path, Parameter(group=_OUTPUT)] = Path("comparison"),
+    market: Annotated[str, Parameter(group=DATA)] = "paper",
+    resolution: Annotated[Whole, Parameter(group=DATA)] = 30,
+    rival: Annotated[Path | None, Parameter(group=DATA)] = None,
+    budgets: Annotated[str, Parameter(group=PRIVACY)] = "silence:0.25,0.5,0.75,1",
+    pairs: Annotated[str | None, Parameter(group=PRIVACY)] = None,
+    disclosure: Annotated[str, Parameter(group=PRIVACY)] = "exact",
+    jobs: Whole = -1,
+    seed: Seed = 0,
+    out: Out = Path("comparison"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Set ways of hiding side by side, against a rival who takes decisions at face value and one who knows how they are made.

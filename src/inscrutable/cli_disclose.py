@@ -6,33 +6,29 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, show_table
-from inscrutable.cli_values import WHOLE, writable_folder
+from inscrutable.cli_values import DATA, PRIVACY, Out, Seed, Whole, writable_folder
 
 if TYPE_CHECKING:
     from inscrutable.decision_makers import SequentialDecisionMaker
     from inscrutable.experiments.setting import Setting
     from inscrutable.mechanisms import Disclosure
 
-_DATA = Group("Data", sort_key=1)
-_PRIVACY = Group("Privacy", sort_key=3)
-_OUTPUT = Group("Output", sort_key=9)
-Whole = Annotated[int, WHOLE]
 _Makers = Literal["ODM", "CDM", "PDM", "rate-distortion", "Stackelberg", "sequential"]
 
 
 def disclose(
     *,
-    market: Annotated[str, Parameter(group=_DATA)] = "returns",
-    resolution: Annotated[Whole, Parameter(group=_DATA)] = 20,
-    disclosures: Annotated[str | None, Parameter(group=_PRIVACY)] = None,
-    rule: Annotated[_Makers, Parameter(group=_PRIVACY)] = "ODM",
-    steps: Annotated[Whole, Parameter(group=_PRIVACY)] = 24,
-    draws: Annotated[Whole, Parameter(group=_PRIVACY)] = 100,
-    seed: Annotated[int, WHOLE, Parameter(group=_OUTPUT, validator=validators.Number(gte=0))] = 0,
-    out: Annotated[Path, Parameter(group=_OUTPUT)] = Path("disclosures"),
+    market: Annotated[str, Parameter(group=DATA)] = "returns",
+    resolution: Annotated[Whole, Parameter(group=DATA)] = 20,
+    disclosures: Annotated[str | None, Parameter(group=PRIVACY)] = None,
+    rule: Annotated[_Makers, Parameter(group=PRIVACY)] = "ODM",
+    steps: Annotated[Whole, Parameter(group=PRIVACY)] = 24,
+    draws: Annotated[Whole, Parameter(group=PRIVACY)] = 100,
+    seed: Seed = 0,
+    out: Out = Path("disclosures"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Set schedules of publication side by side: how often, how late, and which parts of each decision.

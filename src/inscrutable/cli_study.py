@@ -9,10 +9,10 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import App, Group, Parameter, validators
+from cyclopts import App, Parameter, validators
 
 from inscrutable.cli_console import Speech
-from inscrutable.cli_values import WHOLE, UsageError
+from inscrutable.cli_values import OUTPUT, WORK, Out, UsageError, Whole
 from inscrutable.errors import InscrutableError
 
 if TYPE_CHECKING:
@@ -33,12 +33,9 @@ study = App(
     help_format="plaintext",
 )
 
-_WORK = Group("Work", sort_key=1)
-_OUTPUT = Group("Output", sort_key=9)
-
-Jobs = Annotated[int, WHOLE, Parameter(group=_WORK)]
-Cluster = Annotated[str | None, Parameter(group=_WORK)]
-Limit = Annotated[int | None, WHOLE, Parameter(group=_WORK, validator=validators.Number(gte=1))]
+Jobs = Annotated[Whole, Parameter(group=WORK)]
+Cluster = Annotated[str | None, Parameter(group=WORK)]
+Limit = Annotated[Whole | None, Parameter(group=WORK, validator=validators.Number(gte=1))]
 
 
 @study.command
@@ -46,7 +43,7 @@ def run(
     file: Path,
     /,
     *,
-    out: Annotated[Path, Parameter(group=_OUTPUT)],
+    out: Out,
     jobs: Jobs = 1,
     cluster: Cluster = None,
     limit: Limit = None,
@@ -80,7 +77,7 @@ def resume(
     jobs: Jobs = 1,
     cluster: Cluster = None,
     limit: Limit = None,
-    retry: Annotated[bool, Parameter(group=_WORK, negative=(), show_default=False)] = False,
+    retry: Annotated[bool, Parameter(group=WORK, negative=(), show_default=False)] = False,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> int:
     """Go on with a study that was stopped, killed or limited: only tasks without a row are done.
@@ -125,9 +122,9 @@ def export(
     folder: Path,
     /,
     *,
-    to: Annotated[Literal["csv", "parquet"], Parameter(group=_OUTPUT)] = "csv",
-    out: Annotated[Path | None, Parameter(group=_OUTPUT)] = None,
-    durations: Annotated[bool, Parameter(group=_OUTPUT, negative=(), show_default=False)] = False,
+    to: Annotated[Literal["csv", "parquet"], Parameter(group=OUTPUT)] = "csv",
+    out: Out | None = None,
+    durations: Annotated[bool, Parameter(group=OUTPUT, negative=(), show_default=False)] = False,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Write the rows of a study as a table, in the order of its grid.
@@ -158,8 +155,8 @@ def report(
     folder: Path,
     /,
     *,
-    out: Annotated[Path | None, Parameter(group=_OUTPUT)] = None,
-    title: Annotated[str | None, Parameter(group=_OUTPUT)] = None,
+    out: Out | None = None,
+    title: Annotated[str | None, Parameter(group=OUTPUT)] = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Write the study, finished or not, as one HTML page that works offline (needs the extra `inscrutable[report]`).

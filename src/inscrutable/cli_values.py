@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Parameter, Token
+from cyclopts import Group, Parameter, Token, validators
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,7 +82,16 @@ def beside_of(public: str, private: Path | None, returns: pd.DataFrame, *, embed
     return BesideReturns(read, market, None if private is None else read_signals(private))
 
 
-WHOLE = Parameter(converter=whole_number)
+DATA, WORK, INVESTOR, PRIVACY, OUTPUT = (
+    Group(name, sort_key=place)
+    for name, place in (("Data", 1), ("Work", 1), ("Investor", 2), ("Privacy", 3), ("Output", 9))
+)
+"""Under these heads the help of every verb lists its options."""
+
+Whole = Annotated[int, Parameter(converter=whole_number)]
+AT_LEAST_0 = Parameter(validator=validators.Number(gte=0))
+Seed = Annotated[Whole, Parameter(group=OUTPUT), AT_LEAST_0]
+Out = Annotated[Path, Parameter(group=OUTPUT)]
 
 
 def belief_of(text: str, option: str) -> list[float]:

@@ -49,7 +49,7 @@ from inscrutable.experiments.studies.tasks import DONE, FAILED, Row, Work, chunk
 from study_runs import SMALL, environment, killed, table, worker_processes
 
 TALKATIVE = (
-    "import sys; from inscrutable import cli, cli_study; cli_study._SECONDS_BETWEEN_LINES = 0; sys.exit(cli.main())"
+    "import sys; from inscrutable import cli, cli_console; cli_console._SECONDS_BETWEEN_LINES = 0; sys.exit(cli.main())"
 )
 
 ROOT = Path(__file__).resolve().parent.parent

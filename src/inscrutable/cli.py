@@ -46,9 +46,7 @@ from inscrutable.labels import label_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from inscrutable.budgets import Budget
     from inscrutable.experiments.attack import Attack
-    from inscrutable.experiments.attack_over_time import AttackOverTime
     from inscrutable.experiments.backtest import Backtest
     from inscrutable.experiments.protect import Protection
 
@@ -303,6 +301,7 @@ def attack(
     """
     from inscrutable.datasets import read_weights, write_table
     from inscrutable.experiments.attack import attack_weights
+    from inscrutable.experiments.attack_over_time import attack_over_time
     from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.reports.attack import attack_summary, write_attack
 
@@ -317,7 +316,7 @@ def attack(
     speech.log(table.summary())
     with speech.progress("Rows read") as move:
         found = attack_weights(investor, table, progress=move)
-    over_time = None if mechanism is None else _followed(found, mechanism, limit, state)
+    over_time = None if mechanism is None else attack_over_time(found, mechanism, limit, state=state)
     paths = [] if folder is None else write_attack(found, folder)
     if folder is not None and over_time is not None:
         paths.append(folder / "attack_over_time.csv")
@@ -335,12 +334,6 @@ def attack(
         show_table(shown, title if len(shown) == len(lines) else f"{title}; the first {len(shown)} rows")
     speech.sentence(found.summary())
     speech.files(files)
-
-
-def _followed(found: Attack, rule: RuleName, budget: Budget | None, state: Path | None) -> AttackOverTime:
-    from inscrutable.experiments.attack_over_time import attack_over_time
-
-    return attack_over_time(found, rule, budget, state=state)
 
 
 def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:

@@ -77,13 +77,19 @@ class Speech:
     @contextmanager
     def progress(self, what: str) -> Iterator[Callable[[int, int], None]]:
         """Give a function (done, in all) that moves a bar on a terminal and writes a line now and then elsewhere."""
+        with self.steps(timed=True) as tell:
+            yield lambda done, total: tell(done, total, f"{what}: {done} of {total}")
+
+    @contextmanager
+    def steps(self, *, timed: bool = False) -> Iterator[Callable[[int, int, str], None]]:
+        """Give the same with a line to show; `timed`: a bar says the time left."""
         if self.quiet:
-            yield lambda done, total: None
+            yield lambda done, total, line: None
         elif sys.stderr.isatty():
-            with _bar(what) as move:
+            with _bar(timed) as move:
                 yield move
         else:
-            yield _Lines(what)
+            yield _Lines()
 
 
 @contextmanager
@@ -99,28 +105,27 @@ def library_log(*, quiet: bool) -> Iterator[None]:
 
 
 @contextmanager
-def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
+def _bar(timed: bool) -> Iterator[Callable[[int, int, str], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    columns: tuple[Any, ...] = (BarColumn(), TextColumn("{task.description}"), *([TimeRemainingColumn()] * timed))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total, line: bar.update(task, completed=done, total=total, description=line)
 
 
 class _Lines:
     """Progress where there is no terminal: the first step, then one line in ten seconds, and the end."""
 
-    def __init__(self, what: str) -> None:
-        self._what = what
+    def __init__(self) -> None:
         self._next = 0.0
 
-    def __call__(self, done: int, total: int) -> None:
+    def __call__(self, done: int, total: int, line: str) -> None:
         if done < total and monotonic() < self._next:
             return
         self._next = monotonic() + _SECONDS_BETWEEN_LINES
-        print(f"{self._what}: {done} of {total}", file=sys.stderr, flush=True)
+        print(line, file=sys.stderr, flush=True)
 
 
 def results() -> Console:

@@ -6,8 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter, validators
 
@@ -23,7 +22,6 @@ STUDY, AGAIN = "study", "give the same command again"
 """Where other verbs keep the study behind their results, and how one that was stopped is gone on with."""
 _PAGE = "report.html"
 _REPORT = "inscrutable study report {}"
-_SECONDS_BETWEEN_LINES = 10.0
 _ERRORS_SHOWN = 3
 
 study = App(
@@ -269,26 +267,8 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 @contextmanager
 def _watched(speech: Speech) -> Iterator[Callable[[StudyProgress], None]]:
-    if speech.quiet:
-        yield lambda progress: None
-    elif sys.stderr.isatty():
-        with _bar() as watch:
-            yield watch
-    else:
-        yield _Lines()
-
-
-class _Lines:
-    """Progress where there is no terminal: the start, one line in ten seconds, and the end."""
-
-    def __init__(self) -> None:
-        self._next = 0.0
-
-    def __call__(self, progress: StudyProgress) -> None:
-        if progress.fresh < progress.asked and monotonic() < self._next:
-            return
-        self._next = monotonic() + _SECONDS_BETWEEN_LINES
-        print(progress_text(progress), file=sys.stderr, flush=True)
+    with speech.steps() as tell:
+        yield lambda progress: tell(progress.fresh, progress.asked, progress_text(progress))
 
 
 def progress_text(progress: StudyProgress) -> str:
@@ -308,18 +288,3 @@ def clock(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
-
-
-@contextmanager
-def _bar() -> Iterator[Callable[[StudyProgress], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns: tuple[Any, ...] = (BarColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("Tasks", total=None)
-
-        def watch(progress: StudyProgress) -> None:
-            bar.update(task, completed=progress.done, total=progress.total, description=progress_text(progress))
-
-        yield watch

@@ -101,7 +101,8 @@ def belief_of(text: str, option: str) -> list[float]:
 
 def measure_of(name: MeasureName, target: str | None) -> PrivacyMeasure:
     """Return the privacy measure of a name, with the target that only desired obfuscation has."""
-    from inscrutable import privacy
+    from inscrutable.experiments.makers import goal_of
+    from inscrutable.privacy import DesiredObfuscation
 
     if (target is None) == (name == "desired"):
         raise UsageError(
@@ -109,22 +110,9 @@ def measure_of(name: MeasureName, target: str | None) -> PrivacyMeasure:
             if target is None
             else f"--target belongs to --measure desired, not to {name}"
         )
-    if target is not None:
-        return privacy.DesiredObfuscation(
-            reversed_belief if target == "reverse" else belief_of(target, "--target"),
-        )
-    kinds: dict[str, type[PrivacyMeasure]] = {
-        "maximal": privacy.MaximalObfuscation,
-        "non-existence": privacy.NonExistence,
-        "non-uniqueness": privacy.NonUniqueness,
-        "infeasibility": privacy.Infeasibility,
-    }
-    return kinds[name]()
-
-
-def reversed_belief(belief: Any) -> Any:
-    """Return the belief with the regimes in the opposite order: calm for turbulent."""
-    return belief[::-1]
+    if target is None or target == "reverse":
+        return goal_of("reversed" if target else name)
+    return DesiredObfuscation(belief_of(target, "--target"))
 
 
 def _number(text: str, option: str) -> float:

@@ -427,7 +427,7 @@ Maker = Callable[[Setting, float], Behaviour | None]
 def goal_of(name: str) -> PrivacyMeasure:
     """Return the privacy measure Ψ that a decision maker seeks."""
     if name == "reversed":
-        return DesiredObfuscation(_reversed)
+        return DesiredObfuscation(reversed_belief)
     kinds: dict[str, type[PrivacyMeasure]] = {
         "maximal": MaximalObfuscation,
         "non-existence": NonExistence,
@@ -437,8 +437,8 @@ def goal_of(name: str) -> PrivacyMeasure:
     return kinds[name]()
 
 
-def _reversed(belief: Any) -> Any:
-    """The belief with the regimes in the opposite order."""
+def reversed_belief(belief: Any) -> Any:
+    """Return the belief with the regimes in the opposite order: calm for turbulent."""
     return belief[::-1]
 
 

@@ -200,17 +200,8 @@ are judged: HiGHS's feasibility times the largest regret over the optimal cost, 
 NO_COST = 1e-9
 """An expected regret below this share of the largest beside it is rounding: an optimal decision's, not the price of hiding."""
 
-CLIMB = 1e-8
-"""A step that promises less privacy than this ends a climb in the plane: a hundredth of what a decision may lack."""
-
-SAME_PRICE = 1e-4
-"""Relative change of a lottery's price below which its atoms are not climbed again: what they lose is its square."""
-
 KINK = 1e-9
 """A decoy this near to the point it should be far from, or near to, has no direction: the distance has a kink there."""
-
-LENGTH = 1e-14
-"""Length of a unit's image below which it counts as none, and slope below which two lines count as parallel."""
 
 PARALLEL = 1e-9
 """Slope between two rows of the plane below which one does not end the other's line: the step would leave the simplex."""

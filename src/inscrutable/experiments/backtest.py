@@ -21,7 +21,7 @@ from inscrutable.decision_makers import (
 )
 from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.results import Progress
-from inscrutable.errors import InputError, ModelError
+from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_aware import Beside, read_knowingly
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
 from inscrutable.experiments.backtest_public import (
@@ -168,8 +168,9 @@ def fitted_investor(
     fit = fit_gaussian_hmm(
         market.training, settings.regimes, rng=rng, n_restarts=n_restarts, covariance=settings.covariance
     )
-    world = _named(fit)
-    emission = _gaussian(world)
+    emission, names = fit.world.emission, regime_names(fit.world.n_states)
+    assert isinstance(emission, GaussianEmission)
+    world = HiddenMarkovModel(fit.world.transition, emission, fit.world.initial, names=names)
     means = pd.DataFrame(emission.means, index=list(world.names), columns=list(market.training.columns))
     problem = MarkowitzProblem(means, emission.covariances, settings.risk_aversion)
     return FittedInvestor(fit, world, problem)
@@ -181,20 +182,9 @@ def _enough_restarts(market: ReturnsSample, settings: BacktestSettings) -> int:
     return max(_LEAST_RESTARTS, min(RESTARTS, affordable))
 
 
-def _named(fit: FittedWorld) -> HiddenMarkovModel:
-    world = fit.world
-    return HiddenMarkovModel(world.transition, world.emission, world.initial, names=regime_names(world.n_states))
-
-
 def regime_names(count: int) -> tuple[str, ...]:
     """Return what a backtest calls its fitted regimes, by rising volatility."""
     return _NAMES.get(count, default_names(count))
-
-
-def _gaussian(world: HiddenMarkovModel) -> GaussianEmission:
-    if not isinstance(world.emission, GaussianEmission):
-        raise ModelError(f"the world's sensor is {world.emission!r}, expected Gaussian returns")
-    return world.emission
 
 
 def _with_public(

@@ -52,13 +52,12 @@ def _few(count: int, resolution: int) -> None:
         )
 
 
-def paper_market(resolution: int, seed: int) -> ComparedMarket:
-    """Return a random market as the paper draws them, with every belief of a grid equally likely.
+def _paper_market(resolution: int, seed: int) -> ComparedMarket:
+    """A random market as the paper draws them, with every belief of a grid equally likely.
 
     No world leaves every belief equally likely, so the belief does not follow the market's: it stays where it is as often as
     a regime lasts, and is drawn afresh otherwise.
     """
-    validation.count(resolution, "resolution")
     problem = random_market(rng=np.random.default_rng(seed)).problem
     _few(grid_size(problem.n_states, resolution), resolution)
     chain = resting_chain(uniform_prior(problem.n_states, resolution), _RESTS)
@@ -67,25 +66,20 @@ def paper_market(resolution: int, seed: int) -> ComparedMarket:
     )
 
 
-def returns_market(resolution: int, seed: int) -> ComparedMarket:
-    """Return the investor of the backtest on the embedded returns, with the long-run law of its predicted belief."""
-    validation.count(resolution, "resolution")
+def _returns_market(resolution: int, seed: int) -> ComparedMarket:
+    """The investor of the backtest on the embedded returns, with the long-run law of its predicted belief."""
     settings = BacktestSettings(seed=seed)
     fit_rng, prior_rng = (np.random.default_rng(each) for each in np.random.SeedSequence(seed).spawn(4)[::3])
     sample = checked_market(load_industry_returns().returns, settings, None)
     investor = fitted_investor(sample, settings, None, rng=fit_rng)
-    chain = predicted_chain(investor.world, resolution, rng=prior_rng)
-    _few(len(chain.prior), resolution)
     note = f"12 US industries, regimes fitted up to {settings.train_until}; stationary prior of the predicted belief"
-    return ComparedMarket(investor.problem, chain, note)
+    return ComparedMarket(investor.problem, predicted_chain(investor.world, resolution, rng=prior_rng), note)
 
 
-def model_market(path: Path, resolution: int, seed: int) -> ComparedMarket:
-    """Return the investor of a model.json, with the long-run law of its predicted belief."""
-    validation.count(resolution, "resolution")
+def _model_market(path: Path, resolution: int, seed: int) -> ComparedMarket:
+    """The investor of a model.json, with the long-run law of its predicted belief."""
     model = InvestorModel.load(path)
     chain = predicted_chain(model.world, resolution, rng=np.random.default_rng(seed))
-    _few(len(chain.prior), resolution)
     return ComparedMarket(model.problem, chain, f"{path.name}; stationary prior of the predicted belief")
 
 
@@ -107,7 +101,7 @@ def market_of(name: str, resolution: int, seed: int) -> ComparedMarket:
     if validation.count(resolution, "resolution") >= _MOST_BELIEFS:
         _few(resolution + 1, resolution)  # as many as two states have, and more have no fewer
     if name == PAPER:
-        return paper_market(resolution, seed)
-    if name == RETURNS:
-        return returns_market(resolution, seed)
-    return model_market(Path(name), resolution, seed)
+        return _paper_market(resolution, seed)
+    found = _returns_market(resolution, seed) if name == RETURNS else _model_market(Path(name), resolution, seed)
+    _few(len(found.prior), resolution)
+    return found

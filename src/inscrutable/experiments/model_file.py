@@ -5,27 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from inscrutable.errors import InputError
+from inscrutable.experiments.sections import Matrix, Section, shortened
 
 Vector = list[float]
-Matrix = list[list[float]]
 Stack = list[list[list[float]]]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
-
-
-class CategoricalPart(_Part):
+class CategoricalPart(Section):
     """A sensor with symbols."""
 
     type: Literal["categorical"]
     probabilities: Matrix
 
 
-class GaussianPart(_Part):
+class GaussianPart(Section):
     """A sensor with real vectors."""
 
     type: Literal["gaussian"]
@@ -34,7 +30,7 @@ class GaussianPart(_Part):
     asset_names: list[str] | None
 
 
-class LinearPart(_Part):
+class LinearPart(Section):
     """What everybody reads of a sensor."""
 
     type: Literal["part"]
@@ -43,7 +39,7 @@ class LinearPart(_Part):
     asset_names: list[str] | None
 
 
-class WorldPart(_Part):
+class WorldPart(Section):
     """A hidden Markov model."""
 
     transition: Matrix
@@ -53,7 +49,7 @@ class WorldPart(_Part):
     public: CategoricalPart | GaussianPart | LinearPart | None = None
 
 
-class ConstraintsPart(_Part):
+class ConstraintsPart(Section):
     """A feasible set."""
 
     A_ub: Matrix
@@ -64,7 +60,7 @@ class ConstraintsPart(_Part):
     min_slack: float
 
 
-class ProblemPart(_Part):
+class ProblemPart(Section):
     """A mean-variance portfolio."""
 
     type: Literal["markowitz"]
@@ -74,14 +70,14 @@ class ProblemPart(_Part):
     constraints: ConstraintsPart
 
 
-class BudgetPart(_Part):
+class BudgetPart(Section):
     """A budget."""
 
     amount: float
     is_relative: bool
 
 
-class ModelFile(_Part):
+class ModelFile(Section):
     """The whole file."""
 
     format: str
@@ -102,7 +98,7 @@ def checked(source: Path, data: dict[str, Any]) -> ModelFile:
         problems = error.errors(include_url=False)
         first, more = problems[0], len(problems) - 1
         others = f" (and {more} more)" if more else ""
-        value = "" if first["type"] == "missing" else f", got {_short(first['input'])}"
+        value = "" if first["type"] == "missing" else f", got {shortened(first['input'])}"
         raise InputError(f"{source}, key {_place(first['loc'])}: {first['msg']}{value}{others}") from None
 
 
@@ -114,8 +110,3 @@ def _place(location: tuple[int | str, ...]) -> str:
             continue
         text += f"[{part}]" if isinstance(part, int) else f".{part}"
     return text.lstrip(".")
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:59] + "…"

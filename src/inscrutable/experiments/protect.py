@@ -181,71 +181,42 @@ def protect(
         >>> bool(protection.deterministic.regret[0] <= 0.1 * abs(protection.deterministic.optimal_cost[0]))
         True
     """
-    order = _Order(model, budget, measure, rng, progress, certify)
-    if isinstance(beliefs, Attack):
-        return _protect(model, beliefs.estimates, beliefs.index, order, beliefs)
+    problem, limit = checked_model(model).problem, model.budget if budget is None else as_budget(budget)
+    goal = MaximalObfuscation() if measure is None else measure
+    source = None if rng is None else validation.generator(rng)
+    gap, method = checked_gap(certify), GlobalSearch(certify=certify)
+    if not isinstance(goal, PrivacyMeasure):
+        raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
+    if gap is not None:
+        check_provable(goal, "exclude")
+    planned = beliefs if isinstance(beliefs, Attack) else None
     held, index = _beliefs_of(model, beliefs)
-    return _protect(model, held, index, order, None)
-
-
-class _Order:
-    """What was asked for, checked before any work."""
-
-    def __init__(
-        self,
-        model: InvestorModel,
-        budget: Budget | float | None,
-        measure: PrivacyMeasure | None,
-        rng: np.random.Generator | None,
-        progress: Progress | None,
-        certify: float | None = None,
-    ) -> None:
-        own = checked_model(model).budget
-        self.budget = own if budget is None else as_budget(budget)
-        self.measure = MaximalObfuscation() if measure is None else measure
-        self.rng = None if rng is None else validation.generator(rng)
-        self.progress = progress
-        self.certify = checked_gap(certify)
-        if not isinstance(self.measure, PrivacyMeasure):
-            raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
-        if self.certify is not None:
-            check_provable(self.measure, "exclude")
-
-
-def _protect(
-    model: InvestorModel, beliefs: Array, index: pd.Index, order: _Order, planned: Attack | None
-) -> Protection:
-    problem = model.problem
-    _check_target(order.measure, beliefs)
+    _check_target(goal, held)
     done = 0 if planned is None else 1  # the reading of the weights
-    watch = [part_of(order.progress, done + number, done + PARTS) for number in range(PARTS)]
-    method = GlobalSearch(certify=order.certify)
-    chooser = CounterAdversarialDecisionMaker(problem, order.measure, order.budget, method=method)
-    deterministic = chooser.decide_many(beliefs, progress=watch[0])
-    mixer = ProbabilisticDecisionMaker(
-        problem, order.measure, order.budget, candidates=chooser.candidates, certify=order.certify
-    )
-    lotteries = mixer.decide_many(beliefs, progress=watch[1])
-    optimal = problem.solve(beliefs)
+    watch = [part_of(progress, done + number, done + PARTS) for number in range(PARTS)]
+    chooser = CounterAdversarialDecisionMaker(problem, goal, limit, method=method)
+    deterministic = chooser.decide_many(held, progress=watch[0])
+    mixer = ProbabilisticDecisionMaker(problem, goal, limit, candidates=chooser.candidates, certify=gap)
+    lotteries = mixer.decide_many(held, progress=watch[1])
     aware = []
-    for step, action in enumerate(deterministic.action):
-        limit = order.budget.limit(float(deterministic.optimal_cost[step]))
-        aware.append(near_optimal_beliefs(problem, action, limit).bounds())
-        watch[2](step + 1, len(beliefs))
+    for step, (action, cost) in enumerate(zip(deterministic.action, deterministic.optimal_cost, strict=True)):
+        aware.append(near_optimal_beliefs(problem, action, limit.limit(float(cost))).bounds())
+        watch[2](step + 1, len(held))
+    optimal = problem.solve(held)
     return Protection(
         model,
         index,
-        beliefs,
+        held,
         optimal,
         tuple(consistent_beliefs(problem, action) for action in optimal),
-        order.budget,
-        order.measure,
+        limit,
+        goal,
         deterministic,
         lotteries,
-        lotteries.sample(rng=order.rng),
+        lotteries.sample(rng=source),
         np.array(aware),
         planned,
-        order.certify,
+        gap,
     )
 
 
@@ -256,7 +227,9 @@ def _check_target(measure: PrivacyMeasure, beliefs: Array) -> None:
             measure.at_step(step).reference(belief)
 
 
-def _beliefs_of(model: InvestorModel, beliefs: ArrayLike | pd.DataFrame) -> tuple[Array, pd.Index]:
+def _beliefs_of(model: InvestorModel, beliefs: ArrayLike | pd.DataFrame | Attack) -> tuple[Array, pd.Index]:
+    if isinstance(beliefs, Attack):
+        return beliefs.estimates, beliefs.index
     if isinstance(beliefs, pd.DataFrame):
         missing = [regime for regime in model.regimes if regime not in beliefs.columns]
         unknown = [column for column in beliefs.columns if column not in model.regimes]

@@ -26,8 +26,6 @@ from inscrutable.problems import (
     simplex,
 )
 
-OWN = "own"
-
 
 class OwnRival(Section):
     """The agent's own problem: a rival who would invest as the agent does."""

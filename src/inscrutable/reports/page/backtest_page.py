@@ -15,7 +15,7 @@ from inscrutable.reports.backtest import cautions, headline, notes_of, timing_of
 from inscrutable.reports.backtest_plots import step_of
 from inscrutable.reports.page.budget_sweep import BudgetSweep, PlayedAt
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
-from inscrutable.reports.page.manifest import hash_of, versions
+from inscrutable.reports.page.manifest import hash_of, versions_told
 from inscrutable.reports.style import REGIME_COLOURS, around, looks_of
 from inscrutable.validation import Array
 
@@ -50,7 +50,7 @@ def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str,
         failures=_failures(result),
         notes=[*notes_of(result), *_own_notes(result, sweep)],
         manifest={
-            **{f"version of {name}": number for name, number in versions().items()},
+            **versions_told(),
             "seed": str(result.settings.seed),
             "budget": str(result.budget),
             "privacy measure": repr(result.settings.measure),

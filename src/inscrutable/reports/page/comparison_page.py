@@ -10,7 +10,7 @@ import numpy as np
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.reports.comparison import notes_of, short_table, worth
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
-from inscrutable.reports.page.manifest import versions
+from inscrutable.reports.page.manifest import versions_told
 from inscrutable.reports.style import looks_of
 from inscrutable.validation import Array
 
@@ -61,7 +61,7 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
         failures=_failures(comparison),
         notes=notes_of(comparison),
         manifest={
-            **{f"version of {name}": number for name, number in versions().items()},
+            **versions_told(),
             "expected regrets": ", ".join(f"{budget:.6g}" for budget in comparison.budgets),
             "given as": _GIVEN_AS[comparison.unit],
             "decisions under one belief": ", ".join(str(n) for n in comparison.repeats),

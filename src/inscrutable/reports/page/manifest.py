@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import pandas as pd
 
-from inscrutable import __version__
 from inscrutable.experiments.studies import Study
+from inscrutable.experiments.studies.runner import versions
 
-_COUNTED = ("numpy", "scipy", "numba", "daqp", "pandas")
 
-
-def versions() -> dict[str, str]:
-    """Return the versions of everything that had a hand in the numbers, by name."""
-    found = {"inscrutable": __version__, "Python": platform.python_version()}
-    for name in _COUNTED:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+def versions_told(known: Mapping[str, Any] | None = None) -> dict[str, str]:
+    """Return the versions of everything that had a hand in the numbers, a line each; None: those at work now."""
+    return {f"version of {name}": str(number) for name, number in (versions() if known is None else known).items()}
 
 
 def hash_of(frame: pd.DataFrame) -> str:
@@ -36,7 +26,7 @@ def hash_of(frame: pd.DataFrame) -> str:
 def manifest_of(study: Study) -> dict[str, str]:
     """Return what a study's store knows of how it was begun: versions, seed, data, and every key of its file."""
     known = study.manifest()
-    found = {f"version of {name}": str(number) for name, number in known.get("versions", {}).items()}
+    found = versions_told(known.get("versions", {}))
     found["seed"] = str(study.plan.seed)
     if known.get("data_sha256"):
         found["data, SHA-256"] = str(known["data_sha256"])

@@ -13,7 +13,7 @@ from inscrutable.experiments.claims import Verdict
 from inscrutable.experiments.market_runs import GLOBAL, PAPER
 from inscrutable.experiments.reproduction import Reproduction
 from inscrutable.reports.page.content import PageContent, PagePicture, PageTable
-from inscrutable.reports.page.manifest import keys_of, versions
+from inscrutable.reports.page.manifest import keys_of, versions_told
 from inscrutable.reports.reproduction import claims_table, draw_convergence, draw_variant
 from inscrutable.validation import Array
 
@@ -85,7 +85,7 @@ def reproduction_content(
         ],
         notes=_NOTES,
         manifest={
-            **{f"version of {name}": number for name, number in versions().items()},
+            **versions_told(),
             "seed": str(settings.seed),
             **keys_of(settings.model_dump(mode="json", exclude_none=True)),
             "step of the triangles": str(result.step + 1),

@@ -41,7 +41,7 @@ from inscrutable.cli_values import (
 )
 from inscrutable.errors import DiskError, InputError, InscrutableError, ModelError
 from inscrutable.files import DISK
-from inscrutable.labels import label_text
+from inscrutable.labels import capital, label_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -442,7 +442,7 @@ def _show_protection(found: Protection) -> None:
         show_table(option_lines(found, 0), "What to publish, what it costs, and what an observer concludes from it")
     else:
         show_table(row_lines(found), "What to publish (CDM), what it costs, and what an observer concludes from it")
-    results().print(found.summary()[0].upper() + found.summary()[1:] + ".")
+    results().print(f"{capital(found.summary())}.")
     if found.verdict:
         results().print(found.verdict)
     if len(found) == 1:

@@ -24,3 +24,8 @@ def label_text(label: Any) -> str:
     if isinstance(label, datetime) and label == label and label.time() == time(0):
         return f"{label:%Y-%m-%d}"
     return str(label)
+
+
+def capital(text: str) -> str:
+    """Return a text as the beginning of a sentence."""
+    return text[:1].upper() + text[1:]

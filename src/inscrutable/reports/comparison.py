@@ -18,6 +18,7 @@ from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.experiments.comparison_watchers import GAMMA_RANGE, N_PATHS, PATH_STEPS
 from inscrutable.experiments.makers import MAKERS
 from inscrutable.files import whole_file
+from inscrutable.labels import capital
 from inscrutable.reports.comparison_plots import draw_comparison, draw_rival
 
 _PERCENT = 100.0
@@ -49,11 +50,11 @@ class _Column(NamedTuple):
 
 def _columns(comparison: Comparison) -> list[_Column]:
     after = [
-        _Column(f"error, aware, {n} decisions" if n > 1 else "error, aware", _repeated(s))
+        _Column(f"error, aware, {n} decisions" if n > 1 else "error, aware", _entry("repeated_errors", s))
         for s, n in enumerate(comparison.repeats)
     ]
     told = [
-        _Column(f"error, aware, {n} decisions{_TOLD}", _told(s))
+        _Column(f"error, aware, {n} decisions{_TOLD}", _entry("told_errors", s))
         for s, n in enumerate(comparison.repeats)
         if n > 1 and comparison.ceilings
     ]
@@ -69,7 +70,9 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column("error, cost learned", lambda row: row.learned_error),
         _Column("risk aversion learned", _learned),
     ]
-    from_data = [_Column(f"error, data alone, {n} pairs", _from_data(s)) for s, n in enumerate(comparison.pairs)]
+    from_data = [
+        _Column(f"error, data alone, {n} pairs", _entry("data_errors", s)) for s, n in enumerate(comparison.pairs)
+    ]
     return [
         _Column("regret, % of silence", lambda row: _PERCENT * row.silence_share, ".1f"),
         _Column("% of |c*|", lambda row: _PERCENT * row.cost_share, ".2f"),
@@ -105,16 +108,9 @@ _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
 """How what was set for a decision maker is told beside its name."""
 
 
-def _repeated(place: int) -> Callable[[ComparisonRow], float]:
-    return lambda row: float(row.repeated_errors[place])
-
-
-def _from_data(place: int) -> Callable[[ComparisonRow], float | str]:
-    return lambda row: float(row.data_errors[place])
-
-
-def _told(place: int) -> Callable[[ComparisonRow], float]:
-    return lambda row: float(row.told_errors[place])
+def _entry(field: str, place: int) -> Callable[[ComparisonRow], float]:
+    """An entry of a row's array."""
+    return lambda row: float(getattr(row, field)[place])
 
 
 def _learned(row: ComparisonRow) -> str:
@@ -304,7 +300,7 @@ def _rival(comparison: Comparison) -> list[str]:
 
 def markdown_of(comparison: Comparison, title: str) -> str:
     """Return the comparison as Markdown: header, verdict, a table for each budget, notes."""
-    parts = [f"# {title}", f"{_first_upper(comparison.header())}.", comparison.summary()]
+    parts = [f"# {title}", f"{capital(comparison.header())}.", comparison.summary()]
     for budget in comparison.budgets:
         parts += [
             f"## Expected regret of {worth(comparison, budget)}",
@@ -332,10 +328,6 @@ def _markdown_table(frame: pd.DataFrame) -> str:
     lines = ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in cells]
     lines.insert(1, "|" + "---|" + "---:|" * len(frame.columns))
     return "\n".join(lines)
-
-
-def _first_upper(text: str) -> str:
-    return text[0].upper() + text[1:]
 
 
 def write_comparison(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.experiments.comparison import Comparison
+from inscrutable.labels import capital
 from inscrutable.reports.comparison import notes_of, short_table, worth
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import versions_told
@@ -25,10 +26,9 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
     """Return the content of a comparison's page; `manifest` are further lines of its own."""
     seen = [_decisions(n) for n in comparison.repeats] + ["all so far, on a belief that moves"] * comparison.is_moving
     budgets = [worth(comparison, budget) for budget in comparison.budgets]
-    header = comparison.header()
     return PageContent(
         title=title or "Ways of hiding at equal expected regret",
-        header=f"{header[0].upper()}{header[1:]}.",
+        header=f"{capital(comparison.header())}.",
         verdict=[comparison.summary()],
         tables=[_table(comparison, b, text) for b, text in enumerate(budgets)],
         sliders=[

@@ -12,6 +12,7 @@ import numpy as np
 from inscrutable.experiments.claims import Verdict
 from inscrutable.experiments.market_runs import GLOBAL, PAPER
 from inscrutable.experiments.reproduction import Reproduction
+from inscrutable.labels import capital
 from inscrutable.reports.page.content import PageContent, PagePicture, PageTable
 from inscrutable.reports.page.manifest import keys_of, versions_told
 from inscrutable.reports.reproduction import claims_table, draw_convergence, draw_variant
@@ -76,7 +77,7 @@ def reproduction_content(
         f"{settings.markets} random markets; budget c_b = {settings.budget:g} of |c*|.",
         verdict=[_verdict(result)],
         cautions=_cautions(settings.markets),
-        tables=[PageTable("The claims", ["Claim", *map(_capital, claims.columns[1:])], rows, is_prose=True)],
+        tables=[PageTable("The claims", ["Claim", *map(capital, claims.columns[1:])], rows, is_prose=True)],
         pictures=list(_pictures(result, drawn)),
         details=[
             PageTable("What each claim is measured by", ["Claim", "Criterion"], criteria, is_prose=True),
@@ -105,10 +106,6 @@ def _cautions(markets: int) -> list[str]:
     if markets >= _FEW:
         return []
     return [f"{markets} markets are few: averages have wide standard errors, and a claim may fail for that alone."]
-
-
-def _capital(text: str) -> str:
-    return text[0].upper() + text[1:]
 
 
 def _pictures(result: Reproduction, drawn: Path | None) -> Iterator[PagePicture]:

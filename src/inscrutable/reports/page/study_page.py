@@ -14,6 +14,7 @@ from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of
 from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
+from inscrutable.labels import capital
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
 from inscrutable.reports.style import Look, looks_of
@@ -51,7 +52,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
     header = ". ".join(filter(None, [study.plan.note.rstrip("."), f"{tasks_text(study.n_tasks)}; budgets: {spent}"]))
     return PageContent(
         title=title or study.plan.name,
-        header=f"{header[0].upper()}{header[1:]}.",
+        header=f"{capital(header)}.",
         verdict=_verdict(study, means),
         cautions=_cautions(study, means, len(shown)),
         tables=[_table(study, means, place, number) for number, place in enumerate(shown)],
@@ -240,7 +241,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     told.insert(0, [*at, "; ".join(filter(None, (_ranked(means, setting, *each) for each in found.items())))])
     texts = [", ".join(each) for each in told]
     return [
-        *(f"{text[0].upper()}{text[1:]}." for text in texts),
+        *(f"{capital(text)}." for text in texts),
         *_elsewhere(means, found[places[0]], budget, places[0]),
     ]
 

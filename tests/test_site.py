@@ -82,7 +82,8 @@ def test_documents_are_built_without_a_warning_and_without_a_dead_link(tmp_path:
             script.name
         )
     told = re.sub(r"<[^>]+>", "", site.joinpath("studies.html").read_text("utf-8"))
-    keys = {key for model in layout.Section.__subclasses__() for key in model.model_fields}
+    schema = layout.StudyFile.model_json_schema()
+    keys = {key for each in (schema, *schema["$defs"].values()) for key in each.get("properties", ())}
     assert not [each for each in (*keys, *get_args(layout.Measure)) if each not in told], "every key has its line"
     assert f"Over {MARKETS} random markets" in (site / "reproducing.html").read_text("utf-8")
     for name, least in (("start-here.html", 2), ("reproducing.html", 11), ("benchmarks.html", 5)):

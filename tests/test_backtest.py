@@ -27,7 +27,8 @@ from inscrutable.decision_makers import privacy_frontier
 from inscrutable.experiments.backtest import RESTARTS, Backtest, BacktestSettings, run_backtest
 from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
-from inscrutable.reports.backtest import headline, table_of, text_of, timing_of, verdict, write_backtest
+from inscrutable.reports.backtest import table_of, text_of, timing_of, write_backtest
+from inscrutable.reports.backtest_verdict import limits, verdict
 
 TRAINING, DECISIONS = 120, 9
 TRAIN_UNTIL = "2009-12"
@@ -175,7 +176,7 @@ def test_same_seed_same_bytes(found: Backtest, tmp_path: Path) -> None:
     assert {"table.csv", "beliefs.csv", "weights_PDM.csv", "summary.json", "frontier.svg", "weights.png"} <= names
     assert "month.png" not in names  # two regimes have no triangle
     summary = json.loads((tmp_path / "one" / "summary.json").read_text("utf-8"))
-    assert summary["headline"] == headline(found)
+    assert summary["verdict"] == verdict(found)
     assert summary["settings"]["budget"] == {"amount": 0.1, "is_relative": True}
     assert summary["decision_makers"]["CDM"]["mean_regret"] == found.figures["CDM"]["mean_regret"]
 
@@ -199,7 +200,7 @@ def test_headers_state_the_timing_and_the_factor(found: Backtest) -> None:
     assert "month t+1 given data up to month t, earns the return of month t+1" in timing_of(found)
     assert "√12" in text_of(found)
     for name in found.names:
-        assert name in headline(found) or name == "ODM"
+        assert any(f"({name})" in each for each in verdict(found))
 
 
 def test_another_seed_draws_others(found: Backtest) -> None:
@@ -248,11 +249,16 @@ def test_the_prior_of_the_rival_is_about_the_next_row(found: Backtest) -> None:
     assert (moved <= high + 1e-12).all()
 
 
-def test_one_sentence_says_which_protection_holds_against_whom(found: Backtest, tmp_path: Path) -> None:
+def test_short_lines_say_what_is_hidden_from_whom_at_what_price(found: Backtest, tmp_path: Path) -> None:
     said = verdict(found)
-    assert said.count(".") - said.count("0.") == 1
-    for part in ("takes the weights at face value", "knows how they are made", "without seeing any weights"):
-        assert part in said
+    for line, part in zip(
+        said,
+        ("Read: ", "takes the weights at face value", "knows the rules and follows all months", "Price: "),
+        strict=True,
+    ):
+        assert part in line
+        assert len(line) < 200
+    assert any("its error without weights" in each for each in limits(found))
     write_backtest(found, tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text("utf-8"))["verdict"] == said
     read = pd.read_csv(tmp_path / "aware_PDM.csv", index_col=0)
@@ -263,14 +269,14 @@ def test_the_sentence_has_no_nan_where_no_weights_make_sense(found: Backtest) ->
     figures = {name: dict(found.figures[name], error_face_value=float("nan")) for name in found.names}
     shifted = replace(found)
     shifted.__dict__["figures"] = figures
-    said = verdict(shifted)
+    said = " ".join(verdict(shifted))
     assert "nan" not in said
     assert "no belief explains any decision of CDM or PDM" in said
 
 
 def test_a_budget_of_regret_is_said_as_such(found: Backtest) -> None:
     shifted = replace(found, settings=replace(found.settings, budget=Budget.regret(0.01)))
-    assert "hiding within a regret of 0.01 brings" in headline(shifted)
+    assert "each hides within a regret of 0.01" in limits(shifted)[0]
 
 
 def test_a_target_for_every_step_has_no_mechanism() -> None:
@@ -278,7 +284,7 @@ def test_a_target_for_every_step_has_no_mechanism() -> None:
     targets = np.tile([0.3, 0.7], (len(returns) - TRAINING, 1))
     found = run(returns, replace(SETTINGS, measure=DesiredObfuscation(targets)))
     assert found.aware is None
-    assert verdict(found) == ""
+    assert not any("Hidden" in each for each in [*verdict(found), *limits(found)])
     assert np.isnan(found.aware_estimates("CDM")).all(axis=None)
     assert "changes from step to step" in text_of(found)
 
@@ -424,7 +430,8 @@ def test_optimal_costs_of_zero_give_no_nan(found: Backtest, spent: float) -> Non
     shifted = replace(found, episode=replace(found.episode, records=records))
     for record in records.values():
         assert set(record.relative_increase) == {np.inf if spent else 0.0}
-    said = headline(shifted)
+    said = verdict(shifted)[-1]
     assert "nan" not in said
-    assert ("0.001 and 0.001 per month, where c* is 0" if spent else "0.0% and 0.0% of |c*|") in said
+    told = "0.001 (CDM) and 0.001 (PDM) per month, where c* is 0" if spent else "0.0% (CDM) and 0.0% (PDM) of |c*|"
+    assert told in said
     assert not np.isnan(table_of(shifted).loc["regret, sum as % of the sum of |c*|"]).any()

@@ -493,7 +493,7 @@ def test_the_verb_writes_and_says_what_it_found(tmp_path: Path, capsys: pytest.C
     arguments = ["compare", "--resolution", "3", "--budgets", "silence:0.5", "--out", str(folder)]
     assert cli.main(arguments) == 0
     said = capsys.readouterr()
-    assert "protection holds" in said.out
+    assert "Hidden from one who" in said.out
     assert "comparison.csv" in said.out
     assert "What the columns mean" in said.out
     assert "Decision makers at budgets" in said.err

@@ -1,4 +1,4 @@
-"""When a protection holds: two parts, one definition, in every verb and on every page."""
+"""When a belief is hidden: two parts, one definition, in every verb and on every page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_bac
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.protect import protect
-from inscrutable.reports.backtest import verdict
+from inscrutable.reports.backtest_verdict import limits, verdict
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,11 @@ def with_figures(found: Backtest, **given: float) -> Backtest:
     return changed
 
 
+def line_of(found: Backtest, part: str) -> str:
+    """The line of the verdict that holds some words."""
+    return next(each for each in verdict(found) if part in each)
+
+
 def test_both_parts_are_needed(fresh_rng: np.random.Generator) -> None:
     for _ in range(200):
         without, chance = fresh_rng.uniform(0.1, 1.4), fresh_rng.uniform(0.2, 1.0)
@@ -40,37 +45,37 @@ def test_both_parts_are_needed(fresh_rng: np.random.Generator) -> None:
         error, named = fresh_rng.uniform(0.0, 1.4), fresh_rng.uniform()
         both = error >= without * 2 / 3 and named <= chance + (1 - chance) / 3
         assert asked.is_met(Reached("CDM", error, named)) == both
-        assert (asked.judge([Reached("CDM", error, named)])[:4] == "CDM ") == both
+        assert (asked.judge([Reached("CDM", error, named)])[:6] == "by CDM") == both
 
 
 def test_a_rival_who_names_the_regime_nearly_always_is_not_held_off(found: Backtest) -> None:
     """Far from the belief, but right in 95 % of the months where chance is right in 61 %."""
-    said = verdict(
-        with_figures(found, error_without=0.5, base_rate=0.61, error_face_value=0.6, share_regime_named=0.95)
-    )
-    at_face_value = said.split("at face value, ")[1].split(";")[0]
-    assert at_face_value.startswith("none does")
-    assert "(0.60, 95%)" in at_face_value  # what was reached
-    assert re.search(
-        r"at least 0\.33, .* 0\.50 .* at most 74% of months, .* chance \(61%\)", said
-    )  # what was asked for
+    figures = with_figures(found, error_without=0.5, base_rate=0.61, error_face_value=0.6, share_regime_named=0.95)
+    at_face_value = line_of(figures, "at face value")
+    assert "at face value: by none, not by" in at_face_value
+    assert "(error 0.60, named 95%)" in at_face_value  # what was reached
+    asked = "\n".join(limits(figures))
+    assert re.search(r"at least 0\.33 .* 0\.50, .* at most 74% of months .* chance, 61%", asked)
 
 
 def test_an_estimate_half_as_wrong_is_not_held_off(found: Backtest) -> None:
-    said = verdict(with_figures(found, error_without=0.5, base_rate=0.5, error_face_value=0.3, share_regime_named=0.5))
-    assert said.split("at face value, ")[1].startswith("none does")
+    figures = with_figures(found, error_without=0.5, base_rate=0.5, error_face_value=0.3, share_regime_named=0.5)
+    assert "at face value: by none, not by" in line_of(figures, "at face value")
 
 
 def test_the_best_come_first_and_those_without_an_estimate_are_not_judged() -> None:
     asked = Requirement(0.6, 0.4)
-    assert asked.judge([Reached("A", 0.3, 0.4), Reached("B", 0.5, 0.5)]) == "B (0.50, 50%) does, A (0.30, 40%) does not"
+    two = [Reached("A", 0.3, 0.4), Reached("B", 0.5, 0.5)]
+    assert asked.judge(two) == "by B (error 0.50, named 50%), not by A (error 0.30, named 40%)"
     several = [Reached("A", 0.5, 0.4), Reached("B", 0.6, 0.4), Reached("C", 0.45, 0.4)]
-    assert asked.judge(several) == "B (0.60, 40%), A (0.50, 40%) and C (0.45, 40%) do"
+    told = [f"{name} (error {error}, named 40%)" for name, error in (("B", "0.60"), ("A", "0.50"), ("C", "0.45"))]
+    assert asked.judge(several) == f"by {told[0]}, {told[1]} and {told[2]}"
     unread = Reached("D", float("nan"), float("nan"))
-    assert asked.judge([several[0], unread]) == "A (0.50, 40%) does (no belief explains any decision of D)"
-    assert asked.judge([unread]) == "there is no estimate to judge, as no belief explains any decision of D"
+    assert asked.judge([several[0], unread]) == f"by {told[1]} (no belief explains any decision of D)"
+    assert asked.judge([unread]) == "not known, as no belief explains any decision of D"
     many = [Reached(f"M{k}", 0.1, 0.9) for k in range(6)]
-    assert asked.judge(many) == "none does: M0 (0.10, 90%), M1 (0.10, 90%), M2 (0.10, 90%) and 3 more"
+    missed = ", ".join(f"M{k} (error 0.10, named 90%)" for k in range(3))
+    assert asked.judge(many) == f"by none, not by {missed} and 3 more"
 
 
 def test_nothing_to_hide_and_certainty_by_chance() -> None:
@@ -100,6 +105,6 @@ def test_protect_judges_by_the_same_rule(found: Backtest) -> None:
     centres = np.array([each.center() for each in protection.deterministic.belief_set])
     error = np.sqrt(((centres - given) ** 2).sum(axis=1).mean())
     named = np.mean(given.argmax(axis=1) == centres.argmax(axis=1))
-    assert f"CDM ({error:.2f}, {named:.0%})" in protection.verdict
+    assert f"CDM (error {error:.2f}, named {named:.0%})" in protection.verdict
     assert f"at least {2 / 3 * without:.2f}" in protection.verdict
-    assert f"chance ({chance:.0%})" in protection.verdict
+    assert f"chance, {chance:.0%}," in protection.verdict

@@ -177,9 +177,8 @@ def report(
         speech.summary({"name": found.plan.name, "file": path})
         return
     speech.sentence(found.summary())
-    holds = found.protection()
-    if holds is not None:
-        speech.sentence(holds)
+    for line in found.protection():
+        speech.sentence(line)
     if known:
         speech.sentence(f"Its page is {path}, written with the results; --out names a file for another")
     else:

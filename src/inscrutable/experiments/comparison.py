@@ -198,7 +198,7 @@ class Comparison(Saved):
         return tuple(row for row in self.rows if row.budget == budget and row.maker not in SPENDS_NOTHING)
 
     def summary(self) -> str:
-        """Return which protection holds against whom, at the middle budget."""
+        """Return in a few lines who hides the belief from whom, at the middle budget."""
         budget = self.middle_budget
         rows = self.at(budget)
         if not rows or not self.prior_error > 0:
@@ -222,13 +222,17 @@ class Comparison(Saved):
             later += ", which the sequential rule takes to move by that chain" if self.ceilings else ""
             seen[later] = [(float(row.repeated_errors[last]), float(row.repeated_top_state[last])) for row in rows]
         asked = Requirement(self.prior_error, self.prior_top_state)
-        parts = [
-            f"against one who {who}, {asked.judge([Reached(row.maker, *each) for row, each in zip(rows, found, strict=True)])}"
-            for who, found in seen.items()
+        lines = [
+            f"At an expected regret of {worth}:",
+            *(
+                f"Hidden from one who {who}: "
+                f"{asked.judge([Reached(row.maker, *each) for row, each in zip(rows, found, strict=True)])}."
+                for who, found in seen.items()
+            ),
+            asked.meaning(without="decisions", state="state", cases="the cases"),
+            self.rival_summary(),
         ]
-        said = asked.text(without="any decision", state="state", cases="the cases")
-        held = f"At an expected regret of {worth}, a protection holds against an observer {said}: {'; '.join(parts)}."
-        return " ".join(filter(None, [held, self.rival_summary()]))
+        return "\n".join(filter(None, lines))
 
     def rival_summary(self) -> str:
         """Return what the secret and reading are worth to the rival and what hiding costs, at the middle budget."""

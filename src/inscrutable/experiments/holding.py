@@ -1,7 +1,7 @@
-"""When a protection holds against an observer: one definition for every verb, report and page.
+"""When a belief is hidden from an observer: one definition for every verb, report and page.
 
 With e₀ the error of one who sees no decision, and n₀ how often one is right who always names the commonest state, a
-protection holds against an observer of error e who names the likeliest state in a share n of the cases if
+belief is hidden from an observer of error e who names the likeliest state in a share n of the cases if
 
     e ≥ ⅔ e₀  and  n ≤ n₀ + ⅓ (1 − n₀).
 
@@ -45,7 +45,7 @@ class Reached(NamedTuple):
 
 @dataclass(frozen=True)
 class Requirement:
-    """What a protection must leave every observer to hold.
+    """What a protection must leave an observer.
 
     Args:
         error_without: e₀, root mean square error of one who sees no decision, at least 0.
@@ -59,7 +59,7 @@ class Requirement:
         >>> asked.is_met(Reached("CDM", error=0.5, named=0.7)), asked.is_met(Reached("PDM", error=0.7, named=0.95))
         (True, False)
         >>> asked.judge([Reached("CDM", 0.5, 0.7), Reached("PDM", 0.7, 0.95)])
-        'CDM (0.50, 70%) does, PDM (0.70, 95%) does not'
+        'by CDM (error 0.50, named 70%), not by PDM (error 0.70, named 95%)'
     """
 
     error_without: float
@@ -82,25 +82,25 @@ class Requirement:
         return self.chance + NAMING_GAINED * (1.0 - self.chance)
 
     def is_met(self, reached: Reached) -> bool:
-        """Whether a protection holds; not where there is no estimate to judge."""
+        """Whether the belief is hidden; not where there is no estimate to judge."""
         return reached.error >= self.least_error and reached.named <= self.most_named
 
-    def text(self, *, without: str, state: str, cases: str) -> str:
-        """Return the two parts with their numbers, as the end of "A protection holds against one …".
+    def meaning(self, *, without: str, state: str, cases: str) -> str:
+        """Return what "hidden" means, with its numbers, in one sentence.
 
         Args:
-            without: What is not seen, such as "any weights".
+            without: What is not seen, such as "weights".
             state: What is named, such as "regime".
             cases: What shares are of, such as "months".
         """
         return (
-            f"whose estimate errs by at least {self.least_error:.2f}, two thirds of the {self.error_without:.2f} without "
-            f"seeing {without}, and who names the likeliest {state} in at most {self.most_named:.0%} of {cases}, a third "
-            f"of the way from chance ({self.chance:.0%}) to always"
+            f"Hidden means: the observer's estimate errs by at least {self.least_error:.2f} (two thirds of "
+            f"{self.error_without:.2f}, its error without {without}), and it names the likeliest {state} in at most "
+            f"{self.most_named:.0%} of {cases} (a third of the way from chance, {self.chance:.0%}, to always)."
         )
 
     def judge(self, reached: Sequence[Reached]) -> str:
-        """Return who holds and who does not, each with the error and the share of right namings reached.
+        """Return who hides and who does not, each with the error and the share of right namings reached.
 
         The best come first, three of each at most. One whose decisions no belief explains is named and not judged.
         """
@@ -108,12 +108,12 @@ class Requirement:
         known = sorted((each for each in reached if not math.isnan(each.error)), key=self._margin, reverse=True)
         unread = f"no belief explains any decision of {' or '.join(blind)}"
         if not known:
-            return f"there is no estimate to judge, as {unread}"
+            return f"not known, as {unread}"
         held = [each for each in known if self.is_met(each)]
         missed = [each for each in known if not self.is_met(each)]
-        told = f"{_listed(held)} {'does' if len(held) == 1 else 'do'}" if held else f"none does: {_listed(missed)}"
-        if held and missed:
-            told += f", {_listed(missed)} {'does' if len(missed) == 1 else 'do'} not"
+        told = f"by {_listed(held)}" if held else "by none"
+        if missed:
+            told += f", not by {_listed(missed)}"
         return f"{told} ({unread})" if blind else told
 
     def _margin(self, reached: Reached) -> float:
@@ -144,11 +144,11 @@ def estimate_quality(estimates: Array, beliefs: Array) -> EstimateQuality:
 
 
 def _listed(reached: Sequence[Reached]) -> str:
-    told = [f"{each.name} ({each.error:.2f}, {_share(each.named)})" for each in reached]
+    told = [f"{each.name} (error {each.error:.2f}, {_share(each.named)})" for each in reached]
     if len(told) > _MOST_LISTED + 1:
         told = [*told[:_MOST_LISTED], f"{len(told) - _MOST_LISTED} more"]
     return " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
 
 
 def _share(named: float) -> str:
-    return "naming unknown" if math.isnan(named) else f"{named:.0%}"
+    return "naming unknown" if math.isnan(named) else f"named {named:.0%}"

@@ -93,7 +93,7 @@ class Protection:
 
     @cached_property
     def verdict(self) -> str:
-        """Whether the protection holds against an observer who takes the weights at face value.
+        """Whether the beliefs are hidden from an observer who takes the weights at face value.
 
         One who sees no weights guesses the long-run law of the model's regimes, and names its likeliest. Empty where the
         regimes have no unique long-run law.
@@ -109,10 +109,10 @@ class Protection:
             Reached(name, *estimate_quality(np.array([each.center() for each in played.belief_set]), self.beliefs))
             for name, played in (("CDM", self.deterministic), ("PDM", self.drawn))
         ]
-        meant = asked.text(without="any weights", state="regime", cases="the rows")
         return (
-            f"A protection holds against an observer {meant}: against one who takes the weights at face value, "
-            f"{asked.judge(reached)}. A backtest and a comparison judge one who knows how they are made."
+            f"Hidden from an observer who takes the weights at face value: {asked.judge(reached)}.\n"
+            f"{asked.meaning(without='weights', state='regime', cases='the rows')}\n"
+            "A backtest and a comparison judge an observer who knows how the weights are made."
         )
 
     def _proven(self) -> str:

@@ -1,9 +1,8 @@
-"""What a backtest leaves for a reader: one table, one sentence, and a folder of files that are the same for the same seed."""
+"""What a backtest leaves for a reader: one table, and a folder of files that are the same for the same seed."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,10 +14,11 @@ from inscrutable import __version__, tolerances
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
-from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
+from inscrutable.experiments.holding import estimate_quality
 from inscrutable.experiments.performance import LEVEL, REPLICATES
 from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.reports.backtest_plots import draw_backtest
+from inscrutable.reports.backtest_verdict import cautions, limits, verdict
 from inscrutable.worlds import GaussianEmission
 
 
@@ -264,117 +264,6 @@ def _sequential_notes(result: Backtest) -> list[str]:
     ]
 
 
-def verdict(result: Backtest) -> str:
-    """Return in one sentence which protection holds against whom; empty where no rival knows the method."""
-    figures, (_, *hiding), word = result.figures, result.names, result.market.frequency.word
-    if result.aware is None or not hiding:
-        return ""
-    own = figures[hiding[0]]
-    asked = Requirement(own["error_without"], own["base_rate"])
-    said = [
-        f"against one who {who}, "
-        + asked.judge([Reached(name, figures[name][error], figures[name][named]) for name in hiding])
-        for who, error, named in (
-            ("takes the weights at face value", "error_face_value", "share_regime_named"),
-            (f"knows how they are made and follows all {word}s", "error_followed", "share_regime_named_followed"),
-        )
-    ]
-    meant = asked.text(without="any weights", state="regime", cases=f"{word}s")
-    parts = [*said, *_luck(result, asked), *_ceilings(result), *_beyond_public(result)]
-    return f"A protection holds against a rival {meant}: {'; '.join(parts)}."
-
-
-def _beyond_public(result: Backtest) -> list[str]:
-    """Whom no protection holds against, as the end of a sentence; nothing where it is nobody."""
-    if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
-        return []
-    return [
-        "against one who follows all these returns with this model none does: they are public, and nothing is left to hide"
-    ]
-
-
-def _ceilings(result: Backtest) -> list[str]:
-    """What no rule exceeds that costs as much as each, as the end of a sentence; nothing where it is not known."""
-    known = {name: result.figures[name]["error_ceiling"] for name in result.names[1:]}
-    known = {name: most for name, most in known.items() if np.isfinite(most)}
-    if not known or result.sequential is None:
-        return []
-    without = result.sequential.maker.chain.prior.error
-    return [
-        f"in the long run of the fitted regimes no rule that costs as much as {_and(list(known))} leaves that one an error "
-        f"above {_and([f'{most:.2f}' for most in known.values()])}, of {without:.2f} without any weights"
-    ]
-
-
-def _luck(result: Backtest, asked: Requirement) -> list[str]:
-    """How often the sequential rule would have held had it drawn otherwise, as the end of a sentence."""
-    if result.sequential is None:
-        return []
-    beliefs, others = result.beliefs.to_numpy(), result.sequential.others
-    held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
-    return [f"{held or 'none'} of {len(others)} other draws of {SEQUENTIAL} would have held against that one"]
-
-
-def _and(words: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
-
-
-def headline(result: Backtest) -> str:
-    """Return the verdict in one sentence: what the rival reads without and with hiding, and what hiding costs."""
-    figures, word = result.figures, result.market.frequency.word
-    odm, *hiding = result.names
-    named = _and([f"{_share(figures[name]['share_regime_named'])} ({name})" for name in hiding])
-    shares = [figures[name]["mean_regret_share"] for name in hiding]
-    regret = _and([f"{share:.1%}" for share in shares]) + " of |c*|"
-    if not np.isfinite(shares).all():
-        regret = _and([f"{figures[name]['mean_regret']:.3g}" for name in hiding]) + f" per {word}, where c* is 0,"
-    sharpe = _and([_change(figures[name]) for name in hiding])
-    budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
-    if result.sequential is not None and result.settings.budget is None:
-        budget += f" ({SEQUENTIAL}: {SHARE_OF_SILENCE:.0%} of the silence regret, in the long run)"
-    return (
-        f"A rival who inverts the published weights names the investor's likeliest regime in "
-        f"{_share(figures[odm]['share_regime_named'])} of {len(result.beliefs)} {word}s; hiding within a {budget} "
-        f"brings that to {named}, where always naming the commonest gives "
-        f"{_share(figures[odm]['base_rate'])}, for a regret of {regret} and a change of the yearly Sharpe "
-        f"ratio after costs of {sharpe} ({LEVEL:.0%} intervals)."
-    )
-
-
-def cautions(result: Backtest) -> list[str]:
-    """Return what the verdict leaves out: hiding that did not hide, and silence that would have been cheaper."""
-    figures, word = result.figures, result.market.frequency.word
-    odm, *hiding = result.names
-    told = figures[odm]["share_regime_named"]
-    said = []
-    for name in hiding:
-        named = figures[name]["share_regime_named"]
-        if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
-            said.append(f"{name}: with two regimes, a rival who reads the opposite is right in {1 - named:.0%}.")
-        elif result.aware is None and named > Requirement(0.0, figures[odm]["base_rate"]).most_named:
-            said.append(
-                f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(told)}."
-            )
-    dearer = {
-        name: figures[name]["mean_regret"] for name in hiding if figures[name]["mean_regret"] > result.silence_regret
-    }
-    if dearer:
-        said.append(
-            f"One constant portfolio, known only in hindsight, would have cost {result.silence_regret:.3g} per {word} "
-            f"instead of {_and([f'{spent:.3g} ({name})' for name, spent in dearer.items()])} and said nothing."
-        )
-    return said
-
-
-def _change(figures: Mapping[str, float]) -> str:
-    difference, low, high = (figures[f"annual_sharpe_net_minus_odm{end}"] for end in ("", "_low", "_high"))
-    return "an undefined amount" if np.isnan(difference) else f"{difference:+.2f} [{low:+.2f}, {high:+.2f}]"
-
-
-def _share(value: float) -> str:
-    return "no share (no weights that a belief explains)" if np.isnan(value) else f"{value:.0%}"
-
-
 def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: str | None = None) -> list[Path]:
     """Write everything about a backtest into a folder: tables, paths, pictures, and a summary that is all text.
 
@@ -429,8 +318,8 @@ def summary_data(result: Backtest) -> dict[str, Any]:
     best = max(restart.log_likelihood for restart in result.fit.restarts)
     return {
         "version": __version__,
-        "headline": headline(result),
         "verdict": verdict(result),
+        "limits": limits(result),
         "doubts": result.doubts,
         "suspicious_returns": market.suspicious,
         "cautions": cautions(result),

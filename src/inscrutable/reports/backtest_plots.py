@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from inscrutable.decision_makers import MixedDecision, privacy_frontier
+from inscrutable.decision_makers import Frontier, MixedDecision, privacy_frontier
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.episodes import relative_increase
+from inscrutable.experiments.holding import Requirement
 from inscrutable.geometry import BeliefSet
+from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.style import (
     BLACK,
     GREY,
@@ -28,6 +30,8 @@ from inscrutable.validation import Array
 
 PAGE_WIDTH = 7.0
 """Inches of a page's text."""
+_HIDDEN_WIDTH = 5.0
+"""Inches of the picture that a page begins with: its words stay legible on a phone."""
 
 # Paul Tol's muted scheme, which colour-blind readers can tell apart, and a grey for all other assets together.
 _ASSET_COLOURS = ("#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77", "#CC6677", "#882255", "#AA4499")
@@ -43,6 +47,7 @@ def draw_backtest(result: Backtest, folder: Path, *, month: str | None = None) -
     """Draw all figures of a backtest into a folder and return their paths; the ternary one needs three regimes."""
     step = step_of(result, month)
     written = [
+        *draw_hidden(result, folder),
         *draw_beliefs(result, folder),
         *draw_weights(result, folder),
         *draw_privacy_and_cost(result, folder),
@@ -69,27 +74,63 @@ def step_of(result: Backtest, month: str | None = None) -> int:
     return int(found[-1])
 
 
+def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
+    """Draw what each decision maker leaves a rival at face value and one who knows the rules, as `hidden`; none without."""
+    if result.aware is None or len(result.names) == 1:
+        return []
+    own = result.figures[result.names[0]]
+    asked = Requirement(own["error_without"], own["base_rate"])
+    names, rows = result.names, np.arange(len(result.names))[::-1]
+    kinds = {
+        "error_face_value": "takes the weights at face value",
+        "error_followed": "knows the rules, follows all weights",
+    }
+    with drawing(_HIDDEN_WIDTH, 0.42 * len(names) + 1.25) as (figure, axis):
+        for row, name in zip(rows, names, strict=True):
+            for key, (size, fill) in zip(kinds, ((8, "none"), (6, "full")), strict=True):
+                style = {"marker": "o", "markersize": size, "fillstyle": fill, "color": look_of(name).colour}
+                axis.plot(result.figures[name][key], row, linestyle="none", clip_on=False, zorder=3, **style)
+            axis.plot(
+                result.figures[name]["error_ceiling"], row, marker="|", markersize=13, color=BLACK, linestyle="none"
+            )
+        axis.axvspan(0.0, asked.least_error, color=_OTHERS, alpha=0.3, linewidth=0)
+        axis.axvline(asked.error_without, color=GREY, linestyle="--", linewidth=0.9)
+        axis.annotate("not hidden", (0.02 * asked.least_error, 1.01), xycoords=("data", "axes fraction"), fontsize=7)
+        axis.annotate(
+            "without weights", (asked.error_without, 1.01), xycoords=("data", "axes fraction"), fontsize=7, ha="center"
+        )
+        for label, look in zip(
+            [*kinds.values(), "ceiling"], (("o", "none"), ("o", "full"), ("|", "full")), strict=True
+        ):
+            axis.plot([], [], linestyle="none", color=BLACK, marker=look[0], fillstyle=look[1], label=label)
+        axis.set_yticks(rows, [spelled(name) for name in names])
+        axis.set_ylim(-0.6, len(names) - 0.4)
+        axis.set_xlim(left=0.0)
+        axis.set_xlabel("error of the rival's estimate of the belief, root mean square")
+        figure.legend(loc="outside lower center", ncols=3, columnspacing=1.0, handletextpad=0.3)
+        return save_figure(figure, folder, "hidden")
+
+
 def draw_beliefs(result: Backtest, folder: Path) -> list[Path]:
-    """Draw the investor's belief above what the rival reads from each decision maker's weights, as `beliefs`."""
+    """Draw the investor's likeliest regime above what rivals read from each decision maker's weights, as `beliefs`."""
     panels = {"investor's belief": result.beliefs}
-    panels |= {f"read from the {_published(result, name)}": result.estimates(name) for name in result.names}
+    panels |= {f"{_published(result, name)}: read at face value": result.estimates(name) for name in result.names}
     if result.aware is not None:
-        hiding = result.names[1:]
         panels |= {
-            f"{_published(result, name)}, read by one who knows the method and follows it": result.followed_estimates(
+            f"{_published(result, name)}: read by one who knows the rules and follows all weights": result.followed_estimates(
                 name
             )
-            for name in hiding
+            for name in result.names[1:]
         }
     word = result.market.frequency.word
     rows = {"nrows": len(panels), "sharex": True, "sharey": True}
-    with drawing(PAGE_WIDTH, 1.2 * len(panels) + 0.5, **rows) as (figure, axes):
+    with drawing(PAGE_WIDTH, 0.85 * len(panels) + 0.7, **rows) as (figure, axes):
         for axis, (title, frame) in zip(axes, panels.items(), strict=True):
-            areas = _stack(axis, frame, REGIME_COLOURS, result.earned[-1])
+            areas = _likeliest(axis, frame, result.earned[-1])
             axis.set_title(title, loc="left")
-            axis.set_ylabel("probability")
+        figure.supylabel("probability of the likeliest regime", fontsize=8)
         figure.legend(
-            areas[::-1], result.regimes[::-1], loc="outside upper right", ncols=len(result.regimes), title="regime"
+            areas, result.regimes, loc="outside upper right", ncols=len(result.regimes), title="likeliest regime"
         )
         axes[-1].set_xlabel(f"decided at the end of {word} t; beliefs are about {word} t+1 given data up to {word} t")
         return save_figure(figure, folder, "beliefs")
@@ -123,8 +164,8 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
     with drawing(PAGE_WIDTH, 5.6, nrows=3, sharex=True) as (figure, (above, middle, below)):
         for name in result.names:
             look, path = look_of(name), result.path(name)
-            # A cross stays visible on a dot, a dot hides a cross.
-            order = 2.0 if look.marker == "o" else 3.0
+            # A cross stays visible on any other mark; each of them hides a cross.
+            order = {"o": 2.0, "x": 4.0}.get(look.marker, 3.0)
             dots = {
                 "color": look.colour,
                 "marker": look.marker,
@@ -169,38 +210,39 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
         max(3.0 * limit, _largest_atom(result, step)) if limit > 0 else float(frontier.points[:, 0].max(initial=own))
     )
     regrets = np.linspace(0.0, 1.05 * reach, 1201)
-    with drawing(PAGE_WIDTH, 2.9, ncols=2, width_ratios=(3, 2)) as (figure, (left, right)):
+    with drawing(PAGE_WIDTH, 3.0) as (figure, axis):
         single, mixed = (np.asarray(curve(regrets)) for curve in (frontier.deterministic, frontier.randomized))
-        scale = _PERCENT / own if own > 0 else 1.0
-        unit = "% of |c*|" if own > 0 else "the cost's unit"
-        left.plot(
-            scale * regrets,
-            np.where(np.isfinite(single), single, np.nan),
-            color=look_of("CDM").colour,
-            label="best single decision",
-        )
-        left.plot(
-            scale * regrets,
-            np.where(np.isfinite(mixed), mixed, np.nan),
-            color=look_of("PDM").colour,
-            linestyle="--",
-            label="best lottery",
-        )
-        left.axvline(scale * limit, color=GREY, linestyle=":", linewidth=0.9, label=f"budget, {result.budget}")
-        _mark_decisions(left, result, step, scale)
-        left.set_xlabel(f"regret, {unit}")
-        left.set_ylabel("privacy Ψ")
-        left.legend(loc="lower right")
-        price = np.asarray(frontier.price(regrets)) / scale
-        right.plot(scale * regrets, price, color=look_of("PDM").colour, linestyle="--", drawstyle="steps-post")
-        right.axvline(scale * limit, color=GREY, linestyle=":", linewidth=0.9)
-        if (price > 0).any():
-            right.set_yscale("log")
-            _plain_ticks(right.yaxis)
-        right.set_xlabel(f"expected regret, {unit}")
-        right.set_ylabel(f"privacy bought by one more {'% of |c*|' if own > 0 else 'unit'}")
-        figure.suptitle(f"decision at the end of {result.dates[step]:%Y-%m-%d}", fontsize=8)
+        scale, unit = (_PERCENT / own, "% of |c*|") if own > 0 else (1.0, "the cost's unit")
+        for curve, name, line, label in (
+            (single, "CDM", "-", "best single decision"),
+            (mixed, "PDM", "--", "best lottery, in expectation"),
+        ):
+            shown = np.where(np.isfinite(curve), curve, np.nan)
+            axis.plot(scale * regrets, shown, color=look_of(name).colour, linestyle=line, label=label)
+        axis.axvline(scale * limit, color=GREY, linestyle=":", linewidth=0.9, label=f"budget, {result.budget}")
+        _draw_price(axis, frontier, limit, scale)
+        _mark_decisions(axis, result, step, scale)
+        axis.set_xlabel(f"regret, {unit}")
+        axis.set_ylabel("privacy Ψ")
+        axis.set_title(f"decision at the end of {result.dates[step]:%Y-%m-%d}")
+        figure.legend(loc="outside right center")
         return save_figure(figure, folder, "frontier")
+
+
+def _draw_price(axis: Any, frontier: Frontier, limit: float, scale: float) -> None:
+    """The privacy that one more unit of regret buys at the budget, as the tangent of the lottery's curve there."""
+    price, at = float(frontier.price(limit)), float(frontier.randomized(limit))
+    if not (np.isfinite(at) and np.isfinite(price) and limit > 0):
+        return
+    ends = np.array([0.5, 1.5]) * limit
+    word = "%" if scale != 1.0 else "unit"
+    axis.plot(
+        scale * ends,
+        at + price * (ends - limit),
+        color=BLACK,
+        linewidth=0.8,
+        label=f"slope: {price / scale:.2g} of privacy\nfor one more {word} of regret",
+    )
 
 
 def draw_month(result: Backtest, folder: Path, step: int) -> list[Path]:
@@ -294,6 +336,26 @@ def _largest_atom(result: Backtest, step: int) -> float:
     return max((float(mixed[step].regrets.max()) for mixed in lotteries), default=0.0)
 
 
+def _likeliest(axis: Any, frame: pd.DataFrame, end: pd.Timestamp) -> list[Any]:
+    """Steps as high as the probability of the likeliest regime, in its colour; a row of NaN stays empty."""
+    values = frame.to_numpy()
+    dates, known = frame.index.append(pd.DatetimeIndex([end])), ~np.isnan(values).any(axis=1)
+    top = np.where(known, np.where(known[:, None], values, 0.0).argmax(axis=1), -1)
+    heights = [np.where(top == i, values[:, i], 0.0) for i in range(values.shape[1])]
+    areas = [
+        axis.fill_between(
+            dates,
+            np.append(height, height[-1]),
+            step="post",
+            color=REGIME_COLOURS[i % len(REGIME_COLOURS)],
+            linewidth=0,
+        )
+        for i, height in enumerate(heights)
+    ]
+    _unit_axis(axis, values)
+    return areas
+
+
 def _stack(axis: Any, frame: pd.DataFrame, colours: tuple[str, ...], end: pd.Timestamp) -> list[Any]:
     """Areas that sum to one, each row from its date to the next and the last to `end`; a row of NaN stays empty."""
     values = frame.to_numpy()
@@ -304,12 +366,16 @@ def _stack(axis: Any, frame: pd.DataFrame, colours: tuple[str, ...], end: pd.Tim
         step="post",
         linewidth=0,
     )
+    _unit_axis(axis, values)
+    return areas
+
+
+def _unit_axis(axis: Any, values: Array) -> None:
     axis.set_ylim(0.0, 1.0)
     axis.set_yticks([0.0, 0.5, 1.0])
     axis.margins(x=0)
     if np.isnan(values).any():
         axis.annotate("gaps: no belief explains the weights", (0.01, 0.05), xycoords="axes fraction", fontsize=6)
-    return areas
 
 
 def _main_assets(result: Backtest) -> tuple[list[str], list[str]]:

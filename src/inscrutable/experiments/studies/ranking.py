@@ -86,24 +86,23 @@ def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) 
     )
 
 
-def protection(means: StudyMeans, setting: int, budget: float | None) -> str | None:
-    """Return whose protection holds at a budget against each observer, with the numbers reached and asked for.
+def protection(means: StudyMeans, setting: int, budget: float | None) -> list[str]:
+    """Return lines that say who hides the belief at a budget from each observer, with the numbers reached and asked for.
 
-    Costs are made equal as in `ranking`; who spends nothing is not judged. None where errors and namings were not measured,
+    Costs are made equal as in `ranking`; who spends nothing is not judged. Empty where errors and namings were not measured,
     nobody spends anything, or there is nothing to hide.
     """
     error_without, chance = (_known(means, setting, name) for name in WITHOUT)
     if not error_without > 0 or np.isnan(chance):
-        return None
+        return []
     asked, paid, parts = Requirement(error_without, min(chance, 1.0)), _paid(means, setting), []
     hides = _spends(paid) | np.isnan(paid)
     for observer in dict.fromkeys(figure.observer for figure in means.figures):
         judged = [means.place.get(f"{name}, {observer}") for name in JUDGED]
         error, named = ({} if place is None else ranking(means, setting, budget, place).by_play for place in judged)
         reached = [Reached(means.makers[p], error[p], named[p]) for p in sorted(error) if p in named and hides[p]]
-        parts += [f"against the {observer} observer, {asked.judge(reached)}"] if reached else []
-    said = asked.text(without="any decision", state="state", cases="the cases")
-    return f"a protection holds against an observer {said}: {'; '.join(parts)}" if parts else None
+        parts += [f"Hidden from the {observer} observer: {asked.judge(reached)}."] if reached else []
+    return [*parts, asked.meaning(without="decisions", state="state", cases="the cases")] if parts else []
 
 
 def _known(means: StudyMeans, setting: int, measure: str) -> float:

@@ -179,19 +179,19 @@ class Study:
         """
         return means_of(*self.gridded()).frame()
 
-    def protection(self) -> str | None:
-        """Return whose protection holds against each observer, at the middle budget of the first setting that has figures.
+    def protection(self) -> list[str]:
+        """Return who hides the belief from each observer, at the middle budget of the first setting that has figures.
 
-        None where nothing is to be hidden, `error` and `top_state` were not measured, or it is no grid.
+        A line for each observer and one that says what "hidden" means. Empty where nothing is to be hidden, `error` and
+        `top_state` were not measured, or it is no grid.
 
         Raises:
             InputError: It was not run, or its store is damaged.
         """
         if not isinstance(self.grid, StudyGrid):
-            return None
+            return []
         found = means_of(self.grid, self.frame())
-        held = protection(found, found.first_setting(), found.middle_budget)
-        return None if held is None else f"At the middle budget, {held}."
+        return protection(found, found.first_setting(), found.middle_budget)
 
     def gridded(self) -> tuple[StudyGrid, pd.DataFrame]:
         """Return its grid and its rows; raise `InputError` for a study of another kind."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -11,10 +13,11 @@ from inscrutable.decision_makers import Frontier
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.holding import Requirement, estimate_quality
 from inscrutable.geometry import BeliefSet
-from inscrutable.reports.backtest import cautions, headline, notes_of, timing_of, verdict, warnings_of, written_table
-from inscrutable.reports.backtest_plots import step_of
+from inscrutable.reports.backtest import notes_of, timing_of, warnings_of, written_table
+from inscrutable.reports.backtest_plots import draw_hidden, step_of
+from inscrutable.reports.backtest_verdict import cautions, limits, verdict
 from inscrutable.reports.page.budget_sweep import BudgetSweep, PlayedAt
-from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
+from inscrutable.reports.page.content import PageContent, PageFigure, PagePicture, PageSlider, PageTable
 from inscrutable.reports.page.manifest import hash_of, versions_told
 from inscrutable.reports.style import REGIME_COLOURS, around, looks_of
 from inscrutable.validation import Array
@@ -38,7 +41,9 @@ def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str,
     return PageContent(
         title=title or f"Backtest: {len(result.assets)} assets, {len(result.beliefs)} {word}s",
         header=f"{result.dates[0]:%Y-%m-%d} to {result.dates[-1]:%Y-%m-%d}; {timing_of(result)}.",
-        verdict=[each for each in (headline(result), verdict(result)) if each],
+        verdict=verdict(result),
+        lead=_lead(result),
+        limits=limits(result),
         cautions=[*warnings_of(result), *cautions(result)],
         tables=[PageTable("Figures of the backtest", ["", *result.names], written_table(result))],
         sliders=[
@@ -66,6 +71,19 @@ def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str,
         script="backtest.js",
         data={**page_data(sweep, played), "sweep": figures},
     )
+
+
+def _lead(result: Backtest) -> PagePicture | None:
+    with TemporaryDirectory() as folder:
+        pictures = [path for path in draw_hidden(result, Path(folder)) if path.suffix == ".svg"]
+        drawn = [path.read_text("utf-8") for path in pictures]
+    word = result.market.frequency.word
+    caption = (
+        f"What each way to invest leaves a rival over {len(result.beliefs)} {word}s. Grey: too close to the investor's belief "
+        "to count as hidden. Dashed: a rival who sees no weights. Ceiling: no rule of the same cost leaves a rival who follows "
+        "it more, in the long run."
+    )
+    return PagePicture("Error of two rivals", caption, drawn[0]) if drawn else None
 
 
 def budget_texts(result: Backtest, amounts: Array) -> list[str]:

@@ -29,7 +29,7 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
     return PageContent(
         title=title or "Ways of hiding at equal expected regret",
         header=f"{capital(comparison.header())}.",
-        verdict=[comparison.summary()],
+        verdict=comparison.summary().splitlines(),
         tables=[_table(comparison, b, text) for b, text in enumerate(budgets)],
         sliders=[
             PageSlider("budget", "Expected regret", _short(comparison), _middle(comparison)),

@@ -82,7 +82,9 @@ class PageContent:
     Args:
         title: The heading.
         header: One line below it.
-        verdict: Sentences: what was found.
+        verdict: Sentences: what was found, a few short ones.
+        lead: The picture that shows the verdict; None for a page without.
+        limits: Sentences: what the verdict's words mean, and what it rests on.
         cautions: Sentences: what the verdict leaves out.
         tables: The main tables.
         sliders: What a reader can move.
@@ -99,6 +101,8 @@ class PageContent:
     title: str
     header: str
     verdict: Sequence[str]
+    lead: PagePicture | None = None
+    limits: Sequence[str] = ()
     cautions: Sequence[str] = ()
     tables: Sequence[PageTable] = ()
     sliders: Sequence[PageSlider] = ()

@@ -236,12 +236,11 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     at += [f"in the setting {means.settings[setting]}"] if means.settings[setting] else []
     found = {place: ranking(means, setting, budget, place) for place in places}
     holds = protection(means, setting, budget)
-    told = [[*at, holds]] if holds else []
     at += _costs_told(means, found[places[0]])
-    told.insert(0, [*at, "; ".join(filter(None, (_ranked(means, setting, *each) for each in found.items())))])
-    texts = [", ".join(each) for each in told]
+    ranked = "; ".join(filter(None, (_ranked(means, setting, *each) for each in found.items())))
     return [
-        *(f"{capital(text)}." for text in texts),
+        f"{capital(', '.join([*at, ranked]))}.",
+        *holds,
         *_elsewhere(means, found[places[0]], budget, places[0]),
     ]
 

@@ -1,0 +1,157 @@
+"""What a backtest found, in a few lines: what is read, what is hidden from whom, and at what price."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
+from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
+from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
+from inscrutable.experiments.performance import LEVEL
+
+FULL_NAMES = {"ODM": "optimal", "CDM": "counter-adversarial", "PDM": "probabilistic", SEQUENTIAL: "sequential"}
+"""What the abbreviations of decision makers stand for."""
+
+
+def spelled(name: str) -> str:
+    """Return a decision maker's full name with its abbreviation."""
+    return f"{FULL_NAMES[name]} ({name})" if name in FULL_NAMES else name
+
+
+def verdict(result: Backtest) -> list[str]:
+    """Return what was found, a line each: what a rival reads, what is hidden from whom, and what it costs."""
+    figures, word = result.figures, result.market.frequency.word
+    odm, *hiding = result.names
+    own = figures[odm]
+    lines = [
+        f"Read: from the {FULL_NAMES['ODM']} weights ({odm}), a rival names the investor's likeliest regime in "
+        f"{_share(own['share_regime_named'])} of {len(result.beliefs)} {word}s; always naming the commonest is right in "
+        f"{_share(own['base_rate'])}."
+    ]
+    if not hiding:
+        return lines
+    if result.aware is None:
+        named = _and([f"{_share(figures[name]['share_regime_named'])} ({name})" for name in hiding])
+        lines.append(f"Read from altered weights at face value: {named}.")
+    else:
+        asked = _asked(result)
+        for who, error, named in (
+            ("takes the weights at face value", "error_face_value", "share_regime_named"),
+            (f"knows the rules and follows all {word}s", "error_followed", "share_regime_named_followed"),
+        ):
+            reached = [Reached(name, figures[name][error], figures[name][named]) for name in hiding]
+            lines.append(f"Hidden from a rival who {who}: {asked.judge(reached)}.")
+    return [*lines, _price(result, hiding)]
+
+
+def limits(result: Backtest) -> list[str]:
+    """Return what the verdict rests on, a line each: what "hidden" means, luck, ceilings, and whom nothing is hidden from."""
+    names = "; ".join(f"{name}: {FULL_NAMES[name]}" for name in result.names if name in FULL_NAMES)
+    budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
+    if result.sequential is not None and result.settings.budget is None:
+        budget += f" ({SEQUENTIAL}: {SHARE_OF_SILENCE:.0%} of the silence regret, in the long run)"
+    hiding = result.names[1:]
+    said = [f"{names}; each hides within a {budget}."] if hiding else [f"{names}."]
+    if hiding:
+        sharpe = _and([f"{_change(result.figures[name])} ({name})" for name in hiding])
+        said.append(
+            f"Change of the yearly Sharpe ratio after costs, against the {FULL_NAMES['ODM']} weights: {sharpe}; in brackets "
+            f"{LEVEL:.0%} intervals."
+        )
+    if result.aware is None or len(result.names) == 1:
+        return said
+    word = result.market.frequency.word
+    asked = _asked(result)
+    said.append(asked.meaning(without="weights", state="regime", cases=f"{word}s"))
+    return [*said, *_luck(result, asked), *_ceilings(result), *_beyond_public(result)]
+
+
+def _asked(result: Backtest) -> Requirement:
+    own = result.figures[result.names[0]]
+    return Requirement(own["error_without"], own["base_rate"])
+
+
+def _price(result: Backtest, hiding: Sequence[str]) -> str:
+    figures = result.figures
+    shares = [figures[name]["mean_regret_share"] for name in hiding]
+    if np.isfinite(shares).all():
+        regret = _and([f"{share:.1%} ({name})" for share, name in zip(shares, hiding, strict=True)]) + " of |c*|"
+    else:
+        each = [f"{figures[name]['mean_regret']:.3g} ({name})" for name in hiding]
+        regret = f"{_and(each)} per {result.market.frequency.word}, where c* is 0"
+    return f"Price: a regret of {regret}."
+
+
+def _beyond_public(result: Backtest) -> list[str]:
+    """Whom nothing is hidden from; no line where it is nobody."""
+    if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
+        return []
+    return [
+        "These returns are public: a rival who follows all of them with this model needs no weights, and nothing is hidden "
+        "from it."
+    ]
+
+
+def _ceilings(result: Backtest) -> list[str]:
+    """What no rule exceeds that costs as much as each; no line where it is not known."""
+    known = {name: result.figures[name]["error_ceiling"] for name in result.names[1:]}
+    known = {name: most for name, most in known.items() if np.isfinite(most)}
+    if not known or result.sequential is None:
+        return []
+    without = result.sequential.maker.chain.prior.error
+    return [
+        f"Ceiling, in the long run of the fitted regimes: no rule that costs as much as {_and(list(known))} leaves a rival who "
+        f"follows it an error above {_and([f'{most:.2f}' for most in known.values()])}, of {without:.2f} without weights."
+    ]
+
+
+def _luck(result: Backtest, asked: Requirement) -> list[str]:
+    """How often the sequential rule would have hidden the belief had it drawn otherwise."""
+    if result.sequential is None or not result.sequential.others:
+        return []
+    beliefs, others = result.beliefs.to_numpy(), result.sequential.others
+    held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
+    return [
+        f"Luck: {held or 'none'} of {len(others)} other draws of {SEQUENTIAL} would have hidden it from that rival."
+    ]
+
+
+def _and(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+
+def cautions(result: Backtest) -> list[str]:
+    """Return what the verdict leaves out: hiding that did not hide, and silence that would have been cheaper."""
+    figures, word = result.figures, result.market.frequency.word
+    odm, *hiding = result.names
+    told = figures[odm]["share_regime_named"]
+    said = []
+    for name in hiding:
+        named = figures[name]["share_regime_named"]
+        if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
+            said.append(f"{name}: with two regimes, a rival who reads the opposite is right in {1 - named:.0%}.")
+        elif result.aware is None and named > Requirement(0.0, figures[odm]["base_rate"]).most_named:
+            said.append(
+                f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(told)}."
+            )
+    dearer = {
+        name: figures[name]["mean_regret"] for name in hiding if figures[name]["mean_regret"] > result.silence_regret
+    }
+    if dearer:
+        said.append(
+            f"One constant portfolio, known only in hindsight, would have cost {result.silence_regret:.3g} per {word} "
+            f"instead of {_and([f'{spent:.3g} ({name})' for name, spent in dearer.items()])} and said nothing."
+        )
+    return said
+
+
+def _change(figures: Mapping[str, float]) -> str:
+    difference, low, high = (figures[f"annual_sharpe_net_minus_odm{end}"] for end in ("", "_low", "_high"))
+    return "an undefined amount" if np.isnan(difference) else f"{difference:+.2f} [{low:+.2f}, {high:+.2f}]"
+
+
+def _share(value: float) -> str:
+    return "no share (no weights that a belief explains)" if np.isnan(value) else f"{value:.0%}"

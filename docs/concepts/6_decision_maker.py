@@ -66,7 +66,7 @@ with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
 
 # %%
 # The *frontier* holds every budget at once. By lot it is the concave envelope of the points that single decisions reach, and
-# its slope is the *price* of privacy.
+# its slope says how much privacy one more unit of regret buys (``Frontier.price``); the inverse is the *price of privacy*.
 
 frontier = privacy_frontier(problem, belief)
 regrets = np.linspace(0.0, 0.5 * abs(cdm.optimal_cost), 301)

@@ -42,6 +42,11 @@ class FilterResult(Generic[Table]):
     predicted: Table
     log_likelihood: float
 
+    def __repr__(self) -> str:
+        held = np.asarray(self.beliefs)
+        last = " ".join(f"{share:.4f}" for share in held[-1])
+        return f"{len(held)} beliefs over {held.shape[1]} states, the last [{last}], log-likelihood {self.log_likelihood:.4f}"
+
 
 @overload
 def filter_beliefs(

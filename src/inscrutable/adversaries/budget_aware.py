@@ -65,6 +65,9 @@ class AffordableBeliefs:
 
     pieces: tuple[NearOptimalBeliefs, ...]
 
+    def __repr__(self) -> str:
+        return f"beliefs over {self.n_states} states under which the decision is affordable, {len(self.pieces)} convex set(s)"
+
     @property
     def n_states(self) -> int:
         """Number of states X."""

@@ -63,6 +63,11 @@ class NearOptimalBeliefs:
     accuracy: float
     _planes: list[Array] = field(default_factory=list, repr=False)
 
+    def __repr__(self) -> str:
+        return (
+            f"beliefs over {self.n_states} states under which the decision costs at most {self.regret:g} above the best"
+        )
+
     @property
     def n_states(self) -> int:
         """Number of states X."""

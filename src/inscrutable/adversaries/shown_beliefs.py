@@ -40,6 +40,9 @@ class ShownBeliefs:
 
     members: tuple[Any, ...]
 
+    def __repr__(self) -> str:
+        return f"union of {len(self.members)} sets of beliefs, one for each candidate that looks so"
+
     @property
     def is_empty(self) -> bool:
         """Whether no candidate that looks so stands for any belief."""

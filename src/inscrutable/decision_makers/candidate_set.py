@@ -61,6 +61,13 @@ class Candidates:
     n_outside: int = 0
     decided: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
+    def __repr__(self) -> str:
+        n_decisions, n_actions = self.actions.shape
+        return (
+            f"{n_decisions} candidate decisions of {n_actions} coordinates, {len(self.distinct)} distinct, {self.n_outside} "
+            "outside the feasible set"
+        )
+
     def __post_init__(self) -> None:
         validation.read_only(self, "actions", "state_costs", "decoys", "usable")
 

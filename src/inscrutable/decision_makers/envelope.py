@@ -1,7 +1,7 @@
 """The best mixture of decisions at an expected regret: the upper concave envelope of (regret, privacy) points.
 
 A linear programme has an optimum with no more atoms than rows: two, with one budget row beside Σp = 1. So the value of
-the paper's eq. (12) is that of a concave envelope, and its slope is the price of privacy.
+the paper's eq. (12) is that of a concave envelope, and its slope is the dual variable of the budget.
 """
 
 from __future__ import annotations

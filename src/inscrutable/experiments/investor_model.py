@@ -65,6 +65,12 @@ class InvestorModel:
     budget: Budget = Budget(0.1)  # noqa: RUF009  # frozen
     note: str = ""
 
+    def __repr__(self) -> str:
+        told = f"; {self.note}" if self.note else ""
+        return (
+            f"investor in {len(self.assets)} assets under regimes {', '.join(self.regimes)}, budget {self.budget}{told}"
+        )
+
     def __post_init__(self) -> None:
         if not isinstance(self.world, HiddenMarkovModel):
             raise InputError(f"world must be a HiddenMarkovModel, got {self.world!r}")

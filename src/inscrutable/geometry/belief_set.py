@@ -58,6 +58,19 @@ class BeliefSet(Saved):
     gap: Callable[[float], float] | None = field(default=None, repr=False, metadata={"saved": False})
     state_names: Names | None = None
 
+    def __str__(self) -> str:
+        if self.is_empty:
+            return f"no belief over {self.n_states} states"
+        kind = {0: "one belief", 1: "a segment of beliefs"}.get(
+            self.dimension, f"beliefs of dimension {self.dimension}"
+        )
+        names = self.state_names or [f"state {i}" for i in range(self.n_states)]
+        shares = ", ".join(
+            f"{name} {low:.3f}" if high - low < 5e-4 else f"{name} {low:.3f} to {high:.3f}"
+            for name, (low, high) in zip(names, self.bounds(), strict=True)
+        )
+        return f"{kind}: {shares}"
+
     def __post_init__(self) -> None:
         for name in ("equalities", "inequalities"):
             object.__setattr__(self, name, validation.finite_array(getattr(self, name), name, ndim=2))

@@ -41,6 +41,9 @@ class RowConflict:
     relaxed: tuple[str, ...]
     relaxations: tuple[float, ...]
 
+    def __repr__(self) -> str:
+        return self.summary()
+
     def summary(self) -> str:
         """Return one sentence for a person to read."""
         least = _listed([f"{name} by {by:g}" for name, by in zip(self.relaxed, self.relaxations, strict=True)])

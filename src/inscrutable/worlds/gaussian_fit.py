@@ -97,6 +97,9 @@ class FittedWorld:
     n_rows: int = 0
     n_columns: int = 0
 
+    def __repr__(self) -> str:
+        return self.summary()
+
     @property
     def best(self) -> Restart:
         """The restart that the world is from."""

@@ -39,6 +39,10 @@ class Trajectory:
     observations: NDArray[Any]
     public: NDArray[Any] | None = None
 
+    def __repr__(self) -> str:
+        told = "" if self.public is None else ", with what everybody read"
+        return f"path of {len(self.states)} steps through {len(np.unique(self.states))} states{told}"
+
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class HiddenMarkovModel:

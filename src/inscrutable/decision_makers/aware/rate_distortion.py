@@ -146,6 +146,9 @@ class RateDistortionCurve:
     bounds: Array
     prices: Array
 
+    def __repr__(self) -> str:
+        return self.summary()
+
     def summary(self) -> str:
         """Return a table for a person to read."""
         lines = [

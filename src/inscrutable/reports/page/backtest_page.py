@@ -255,7 +255,7 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
             "frontier",
             "Privacy against regret, every budget",
             "Solid: the best single decision; dashed: the best lottery, in expectation; the vertical line is the budget. "
-            "The price of privacy, what one more unit of expected regret buys, is the slope of the dashed line there.",
+            "The slope of the dashed line there is the privacy that one more unit of expected regret buys.",
         ),
         PageFigure(
             "now", "This decision in numbers", "What was played at this budget, what it cost, what was read.", True

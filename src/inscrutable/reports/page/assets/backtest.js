@@ -141,7 +141,7 @@
     const price = slope(mixed, amount);
     const heights = points.map(([, y]) => y).concat(0, mixed.length ? height(mixed, shown) : 0);
     const frame = chart("frontier", {
-      height: 330, label: `Privacy against regret. The price of privacy at this budget is ${short(price)} for one more ${unit}.`,
+      height: 330, label: `Privacy against regret. At this budget one more ${unit} buys ${short(price)} of privacy.`,
       x: [0, factor * shown], y: [Math.min(...heights), Math.max(...heights, 0.01) * 1.05],
       xLabel: `regret, ${unit}`, yLabel: "privacy Ψ",
     });
@@ -158,7 +158,7 @@
     if (bend.length) bend.push([shown, height(mixed, shown)]);
     line(drawing, scaled(bend), looks.PDM.colour, "--");
     cursor(frame, factor * amount);
-    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end" }, `price ${short(price)} per ${unit === "% of |c*|" ? unit : "unit of regret"}`);
+    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end" }, `one more ${unit === "% of |c*|" ? unit : "unit of regret"} buys ${short(price)}`);
     for (const name of onTop(makers, (each) => each)) {
       const [atoms] = entry(name, step, budget);
       const look = looks[name];

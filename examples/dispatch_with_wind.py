@@ -49,7 +49,7 @@ shares = np.linspace(0.0, 0.15, 151)
 regrets = shares * abs(honest.cost)
 with drawing() as (figure, axes):
     axes.plot(100 * shares, frontier.deterministic(regrets), label="one schedule")
-    axes.plot(100 * shares, frontier.randomized(regrets), "--", label="by lot")
+    axes.plot(100 * shares, frontier.randomized(regrets), "--", label="lottery, in expectation")
     axes.set(xlabel="dearer by, %", ylabel="distance of the forecast it suggests")
     axes.legend()
     figure.savefig("dispatch_with_wind.png")

@@ -33,16 +33,16 @@ for name, routine in zip(routines, range(problem.n_choices), strict=True):
     print(f"  {name:12} regret {float(problem.regret(belief, routine)):.2f}, what it says: {tells}")
 
 one = CounterAdversarialDecisionMaker(problem, budget=0.6).decide(belief)
-lots = ProbabilisticDecisionMaker(problem, budget=0.3).decide(belief)
+lottery = ProbabilisticDecisionMaker(problem, budget=0.3).decide(belief)
 print("for 60 % more cost:", routines[int(one.action)], f"privacy {one.privacy:.2f}")
-for action, probability in zip(lots.actions, lots.probabilities, strict=True):
+for action, probability in zip(lottery.actions, lottery.probabilities, strict=True):
     print(f"for 30 % on average: {routines[int(action)]} with probability {probability:.2f}")
 
 frontier = privacy_frontier(problem, belief)
 budgets = np.linspace(0.0, 3.0, 301)
 with drawing() as (figure, axes):
     axes.plot(budgets, frontier.deterministic(budgets), drawstyle="steps-post", label="one routine")
-    axes.plot(budgets, frontier.randomized(budgets), "--", label="by lot")
+    axes.plot(budgets, frontier.randomized(budgets), "--", label="lottery, in expectation")
     axes.set(xlabel="regret allowed", ylabel="distance of the belief it suggests")
     axes.legend()
     figure.savefig("inspection_game.png")

@@ -33,8 +33,8 @@ for growth in (0.01, 0.05, 0.2):  # expected logarithmic growth she gives up, in
           f"her belief looks {bluff.privacy:.3f} away")  # fmt: skip
     bluffs[f"gives up {growth:g}"] = bluff.belief_set
 
-lots = ProbabilisticDecisionMaker(problem, budget=Budget.regret(0.05), candidates=candidates).decide(belief)
-print(f"drawing lots for 0.05 on average: {lots.expected_privacy:.3f} away, on average")
+lottery = ProbabilisticDecisionMaker(problem, budget=Budget.regret(0.05), candidates=candidates).decide(belief)
+print(f"a lottery for 0.05 on average: {lottery.expected_privacy:.3f} away, on average")
 
 with drawing(subplot_kw={"projection": "ternary"}) as (figure, axes):
     plot_beliefs(axes, belief, bluffs, horses)

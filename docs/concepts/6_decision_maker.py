@@ -65,7 +65,7 @@ with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
     figure.savefig("decisions.png")
 
 # %%
-# The *frontier* holds every budget at once. By lot it is the concave envelope of the points that single decisions reach, and
+# The *frontier* holds every budget at once. For lotteries it is the concave envelope of the points that single decisions reach, and
 # its slope says how much privacy one more unit of regret buys (``Frontier.price``); the inverse is the *price of privacy*.
 
 frontier = privacy_frontier(problem, belief)

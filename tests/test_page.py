@@ -450,7 +450,7 @@ def test_keys_move_both_sliders_and_what_they_should(found: Backtest, page: Path
 def test_comparisons_sliders_choose_table_and_observer(compared_page: Path, tab: browser.Browser) -> None:
     tab.size(1200, 800)
     tab.open(compared_page, "#budget=0&memory=0")
-    shown = "[...document.querySelectorAll('[data-slider]')].map(each => !each.hidden)"
+    shown = "[...document.querySelectorAll('section > .scroll[data-slider]')].map(each => !each.hidden)"
     assert tab.run(shown) == [True, False]
     start = drawings(tab)
     tab.run("document.getElementById('budget').focus()")
@@ -480,7 +480,7 @@ def test_paper_shows_all_tables_in_few_pages(compared_page: Path, tab: browser.B
     tab.printed(tmp_path / "page.pdf")
     pages = len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes()))
     assert 1 <= pages <= 8
-    assert tab.run("document.querySelectorAll('[data-slider]:not([hidden])').length") == 1, "as before on the screen"
+    assert tab.run("document.querySelectorAll('section > .scroll[data-slider]:not([hidden])').length") == 1, "as before on the screen"
 
 
 # ---- from the command line ----------------------------------------------------------------------------

@@ -23,17 +23,8 @@ from inscrutable.reports.comparison_plots import draw_comparison, draw_rival
 
 _PERCENT = 100.0
 _TITLE_WIDTH = 10
-_NOT_ON_TERMINAL = (
-    "% of |c*|",
-    "privacy, naive",
-    "error, near-optimal",
-    "top state, naive, %",
-    "told from honest, AUC",
-    "error, cost learned",
-    "risk aversion learned",
-    "over time, stays half as long",
-    "over time, stays twice as long",
-)
+MAIN_MAKERS = ("CDM", "PDM", "rate-distortion", "Stackelberg", "sequential", "coin")
+"""What is drawn at first where there are more."""
 
 
 _OVER_TIME = "error, aware, over time"
@@ -46,11 +37,17 @@ class _Column(NamedTuple):
     title: str
     value: Callable[[ComparisonRow], float | str]
     style: str = ".3f"
+    is_main: bool = False
 
 
 def _columns(comparison: Comparison) -> list[_Column]:
+    last = max(comparison.repeats)
     after = [
-        _Column(f"error, aware, {n} decisions" if n > 1 else "error, aware", _entry("repeated_errors", s))
+        _Column(
+            f"error, aware, {n} decisions" if n > 1 else "error, aware",
+            _entry("repeated_errors", s),
+            is_main=n in (1, last),
+        )
         for s, n in enumerate(comparison.repeats)
     ]
     told = [
@@ -59,7 +56,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
         if n > 1 and comparison.ceilings
     ]
     over_time = [
-        _Column(_OVER_TIME, lambda row: row.path_error),
+        _Column(_OVER_TIME, lambda row: row.path_error, is_main=True),
         _Column("bits a decision, over time", lambda row: row.path_bits, ".2f"),
     ]
     astray = [
@@ -74,7 +71,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column(f"error, data alone, {n} pairs", _entry("data_errors", s)) for s, n in enumerate(comparison.pairs)
     ]
     return [
-        _Column("regret, % of silence", lambda row: _PERCENT * row.silence_share, ".1f"),
+        _Column("regret, % of silence", lambda row: _PERCENT * row.silence_share, ".1f", True),
         _Column("% of |c*|", lambda row: _PERCENT * row.cost_share, ".2f"),
         _Column(
             "worst, % of silence",
@@ -82,7 +79,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
             ".0f",
         ),
         _Column("privacy, naive", lambda row: row.naive_privacy),
-        _Column("error, naive", lambda row: row.naive_error),
+        _Column("error, naive", lambda row: row.naive_error, is_main=True),
         _Column("error, near-optimal", lambda row: row.near_optimal_error),
         _Column("error, budget-aware", lambda row: row.budget_aware_error),
         *from_data,
@@ -92,16 +89,23 @@ def _columns(comparison: Comparison) -> list[_Column]:
         *(astray if comparison.ceilings else []),
         *(learned if comparison.is_learned else []),
         *([_worth_column(comparison)] if comparison.rival else []),
-        _Column("bits", lambda row: row.mutual_information, ".2f"),
+        _Column("bits", lambda row: row.mutual_information, ".2f", True),
         _Column("top state, naive, %", lambda row: _PERCENT * row.naive_top_state, ".0f"),
         _Column("top state, aware, %", lambda row: _PERCENT * row.top_state_accuracy, ".0f"),
         _Column("told from honest, AUC", lambda row: row.read_auc, ".2f"),
     ]
 
 
+def main_columns(comparison: Comparison) -> list[str]:
+    """Return the titles of the columns that matter most: few enough for a terminal and a phone."""
+    return [each.title for each in _columns(comparison) if each.is_main]
+
+
 def _worth_column(comparison: Comparison) -> _Column:
     secret = comparison.secret_worth or np.nan
-    return _Column("worth to the rival, % of the secret's", lambda row: _PERCENT * row.rival_worth / secret, ".1f")
+    return _Column(
+        "worth to the rival, % of the secret's", lambda row: _PERCENT * row.rival_worth / secret, ".1f", True
+    )
 
 
 _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
@@ -151,9 +155,8 @@ def _name(row: ComparisonRow) -> str:
 
 
 def terminal_table(comparison: Comparison, budget: float) -> pd.DataFrame:
-    """Return the short table of one budget with titles broken into lines, for a terminal."""
-    table = short_table(comparison, budget)
-    table = table.drop(columns=[title for title in table if title in _NOT_ON_TERMINAL or str(title).endswith(_TOLD)])
+    """Return the main columns of one budget with titles broken into lines, for a terminal."""
+    table = short_table(comparison, budget)[main_columns(comparison)]
     table.index.name = None
     return table.rename(columns=lambda title: "\n".join(wrap(title, _TITLE_WIDTH, break_long_words=False)))
 

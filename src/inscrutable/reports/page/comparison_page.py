@@ -9,7 +9,7 @@ import numpy as np
 
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.labels import capital
-from inscrutable.reports.comparison import notes_of, short_table, worth
+from inscrutable.reports.comparison import MAIN_MAKERS, main_columns, notes_of, short_table, worth
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import versions_told
 from inscrutable.reports.style import looks_of
@@ -30,12 +30,20 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
         title=title or "Ways of hiding at equal expected regret",
         header=f"{capital(comparison.header())}.",
         verdict=comparison.summary().splitlines(),
-        tables=[_table(comparison, b, text) for b, text in enumerate(budgets)],
+        tables=[_table(comparison, b, text, main_columns(comparison)) for b, text in enumerate(budgets)],
+        details=[_table(comparison, b, text, None) for b, text in enumerate(budgets)],
         sliders=[
             PageSlider("budget", "Expected regret", _short(comparison), _middle(comparison)),
             PageSlider("seen", "Decisions seen", seen, 0),
         ],
         figures=[
+            PageFigure(
+                "both",
+                "Both observers at this expected regret",
+                "Left mark, hollow: what is left to the one who knows; filled: to the one who takes decisions at face value. "
+                "Dotted, of all decisions so far: no rule of the same expected regret exceeds it.",
+                True,
+            ),
             PageFigure(
                 "naive",
                 "Takes one decision at face value",
@@ -50,12 +58,6 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
                     " Dotted, of all decisions so far: no rule of the same expected regret exceeds it."
                     * bool(comparison.ceilings)
                 ),
-            ),
-            PageFigure(
-                "both",
-                "Both observers at this expected regret",
-                "Left mark, hollow: what is left to the one who knows; filled: to the one who takes decisions at face value.",
-                True,
             ),
         ],
         failures=_failures(comparison),
@@ -90,10 +92,13 @@ def _decisions(n: int) -> str:
     return "1 decision" if n == 1 else f"{n} decisions on one belief"
 
 
-def _table(comparison: Comparison, place: int, text: str) -> PageTable:
+def _table(comparison: Comparison, place: int, text: str, columns: list[str] | None) -> PageTable:
+    """The figures at one budget: some columns, or all."""
     frame = short_table(comparison, comparison.budgets[place])
+    heading = f"Expected regret of {text}" if columns else f"All figures at an expected regret of {text}"
+    frame = frame[columns] if columns else frame
     rows = [[str(name), *map(str, row)] for name, row in zip(frame.index, frame.to_numpy(), strict=True)]
-    return PageTable(f"Expected regret of {text}", ["Decision maker", *frame.columns], rows, ("budget", place))
+    return PageTable(heading, ["Decision maker", *frame.columns], rows, ("budget", place))
 
 
 def page_data(comparison: Comparison) -> dict[str, Any]:
@@ -103,6 +108,7 @@ def page_data(comparison: Comparison) -> dict[str, Any]:
     scale = _PERCENT / comparison.silence_regret if silent else 1.0
     return {
         "makers": comparison.makers,
+        "main": [name for name in MAIN_MAKERS if name in comparison.makers] or comparison.makers,
         "looks": {name: look._asdict() for name, look in looks.items()},
         "budgets": [float(f"{scale * budget:.6g}") for budget in comparison.budgets],
         "unit": "% of the silence regret" if silent else "the cost's unit",

@@ -157,6 +157,26 @@ const Page = (() => {
   const sampleArea = (colour) => (parent) => svg(parent, "rect", { x: 3, y: 1, width: 20, height: 12, fill: colour });
 
   // Sliders: native range inputs; the address holds their positions, so that a view can be kept.
+  let again = () => {};
+  const MOST_CURVES = 6;
+
+  // Which curves are drawn: all, or at first the six that matter most and all on request.
+  function choice(names, first) {
+    const main = new Set((first || names).slice(0, MOST_CURVES));
+    let every = names.length <= MOST_CURVES;
+    if (!every) {
+      const row = html(document.getElementById("play").parentNode, "label", undefined, { class: "every" });
+      document.querySelector(".figures").before(row);
+      const box = html(row, "input", undefined, { type: "checkbox", id: "every", autocomplete: "off" });
+      row.append(` draw all ${names.length}, not only ${[...main].join(", ")}`);
+      box.addEventListener("change", () => {
+        every = box.checked;
+        again();
+      });
+    }
+    return (name) => every || isPrinting || main.has(name);
+  }
+
   function follow(redraw) {
     const inputs = Object.keys(texts).map((name) => document.getElementById(name));
     const position = () => Object.fromEntries(inputs.map((input) => [input.id, Number(input.value)]));
@@ -201,6 +221,7 @@ const Page = (() => {
       input.addEventListener("input", soon);
       input.addEventListener("change", toAddress);
     }
+    again = soon;
     addEventListener("resize", soon);
     addEventListener("hashchange", fromAddress);
     addEventListener("beforeprint", () => {
@@ -215,5 +236,5 @@ const Page = (() => {
     fromAddress();
   }
 
-  return { data, texts, svg, html, at, closed, open, marks, line, short, widthOf, empty, chart, cursor, legend, sampleMark, sampleArea, follow, GREY };
+  return { data, texts, svg, html, at, closed, open, marks, line, short, widthOf, empty, chart, cursor, legend, sampleMark, sampleArea, choice, follow, GREY };
 })();

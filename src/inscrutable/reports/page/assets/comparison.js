@@ -1,11 +1,13 @@
 // The page of a comparison.
 (() => {
-  const { data, texts, svg, at, marks, line, short, chart, cursor, legend, sampleMark, follow, GREY } = Page;
+  const { data, texts, svg, at, marks, line, short, chart, cursor, legend, sampleMark, choice, follow, GREY } = Page;
   const { makers, looks, rows } = data;
   const value = (row, seen) => (seen === null ? row.naive : row.aware[seen]);
   const all = makers.flatMap((name) => rows[name]);
   const widest = Math.max(...all.map((row) => row.regret), ...data.budgets, 0) || 1;
   const highest = Math.max(data.prior, ...all.flatMap((row) => [row.naive, ...row.aware])) * 1.05;
+
+  const isDrawn = choice(makers, data.main);
 
   function errors(id, budget, seen) {
     const frame = chart(id, {
@@ -16,7 +18,7 @@
     svg(drawing, "line", { x1: inside.left, x2: inside.right, y1: at(py(data.prior)), y2: at(py(data.prior)), stroke: "#000", "stroke-dasharray": "6 4" });
     if (seen === texts.seen.length - 1) line(drawing, data.ceilings.map(place), "#000", ":");
     cursor(frame, data.budgets[budget]);
-    for (const name of makers) {
+    for (const name of makers.filter(isDrawn)) {
       const look = looks[name];
       line(drawing, rows[name].map((row) => place([row.regret, value(row, seen)])), look.colour, look.line);
       if (seen !== null) {
@@ -30,11 +32,13 @@
 
   function both(budget, seen) {
     const shown = makers.map((name) => [name, rows[name].find((row) => row.budget === budget) || (rows[name].length === 1 ? rows[name][0] : null)]).filter(([, row]) => row);
+    const most = seen === texts.seen.length - 1 ? data.ceilings.find(([regret]) => regret === data.budgets[budget]) : undefined;
     const { drawing, px, inside } = chart("both", {
       height: 26 * shown.length + 58, left: 150, x: [0, highest], y: [0, 1], yTicks: [], xLabel: "error of the estimate",
       label: shown.map(([name, row]) => `${name}: at face value ${short(row.naive)}, ${texts.seen[seen]} to one who knows ${short(row.aware[seen])}`).join("; "),
     });
     svg(drawing, "line", { x1: at(px(data.prior)), x2: at(px(data.prior)), y1: inside.top, y2: inside.bottom, stroke: "#000", "stroke-dasharray": "6 4" });
+    if (most) line(drawing, [[px(most[1]), inside.top], [px(most[1]), inside.bottom]], "#000", ":");
     shown.forEach(([name, row], k) => {
       const y = inside.top + 14 + 26 * k;
       const look = looks[name];
@@ -45,15 +49,17 @@
     });
   }
 
-  const entries = [...makers.map((name) => [name, sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]), ["prior alone", sampleMark(null, "#000", false, "--")]];
-  legend("naive", entries);
-  legend("aware", data.ceilings.length ? [...entries, ["no rule exceeds, over time", sampleMark(null, "#000", false, ":")]] : entries);
+  const alone = ["prior alone", sampleMark(null, "#000", false, "--")];
+  const ceiling = ["no rule exceeds, over time", sampleMark(null, "#000", false, ":")];
   legend("both", [
     ["takes one decision at face value", sampleMark("s", "#000", true)],
     ["knows the mechanism and the prior", sampleMark("o", "#000", "#fff")],
-    ["prior alone", sampleMark(null, "#000", false, "--")],
+    alone, ...(data.ceilings.length ? [ceiling] : []),
   ]);
   follow(({ budget, seen }) => {
+    const entries = makers.filter(isDrawn).map((name) => [name, sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]);
+    legend("naive", [...entries, alone]);
+    legend("aware", [...entries, alone, ...(data.ceilings.length ? [ceiling] : [])]);
     errors("naive", budget, null);
     errors("aware", budget, seen);
     both(budget, seen);

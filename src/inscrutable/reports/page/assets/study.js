@@ -1,6 +1,6 @@
 // The page of a study.
 (() => {
-  const { data, texts, svg, at, marks, line, short, chart, legend, sampleMark, follow, GREY } = Page;
+  const { data, texts, svg, at, marks, line, short, chart, legend, sampleMark, choice, follow, GREY } = Page;
   const { makers, looks, budgets, figures, errors, plays, cells } = data;
   const MEAN = 0, HALF = 1, LEAST = 2;
   const paid = (setting, play) => (data.cost === null ? (plays[play][1] === null ? 0 : budgets[plays[play][1]]) : cells[setting][play][data.cost][MEAN]);
@@ -47,6 +47,7 @@
     const kept = (y) => Math.min(Math.max(y, inside.top), inside.bottom);
     if (prior !== undefined) svg(drawing, "line", { x1: inside.left, x2: inside.right, y1: at(py(prior)), y2: at(py(prior)), stroke: "#000", "stroke-dasharray": "6 4" });
     makers.forEach((name, maker) => {
+      if (!isDrawn(name)) return;
       const look = looks[name];
       const found = plays.map(([owner, amount], play) => [across[play], here[play], amount, owner])
         .filter(([x, cell, , owner]) => owner === maker && x !== null && cell[MEAN] !== null).sort(isLeftOf);
@@ -87,8 +88,9 @@
     });
   }
 
-  legend("tradeoff", makers.map((name) => [name, sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]));
+  const isDrawn = choice(makers);
   follow(({ figure = 0, budget = 0, setting = 0 }) => {
+    legend("tradeoff", makers.filter(isDrawn).map((name) => [name, sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]));
     tradeoff(figure, budget, setting);
     spread(figure, budget, setting);
   });

@@ -382,7 +382,7 @@ def test_the_picture_shows_the_observer_over_time(moving: Comparison, monkeypatc
     assert len(shown) == 2 + len(moving.repeats)
     assert shown[-1].get_title(loc="left") == "knows the mechanism: follows a belief that moves"
     lines = {line.get_label(): line for line in shown[-1].get_lines()}
-    for maker in moving.makers:
+    for maker in comparison_plots.main_makers(moving):
         np.testing.assert_allclose(lines[maker].get_ydata(), [row.path_error for row in moving.of(maker)])
 
 

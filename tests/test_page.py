@@ -480,7 +480,9 @@ def test_paper_shows_all_tables_in_few_pages(compared_page: Path, tab: browser.B
     tab.printed(tmp_path / "page.pdf")
     pages = len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes()))
     assert 1 <= pages <= 8
-    assert tab.run("document.querySelectorAll('section > .scroll[data-slider]:not([hidden])').length") == 1, "as before on the screen"
+    assert tab.run("document.querySelectorAll('section > .scroll[data-slider]:not([hidden])').length") == 1, (
+        "as before on the screen"
+    )
 
 
 # ---- from the command line ----------------------------------------------------------------------------

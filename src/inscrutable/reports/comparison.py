@@ -23,10 +23,6 @@ from inscrutable.reports.comparison_plots import draw_comparison, draw_rival
 
 _PERCENT = 100.0
 _TITLE_WIDTH = 10
-MAIN_MAKERS = ("CDM", "PDM", "rate-distortion", "Stackelberg", "sequential", "coin")
-"""What is drawn at first where there are more."""
-
-
 _OVER_TIME = "error, aware, over time"
 _TOLD = ", rule told"
 

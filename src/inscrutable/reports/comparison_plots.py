@@ -25,6 +25,17 @@ _SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 
 
+_MOST_CURVES = 6
+_MAIN_MAKERS = ("CDM", "PDM", "rate-distortion", "Stackelberg", "sequential", "coin")
+
+
+def main_makers(comparison: Comparison) -> list[str]:
+    """Return the decision makers that are drawn: all, or of many the six kinds that differ most."""
+    if len(comparison.makers) <= _MOST_CURVES:
+        return list(comparison.makers)
+    return [name for name in _MAIN_MAKERS if name in comparison.makers] or list(comparison.makers[:_MOST_CURVES])
+
+
 class _Panel(NamedTuple):
     """One observer: how the panel is headed, its error of a row, the standard error of that, and the ceiling's budgets."""
 
@@ -77,13 +88,19 @@ def draw_comparison(comparison: Comparison, folder: Path) -> list[Path]:
             ncols=4,
             columnspacing=1.2,
             handlelength=2.4,
-            title="\n".join(wrap(comparison.header(), _HEADER_WIDTH)),
+            title="\n".join(wrap(_header(comparison), _HEADER_WIDTH)),
             title_fontsize=7,
             alignment="left",
         )
         figure.supxlabel(_scale(comparison)[1], fontsize=8)
         figure.supylabel("error of the observer's estimate (root mean square)", fontsize=8)
         return save_figure(figure, folder, "comparison")
+
+
+def _header(comparison: Comparison) -> str:
+    drawn, every = len(main_makers(comparison)), len(comparison.makers)
+    rest = "" if drawn == every else f"; {drawn} of {every} decision makers, the others in comparison.csv"
+    return comparison.header() + rest
 
 
 def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
@@ -96,7 +113,7 @@ def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
     scale, along_name = _scale(comparison)
     looks, high = looks_of(comparison.makers), _PERCENT / comparison.secret_worth
     with drawing(_PAGE_WIDTH, _RIVAL_HEIGHT) as (figure, axes):
-        for maker in comparison.makers:
+        for maker in main_makers(comparison):
             rows = comparison.of(maker)
             along = scale * np.array([row.expected_regret for row in rows])
             heights = high * np.array([row.rival_worth for row in rows])
@@ -124,7 +141,7 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
     """Draw one observer's error against the expected regret, one curve per decision maker, the prior as ceiling."""
     scale, _ = _scale(comparison)
     looks = looks_of(comparison.makers)
-    for maker in comparison.makers:
+    for maker in main_makers(comparison):
         rows = comparison.of(maker)
         along = scale * np.array([row.expected_regret for row in rows])
         errors, spreads = (np.array([each(row) for row in rows]) for each in (panel.error, panel.spread))

@@ -9,7 +9,8 @@ import numpy as np
 
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.labels import capital
-from inscrutable.reports.comparison import MAIN_MAKERS, main_columns, notes_of, short_table, worth
+from inscrutable.reports.comparison import main_columns, notes_of, short_table, worth
+from inscrutable.reports.comparison_plots import main_makers
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import versions_told
 from inscrutable.reports.style import looks_of
@@ -108,7 +109,7 @@ def page_data(comparison: Comparison) -> dict[str, Any]:
     scale = _PERCENT / comparison.silence_regret if silent else 1.0
     return {
         "makers": comparison.makers,
-        "main": [name for name in MAIN_MAKERS if name in comparison.makers] or comparison.makers,
+        "main": main_makers(comparison),
         "looks": {name: look._asdict() for name, look in looks.items()},
         "budgets": [float(f"{scale * budget:.6g}") for budget in comparison.budgets],
         "unit": "% of the silence regret" if silent else "the cost's unit",

@@ -63,6 +63,9 @@
       for (let i = 0; i < 3; i += 1) {
         const ends = [1, 2].map((j) => regimes.map((_, r) => (r === i ? k / 5 : r === (i + j) % 3 ? 1 - k / 5 : 0)));
         line(drawing, ends.map(place), "#e4e4e4", "-", 1);
+        const [x, y] = place(ends[0]);
+        const [across, down, side] = [[-6, 4, "end"], [0, 15, "middle"], [6, 4, "start"]][i];
+        svg(drawing, "text", { x: at(x + across), y: at(y + down), "text-anchor": side, class: "tick" }, (k / 5).toFixed(1));
       }
     }
     const anchors = [["middle", 0, -10], ["start", -20, 20], ["end", 20, 20]];

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import json
 import logging
+import pkgutil
 import re
 import shutil
 import subprocess
@@ -17,6 +19,7 @@ from typing import Any
 from made_keys import literal, study_keys
 
 import inscrutable
+import inscrutable.reports
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -65,6 +68,31 @@ def api_pages(folder: Path) -> None:
             kind = "class" if is_class else "function"
             parts.append(f"{name}\n{'-' * len(name)}\n\n.. auto{kind}:: {name}\n")
         folder.joinpath(f"{key}.rst").write_text("\n".join(parts), "utf-8")
+
+
+def report_page(folder: Path) -> None:
+    """Write the page of the functions that draw and write results; they are imported from their own modules."""
+    parts = [
+        "Report\n======\n",
+        "Pictures, tables, folders and pages of results.\n",
+    ]
+    for found in pkgutil.walk_packages(
+        inscrutable.reports.__path__, "inscrutable.reports."
+    ):
+        module = importlib.import_module(found.name)
+        names = [
+            name
+            for name, value in vars(module).items()
+            if name.startswith(("plot_", "draw_", "write_"))
+            and getattr(value, "__module__", "") == found.name
+        ]
+        for name in names:
+            full = f"{found.name}.{name}"
+            parts.append(
+                f"{full.removeprefix('inscrutable.')}\n{'-' * len(full)}\n"
+            )
+            parts.append(f".. autofunction:: {full}\n")
+    folder.joinpath("report.rst").write_text("\n".join(parts), "utf-8")
 
 
 def claims(folder: Path, n_markets: int) -> None:
@@ -167,6 +195,7 @@ def make(app: Any) -> None:
     logging.getLogger("inscrutable").setLevel(logging.ERROR)
     shutil.rmtree(MADE, ignore_errors=True)
     api_pages(MADE / "api")
+    report_page(MADE / "api")
     curves(MADE / "benchmarks")
     first_steps(HERE / "start-here.md", MADE / "start")
     study_keys(MADE / "studies")

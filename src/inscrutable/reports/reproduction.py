@@ -33,7 +33,7 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str], *, 
         jobs: Processes that draw; −1 is one per core.
 
     Returns:
-        The paths written: per variant ("paper_", "global_") actions, beliefs, privacy, costs and tradeoff, then
+        The paths written: per variant (names begin with "paper" or "global") actions, beliefs, privacy, costs and tradeoff, then
         convergence, each as PNG and SVG; `claims.csv`; `summary.json`, the same bytes for the same settings.
 
     Raises:

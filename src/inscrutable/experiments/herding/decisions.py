@@ -25,6 +25,7 @@ class Decided:
     beliefs: Array  # (C,X), public after it
     is_right: np.ndarray  # (C,X), whether the decision is one of the best in a state
     regrets: Array  # (S,X), expected under each state
+    prices: Array  # (S,), expected regret under the private belief: what hiding costs the agent itself
     bits: Array  # (S,), of the private belief in the decision
     cascade: np.ndarray  # (S,), whether no signal changes the law of the decision
     settled: Array  # (S,X), share of the likeliest decisions that are right
@@ -44,16 +45,19 @@ class Deciding:
         place, symbol = np.nonzero(total > 0)
         weight = total[place, symbol]
         private = joint[place, symbol] / weight[:, None]
-        points, row, number, share = self._law(private / private.sum(axis=1, keepdims=True))
+        private /= private.sum(axis=1, keepdims=True)
+        points, row, number, share = self._law(private)
         outcome, origin, decision = _outcomes(place[row], number, len(points), n_public)
         count = len(origin)
         chances = np.stack([np.bincount(outcome, share * each[symbol[row]], count) for each in self.signals], axis=1)
         after = public[origin] * chances
         played = after.sum(axis=1)
         told = np.bincount(place[row], weight[row] * share * np.log2(share / played[outcome]), n_public)
-        costs = regrets_of(self.problem, np.eye(public.shape[1]), points).T
+        costs = regrets_of(self.problem, np.eye(len(self.signals)), points).T
         is_right = costs <= tolerances.NO_COST * np.abs(self.problem.state_costs(points)).max()
         spent = [np.bincount(origin, c * r, n_public) for c, r in zip(chances.T, costs[decision].T, strict=True)]
+        optimal = self.problem.optimal_cost(private) - private @ self.problem.optimal_cost(np.eye(len(self.signals)))
+        forgone = (private[row] * costs[number]).sum(axis=1) - optimal[row]
         cascade, top = _cascades(origin, outcome, share, np.bincount(place, minlength=n_public))
         settled = [np.bincount(origin, top * each, n_public) for each in is_right[decision].T]
         return Decided(
@@ -62,6 +66,7 @@ class Deciding:
             np.where(cascade[origin][:, None], public[origin], after / played[:, None]),
             is_right[decision],
             np.stack(spent, axis=1),
+            np.bincount(place[row], weight[row] * share * np.maximum(forgone, 0.0), n_public),
             np.where(cascade, 0.0, np.maximum(told, 0.0)),
             cascade,
             np.stack(settled, axis=1) / np.bincount(origin, top, n_public)[:, None],

@@ -8,7 +8,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.experiments.herding.decisions import Deciding
-from inscrutable.experiments.herding.results import HerdStatus, SocialLearning
+from inscrutable.experiments.herding.results import SocialLearning, found_of
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.validation import Array
 
@@ -20,7 +20,7 @@ class _Graph:
         self.agent = agent
         self.origin, self.target = (np.empty(0, dtype=np.intp) for _ in range(2))
         self.chances, self.regrets, self.settled = (np.empty((0, n_states)) for _ in range(3))
-        self.bits, self.cascade = np.empty(0), np.empty(0, dtype=bool)
+        self.bits, self.prices, self.cascade = np.empty(0), np.empty(0), np.empty(0, dtype=bool)
 
     def grown(self, found: Array) -> Array:
         """Decide at the beliefs that are new, and return all beliefs with those that their decisions lead to."""
@@ -37,6 +37,7 @@ class _Graph:
         self.regrets = np.vstack([self.regrets, new.regrets])
         self.settled = np.vstack([self.settled, new.settled])
         self.bits = np.concatenate([self.bits, new.bits])
+        self.prices = np.concatenate([self.prices, new.prices])
         self.cascade = np.concatenate([self.cascade, new.cascade])
         return np.asarray(everything[kept])
 
@@ -62,7 +63,7 @@ def reached(agents: Sequence[Deciding], prior: Array, most: int) -> SocialLearni
     graphs = {id(agent): _Graph(agent, len(prior)) for agent in agents}
     turns = [graphs[id(agent)] for agent in agents]
     found, joint = prior[None], prior[None]
-    herds, regrets, leakages, truths = [], [], [], []
+    herds, truths, turn = [], [], []
     for graph in [*turns, turns[-1]]:  # the last one once more: whether its successor would follow
         larger = graph.grown(found)
         if len(larger) > most:
@@ -70,24 +71,9 @@ def reached(agents: Sequence[Deciding], prior: Array, most: int) -> SocialLearni
         herds.append(graph.herd(joint))
         truths.append(float((joint * found).sum()))
         if len(herds) <= len(turns):
-            regrets.append(float((joint * graph.regrets).sum()))
-            leakages.append(float(joint.sum(axis=1) @ graph.bits))
+            weights = joint.sum(axis=1)
+            turn.append([float((joint * graph.regrets).sum()), float(weights @ graph.prices), float(weights @ graph.bits)])
             joint = graph.moved(joint, len(larger))
             found = larger
     held = joint.sum(axis=1) > 0
-    right, wrong, none = (float(each) for each in herds[-1])
-    return SocialLearning(
-        found[held],
-        right,
-        wrong,
-        none,
-        float(np.sum(regrets)),
-        joint[held],
-        np.array(herds),
-        np.array(regrets),
-        np.array(leakages),
-        np.array(truths),
-        0.0,
-        0,
-        HerdStatus.EXACT,
-    )
+    return found_of(found[held], joint[held], np.array(herds), np.array(turn), np.array(truths))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -46,6 +47,8 @@ class SocialLearning(Saved):
         joint: Chance of each public belief together with each true state, shape (S,X).
         herds: right, wrong and none after 0..N decisions, shape (N+1,3).
         regrets: E ρ(x,u_n) of every agent, shape (N,).
+        prices: E ρ(π_n,u_n) of every agent, shape (N,): the part of its regret that its own hiding costs it; what is left is
+            owed to what it could learn.
         leakages: I(π_n;u_n|q_{n−1}) of every agent, shape (N,), in bits: what its decision tells of its private belief one who
             knows its rule and has seen the decisions before; 0 is perfect privacy.
         truths: E q_n(x), probability that the public belief gives the true state after 0..N decisions, shape (N+1,).
@@ -72,6 +75,7 @@ class SocialLearning(Saved):
     joint: Array
     herds: Array
     regrets: Array
+    prices: Array
     leakages: Array
     truths: Array
     welfare_error: float
@@ -112,3 +116,21 @@ class SocialLearning(Saved):
             f"regret {self.welfare:.4g} in all, {self.regrets[-1]:.4g} of the last; leakage {self.leakages[0]:.4f} bits of the "
             f"first, {self.leakages[-1]:.4f} of the last\n{self.status.value}"
         )
+
+
+class Simulation(NamedTuple):
+    """How figures were simulated; the defaults stand for exact ones."""
+
+    welfare_error: float = 0.0
+    n_paths: int = 0
+    status: HerdStatus = HerdStatus.EXACT
+
+
+def found_of(
+    beliefs: Array, joint: Array, herds: Array, turns: Array, truths: Array, how: Simulation = Simulation()  # noqa: B008
+) -> SocialLearning:
+    """Return the result of public beliefs (S,X) with their joint law, and of figures of each turn: regret, price and bits, (N,3)."""
+    right, wrong, none = (float(each) for each in herds[-1])
+    regrets, prices, leakages = np.ascontiguousarray(turns.T)
+    welfare = float(regrets.sum())
+    return SocialLearning(beliefs, right, wrong, none, welfare, joint, herds, regrets, prices, leakages, truths, *how)

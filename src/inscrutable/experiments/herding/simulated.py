@@ -9,7 +9,7 @@ from scipy import sparse
 
 from inscrutable.experiments.herding.decisions import Decided, Deciding
 from inscrutable.experiments.herding.reached import equal_beliefs
-from inscrutable.experiments.herding.results import HerdStatus, SocialLearning
+from inscrutable.experiments.herding.results import HerdStatus, Simulation, SocialLearning, found_of
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.validation import Array
 
@@ -22,7 +22,7 @@ def simulated(
     states = rng.choice(n_states, size=n_paths, p=prior / prior.sum())
     beliefs = np.tile(prior, (n_paths, 1))
     lead, totals = np.zeros(n_paths), np.zeros(n_paths)
-    herds, regrets, leakages, truths = [], [], [], []
+    herds, truths, turns = [], [], []
     for turn, agent in enumerate([*agents, agents[-1]]):
         kept, node = np.unique(equal_beliefs(beliefs), return_inverse=True)
         node = node.reshape(-1)
@@ -33,29 +33,15 @@ def simulated(
             break
         spent = found.regrets[node, states]
         totals += spent
-        regrets.append(float(spent.mean()))
-        leakages.append(float(found.bits[node].mean()))
+        turns.append([float(each.mean()) for each in (spent, found.prices[node], found.bits[node])])
         drawn = _outcomes(found, node, states, rng)
         lead += np.where(found.is_right[drawn, states], 1.0, -1.0)
         beliefs = found.beliefs[drawn]
-    right, wrong, none = (float(each) for each in herds[-1])
     joint = np.zeros((n_paths, n_states))
     joint[path, states] = 1.0 / n_paths
-    return SocialLearning(
-        beliefs,
-        right,
-        wrong,
-        none,
-        float(totals.mean()),
-        joint,
-        np.array(herds),
-        np.array(regrets),
-        np.array(leakages),
-        np.array(truths),
-        float(totals.std() / np.sqrt(n_paths)),
-        n_paths,
-        status,
-    )
+    error = float(totals.std() / np.sqrt(n_paths))
+    simulation = Simulation(error, n_paths, status)
+    return found_of(beliefs, joint, np.array(herds), np.array(turns), np.array(truths), simulation)
 
 
 def _outcomes(found: Decided, node: np.ndarray, states: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -88,7 +88,7 @@ REACHED_BELIEF = 1e-12
 """Beliefs reached on different ways and closer than this are one: a few thousand roundings of a filter."""
 
 SAME_LAW = 1e-9
-"""Shares with which two beliefs play a decision, and that differ by less, are one: no lottery has an atom below `PROBABILITY`."""
+"""Shares of a decision under two beliefs that differ by less are one share: no lottery has an atom below `PROBABILITY`."""
 
 ROUGH_DISTANCE = 1e-8
 """Distances by one projection nearer than this to a goal's are found again from the set's shape: a hundred times what the

@@ -56,7 +56,9 @@ class CoinDecisionMaker(DrawingDecisionMaker):
 
     @classmethod
     def response(cls, problem: FiniteProblem, epsilon: float) -> CoinDecisionMaker:
-        """Return ε-randomised response over K choices: the best with probability e^ε/(e^ε + K − 1), any other with 1/(e^ε + K − 1).
+        """Return ε-randomised response over K choices.
+
+        Formula: the best choice with probability e^ε/(e^ε + K − 1), each other one with 1/(e^ε + K − 1).
 
         Args:
             problem: Every choice must be the best one in some state.
@@ -79,7 +81,9 @@ class CoinDecisionMaker(DrawingDecisionMaker):
         n_choices = problem.n_choices
         if len(choices) < n_choices:
             never = sorted(set(range(n_choices)) - set(choices.tolist()))
-            raise InputError(f"randomised response needs choices each of which is the best in some state; {never} are not")
+            raise InputError(
+                f"randomised response needs choices each of which is the best in some state; {never} are not"
+            )
         odds = np.exp(-validation.non_negative(epsilon, "epsilon"))
         return cls(problem, n_choices * odds / (1.0 + (n_choices - 1) * odds), np.eye(problem.n_states)[states])
 

@@ -39,38 +39,45 @@ class Deciding:
 
     def at(self, public: Array) -> Decided:
         """Return the agent's decision at public beliefs (S,X)."""
-        n_public = len(public)
-        joint = public[:, None, :] * self.signals.T
-        total = joint.sum(axis=2)
-        place, symbol = np.nonzero(total > 0)
-        weight = total[place, symbol]
-        private = joint[place, symbol] / weight[:, None]
-        private /= private.sum(axis=1, keepdims=True)
+        place, symbol, weight, private = self._private(public)
         points, row, number, share = self._law(private)
-        outcome, origin, decision = _outcomes(place[row], number, len(points), n_public)
-        count = len(origin)
-        chances = np.stack([np.bincount(outcome, share * each[symbol[row]], count) for each in self.signals], axis=1)
+        outcome, origin, decision = _outcomes(place[row], number, len(points), len(public))
+        mass = weight[row] * share
+        chances = np.stack([sums_at(outcome, share * each[symbol[row]], len(origin)) for each in self.signals], axis=1)
         after = public[origin] * chances
         played = after.sum(axis=1)
-        told = np.bincount(place[row], weight[row] * share * np.log2(share / played[outcome]), n_public)
-        costs = regrets_of(self.problem, np.eye(len(self.signals)), points).T
+        told = sums_at(place[row], mass * np.log2(share / played[outcome]), len(public))
+        costs, forgone = self._costs(private, points)
         is_right = costs <= tolerances.NO_COST * np.abs(self.problem.state_costs(points)).max()
-        spent = [np.bincount(origin, c * r, n_public) for c, r in zip(chances.T, costs[decision].T, strict=True)]
-        optimal = self.problem.optimal_cost(private) - private @ self.problem.optimal_cost(np.eye(len(self.signals)))
-        forgone = (private[row] * costs[number]).sum(axis=1) - optimal[row]
-        cascade, top = _cascades(origin, outcome, share, np.bincount(place, minlength=n_public))
-        settled = [np.bincount(origin, top * each, n_public) for each in is_right[decision].T]
+        own = np.maximum((private[row] * costs[number]).sum(axis=1) - forgone[row], 0.0)
+        cascade, top = _cascades(origin, outcome, share, np.bincount(place, minlength=len(public)))
         return Decided(
             origin,
             chances,
             np.where(cascade[origin][:, None], public[origin], after / played[:, None]),
             is_right[decision],
-            np.stack(spent, axis=1),
-            np.bincount(place[row], weight[row] * share * np.maximum(forgone, 0.0), n_public),
+            sums_at(origin, chances * costs[decision], len(public)),
+            sums_at(place[row], mass * own, len(public)),
             np.where(cascade, 0.0, np.maximum(told, 0.0)),
             cascade,
-            np.stack(settled, axis=1) / np.bincount(origin, top, n_public)[:, None],
+            sums_at(origin, top[:, None] * is_right[decision], len(public))
+            / sums_at(origin, top, len(public))[:, None],
         )
+
+    def _private(self, public: Array) -> tuple[np.ndarray, np.ndarray, Array, Array]:
+        """Each public belief with each signal possible there: their numbers, the signal's chance, the private belief."""
+        joint = public[:, None, :] * self.signals.T
+        total = joint.sum(axis=2)
+        place, symbol = np.nonzero(total > 0)
+        weight = total[place, symbol]
+        private = joint[place, symbol] / weight[:, None]
+        return place, symbol, weight, private / private.sum(axis=1, keepdims=True)
+
+    def _costs(self, private: Array, points: Array) -> tuple[Array, Array]:
+        """Regrets (M,X) of decisions in each state, and the least that private beliefs expect, who do not know the state."""
+        states = np.eye(len(self.signals))
+        least = self.problem.optimal_cost(private) - private @ self.problem.optimal_cost(states)
+        return regrets_of(self.problem, states, points).T, np.asarray(least)
 
     def _law(self, private: Array) -> tuple[Array, np.ndarray, np.ndarray, Array]:
         """K(u|π) of private beliefs: distinct decisions as points, and the entries above zero: row, decision, share."""
@@ -84,6 +91,13 @@ class Deciding:
         table.sum_duplicates()
         entries = table.tocoo()
         return points[kept], entries.row, entries.col, entries.data
+
+
+def sums_at(where: np.ndarray, values: Any, count: int) -> Array:
+    """Return the sums of values (n,) or (n,X) that belong to the same of `count` places, shape (count,) or (count,X)."""
+    columns = np.asarray(values, dtype=np.float64).reshape(len(where), -1)
+    sums = np.stack([np.bincount(where, each, count) for each in columns.T], axis=-1)
+    return np.asarray(sums[:, 0] if np.ndim(values) == 1 else sums, dtype=np.float64)
 
 
 def _outcomes(

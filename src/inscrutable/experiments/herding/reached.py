@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.experiments.herding.decisions import Deciding
+from inscrutable.experiments.herding.decisions import Deciding, sums_at
 from inscrutable.experiments.herding.results import SocialLearning, found_of
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.validation import Array
 
 
 class _Graph:
-    """What one agent does at the public beliefs found so far: from which to which, with what chance, and the figures of each."""
+    """What one agent does at the public beliefs found so far: where each decision leads, how likely it is, and its figures."""
 
     def __init__(self, agent: Deciding, n_states: int) -> None:
         self.agent = agent
@@ -43,8 +43,7 @@ class _Graph:
 
     def moved(self, joint: Array, size: int) -> Array:
         """The joint law of public belief and state after the decision, shape (size,X)."""
-        weights = joint[self.origin] * self.chances
-        return np.stack([np.bincount(self.target, each, size) for each in weights.T], axis=1)
+        return sums_at(self.target, joint[self.origin] * self.chances, size)
 
     def herd(self, joint: Array) -> Array:
         """Chances of a right cascade, a wrong one and none."""
@@ -72,7 +71,9 @@ def reached(agents: Sequence[Deciding], prior: Array, most: int) -> SocialLearni
         truths.append(float((joint * found).sum()))
         if len(herds) <= len(turns):
             weights = joint.sum(axis=1)
-            turn.append([float((joint * graph.regrets).sum()), float(weights @ graph.prices), float(weights @ graph.bits)])
+            turn.append(
+                [float((joint * graph.regrets).sum()), float(weights @ graph.prices), float(weights @ graph.bits)]
+            )
             joint = graph.moved(joint, len(larger))
             found = larger
     held = joint.sum(axis=1) > 0

@@ -25,7 +25,7 @@ class HerdStatus(Enum):
     EXACT = "exact: all public beliefs that can be reached"
     SIMULATED = "simulated paths, the public belief of each followed exactly"
     MAJORITIES = (
-        "simulated paths with signals of unbounded strength, in fine cells or drawn: no cascade begins, so that right and wrong "
+        "simulated paths with signals of unbounded strength, in fine cells or drawn: no cascade begins, and right and wrong "
         "count the paths on which most decisions are so"
     )
 
@@ -63,7 +63,7 @@ class SocialLearning(Saved):
         >>> guess, sensor = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), CategoricalEmission([[0.7, 0.3], [0.3, 0.7]])
         >>> print(social_learning(guess, sensor, n_agents=100))
         100 agents: right cascade 75.3%, wrong 24.7%, none 0.0%
-        regret 24.83 in all, 0.2468 of the last; leakage 0.1187 bits of the first, 0.0000 of the last
+        regret 24.82 in all, 0.2468 of the last; leakage 1.0000 bits of the first, 0.0000 of the last
         exact: all public beliefs that can be reached
     """
 
@@ -127,9 +127,14 @@ class Simulation(NamedTuple):
 
 
 def found_of(
-    beliefs: Array, joint: Array, herds: Array, turns: Array, truths: Array, how: Simulation = Simulation()  # noqa: B008
+    beliefs: Array,
+    joint: Array,
+    herds: Array,
+    turns: Array,
+    truths: Array,
+    how: Simulation = Simulation(),  # noqa: B008
 ) -> SocialLearning:
-    """Return the result of public beliefs (S,X) with their joint law, and of figures of each turn: regret, price and bits, (N,3)."""
+    """Return the result of public beliefs (S,X) with their joint law, and of each turn's regret, price and bits, (N,3)."""
     right, wrong, none = (float(each) for each in herds[-1])
     regrets, prices, leakages = np.ascontiguousarray(turns.T)
     welfare = float(regrets.sum())

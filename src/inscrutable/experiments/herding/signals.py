@@ -1,4 +1,4 @@
-"""A sensor as a table of finitely many signals: exact for symbols, cells of one number for Gaussian sensors, draws for others."""
+"""A sensor as a table of finitely many signals: its symbols, cells of the one number that matters, or draws."""
 
 from __future__ import annotations
 
@@ -17,6 +17,10 @@ from inscrutable.worlds import CategoricalEmission, Emission, GaussianEmission
 _STEPS = np.linspace(-8.5, 8.5, 86)
 """Cells of a Gaussian sensor, in standard deviations of each state's law: beyond the last one lies a chance of 1e-17."""
 
+_NARROW = 1e-6
+"""Width, in the smallest standard deviation, of a cell that is joined to its neighbour: of one as narrow as a rounding, the
+chances would be differences without digits."""
+
 _DRAWS = 500
 """Signals drawn from each state where neither symbols nor cells are known."""
 
@@ -31,11 +35,13 @@ class Signals(NamedTuple):
 def signals_of(emission: Emission, problem: DecisionProblem, rng: Any) -> Signals:
     """Return the signals of a sensor over the problem's states; raise `InputError` where it has other states.
 
-    A Gaussian sensor whose states differ along one line reports a cell of the number that matters, with the exact chance of each
-    cell. Any other reports one of the signals drawn from all states alike, weighed by their densities.
+    A Gaussian sensor whose states differ along one line reports a cell of the number that matters, with the exact chances of
+    the cells. Any other reports one of the signals drawn from all states alike, weighed by their densities.
     """
     if not isinstance(emission, Emission):
-        raise InputError(f"emission must be a sensor such as CategoricalEmission([[0.7, 0.3], [0.3, 0.7]]), got {emission!r}")
+        raise InputError(
+            f"emission must be a sensor such as CategoricalEmission([[0.7, 0.3], [0.3, 0.7]]), got {emission!r}"
+        )
     if emission.n_states != problem.n_states:
         raise InputError(f"the emission has {emission.n_states} states, the problem {problem.n_states}")
     if isinstance(emission, CategoricalEmission):
@@ -77,6 +83,7 @@ def _line(emission: GaussianEmission) -> tuple[Array, Array] | None:
 def _cells(means: Array, spreads: Array) -> Array:
     """Chances (X,Y) of the cells between the steps of all states."""
     edges = np.unique(means[:, None] + spreads[:, None] * _STEPS)
+    edges = edges[np.diff(edges, prepend=-np.inf) > _NARROW * spreads.min()]
     ends = (np.concatenate([[-np.inf], edges, [np.inf]]) - means[:, None]) / spreads[:, None]
     low, high = ends[:, :-1], ends[:, 1:]
     # Differences of the smaller tail keep their digits.

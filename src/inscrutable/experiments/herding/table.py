@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.errors import InputError
 from inscrutable.experiments.herding.results import SocialLearning
-from inscrutable.experiments.herding.social_learning import social_learning
+from inscrutable.experiments.herding.turns import social_learning
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved
@@ -52,9 +52,9 @@ class HerdingTable(Saved):
         """Return one row a rule.
 
         Columns: `bits`, what the first agent's decision tells; `mean_bits`, an agent's on average; `right`, `wrong`, `none`;
-        `learned_by`, the number of agents after which the public belief gives the true state 0.75 on average, NaN where it never
-        does; `truth` after all of them; `regret`, of all agents under the true state; `own`, the part that hiding costs the
-        agents themselves; `others`, what is left less what is left with the first rule: what hiding costs the others.
+        `learned_by`, the number of agents after which the public belief gives the true state 0.75 on average, NaN if never;
+        `truth`, what it gives it after all of them; `regret`, of all agents under the true state; `own`, the part that hiding
+        costs the agents themselves; `others`, what is left less what is left with the first rule: what hiding costs the others.
         """
         base = self.found[0].welfare - float(self.found[0].prices.sum())
         rows = []
@@ -100,7 +100,11 @@ class HerdingTable(Saved):
         """Return the table, and which rules help the others."""
         table = self.frame()
         helped = table.index[table["others"] < 0].tolist()
-        told = f"the others gain by {', '.join(helped)}" if helped else f"no rule helps the others more than {self.names[0]}"
+        told = (
+            f"the others gain by {', '.join(helped)}"
+            if helped
+            else f"no rule helps the others more than {self.names[0]}"
+        )
         return f"{self.lines().to_string()}\nof {self.found[0].n_agents} agents; {told}"
 
 
@@ -138,11 +142,11 @@ def herding_table(
         >>> from inscrutable import CategoricalEmission, CoinDecisionMaker, FiniteProblem, OriginalDecisionMaker
         >>> guess, sensor = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), CategoricalEmission([[0.7, 0.3], [0.3, 0.7]])
         >>> rules = {"ODM": OriginalDecisionMaker(guess), "response": CoinDecisionMaker.response(guess, 1.0)}
-        >>> print(herding_table(guess, sensor, rules, n_agents=20).frame()[["bits", "wrong", "others"]].round(3))
-                   bits  wrong  others
+        >>> print(herding_table(guess, sensor, rules, n_agents=20).frame()[["bits", "wrong", "others"]].round(3).to_string())
+                  bits  wrong  others
         rule
-        ODM       1.000  0.247   0.000
-        response  0.160  0.248   0.453
+        ODM       1.00  0.247   0.000
+        response  0.16  0.232   0.272
     """
     if not isinstance(decision_makers, Mapping) or not decision_makers:
         raise InputError(f"decision_makers must be a dict from names to decision makers, got {decision_makers!r}")

@@ -21,7 +21,7 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.worlds import Emission
 
 _MOST_REACHED = 4096
-"""Public beliefs up to which they are all followed; where none are equal, twelve decisions between two choices lead to them."""
+"""Public beliefs up to which they are all followed; where none are equal, eleven decisions between two choices lead to them."""
 
 _PATHS = 1000
 
@@ -38,7 +38,7 @@ def social_learning(
 ) -> SocialLearning:
     """Return what agents come to who decide in turn, each on a signal of its own and on all decisions before.
 
-    Formula: those of `SocialLearning`. The state x is drawn once; everybody knows the prior, the sensor and each agent's rule K.
+    Formula: those of `SocialLearning`. The state x is drawn once; everybody knows the prior, the sensor and each rule K.
     A cascade begins at a public belief at which K(·|π) is the same after every signal; nothing is then learned any more. Two
     states, two choices, two symbols of accuracy p and a coin at ties: after two agents a right cascade has begun with the
     chance p(p+1)/2, a wrong one with (1−p)(2−p)/2; in the end a right one with p(p+1)/2 / (1−p+p²).
@@ -47,8 +47,8 @@ def social_learning(
         problem: What every agent decides, with X states.
         emission: Every agent's sensor over the X states; signals are independent given the state.
         decision_maker: Every agent's rule, or a sequence with one for each; it decides by the private belief alone. None is
-            `OriginalDecisionMaker(problem)`; in a `FiniteProblem` it tosses a fair coin among tied choices. ε-randomised response:
-            `CoinDecisionMaker.response`.
+            `OriginalDecisionMaker(problem)`; in a `FiniteProblem` it tosses a fair coin among tied choices.
+            `CoinDecisionMaker.response` is ε-randomised response.
         n_agents: N, at least 1.
         prior: Public belief before the first decision, shape (X,); None is the uniform one.
         rng: Source of simulated paths; without it only what is exact is returned.
@@ -56,7 +56,7 @@ def social_learning(
             symbols, else 1,000 paths; a number always simulates.
 
     Returns:
-        A `SocialLearning`, whose status says whether it is exact. Simulated Gaussian signals are rounded to a fifth of a standard
+        A `SocialLearning`, whose status says whether it is exact. Gaussian signals are rounded to a fifth of a standard
         deviation or less where one number holds their evidence; other sensors report one of 500 signals drawn from each state.
 
     Raises:
@@ -66,8 +66,9 @@ def social_learning(
     Cost: exact, one decision for each public belief and signal, and a sparse product an agent; simulated, a decision for each
     agent, distinct public belief and signal.
 
-    Source: Bikhchandani, Hirshleifer and Welch, A theory of fads, fashion, custom, and cultural change (1992); Smith and Sørensen,
-    Pathological outcomes of observational learning (2000); Liu and Rahimian (arXiv 2502.19525), for randomised response.
+    Source: Bikhchandani, Hirshleifer and Welch, A theory of fads, fashion, custom, and cultural change (1992); Smith and
+    Sørensen, Pathological outcomes of observational learning (2000); Liu and Rahimian (arXiv
+    2502.19525), for randomised response.
 
     Example:
         >>> from inscrutable import CategoricalEmission, FiniteProblem

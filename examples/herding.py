@@ -20,13 +20,13 @@ from inscrutable import (
     CoinDecisionMaker,
     FiniteProblem,
     HerdingTable,
+    OriginalDecisionMaker,
     Prior,
     ProbabilisticDecisionMaker,
     RateDistortionDecisionMaker,
     herding_table,
     social_learning,
 )
-from inscrutable.decision_makers import OriginalDecisionMaker
 from inscrutable.reports.herding import draw_herding
 
 problem = FiniteProblem([[0.0, 1.0], [1.0, 0.0]])  # state: poor or good; choice: leave it or buy
@@ -47,8 +47,12 @@ found = social_learning(problem, sensor, lotteries, n_agents=n_agents, rng=np.ra
 table = HerdingTable((*table.names, "PDM"), (*table.found, found))
 print(table)
 
-# Only the first agent hides: the one after it takes over, and nobody else loses much.
-alone = social_learning(problem, sensor, [rules["randomised response"], *[rules["ODM"]] * 39], n_agents=n_agents)
-print(f"only the first hides: the others' regret {alone.regrets[1:].sum():.2f}, else {table['ODM'].regrets[1:].sum():.2f}")
+# Only the first agent hides. The second then trusts its own signal more, and what it decides says more to those after it.
+alone = social_learning(
+    problem, sensor, [rules["randomised response"], *[rules["ODM"]] * (n_agents - 1)], n_agents=n_agents
+)
+print(
+    f"only the first hides: the others' regret {alone.regrets[1:].sum():.2f}, else {table['ODM'].regrets[1:].sum():.2f}"
+)
 
 draw_herding(table, Path())

@@ -3,7 +3,7 @@ The price of privacy for the others
 ===================================
 
 People decide in turn whether to buy. Each has a signal of its own, right with probability 0.7, and sees what those before
-decided. A decision shows the signal behind it, unless it is hidden. What does hiding cost the one who hides, and what the others?
+decided. A decision shows the signal behind it, unless it is hidden. What does hiding cost who hides, and what the others?
 
 All rules cost the first agent the same expected regret, 0.1. Writes herding.png into the current folder.
 """
@@ -47,7 +47,8 @@ found = social_learning(problem, sensor, lotteries, n_agents=n_agents, rng=np.ra
 table = HerdingTable((*table.names, "PDM"), (*table.found, found))
 print(table)
 
-# Only the first agent hides. The second then trusts its own signal more, and what it decides says more to those after it.
+# Only the first agent hides. Otherwise a second one with the opposite signal tosses a coin; now it follows its own signal,
+# which says more to those after it.
 alone = social_learning(
     problem, sensor, [rules["randomised response"], *[rules["ODM"]] * (n_agents - 1)], n_agents=n_agents
 )

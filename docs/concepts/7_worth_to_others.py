@@ -68,7 +68,7 @@ noisy = social_learning(problem, sensor, one, n_agents=60)
 with drawing(7.0, 3.0, ncols=2) as (figure, (left, right)):
     left.plot(epsilons, [each.right for each in responses], color=BLUE)
     left.axhline(plain.right, color=GREEN, linestyle="--", linewidth=0.9)
-    left.text(0.45, plain.right + 0.004, "nothing hidden", fontsize=6)
+    left.text(1.9, plain.right - 0.006, "nothing hidden", fontsize=6)
     for jump in (1.158, 0.733, 0.540):
         left.axvline(jump, color=BLACK, linestyle=":", linewidth=0.7)
     left.set(xlabel="ε of randomised response", ylabel="right cascades")

@@ -17,10 +17,6 @@ from inscrutable.worlds import CategoricalEmission, Emission, GaussianEmission
 _STEPS = np.linspace(-8.5, 8.5, 86)
 """Cells of a Gaussian sensor, in standard deviations of each state's law: beyond the last one lies a chance of 1e-17."""
 
-_NARROW = 1e-6
-"""Width, in the smallest standard deviation, of a cell that is joined to its neighbour: of one as narrow as a rounding, the
-chances would be differences without digits."""
-
 _DRAWS = 500
 """Signals drawn from each state where neither symbols nor cells are known."""
 
@@ -83,7 +79,7 @@ def _line(emission: GaussianEmission) -> tuple[Array, Array] | None:
 def _cells(means: Array, spreads: Array) -> Array:
     """Chances (X,Y) of the cells between the steps of all states."""
     edges = np.unique(means[:, None] + spreads[:, None] * _STEPS)
-    edges = edges[np.diff(edges, prepend=-np.inf) > _NARROW * spreads.min()]
+    edges = edges[np.diff(edges, prepend=-np.inf) > tolerances.SIGNAL_CELL * spreads.min()]
     ends = (np.concatenate([[-np.inf], edges, [np.inf]]) - means[:, None]) / spreads[:, None]
     low, high = ends[:, :-1], ends[:, 1:]
     # Differences of the smaller tail keep their digits.

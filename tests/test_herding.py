@@ -216,6 +216,31 @@ def test_randomised_response_is_an_enumeration_too(p: float) -> None:
         assert np.allclose([found.right, found.wrong], [oracle.right, oracle.wrong], atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["PDM", "rate-distortion"])
+def test_hiding_agents_are_an_enumeration_too(kind: str) -> None:
+    """The decision makers that hide, their laws taken belief by belief."""
+    costs, prior = np.array([[0.0, 1.0], [1.5, 0.0]]), np.array([0.55, 0.45])
+    problem, budget = ins.FiniteProblem(costs), ins.Budget.regret(0.12)
+    first = ins.Prior([[0.7, 0.3], [0.3, 0.7]], [0.5, 0.5])
+    hiding: dict[str, Any] = {
+        "PDM": lambda: ins.ProbabilisticDecisionMaker(problem, budget=budget),
+        "rate-distortion": lambda: ins.RateDistortionDecisionMaker(problem, budget, prior=first),
+    }
+    maker, known = hiding[kind](), {}
+
+    def law(belief: np.ndarray) -> np.ndarray:
+        key = tuple(belief.round(13))
+        if key not in known and belief.sum() > 0:
+            known[key] = np.asarray(ins.mechanism(maker, belief[None], np.eye(2)).probabilities)[0]
+        return np.asarray(known.get(key, np.zeros(2)))
+
+    found = social_learning(problem, sensor(0.7), maker, n_agents=3, prior=prior)
+    oracle = Enumeration(costs, sensor(0.7).probabilities, prior, [law] * 3)
+    assert np.allclose(found.regrets, oracle.regrets, atol=1e-9)
+    assert np.allclose(found.prices, oracle.prices, atol=1e-9)
+    assert np.allclose(found.leakages, oracle.bits, atol=1e-9)
+
+
 def began(found: ins.SocialLearning) -> int:
     """The number of decisions after which a cascade may have begun."""
     return int(np.flatnonzero(found.herds[:, 2] < 1 - 1e-9)[0])
@@ -298,6 +323,7 @@ def test_many_dimensions_of_one_line_are_one_number() -> None:
     direction = np.linalg.cholesky(covariance) @ np.array([0.6, 0.0, 0.8])
     wide = ins.GaussianEmission([-0.5 * direction, 0.5 * direction], [covariance, covariance])
     narrow = signals_of(gaussian(0.5), GUESS, rng).probabilities
+    assert np.allclose(narrow[0], narrow[1, ::-1], rtol=1e-9, atol=0), "both tails keep their digits"
     table = signals_of(wide, GUESS, rng).probabilities
     assert np.allclose(table, narrow, atol=1e-9) or np.allclose(table, narrow[:, ::-1], atol=1e-9)
     round_one = ins.GaussianEmission([[0.0, 0.0], [1.0, 0.0]], [np.eye(2), 2 * np.eye(2)])

@@ -344,6 +344,14 @@ def test_decisions_that_tell_the_belief_tell_every_signal() -> None:
     assert np.allclose(found.prices, 0, atol=1e-12)
 
 
+def test_portfolios_are_right_in_the_state_that_they_suit() -> None:
+    """Between choices no decision is the best of a state: it counts for the state in which it is regretted least."""
+    problem = ins.MarkowitzProblem([[0.02, 0.01], [0.0, 0.01]], [np.diag([0.01, 0.01])] * 2, 5.0)
+    found = social_learning(problem, gaussian(1.0), n_agents=30, rng=np.random.default_rng(SEED), n_paths=100)
+    assert found.right > 0.9
+    assert found.truths[-1] > 0.99
+
+
 def test_degenerate_sensors_and_priors() -> None:
     """Nothing to see, everything to see, and nothing to learn."""
     blind = social_learning(GUESS, ins.CategoricalEmission([[0.4, 0.6], [0.4, 0.6]]), n_agents=3)

@@ -86,9 +86,8 @@ def introduction_claims(n_markets: int = 8, *, rng: np.random.Generator) -> tupl
     Cost: half a second a market. Source: the paper, Section I.
 
     Example:
-        >>> for claim in introduction_claims(2, rng=np.random.default_rng(0)):
-        ...     print(f"{claim.key}: {claim.verdict.value}")
-        copying: holds
+        >>> print(introduction_claims(2, rng=np.random.default_rng(0))[0])
+        who sees an investor's decisions decides as well without its expertise: holds
     """
     if validation.count(n_markets, "n_markets") < 2:
         raise InputError(f"claims are judged over at least 2 markets, got {n_markets}")

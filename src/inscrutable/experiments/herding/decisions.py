@@ -23,7 +23,7 @@ class Decided:
     origin: np.ndarray  # (C,), the public belief, in ascending order
     chances: Array  # (C,X), of the decision in each state
     beliefs: Array  # (C,X), public after it
-    is_right: np.ndarray  # (C,X), whether the decision is one of the best in a state
+    is_right: np.ndarray  # (C,X), whether the decision is right in a state
     regrets: Array  # (S,X), expected under each state
     prices: Array  # (S,), expected regret under the private belief: what hiding costs the agent itself
     bits: Array  # (S,), of the private belief in the decision
@@ -48,7 +48,9 @@ class Deciding:
         played = after.sum(axis=1)
         told = sums_at(place[row], mass * np.log2(share / played[outcome]), len(public))
         costs, forgone = self._costs(private, points)
-        is_right = costs <= tolerances.NO_COST * np.abs(self.problem.state_costs(points)).max()
+        # A choice is right where it costs nothing; what lies between choices, in the state that it suits best.
+        least = 0.0 if self.problem.is_discrete else costs.min(axis=1, keepdims=True)
+        is_right = costs <= least + tolerances.NO_COST * np.abs(self.problem.state_costs(points)).max()
         own = np.maximum((private[row] * costs[number]).sum(axis=1) - forgone[row], 0.0)
         cascade, top = _cascades(origin, outcome, share, np.bincount(place, minlength=len(public)))
         return Decided(

@@ -39,8 +39,9 @@ class SocialLearning(Saved):
     Args:
         public_beliefs: q_N, shape (S,X): each that can be reached, or one a path.
         right: Chance that a cascade on a right decision has begun after N decisions: no signal changes the law of the next one,
-            whose likeliest decision is one of the best in the true state. With the status MAJORITIES, the share of the paths
-            on which more than half of the decisions are right.
+            whose likeliest decision is one of the best in the true state; in a problem that has no single choices, its regret
+            is least in the true state. With the status MAJORITIES, the share of the paths on which more than half of the
+            decisions are right.
         wrong: The same for a wrong decision.
         none: Chance of neither; the three sum to one.
         welfare: Σ_n E ρ(x,u_n), expected sum of the regrets under the true state, in the cost's unit; less is better.

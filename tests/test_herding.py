@@ -15,7 +15,7 @@ from scipy.stats import norm
 import inscrutable as ins
 from inscrutable import HerdStatus, InputError, social_learning
 from inscrutable.experiments.herding.signals import signals_of
-from inscrutable.reports.herding import draw_herding
+from inscrutable.reports.herding import write_herding
 
 SEED = int(os.environ.get("FRESH_SEED", "11"))
 GUESS = ins.FiniteProblem([[0.0, 1.0], [1.0, 0.0]])
@@ -400,7 +400,7 @@ def test_results_print_save_and_frame(tmp_path: Path) -> None:
     assert table.frame().loc["ODM", "others"] == 0
     assert table.frame().loc["response", "own"] > 0
     assert "right majority" in str(social_learning(GUESS, gaussian(1.0), n_agents=2, rng=np.random.default_rng(0)))
-    assert all(path.stat().st_size for path in draw_herding(table, tmp_path))
+    assert all(path.stat().st_size for path in write_herding(table, tmp_path))
     with pytest.raises(InputError, match="no row 'other'"):
         table["other"]
     with pytest.raises(InputError, match="dict from names"):

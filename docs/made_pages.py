@@ -16,6 +16,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from made_keys import literal, study_keys
 
 import inscrutable
@@ -108,18 +109,32 @@ def claims(folder: Path, n_markets: int) -> None:
     settings = ReproductionSettings(markets=n_markets, simulations=simulations)
     result = reproduce(settings, jobs=jobs)
     write_reproduction(result, folder, jobs=jobs)
-    table = claims_table(result)
-    lines = [
-        f"Over {n_markets} random markets, means over {simulations}, seed 0:\n",
-        ".. list-table::",
-    ]
-    lines += ["   :header-rows: 1\n   :widths: 40 22 22 16\n"]
+    said = f"Over {n_markets} random markets, means over {simulations}, seed 0:"
+    list_table(folder / "claims.rst", claims_table(result), said, (40, 22, 22, 16))
+
+
+def introduction(folder: Path, n_markets: int) -> None:
+    """Judge the claims of the paper's introduction, and write the table."""
+    from inscrutable.experiments.introduction import introduction_claims
+    from inscrutable.reports.reproduction import introduction_table
+
+    found = introduction_claims(n_markets, rng=np.random.default_rng(0))
+    said = f"Over {n_markets} random markets and sensors, seed 0:"
+    table = introduction_table(found)
+    list_table(folder / "introduction.rst", table, said, (22, 26, 18, 18, 16))
+
+
+def list_table(page: Path, table: Any, said: str, widths: tuple[int, ...]) -> None:
+    """Write a table, below a line of what is said of it, as a page to include."""
+    shares = " ".join(map(str, widths))
+    lines = [f"{said}\n", ".. list-table::"]
+    lines += [f"   :header-rows: 1\n   :widths: {shares}\n"]
     for row in (tuple(table.columns), *table.itertuples(index=False)):
         lines += [
             f"   {'*' if place == 0 else ' '} - {literal(str(cell))}"
             for place, cell in enumerate(row)
         ]
-    folder.joinpath("claims.rst").write_text("\n".join(lines) + "\n", "utf-8")
+    page.write_text("\n".join(lines) + "\n", "utf-8")
 
 
 def curves(folder: Path) -> None:
@@ -200,6 +215,7 @@ def make(app: Any) -> None:
     first_steps(HERE / "start-here.md", MADE / "start")
     study_keys(MADE / "studies")
     claims(MADE / "claims", app.config.claims_markets)
+    introduction(MADE / "claims", min(app.config.claims_markets, 50))
 
 
 def setup(app: Any) -> dict[str, Any]:

@@ -99,6 +99,11 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.experiments.audit import audit_pairs as audit_pairs
     from inscrutable.experiments.backtest import run_backtest as run_backtest
     from inscrutable.experiments.comparison import compare as compare
+    from inscrutable.experiments.herding import HerdingTable as HerdingTable
+    from inscrutable.experiments.herding import HerdStatus as HerdStatus
+    from inscrutable.experiments.herding import SocialLearning as SocialLearning
+    from inscrutable.experiments.herding import herding_table as herding_table
+    from inscrutable.experiments.herding import social_learning as social_learning
     from inscrutable.experiments.investor_model import InvestorModel as InvestorModel
     from inscrutable.experiments.learning import LearningCurve as LearningCurve
     from inscrutable.experiments.learning import learning_curve as learning_curve

@@ -86,6 +86,14 @@ SAME_BELIEF = 1e-9
 
 REACHED_BELIEF = 1e-12
 """Beliefs reached on different ways and closer than this are one: a few thousand roundings of a filter."""
+
+SAME_LAW = 1e-9
+"""Shares of a decision under two beliefs that differ by less are one share: no lottery has an atom below `PROBABILITY`."""
+
+SIGNAL_CELL = 1e-6
+"""Width, in standard deviations, below which a cell of a sensor's signals is joined to its neighbour: as differences of tails,
+the chances of one as narrow as a rounding would have no digits."""
+
 ROUGH_DISTANCE = 1e-8
 """Distances by one projection nearer than this to a goal's are found again from the set's shape: a hundred times what the
 projection's rows are satisfied to, relative to beliefs."""

@@ -129,20 +129,23 @@ def _judge(claim: Claim, runs: Sequence[MarketRun]) -> JudgedClaim:
 
 
 def _finding(claim: Claim, runs: Sequence[MarketRun], variant: str) -> Finding:
-    sign = 1.0 if claim.at_least else -1.0
-    # One row per market, turned so that more is better.
-    values = sign * np.array(
-        [np.atleast_1d(np.asarray(claim.measure(run, run.variants[variant]), dtype=float)) for run in runs]
-    )
-    bound = sign * claim.bound
+    measured = [np.atleast_1d(np.asarray(claim.measure(run, run.variants[variant]), dtype=float)) for run in runs]
+    return finding_of(np.array(measured), claim.rule, claim.bound, at_least=claim.at_least)
+
+
+def finding_of(measured: Array, rule: Rule, bound: float, *, at_least: bool = True) -> Finding:
+    """Return whether quantities (markets, n) meet a bound as a rule asks."""
+    sign = 1.0 if at_least else -1.0
+    # Turned so that more is better.
+    values, bound = sign * measured, sign * bound
     share = float((values >= bound).all(axis=1).mean())
-    if claim.rule is not Rule.ON_AVERAGE:
+    if rule is not Rule.ON_AVERAGE:
         per_market = values.min(axis=1)
-        extreme = per_market.min() if claim.rule is Rule.ALWAYS else per_market.max()
-        holds = share == 1.0 if claim.rule is Rule.ALWAYS else share > 0.0
+        extreme = per_market.min() if rule is Rule.ALWAYS else per_market.max()
+        holds = share == 1.0 if rule is Rule.ALWAYS else share > 0.0
         return Finding(sign * float(extreme), float("nan"), share, holds)
     means = values.mean(axis=0)
-    errors = values.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    errors = values.std(axis=0, ddof=1) / np.sqrt(len(values))
     worst = int((means - ERRORS * errors).argmin())
     # Ties in almost every market leave an average of a few rounding units: what every market meets, the average meets.
     holds = share == 1.0 or bool(means[worst] - ERRORS * errors[worst] >= bound)

@@ -205,18 +205,11 @@ def mechanism(
         >>> print(played.actions, played.probabilities.tolist())
         [0 1] [[1.0, 0.0], [0.0, 1.0]]
     """
-    problem = getattr(decision_maker, "problem", None)
-    if not isinstance(problem, DecisionProblem) or not hasattr(decision_maker, "decide_many"):
-        raise InputError(f"a decision maker with `problem` and `decide_many` is needed, got {decision_maker!r}")
-    if not getattr(decision_maker, "is_memoryless", True):
-        raise InputError(
-            f"{type(decision_maker).__name__} decides by what came before, not by the belief alone, so that it is no "
-            "mechanism K(u|π); call its decide_many on a path of beliefs"
-        )
+    problem = checked_memoryless(decision_maker).problem
     if isinstance(beliefs, Prior):
         raise InputError("beliefs must be an array (B,X), got a Prior: pass prior.beliefs")
     held = validation.many_beliefs(beliefs, problem.n_states, names=problem.state_names)
-    points, row, number, share = _atoms(problem, decision_maker, held)
+    points, row, number, share = atoms_of(decision_maker, held)
     listed = np.empty((0, points.shape[-1])) if candidates is None else _listed(problem, candidates)
     everything = np.vstack([listed, points])
     kept, column = np.unique(first_same(everything), return_inverse=True)
@@ -227,6 +220,20 @@ def mechanism(
     regrets = regrets_of(problem, held, actions)
     probabilities = table if len(held) * len(kept) > _MOST_DENSE else table.toarray()
     return Mechanism(held, problem.as_actions(actions), probabilities, regrets)
+
+
+def checked_memoryless(decision_maker: Any) -> PlaysMany:
+    """Return a decision maker that decides by the present belief alone, or raise `InputError`."""
+    problem = getattr(decision_maker, "problem", None)
+    if not isinstance(problem, DecisionProblem) or not hasattr(decision_maker, "decide_many"):
+        raise InputError(f"a decision maker with `problem` and `decide_many` is needed, got {decision_maker!r}")
+    if not getattr(decision_maker, "is_memoryless", True):
+        raise InputError(
+            f"{type(decision_maker).__name__} decides by what came before, not by the belief alone, so that it is no "
+            "mechanism K(u|π); call its decide_many on a path of beliefs"
+        )
+    found: PlaysMany = decision_maker
+    return found
 
 
 def regrets_of(problem: DecisionProblem, beliefs: Array, points: Array) -> Array:
@@ -241,9 +248,7 @@ def _listed(problem: DecisionProblem, candidates: Any) -> Array:
     return np.atleast_2d(problem.check_actions(candidates))
 
 
-def _atoms(
-    problem: DecisionProblem, decision_maker: Any, beliefs: Array
-) -> tuple[Array, np.ndarray, np.ndarray, Array]:
+def atoms_of(decision_maker: Any, beliefs: Array) -> tuple[Array, np.ndarray, np.ndarray, Array]:
     """Played points in the order in which they come up, and for every atom its belief, its point and its probability."""
     if hasattr(decision_maker, "table"):
         points, numbers, shares = decision_maker.table(beliefs)
@@ -251,7 +256,7 @@ def _atoms(
         used, first, number = np.unique(numbers[row, atom], return_index=True, return_inverse=True)
         order = np.argsort(first)
         return points[used[order]], row, np.argsort(order)[number.reshape(-1)], shares[row, atom]
-    decided = decision_maker.decide_many(beliefs)
+    problem, decided = decision_maker.problem, decision_maker.decide_many(beliefs)
     if hasattr(decided, "probabilities"):
         points, shares = problem.as_points(decided.actions), np.asarray(decided.probabilities, dtype=np.float64)
     else:

@@ -12,15 +12,15 @@ from inscrutable.geometry.equal_rows import first_equal
 from inscrutable.validation import Array
 
 
-def first_same(actions: Array) -> np.ndarray:
+def first_same(actions: Array, tolerance: float = tolerances.SAME_ACTION) -> np.ndarray:
     """Return, for every decision of (M,U), the index of the first one that it cannot be told from, shape (M,).
 
-    Decisions within `tolerances.SAME_ACTION` of each other in every coordinate are the same, and so are chains of them;
+    Decisions within the tolerance of each other in every coordinate are the same, and so are chains of them;
     those that rounding alone would call two are found by a tree.
     """
-    first = first_equal(actions)
+    first = first_equal(actions, tolerance)
     apart = np.unique(first)
-    pairs = cKDTree(actions[apart]).query_pairs(tolerances.SAME_ACTION, p=np.inf, output_type="ndarray")
+    pairs = cKDTree(actions[apart]).query_pairs(tolerance, p=np.inf, output_type="ndarray")
     if not len(pairs):
         return first
     ones = np.ones(len(pairs), dtype=bool)

@@ -66,11 +66,14 @@ class FiniteProblem(LinearProblem):
     def solve(self, beliefs: ArrayLike) -> Any:
         """Return the cheapest choice, an int for one belief (X,), ints (T,) for many; the first of tied ones."""
         held = self.check_beliefs(beliefs)
-        expected = held @ self.without_common_costs.costs
-        scale = np.abs(expected).max(axis=-1, keepdims=True)
-        tied = expected <= expected.min(axis=-1, keepdims=True) + tolerances.STATIONARITY * scale
-        first = tied.argmax(axis=-1)
+        first = self.tied(held).argmax(axis=-1)
         return int(first) if held.ndim == 1 else first
+
+    def tied(self, beliefs: ArrayLike) -> np.ndarray:
+        """Return which choices are the cheapest, True at all tied ones: (K,) for one belief (X,), (T,K) for many."""
+        expected = self.check_beliefs(beliefs) @ self.without_common_costs.costs
+        scale = np.abs(expected).max(axis=-1, keepdims=True)
+        return np.asarray(expected <= expected.min(axis=-1, keepdims=True) + tolerances.STATIONARITY * scale)
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return s(a) for choices of shape (…), or for shares (…,K): shape (…,X)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import pandas as pd
 from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.experiments.claims import Finding, JudgedClaim
 from inscrutable.experiments.episodes import Episode
+from inscrutable.experiments.introduction import IntroductionClaim
 from inscrutable.experiments.reproduction import Reproduction
 from inscrutable.experiments.studies.executors import renewed_quietly
 from inscrutable.reports.simplex_plots import plot_actions, plot_beliefs
@@ -104,6 +105,21 @@ def claims_table(result: Reproduction) -> pd.DataFrame:
     return pd.DataFrame(rows, index=pd.Index([claim.key for claim in result.claims], name="key"))
 
 
+def introduction_table(claims: Sequence[IntroductionClaim]) -> pd.DataFrame:
+    """Return the claims of the introduction for a person to read: what was measured against either rival, and the verdict."""
+    rows = [
+        {
+            "claim": claim.text,
+            "measured": claim.criterion,
+            "decisions taken for optimal": "" if claim.naive is None else _in_words(claim.naive, "cases"),
+            "rule known": _in_words(claim.knowing, "cases"),
+            "verdict": claim.verdict.value,
+        }
+        for claim in claims
+    ]
+    return pd.DataFrame(rows, index=pd.Index([claim.key for claim in claims], name="key"))
+
+
 def claims_frame(result: Reproduction) -> pd.DataFrame:
     """Return the claims with every number in full, one row per claim."""
     rows = []
@@ -152,10 +168,10 @@ def _findings(claim: JudgedClaim) -> dict[str, Finding]:
     return {"paper": claim.paper, "global": claim.globally}
 
 
-def _in_words(found: Finding) -> str:
+def _in_words(found: Finding, what: str = "markets") -> str:
     error = "" if np.isnan(found.standard_error) else f" ± {found.standard_error:.3f}"
     # Adding zero keeps a rounded −0 from being written.
-    return f"{round(found.measured, 3) + 0.0:.3f}{error}, {found.share:.0%} of markets"
+    return f"{round(found.measured, 3) + 0.0:.3f}{error}, {found.share:.0%} of {what}"
 
 
 def _variant(result: Reproduction, variant: str) -> dict[str, Any]:

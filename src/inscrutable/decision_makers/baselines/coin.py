@@ -1,4 +1,4 @@
-"""A coin between the optimal decision and always the same other one."""
+"""A coin between the optimal decision and another one that does not depend on the belief; randomised response."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ from inscrutable.decision_makers.baselines.lottery import DrawingDecisionMaker
 from inscrutable.decision_makers.candidates import make_candidates
 from inscrutable.decision_makers.results import DecisionStatus
 from inscrutable.errors import InputError
-from inscrutable.problems import DecisionProblem
+from inscrutable.problems import DecisionProblem, FiniteProblem
 from inscrutable.validation import Array
 
 
 class CoinDecisionMaker(DrawingDecisionMaker):
-    """A coin between the optimal decision and that of a fixed decoy.
+    """A coin between the optimal decision and that of a fixed decoy, or of one drawn from a list.
 
     Formula: K(u*(y)|π) = p, K(u*(π)|π) = 1 − p, with one decoy y for every belief; the expected regret p ρ(π,u*(y)) is
-    linear in p. At p = 1 nothing leaks. Where both decisions are the same it is played for certain.
+    linear in p. At p = 1 nothing leaks. Where both decisions are the same it is played for certain. Of n decoys each is
+    drawn with the chance p/n.
 
     Args:
         problem: The decision problem.
         probability: p in [0, 1], of the decoy's decision.
-        decoy: y, a belief, shape (X,); None is the uniform one. The mean of a prior gives the cheapest constant decision
-            under that prior, whose expected regret is the silence regret.
+        decoy: y, a belief, shape (X,), or several, (n,X); None is the uniform one. The mean of a prior gives the cheapest
+            constant decision under that prior, whose expected regret is the silence regret.
 
     Raises:
-        InputError: The probability is not in [0, 1], or the decoy is no belief.
+        InputError: The probability is not in [0, 1], or a decoy is no belief.
 
     Cost: one forward solve per belief. Source: Warner, Randomized response (1965).
 
@@ -49,18 +50,63 @@ class CoinDecisionMaker(DrawingDecisionMaker):
             raise InputError(f"probability must be at most 1, got {self.probability:g}")
         n_states = self.problem.n_states
         given = np.full(n_states, 1.0 / n_states) if decoy is None else decoy
-        self.decoy = validation.one_belief(given, n_states, "decoy", names=self.problem.state_names)
+        self.decoy = validation.beliefs(given, n_states, "decoy", names=self.problem.state_names)
+        if not len(self.decoy):
+            raise InputError("decoy has no rows; expected at least one belief")
+
+    @classmethod
+    def response(cls, problem: FiniteProblem, epsilon: float) -> CoinDecisionMaker:
+        """Return ε-randomised response over K choices.
+
+        Formula: the best choice with probability e^ε/(e^ε + K − 1), each other one with 1/(e^ε + K − 1).
+
+        Args:
+            problem: Every choice must be the best one in some state.
+            epsilon: ε, at least 0, in nats: no choice is more than e^ε times as likely under one belief as under another.
+
+        Raises:
+            InputError: The problem is no `FiniteProblem`, a choice is the best in no state, or ε is negative.
+
+        Source: Warner (1965); Kairouz, Bonawitz and Ramage, Discrete distribution estimation under local privacy (2016).
+
+        Example:
+            >>> from inscrutable import FiniteProblem
+            >>> maker = CoinDecisionMaker.response(FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), np.log(3))
+            >>> maker.decide([0.2, 0.8]).probabilities
+            array([0.25, 0.75])
+        """
+        if not isinstance(problem, FiniteProblem):
+            raise InputError(f"randomised response needs a FiniteProblem, got {problem!r}")
+        choices, states = np.unique(problem.solve(np.eye(problem.n_states)), return_index=True)
+        n_choices = problem.n_choices
+        if len(choices) < n_choices:
+            never = sorted(set(range(n_choices)) - set(choices.tolist()))
+            raise InputError(
+                f"randomised response needs choices each of which is the best in some state; {never} are not"
+            )
+        odds = np.exp(-validation.non_negative(epsilon, "epsilon"))
+        return cls(problem, n_choices * odds / (1.0 + (n_choices - 1) * odds), np.eye(problem.n_states)[states])
 
     def _lots(self, beliefs: Array) -> Lots:
-        both = np.vstack([self.decoy, beliefs])
+        decoys = np.atleast_2d(self.decoy)
+        both = np.vstack([decoys, beliefs])
         candidates = make_candidates(self.problem, self.problem.solve_points(both), both)
-        own = candidates.same_as[1:]
-        optimal = (beliefs * candidates.state_costs[1:]).sum(axis=1)
-        regret = np.maximum(beliefs @ candidates.state_costs[0] - optimal, 0.0)
-        numbers = np.stack([np.zeros(len(beliefs), dtype=np.int64), own], axis=1)
-        # The same decision twice is one atom: the first takes all.
-        decoy = np.where(own == 0, 1.0, self.probability)
-        shares = np.stack([decoy, 1.0 - decoy], axis=1)
-        regrets = np.stack([np.where(own == 0, 0.0, regret), np.zeros(len(beliefs))], axis=1)
+        drawn, often = np.unique(candidates.same_as[: len(decoys)], return_counts=True)
+        own = candidates.same_as[len(decoys) :, None]
+        optimal = (beliefs * candidates.state_costs[len(decoys) :]).sum(axis=1)
+        regrets = np.maximum(beliefs @ candidates.state_costs[drawn].T - optimal[:, None], 0.0)
+        same = drawn == own  # the same decision twice is one atom: the first takes all
+        shares = self.probability * often / len(decoys) + np.where(same, 1.0 - self.probability, 0.0)
+        rest = np.where(same.any(axis=1, keepdims=True), 0.0, 1.0 - self.probability)
+        numbers = np.hstack([np.broadcast_to(drawn, same.shape), own])
         statuses = (DecisionStatus.RULE_OF_THUMB,) * len(beliefs)
-        return Lots(self.problem, candidates, beliefs, numbers, shares, regrets, optimal, statuses)
+        return Lots(
+            self.problem,
+            candidates,
+            beliefs,
+            numbers,
+            np.hstack([shares, rest]),
+            np.hstack([np.where(same, 0.0, regrets), np.zeros((len(beliefs), 1))]),
+            optimal,
+            statuses,
+        )

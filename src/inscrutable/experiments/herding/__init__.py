@@ -1,0 +1,7 @@
+"""Agents who decide in turn and see each other's decisions: learning, herding, and what hiding costs the others."""
+
+from inscrutable.experiments.herding.results import HerdStatus, SocialLearning
+from inscrutable.experiments.herding.table import HerdingTable, herding_table
+from inscrutable.experiments.herding.turns import social_learning
+
+__all__ = ["HerdStatus", "HerdingTable", "SocialLearning", "herding_table", "social_learning"]

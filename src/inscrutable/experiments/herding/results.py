@@ -1,0 +1,142 @@
+"""What agents who see each other's decisions come to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.saved import Saved, saved_choice
+from inscrutable.validation import Array
+
+
+@saved_choice
+class HerdStatus(Enum):
+    """How the figures were found, and what counts as herding.
+
+    Example:
+        >>> HerdStatus.EXACT.value
+        'exact: all public beliefs that can be reached'
+    """
+
+    EXACT = "exact: all public beliefs that can be reached"
+    SIMULATED = "simulated paths, the public belief of each followed exactly"
+    MAJORITIES = (
+        "simulated paths with signals of unbounded strength, in fine cells or drawn: no cascade begins, and right and wrong "
+        "count the paths on which most decisions are so"
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SocialLearning(Saved):
+    """N agents who decide in turn, each on a signal of its own and on all decisions before.
+
+    Formula: π_n ∝ q_{n−1}(x) p(y_n|x), u_n ~ K(·|π_n), q_n ∝ q_{n−1}(x) Σ_y p(y|x) K(u_n|π(q_{n−1},y)).
+
+    Args:
+        public_beliefs: q_N, shape (S,X): each that can be reached, or one a path.
+        right: Chance that a cascade on a right decision has begun after N decisions: no signal changes the law of the next one,
+            whose likeliest decision is one of the best in the true state; in a problem that has no single choices, its regret
+            is least in the true state. With the status MAJORITIES, the share of the paths on which more than half of the
+            decisions are right.
+        wrong: The same for a wrong decision.
+        none: Chance of neither; the three sum to one.
+        welfare: Σ_n E ρ(x,u_n), expected sum of the regrets under the true state, in the cost's unit; less is better.
+        joint: Chance of each public belief together with each true state, shape (S,X).
+        herds: right, wrong and none after 0..N decisions, shape (N+1,3).
+        regrets: E ρ(x,u_n) of every agent, shape (N,).
+        prices: E ρ(π_n,u_n) of every agent, shape (N,): the part of its regret that its own hiding costs it; what is left is
+            owed to what it could learn.
+        leakages: I(π_n;u_n|q_{n−1}) of every agent, shape (N,), in bits: what its decision tells of its private belief one who
+            knows its rule and has seen the decisions before; 0 is perfect privacy.
+        truths: E q_n(x), probability that the public belief gives the true state after 0..N decisions, shape (N+1,).
+        welfare_error: Standard error of the welfare; 0 where nothing was simulated.
+        n_paths: Simulated paths; 0 where there are none.
+        status: How the figures were found.
+
+    Source: Bikhchandani, Hirshleifer and Welch (1992); Smith and Sørensen (2000); `social_learning` makes it.
+
+    Example:
+        >>> from inscrutable import CategoricalEmission, FiniteProblem, social_learning
+        >>> guess, sensor = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), CategoricalEmission([[0.7, 0.3], [0.3, 0.7]])
+        >>> print(social_learning(guess, sensor, n_agents=100))
+        100 agents: right cascade 75.3%, wrong 24.7%, none 0.0%
+        regret 24.82 in all, 0.2468 of the last; leakage 1.0000 bits of the first, 0.0000 of the last
+        exact: all public beliefs that can be reached
+    """
+
+    public_beliefs: Array
+    right: float
+    wrong: float
+    none: float
+    welfare: float
+    joint: Array
+    herds: Array
+    regrets: Array
+    prices: Array
+    leakages: Array
+    truths: Array
+    welfare_error: float
+    n_paths: int
+    status: HerdStatus
+
+    @property
+    def n_agents(self) -> int:
+        """N."""
+        return len(self.regrets)
+
+    @property
+    def errors(self) -> Array:
+        """Standard errors of right, wrong and none, shape (3,); 0 where nothing was simulated."""
+        shares = np.array([self.right, self.wrong, self.none])
+        return np.sqrt(shares * (1.0 - shares) / self.n_paths) if self.n_paths else np.zeros(3)
+
+    def frame(self) -> pd.DataFrame:
+        """Return one row an agent: herding after its decision, its regret and leakage, and what the public then knows."""
+        return pd.DataFrame(
+            {
+                **dict(zip(("right", "wrong", "none"), self.herds[1:].T, strict=True)),
+                "regret": self.regrets,
+                "bits": self.leakages,
+                "truth": self.truths[1:],
+            },
+            index=pd.RangeIndex(1, self.n_agents + 1, name="agent"),
+        )
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        what = "majority" if self.status is HerdStatus.MAJORITIES else "cascade"
+        return (
+            f"{self.n_agents} agents: right {what} {self.right:.1%}, wrong {self.wrong:.1%}, none {self.none:.1%}\n"
+            f"regret {self.welfare:.4g} in all, {self.regrets[-1]:.4g} of the last; leakage {self.leakages[0]:.4f} bits of the "
+            f"first, {self.leakages[-1]:.4f} of the last\n{self.status.value}"
+        )
+
+
+class Simulation(NamedTuple):
+    """How figures were simulated; the defaults stand for exact ones."""
+
+    welfare_error: float = 0.0
+    n_paths: int = 0
+    status: HerdStatus = HerdStatus.EXACT
+
+
+def found_of(
+    beliefs: Array,
+    joint: Array,
+    herds: Array,
+    turns: Array,
+    truths: Array,
+    how: Simulation = Simulation(),  # noqa: B008
+) -> SocialLearning:
+    """Return the result of public beliefs (S,X) with their joint law, and of each turn's regret, price and bits, (N,3)."""
+    right, wrong, none = (float(each) for each in herds[-1])
+    regrets, prices, leakages = np.ascontiguousarray(turns.T)
+    welfare = float(regrets.sum())
+    return SocialLearning(beliefs, right, wrong, none, welfare, joint, herds, regrets, prices, leakages, truths, *how)

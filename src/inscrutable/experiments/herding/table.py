@@ -1,0 +1,166 @@
+"""What each way of hiding costs the agents who learn from each other: one row a decision maker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.errors import InputError
+from inscrutable.experiments.herding.results import SocialLearning
+from inscrutable.experiments.herding.turns import social_learning
+from inscrutable.mechanisms.played import PlaysMany
+from inscrutable.problems import DecisionProblem
+from inscrutable.saved import Saved
+from inscrutable.worlds import Emission
+
+_KNOWN = 0.75
+"""Mean probability that the public belief gives the true state at which it counts as learned."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HerdingTable(Saved):
+    """The same agents with several rules; the first rule is the one that the others are compared with.
+
+    Args:
+        names: Of the rules.
+        found: What the agents come to with each.
+
+    Source: `herding_table`.
+
+    Example:
+        >>> from inscrutable import CategoricalEmission, FiniteProblem, OriginalDecisionMaker
+        >>> guess, sensor = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), CategoricalEmission([[0.7, 0.3], [0.3, 0.7]])
+        >>> found = herding_table(guess, sensor, {"ODM": OriginalDecisionMaker(guess)}, n_agents=10)
+        >>> round(found["ODM"].wrong, 3)
+        0.247
+    """
+
+    names: tuple[str, ...]
+    found: tuple[SocialLearning, ...]
+
+    def __getitem__(self, name: str) -> SocialLearning:
+        if name not in self.names:
+            raise InputError(f"no row {name!r}; there are {list(self.names)}")
+        return self.found[self.names.index(name)]
+
+    def frame(self) -> pd.DataFrame:
+        """Return one row a rule.
+
+        Columns: `bits`, what the first agent's decision tells; `mean_bits`, an agent's on average; `right`, `wrong`, `none`;
+        `learned_by`, the number of agents after which the public belief gives the true state 0.75 on average, NaN if never;
+        `truth`, what it gives it after all of them; `regret`, of all agents under the true state; `own`, the part that hiding
+        costs the agents themselves; `others`, what is left less what is left with the first rule: what hiding costs the others.
+        """
+        base = self.found[0].welfare - float(self.found[0].prices.sum())
+        rows = []
+        for each in self.found:
+            own, known = float(each.prices.sum()), each.truths >= _KNOWN
+            rows.append(
+                {
+                    "bits": float(each.leakages[0]),
+                    "mean_bits": float(each.leakages.mean()),
+                    "right": each.right,
+                    "wrong": each.wrong,
+                    "none": each.none,
+                    "learned_by": float(known.argmax()) if known.any() else float("nan"),
+                    "truth": float(each.truths[-1]),
+                    "regret": each.welfare,
+                    "own": own,
+                    "others": each.welfare - own - base,
+                    "exact": each.n_paths == 0,
+                }
+            )
+        return pd.DataFrame(rows, index=pd.Index(self.names, name="rule"))
+
+    def lines(self) -> pd.DataFrame:
+        """Return the same as text."""
+        table, cells = self.frame(), {}
+        for column, title, form in (
+            ("bits", "bits told", "{:.3f}"),
+            ("right", "right", "{:.1%}"),
+            ("wrong", "wrong", "{:.1%}"),
+            ("learned_by", "learned by", "{:.0f}"),
+            ("truth", "truth", "{:.3f}"),
+            ("regret", "regret", "{:.2f}"),
+            ("own", "own", "{:.2f}"),
+            ("others", "others", "{:+.2f}"),
+        ):
+            cells[title] = ["never" if np.isnan(value) else form.format(value) for value in table[column]]
+        return pd.DataFrame(cells, index=table.index)
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return the table, and which rules help the others."""
+        table = self.frame()
+        helped = table.index[table["others"] < 0].tolist()
+        told = (
+            f"the others gain by {', '.join(helped)}"
+            if helped
+            else f"no rule helps the others more than {self.names[0]}"
+        )
+        return f"{self.lines().to_string()}\nof {self.found[0].n_agents} agents; {told}"
+
+
+def herding_table(
+    problem: DecisionProblem,
+    emission: Emission,
+    decision_makers: Mapping[str, PlaysMany],
+    *,
+    n_agents: int,
+    prior: ArrayLike | None = None,
+    rng: np.random.Generator | None = None,
+    n_paths: int | None = None,
+) -> HerdingTable:
+    """Return what the same agents come to with each of several rules.
+
+    Formula: `social_learning` for every rule; simulated ones on the same random numbers.
+
+    Args:
+        problem: What every agent decides.
+        emission: Every agent's sensor.
+        decision_makers: A rule for all agents by its name; the first is the one to compare with.
+        n_agents: N, at least 1.
+        prior: Public belief before the first decision, shape (X,); None is the uniform one.
+        rng: Source of simulated paths.
+        n_paths: As for `social_learning`.
+
+    Raises:
+        InputError: There are no rules, or as `social_learning`.
+
+    Cost: a `social_learning` a rule.
+
+    Source: see `social_learning`.
+
+    Example:
+        >>> from inscrutable import CategoricalEmission, CoinDecisionMaker, FiniteProblem, OriginalDecisionMaker
+        >>> guess, sensor = FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), CategoricalEmission([[0.7, 0.3], [0.3, 0.7]])
+        >>> rules = {"ODM": OriginalDecisionMaker(guess), "response": CoinDecisionMaker.response(guess, 1.0)}
+        >>> print(herding_table(guess, sensor, rules, n_agents=20).frame()[["bits", "wrong", "others"]].round(3).to_string())
+                  bits  wrong  others
+        rule
+        ODM       1.00  0.247   0.000
+        response  0.16  0.232   0.272
+    """
+    if not isinstance(decision_makers, Mapping) or not decision_makers:
+        raise InputError(f"decision_makers must be a dict from names to decision makers, got {decision_makers!r}")
+    seed = None if rng is None else int(validation.generator(rng).integers(2**62))
+    found = [
+        social_learning(
+            problem,
+            emission,
+            rule,
+            n_agents=n_agents,
+            prior=prior,
+            rng=None if seed is None else np.random.default_rng(seed),
+            n_paths=n_paths,
+        )
+        for rule in decision_makers.values()
+    ]
+    return HerdingTable(tuple(map(str, decision_makers)), tuple(found))

@@ -4,10 +4,9 @@ When others learn from my decision
 
 So far the observer only watched. In social learning it decides next. A state is drawn once; agent *n* has a signal of its own
 and has seen the decisions of agents 1 … *n* − 1. Everybody knows the prior, the sensor and the rule K(u | π) of each agent, so that
-a decision moves the *public belief* q by Bayes' rule:
+a decision moves the *public belief* q by Bayes' rule::
 
-.. math:: \\pi_n \\propto q_{n-1}(x)\\, p(y_n | x), \\qquad
-   q_n \\propto q_{n-1}(x) \\sum_y p(y | x)\\, K(u_n | \\pi(q_{n-1}, y)).
+    π_n ∝ q_{n−1}(x) p(y_n | x),    q_n ∝ q_{n−1}(x) Σ_y p(y | x) K(u_n | π(q_{n−1}, y)).
 
 A *cascade* is a public belief at which every signal leads to the same law of the decision: from then on nobody learns anything
 from anybody. It is a right one if the likeliest decision is the best in the true state.

@@ -34,7 +34,7 @@ def write_reproduction(result: Reproduction, folder: str | os.PathLike[str], *, 
         jobs: Processes that draw; −1 is one per core.
 
     Returns:
-        The paths written: per variant (names begin with "paper" or "global") actions, beliefs, privacy, costs and tradeoff, then
+        The paths written: per variant (paper and global) actions, beliefs, privacy, costs and tradeoff, then
         convergence, each as PNG and SVG; `claims.csv`; `summary.json`, the same bytes for the same settings.
 
     Raises:

@@ -122,7 +122,7 @@ def is_own(loss: Loss | None, problem: DecisionProblem) -> bool:
 
 
 def _numbers(problem: MarkowitzProblem) -> list[Any]:
-    region = problem.constraints
+    region = problem.constraints.rows_in_full
     rows = np.column_stack([region.A_ub, region.b_ub])
     gamma = np.array([problem.risk_aversion])
     return [problem.means, problem.covariances, gamma, np.unique(rows, axis=0), region.A_eq, region.b_eq]

@@ -18,7 +18,7 @@ from scipy.linalg import orth
 from inscrutable import tolerances
 from inscrutable.axes import Axis
 from inscrutable.errors import ModelError
-from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.conflicts import RowConflict
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.segments import MagnitudeLimit, Segments
@@ -79,18 +79,18 @@ class MagnitudeRegion(Polyhedron):
         return self.rows.coordinate_bounds
 
     def _no_rows(self) -> Any:
+        first = self.limits[0]
         raise ModelError(
-            f"{self.limits[0].name!r} is a limit on a sum of {np.count_nonzero(self.limits[0].weights)} magnitudes, which is no "
-            "set of rows in the decision: only quadratic and linear costs, and what searches by their forms, take it; limit each "
-            "coordinate instead (max_weights, min_weights), or fewer of them"
+            f"{first.name!r} is a limit on a sum of {np.count_nonzero(first.weights)} magnitudes, which is no set of rows in the "
+            "decision: only quadratic and linear costs, and what searches by their forms, take it; limit each coordinate "
+            "instead (max_weights, min_weights), or fewer of them"
         )
 
     A_ub = b_ub = row_scale = property(_no_rows)  # type: ignore[assignment]
 
     def slacks(self, actions: ArrayLike) -> Array:
-        """Raise `ModelError`: the limits are no rows of the decision."""
-        found: Array = self._no_rows()
-        return found
+        """Return the slacks (…,n) of `rows_in_full`."""
+        return self.rows_in_full.slacks(self.segments.variables(self._points(actions)))
 
     def excess(self, actions: ArrayLike) -> Array:
         """Return by how much decisions (…,U) exceed each limit, per unit of its largest weight: shape (…,K)."""
@@ -111,7 +111,7 @@ class MagnitudeRegion(Polyhedron):
         return np.asarray(self.rows_in_full.is_admissible(self.segments.variables(points)) & inside)
 
     @cached_property
-    def rows_in_full(self) -> Polyhedron:  # type: ignore[override]
+    def rows_in_full(self) -> Polyhedron:
         """The set as rows in the variables of `segments`."""
         return self.segments.feasible()
 
@@ -123,14 +123,28 @@ class MagnitudeRegion(Polyhedron):
         return self.rows.worst_row(action)
 
     def conflict(self) -> RowConflict | None:
-        """Return rows that no decision satisfies together, or None; the limits are told in full."""
+        """Return rows that no decision satisfies together, or limits that the rows leave no room for; None where some
+        decision satisfies all."""
         if self._is_feasible:
             return None
-        region = self.rows_in_full
-        answer = minimise(np.zeros(region.n_actions), Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq))
-        found = self.rows.conflict() if answer.status == OPTIMAL else region.conflict()
-        self._is_feasible = region._is_feasible = found is None
+        found = self.rows.conflict() or self._short_limits()
+        self._is_feasible = self.rows_in_full._is_feasible = found is None
         return found
+
+    def _short_limits(self) -> RowConflict | None:
+        """The limits that decisions within the rows exceed, by as little in all as can be."""
+        region, count = self.rows_in_full, len(self.limits)
+        more = np.vstack([np.zeros((len(region.b_eq) - count, count)), -np.eye(count)])
+        answer = minimum(
+            np.append(np.zeros(region.n_actions), np.ones(count)),
+            Rows(np.hstack([region.A_ub, np.zeros((len(region.b_ub), count))]), region.b_ub),
+            Rows(np.hstack([region.A_eq, more]), region.b_eq),
+            [(None, None)] * region.n_actions + [(0, None)] * count,
+        )
+        over = answer.x[region.n_actions :]
+        short = [k for k, limit in enumerate(self.limits) if over[k] > tolerances.FEASIBILITY * limit.weights.max()]
+        names, amounts = tuple(self.limits[k].name for k in short), tuple(float(over[k]) for k in short)
+        return RowConflict(names, amounts, names, amounts) if short else None
 
     @cached_property
     def bounding_box(self) -> Array:
@@ -159,9 +173,13 @@ class MagnitudeRegion(Polyhedron):
         """Return how far points can move along directions, as that of `Polyhedron`; the limits by bisection."""
         low, high = self.rows.reach(points, directions, ends)
         for limit in self.limits:
-            speed = np.maximum(np.abs(directions) @ limit.weights, tolerances.TINY)
-            most = (limit.most + limit.used(points)) / speed  # no farther, whatever the signs
-            low, high = np.maximum(low, -most), np.minimum(high, most)
+            for sign in (1.0, -1.0):
+                speed = np.abs(directions) @ limit.weights.sum(axis=0) + sign * (directions * limit.linear).sum(axis=1)
+                start = (np.abs(points[:, None] - limit.centers) * limit.weights).sum(axis=(1, 2))
+                room = limit.most + start - (points * limit.linear).sum(axis=1)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    most = np.where(speed > tolerances.TINY, room / speed, np.inf)  # no farther, whatever the signs
+                low, high = (low, np.minimum(high, most)) if sign > 0 else (np.maximum(low, -most), high)
         return -self._within(points, -directions, -low), self._within(points, directions, high)
 
     def _within(self, points: Array, directions: Array, steps: Array) -> Array:
@@ -200,30 +218,31 @@ class MagnitudeRegion(Polyhedron):
         if rows is self.rows:
             return self
         columns = np.arange(self.n_actions) if order is None else np.array(order)
-        limits = [each._replace(weights=each.weights[columns], centers=each.centers[columns]) for each in self.limits]
-        return MagnitudeRegion(rows, limits)
+        return MagnitudeRegion(rows, [each.ordered(columns) for each in self.limits])
 
     def __repr__(self) -> str:
         return f"MagnitudeRegion({self.rows!r}, {len(self.limits)} limits on sums of magnitudes)"
 
 
 def limited(rows: Polyhedron, limit: MagnitudeLimit, word: str = "below") -> Polyhedron:
-    """Return rows with a limit on a sum of magnitudes: as rows in the decision while few coordinates can have either sign.
+    """Return rows with a limit on a sum of magnitudes: as rows in the decision while few terms can have either sign.
 
     Row names tell after `word` which coordinates count as below their centers.
     """
-    size = rows.n_actions
-    used = np.flatnonzero(limit.weights)
-    lower, upper = rows.coordinate_bounds
-    above, below = (lower >= limit.centers)[used], (upper <= limit.centers)[used]
+    if isinstance(rows, MagnitudeRegion):
+        return limited(rows.rows, limit, word) & rows
+    term, place = np.nonzero(limit.weights)
+    centers, (lower, upper) = limit.centers[term, place], rows.coordinate_bounds
+    above, below = lower[place] >= centers, upper[place] <= centers
     if int((~above & ~below).sum()) > MOST_SIGNED:
         return MagnitudeRegion(rows, (limit,))
     choices = [(1.0,) if up else (-1.0,) if down else (1.0, -1.0) for up, down in zip(above, below, strict=True)]
-    signs = np.array(list(product(*choices)))
-    weighted = np.zeros((len(signs), size))
-    weighted[:, used] = signs * limit.weights[used]
-    labels = np.array([f"u[{j}]" for j in range(size)] if rows.asset_names is None else rows.asset_names, dtype=str)
-    names = [f"{limit.name} ({word}: {', '.join(labels[used][row < 0]) or 'none'})" for row in signs]
-    sides = weighted @ limit.centers + limit.most
-    more = Polyhedron(weighted, sides, names=names, min_slack=rows.min_slack, asset_names=rows.asset_names)
-    return more & rows
+    signs = np.array(list(product(*choices))).reshape(-1, place.size)
+    weighted = signs * limit.weights[term, place]
+    sides = weighted @ centers + limit.most
+    summed = np.broadcast_to(limit.linear, (len(signs), rows.n_actions)).copy()
+    np.add.at(summed.T, place, weighted.T)
+    names = rows.asset_names
+    labels = np.array([f"u[{j}]" for j in range(rows.n_actions)] if names is None else names, dtype=str)[place]
+    told = [f"{limit.name} ({word}: {', '.join(labels[row < 0]) or 'none'})" for row in signs]
+    return Polyhedron(summed, sides, names=told, min_slack=rows.min_slack, asset_names=names) & rows

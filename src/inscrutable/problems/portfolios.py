@@ -18,11 +18,13 @@ from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError
 from inscrutable.problems.constraints import Polyhedron
-from inscrutable.problems.magnitudes import MOST_SIGNED, MagnitudeLimit, MagnitudeRegion, limited
+from inscrutable.problems.magnitudes import MOST_SIGNED, limited
+from inscrutable.problems.segments import MagnitudeLimit
 from inscrutable.validation import Array
 
 Assets = int | Sequence[str]
 """A number of assets, called u[0], u[1], …, or their names."""
+
 
 def max_weights(
     assets: Assets, limits: ArrayLike | Mapping[str, float], *, min_slack: float = tolerances.MIN_SLACK
@@ -162,17 +164,18 @@ def long_short(
     kept, ones, known = np.setdiff1d(np.arange(len(names)), chosen), np.ones(len(names)), _labels(assets)
     labels = [f"{names[j]} >= 0" for j in kept]
     if exact:
-        nets, sides, equal = [f"net = {low:g}"], np.zeros(kept.size), ([ones], [low])
+        nets, sides = [f"net = {low:g}"], np.zeros(kept.size)
         rows = -np.eye(len(names))[kept]
     else:
-        nets, equal = [f"net <= {high:g}", f"net >= {low:g}"], (None, None)
+        nets = [f"net <= {high:g}", f"net >= {low:g}"]
         sides = np.concatenate([np.zeros(kept.size), [high, -low]])
         rows = np.vstack([-np.eye(len(names))[kept], ones, -ones])
+    equal = ([ones], [low]) if exact else (None, None)
     plain = Polyhedron(rows, sides, *equal, names=labels + nets, min_slack=min_slack, asset_names=known)
     name = f"gross <= {most:g}"
     if exact and chosen.size <= MOST_SIGNED:
         return _short_rows(names, chosen, 0.5 * (most - low), name, plain) & plain
-    return limited(plain, MagnitudeLimit(ones, np.zeros(len(names)), most, name), "short")
+    return limited(plain, MagnitudeLimit(ones[None], np.zeros((1, len(names))), most, name), "short")
 
 
 def turnover(
@@ -222,7 +225,9 @@ def turnover(
         min_slack=min_slack,
         asset_names=order.names,
     )
-    return limited(plain, MagnitudeLimit(np.ones(weights.size), weights, most, f"turnover <= {most:g}"), "sold")
+    return limited(
+        plain, MagnitudeLimit(np.ones((1, weights.size)), weights[None], most, f"turnover <= {most:g}"), "sold"
+    )
 
 
 def asset_names(assets: Assets) -> tuple[str, ...]:

@@ -102,7 +102,11 @@ class QuadraticProblem(DecisionProblem):
         """Return g_i and C where no cost bends."""
         flat = self._has_these_costs and not self.hessians.any()
         if self.lifted is not None:
-            return LinearForm(self.lifted.problem.linear, self.lifted.problem.constraints, self.lifted.lift) if flat else None
+            return (
+                LinearForm(self.lifted.problem.linear, self.lifted.problem.constraints, self.lifted.lift)
+                if flat
+                else None
+            )
         return LinearForm(self.linear, self.constraints) if flat else None
 
     def smooth_form(self) -> SmoothForm:

@@ -24,23 +24,32 @@ _UP, _DOWN, _BETWEEN, _PLAIN = range(4)
 
 
 class MagnitudeLimit(NamedTuple):
-    """A limit on a sum of magnitudes, Σ_j w_j |u_j − b_j| ≤ L.
+    """A limit on a sum of magnitudes, Σ_kj w_kj |u_j − b_kj| + a'u ≤ L.
 
     Args:
-        weights: w ≥ 0, shape (U,).
-        centers: b, shape (U,), in the decision's unit.
+        weights: w ≥ 0, shape (K,U): each coordinate has up to K bends.
+        centers: b, shape (K,U), in the decision's unit.
         most: L, in the decision's unit times that of the weights.
         name: What messages call it.
+        linear: a, shape (U,), or 0.
     """
 
     weights: Array
     centers: Array
     most: float
     name: str
+    linear: Array | float = 0.0
 
     def used(self, points: Array) -> Array:
-        """Return Σ_j w_j |u_j − b_j| of decisions (…,U), shape (…)."""
-        return np.asarray(np.abs(points - self.centers) @ self.weights)
+        """Return the left side of decisions (…,U), shape (…)."""
+        pairs = zip(self.weights, self.centers, strict=True)
+        bent = sum((np.abs(points - center) @ weight for weight, center in pairs), start=np.zeros(points.shape[:-1]))
+        return np.asarray(bent + (points * self.linear).sum(axis=-1))
+
+    def ordered(self, columns: np.ndarray) -> MagnitudeLimit:
+        """Return the same of coordinates in another order."""
+        linear = np.broadcast_to(self.linear, columns.size)[columns]
+        return self._replace(weights=self.weights[:, columns], centers=self.centers[:, columns], linear=linear)
 
 
 class Segments:
@@ -55,7 +64,7 @@ class Segments:
     def __init__(self, region: Polyhedron, bends: Sequence[Array] = (), limits: Sequence[MagnitudeLimit] = ()) -> None:
         self.region, self.limits = region, tuple(limits)
         self._lower, self._upper = region.coordinate_bounds
-        own = [np.where(limit.weights > 0, limit.centers, np.nan) for limit in self.limits]
+        own = [row for each in self.limits for row in np.where(each.weights > 0, each.centers, np.nan)]
         kinks = [self._inside(j, np.array(each)) for j, each in enumerate(zip(*bends, *own, strict=True))]
         self._set_up(kinks, region.n_actions)
         least = region.min_slack * (1.0 + tolerances.SLACK_SAFETY)
@@ -99,6 +108,11 @@ class Segments:
         lowest = np.where(self._kind == _PLAIN, self._lower[self._place], lowest)
         above = lowest >= centers[self._place] - tolerances.FEASIBILITY
         return np.asarray(self._sign * np.where(above, 1.0, -1.0) * weights[self._place] / self.stretch)
+
+    def _used(self, limit: MagnitudeLimit) -> Array:
+        """What a unit of each variable uses of a limit, shape (V,)."""
+        bent = [self.slopes(*pair) for pair in zip(limit.weights, limit.centers, strict=True)]
+        return np.asarray(sum(bent) + np.broadcast_to(limit.linear, self.base.size) @ self.columns)
 
     def hessians(self, hessians: Array) -> Array:
         """Return the curvatures (X,V,V) of costs with curvatures (X,U,U), the same in every direction where they are so."""
@@ -146,7 +160,7 @@ class Segments:
         upper = np.concatenate([self._ends * self.stretch, np.full(len(self.limits), np.inf)])
         unit = np.eye(lower.size)
         low, high = np.isfinite(lower), np.isfinite(upper)
-        used = np.array([self.slopes(limit.weights, limit.centers) for limit in self.limits])
+        used = np.array([self._used(limit) for limit in self.limits])
         rooms = [limit.most - limit.used(self.base) for limit in self.limits]
         sums = np.hstack([used.reshape(len(self.limits), self._place.size), np.eye(len(self.limits))])
         return Polyhedron(
@@ -173,7 +187,7 @@ class Segments:
         for kind, j, start, end in zip(self._kind, self._place, self._start, self._ends, strict=True):
             stop = start + end if kind != _DOWN else start - end
             signs = (">=", "<=") if kind == _PLAIN else ("not below", "not above")
-            signs = signs[::-1] if kind == _UP or kind == _BETWEEN else signs
+            signs = signs[::-1] if kind in (_UP, _BETWEEN) else signs
             value = self._lower[j] if kind == _PLAIN else start
             low.append(f"{labels[j]} {signs[0]} {value:g}")
             high.append(f"{labels[j]} {'>=' if kind == _DOWN else '<='} {stop:g}")

@@ -15,6 +15,7 @@ from inscrutable.problems.quadratic import QuadraticProblem, lifted_costs, quadr
 from inscrutable.problems.segments import Segments
 from inscrutable.validation import Array
 
+
 def with_transaction_costs(
     problem: DecisionProblem, former: ArrayLike, *, linear: ArrayLike = 0.0, quadratic: ArrayLike = 0.0
 ) -> QuadraticProblem | TradingProblem:

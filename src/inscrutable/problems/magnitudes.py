@@ -81,12 +81,12 @@ class MagnitudeRegion(Polyhedron):
     def _no_rows(self) -> Any:
         first = self.limits[0]
         raise ModelError(
-            f"{first.name!r} is a limit on a sum of {np.count_nonzero(first.weights)} magnitudes, which is no set of rows in the "
-            "decision: only quadratic and linear costs, and what searches by their forms, take it; limit each coordinate "
+            f"{first.name!r} is a limit on a sum of {np.count_nonzero(first.weights)} magnitudes, which is no set of rows in "
+            "the decision: only quadratic and linear costs, and what searches by their forms, take it; limit each coordinate "
             "instead (max_weights, min_weights), or fewer of them"
         )
 
-    A_ub = b_ub = row_scale = property(_no_rows)  # type: ignore[assignment]
+    A_ub = b_ub = row_scale = property(_no_rows)
 
     def slacks(self, actions: ArrayLike) -> Array:
         """Return the slacks (…,n) of `rows_in_full`."""

@@ -14,7 +14,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from made_keys import literal, study_keys
+from made_keys import literal, model_keys, study_keys
 
 import inscrutable
 
@@ -170,6 +170,7 @@ def make(app: Any) -> None:
     curves(MADE / "benchmarks")
     first_steps(HERE / "start-here.md", MADE / "start")
     study_keys(MADE / "studies")
+    model_keys(MADE / "model")
     claims(MADE / "claims", app.config.claims_markets)
 
 

@@ -51,7 +51,7 @@ class Limits:
             return LimitsPart(**given)
         except InputError as error:
             key, _, rest = str(error).partition(":")
-            raise UsageError(f"--{key.replace('_', '-')}:{rest}") from None
+            raise UsageError(f"--{key.partition('.')[0].replace('_', '-')}:{rest}") from None
 
 
 def share_of(text: str, option: str) -> float:

@@ -96,10 +96,10 @@ def _with_points(table: TextTable) -> TextTable:
         return table
     points = [(r, c) for r, c in places if "." in table.rows[r][c] and is_number(table.rows[r][c])]
     if points:
-        first, other = commas[0], points[0]
+        (row, column), (line, other) = commas[0], points[0]
         raise InputError(
-            f"{table.place(*first)}: found {shown(table.rows[first[0]][first[1]])}, and "
-            f"{shown(table.rows[other[0]][other[1]])} in line {table.lines[other[0]]}; expected decimal commas or points, not both"
+            f"{table.place(row, column)}: found {shown(table.rows[row][column])}, and {shown(table.rows[line][other])} in line "
+            f"{table.lines[line]}; expected decimal commas or points, not both"
         )
     if all(_THOUSANDS.fullmatch(table.rows[row][column]) for row, column in commas):
         row, column = commas[0]

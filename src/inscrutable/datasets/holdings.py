@@ -26,7 +26,7 @@ _LONG = {*_TICKERS, *_VALUES, *_SHARES, *_PRICES, "date"}
 _AMOUNT = re.compile(
     r"(?P<minus>-?)\$?(?P<number>\d{1,3}(?:,\d{3})+(?:\.\d*)?|\d+\.?\d*|\.\d+)(?P<percent>\s*%?)", re.ASCII
 )
-_NEAR = 0.7
+_NEAR = 0.6
 _MOST_LEFT_OUT = 0.5
 """Share of the value in what the model does not know from which on the weights would say little of the portfolio."""
 
@@ -166,11 +166,10 @@ def _long(
         raise InputError(
             f"{table.path}, line 1: expected a column of values, or columns of shares and prices; shares alone say nothing"
         )
-    dates = label_index(table) if header[0] == "date" else pd.RangeIndex(1, name="row").repeat(len(table.rows))
     if "date" in header[1:]:
         raise InputError(f"{table.path}, line 1: the column date must come first")
-    index = dates.unique()
-    size, where = len(known.assets), index.get_indexer(dates)
+    index, where = _portfolios(table) if header[0] == "date" else (pd.RangeIndex(1, name="row"), [0] * len(table.rows))
+    size = len(known.assets)
     values, halves, cash = np.zeros((len(index), size)), np.zeros((len(index), size)), np.zeros(len(index))
     seen: list[_Cell] = []
     for row, cells in enumerate(table.rows):
@@ -192,6 +191,17 @@ def _long(
             values[where[row], place] += cell.value
             halves[where[row], place] += cell.half_unit
     return values, halves, cash, index
+
+
+def _portfolios(table: TextTable) -> tuple[pd.Index, list[int]]:
+    """The different dates of the first column, in their order, and which of them each row has."""
+    first: dict[str, int] = {}
+    for row, cells in enumerate(table.rows):
+        first.setdefault(cells[0], row)
+    places = {text: place for place, text in enumerate(first)}
+    lines, rows = (tuple(each[row] for row in first.values()) for each in (table.lines, table.rows))
+    found = label_index(TextTable(table.path, table.header, lines, rows))
+    return found, [places[cells[0]] for cells in table.rows]
 
 
 def _cell(table: TextTable, row: int, column: int) -> _Cell:

@@ -89,8 +89,10 @@ def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
     numbers.columns = ["value", "shares"]
     wrong = np.flatnonzero(~(numbers.ge(0).all(axis=1) & np.isfinite(numbers).all(axis=1)))
     if wrong.size:
+        stated = table.iloc[int(wrong[0])]
         raise InputError(
-            f"row {wrong[0]} of the information table has value or shares {table.iloc[wrong[0]][columns['value']]!r}"
+            f"row {wrong[0]} of the information table has value {stated[columns['value']]} and shares {stated[columns['shares']]}, "
+            "expected numbers of at least 0"
         )
     numbers["value"] *= 1.0 if day >= IN_DOLLARS else 1000.0
     numbers["cusip"] = _text(table[columns["cusip"]]).str.upper().str.zfill(9)
@@ -121,7 +123,7 @@ def only_shares(table: pd.DataFrame) -> pd.DataFrame:
     for name in _NAMES["kind"]:
         if name in table.columns:
             kept &= _text(table[name]).str.lower().isin(_SHARES)
-    return table.loc[kept]
+    return pd.DataFrame(table[kept.to_numpy()])
 
 
 def read_13f(

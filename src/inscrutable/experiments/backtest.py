@@ -40,7 +40,7 @@ from inscrutable.experiments.performance import Performance, SharpeDifference, s
 from inscrutable.experiments.silence import budget_in
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Disclosure
-from inscrutable.problems import MarkowitzProblem
+from inscrutable.problems import MarkowitzProblem, Polyhedron
 from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
 from inscrutable.worlds.gaussian_fit import Restart
@@ -170,8 +170,10 @@ def fitted_investor(
 ) -> FittedInvestor:
     """Return the regimes fitted to the training sample, with their names, and the portfolio problem in them."""
     own = settings.own
+    # A limit on an asset that is none of the returns' is found before the fit.
+    region = None if own is None else own.region(tuple(market.training.columns))
     if own is not None and own.world is not None:
-        return _given_investor(market, settings, own.world)
+        return _given_investor(market, settings, own.world, region)
     n_restarts = _enough_restarts(market, settings) if restarts is None else validation.count(restarts, "restarts")
     fit = fit_gaussian_hmm(
         market.training, settings.regimes, rng=rng, n_restarts=n_restarts, covariance=settings.covariance
@@ -180,17 +182,12 @@ def fitted_investor(
     assert isinstance(emission, GaussianEmission)
     world = HiddenMarkovModel(fit.world.transition, emission, fit.world.initial, names=names)
     means = pd.DataFrame(emission.means, index=list(world.names), columns=list(market.training.columns))
-    return FittedInvestor(fit, world, _problem(market, settings, means, emission))
+    return FittedInvestor(fit, world, MarkowitzProblem(means, emission.covariances, settings.risk_aversion, region))
 
 
-def _problem(
-    market: ReturnsSample, settings: BacktestSettings, means: pd.DataFrame, emission: GaussianEmission
-) -> MarkowitzProblem:
-    region = None if settings.own is None else settings.own.region(tuple(market.training.columns))
-    return MarkowitzProblem(means, emission.covariances, settings.risk_aversion, region)
-
-
-def _given_investor(market: ReturnsSample, settings: BacktestSettings, world: HiddenMarkovModel) -> FittedInvestor:
+def _given_investor(
+    market: ReturnsSample, settings: BacktestSettings, world: HiddenMarkovModel, region: Polyhedron | None
+) -> FittedInvestor:
     """Regimes of one's own, which nothing is fitted to, in the order of the returns' columns."""
     emission, assets = world.emission, list(market.training.columns)
     assert isinstance(emission, GaussianEmission)
@@ -204,7 +201,7 @@ def _given_investor(market: ReturnsSample, settings: BacktestSettings, world: Hi
     start = Restart(likelihood, 0, True, (), "given, not fitted", (likelihood,), 0.0, (float("nan"),) * world.n_states)
     fit = FittedWorld(mine, likelihood, (start,), "given", *market.training.shape)
     means = pd.DataFrame(ordered.means, index=list(mine.names), columns=assets)
-    return FittedInvestor(fit, mine, _problem(market, settings, means, ordered))
+    return FittedInvestor(fit, mine, MarkowitzProblem(means, ordered.covariances, settings.risk_aversion, region))
 
 
 def _enough_restarts(market: ReturnsSample, settings: BacktestSettings) -> int:

@@ -201,9 +201,8 @@ def test_13f_values_are_thousands_before_and_dollars_from_3_january_2023():
     assert thousands["value"].tolist() == [200_000.0, 100_000.0]
     dollars = dollars_13f(table_13f(VALUE=[200_000, 100_000]), filed="03-JAN-2023")
     assert dollars["value"].tolist() == [200_000.0, 100_000.0]
-    edgar = table_13f().rename(
-        columns={"CUSIP": "Cusip", "VALUE": "Value", "SSHPRNAMT": "SharesPrnAmount", "SSHPRNAMTTYPE": "Type", "PUTCALL": "PutCall"}
-    ).assign(Ticker=["AAPL", "MSFT"], Issuer=["APPLE INC", "MICROSOFT CORP"], Type="Shares")  # fmt: skip
+    edgar = table_13f().set_axis(["Cusip", "Value", "SharesPrnAmount", "Type", "PutCall"], axis=1)
+    edgar = edgar.assign(Ticker=["AAPL", "MSFT"], Issuer=["APPLE INC", "MICROSOFT CORP"], Type="Shares")
     assert dollars_13f(edgar, filed="2022-11-14")["ticker"].tolist() == ["AAPL", "MSFT"]
     twice = table_13f(CUSIP=["037833100", "37833100"])
     assert dollars_13f(twice, filed="2022-11-14")["value"].tolist() == [300_000.0]

@@ -199,7 +199,7 @@ def _portfolios(table: TextTable) -> tuple[pd.Index, list[int]]:
     for row, cells in enumerate(table.rows):
         first.setdefault(cells[0], row)
     places = {text: place for place, text in enumerate(first)}
-    lines, rows = (tuple(each[row] for row in first.values()) for each in (table.lines, table.rows))
+    lines, rows = tuple(table.lines[row] for row in first.values()), tuple(table.rows[row] for row in first.values())
     found = label_index(TextTable(table.path, table.header, lines, rows))
     return found, [places[cells[0]] for cells in table.rows]
 

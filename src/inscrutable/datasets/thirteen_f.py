@@ -89,10 +89,9 @@ def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
     numbers.columns = ["value", "shares"]
     wrong = np.flatnonzero(~(numbers.ge(0).all(axis=1) & np.isfinite(numbers).all(axis=1)))
     if wrong.size:
-        stated = table.iloc[int(wrong[0])]
+        value, shares = (table[str(columns[key])].iloc[int(wrong[0])] for key in ("value", "shares"))
         raise InputError(
-            f"row {wrong[0]} of the information table has value {stated[columns['value']]} and shares {stated[columns['shares']]}, "
-            "expected numbers of at least 0"
+            f"row {wrong[0]} of the information table has value {value} and shares {shares}, expected numbers of at least 0"
         )
     numbers["value"] *= 1.0 if day >= IN_DOLLARS else 1000.0
     numbers["cusip"] = _text(table[columns["cusip"]]).str.upper().str.zfill(9)
@@ -100,9 +99,10 @@ def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
         numbers[key] = "" if columns[key] is None else _text(table[columns[key]])
     _check_prices(numbers, day)
     grouped = numbers.groupby("cusip", sort=True)
-    return grouped.agg(
+    found: pd.DataFrame = grouped.agg(
         value=("value", "sum"), shares=("shares", "sum"), ticker=("ticker", "first"), issuer=("issuer", "first")
     )
+    return found
 
 
 def only_shares(table: pd.DataFrame) -> pd.DataFrame:

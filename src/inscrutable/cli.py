@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from inscrutable import __version__
+from inscrutable.cli_attack import attack
 from inscrutable.cli_audit import audit
 from inscrutable.cli_compare import compare
 from inscrutable.cli_console import Speech, library_log, replaced, results, show_table, write_report
 from inscrutable.cli_disclose import disclose
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
-from inscrutable.cli_limits import Limits
+from inscrutable.cli_limits import WeightOptions, one_row, weights_of
 from inscrutable.cli_sequence import protect_next
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
@@ -30,7 +31,6 @@ from inscrutable.cli_values import (
     PRIVACY,
     MeasureName,
     Out,
-    RuleName,
     Seed,
     UsageError,
     Whole,
@@ -47,14 +47,11 @@ from inscrutable.labels import capital, label_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from inscrutable.datasets import WeightsTable
-    from inscrutable.experiments.attack import Attack
     from inscrutable.experiments.backtest import Backtest
     from inscrutable.experiments.own_model import OwnModel
     from inscrutable.experiments.protect import Protection
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
-_LONGEST_TABLE = 40
 _MOST_RISKLESS = 0.05
 """Riskless returns of a row above this are percentages that nobody divided."""
 
@@ -73,6 +70,7 @@ app = App(
 )
 
 app.command(study)
+app.command(attack)
 app.command(compare)
 app.command(disclose)
 app.command(audit)
@@ -143,7 +141,7 @@ def backtest(
     covariance: Annotated[str | None, Parameter(group=INVESTOR)] = None,
     risk_aversion: Annotated[float | None, Parameter(group=INVESTOR)] = None,
     cost_bps: Annotated[float | None, Parameter(group=INVESTOR)] = None,
-    limits: Limits = Limits(),  # noqa: B008  # frozen
+    limits: WeightOptions = WeightOptions(),  # noqa: B008  # frozen
     budget: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     measure: Annotated[MeasureName, Parameter(group=PRIVACY)] = "maximal",
     target: Annotated[str | None, Parameter(group=PRIVACY)] = None,
@@ -264,7 +262,7 @@ def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd
     return data.returns, data.riskless
 
 
-def _own_model(path: Path | None, limits: Limits) -> OwnModel | None:
+def _own_model(path: Path | None, limits: WeightOptions) -> OwnModel | None:
     """The model of a file with the limits of the options, or of these alone; None where neither says anything."""
     from inscrutable.experiments.own_model import OwnModel
 
@@ -333,128 +331,6 @@ def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
 
 
 @app.command
-def attack(
-    *,
-    model: Annotated[Path, Parameter(group=DATA)],
-    weights: Annotated[Path, Parameter(group=DATA)],
-    mechanism: Annotated[RuleName | None, Parameter(group=DATA)] = None,
-    budget: Annotated[str | None, Parameter(group=DATA)] = None,
-    state: Annotated[Path | None, Parameter(group=DATA)] = None,
-    normalise: Annotated[bool, Parameter(group=DATA, negative=(), show_default=False)] = False,
-    map_: Annotated[Path | None, Parameter(name="--map", group=DATA)] = None,
-    previous: Annotated[Path | None, Parameter(group=DATA)] = None,
-    regret: Annotated[str | None, Parameter(group=DATA)] = None,
-    limits: Limits = Limits(),  # noqa: B008  # frozen
-    out: Out | None = None,
-    speech: Speech = Speech(),  # noqa: B008  # frozen
-) -> None:
-    """Read published weights back into the beliefs that explain them: what do my holdings say?
-
-    Weights rounded to a few digits are read as such: the digits written in the file are counted. With `--mechanism` also
-    what one concludes from all rows so far who knows how the weights are made; rows are one step of the model apart.
-
-    Args:
-        model: The model.json of a backtest, or a model.toml of your own with regimes.
-        weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
-        mechanism: How the weights are made, as the observer knows: optimal, cdm, pdm, or sequential.
-        budget: With `--mechanism`: what the rule spends, as in protect; with `--state` as in its file. Default: the model's.
-        state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
-        normalise: Read holdings as they come: dollars, shares and prices, percentages, blanks, cash, tickers in any case.
-        map_: CSV with the columns name and asset: what holdings are called in the file, a blank asset for what is left out.
-            With `--normalise`.
-        previous: CSV of the weights published before the first row, one row, where turnover is limited.
-        regret: Read the beliefs under which the weights cost at most so much more than the best ones, such as 5bp.
-        limits: What may be held.
-        out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
-    """
-    from inscrutable.datasets import write_table
-    from inscrutable.experiments.attack import attack_weights
-    from inscrutable.experiments.attack_over_time import attack_over_time
-    from inscrutable.experiments.own_model import investor_of
-    from inscrutable.experiments.silence import budget_in
-    from inscrutable.reports.attack import attack_summary, write_attack
-
-    if mechanism is None and (budget is not None or state is not None):
-        raise UsageError("--budget and --state say more of --mechanism: give that as well")
-    if (mechanism == "sequential") != (state is not None):
-        raise UsageError("--mechanism sequential and --state FILE go together")
-    limit = None if budget is None else budget_of(budget, speech)
-    if map_ is not None and not normalise:
-        raise UsageError("--map says what holdings are called in a file: give --normalise as well")
-    most = 0.0 if regret is None else _regret_of(regret)
-    investor = investor_of(model, limits.part())
-    if limit is not None:
-        limit = budget_in(investor.world, investor.problem, limit)
-    table = _weights_of(weights, investor.assets, normalise, map_)
-    before = None if previous is None else _one_row(_weights_of(previous, investor.assets, normalise, map_), previous)
-    folder = None if out is None else writable_folder(out)
-    speech.log(table.summary())
-    with speech.progress("Rows read") as move:
-        found = attack_weights(investor, table, regret=most, previous=before, progress=move)
-    over_time = None if mechanism is None else attack_over_time(found, mechanism, limit, state=state)
-    paths = [] if folder is None else write_attack(found, folder)
-    if folder is not None and over_time is not None:
-        paths.append(folder / "attack_over_time.csv")
-        write_table(over_time.table(), paths[-1])
-    files = [] if folder is None else replaced(folder, "attack", paths, speech)
-    if speech.json:
-        followed = None if over_time is None else over_time.table().to_dict("records")
-        speech.summary(attack_summary(found) | ({} if followed is None else {"over_time": followed}))
-        return
-    _show_attack(found, speech, whole=folder is None)
-    if over_time is not None:
-        lines = over_time.lines()
-        shown = lines if folder is None else lines.iloc[:_LONGEST_TABLE]
-        title = f"What all rows so far say to one who knows the rule ({mechanism}) and how the belief moves"
-        show_table(shown, title if len(shown) == len(lines) else f"{title}; the first {len(shown)} rows")
-    speech.sentence(found.summary())
-    speech.files(files)
-
-
-def _weights_of(path: Path, assets: tuple[str, ...], normalise: bool, map_: Path | None) -> WeightsTable:
-    from inscrutable.datasets import read_holdings, read_map, read_weights
-
-    if normalise:
-        return read_holdings(path, assets=assets, names=None if map_ is None else read_map(map_))
-    try:
-        return read_weights(path, assets=assets)
-    except InputError as error:
-        raise InputError(f"{error}. Holdings in another unit, with cash or other tickers: --normalise") from None
-
-
-def _one_row(table: WeightsTable, path: Path) -> pd.Series:
-    if len(table.frame) != 1:
-        raise InputError(f"{path} has {len(table.frame)} rows, expected the one portfolio that was published before")
-    return table.frame.iloc[0]
-
-
-def _regret_of(text: str) -> float:
-    """The regret that "5bp" or "regret:0.0005" stands for; a plain number would be a share of the optimal cost."""
-    from inscrutable.budgets import Budget, written_budget
-
-    try:
-        found = written_budget(text)
-    except InputError as error:
-        raise UsageError(f"--regret: {error}") from None
-    if not isinstance(found, Budget) or found.is_relative:
-        raise UsageError(f"--regret {text}: expected a regret such as 5bp or regret:0.0005, in the cost's unit")
-    return found.amount
-
-
-def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:
-    from inscrutable.reports.attack import attack_lines, reading_notes
-
-    table = attack_lines(found)
-    title = "What the weights of each row say: probability of a regime in the rival's estimate [least, most]"
-    if whole or len(table) <= _LONGEST_TABLE:
-        show_table(table, title)
-    else:
-        show_table(table.iloc[:_LONGEST_TABLE], f"{title}; the first {_LONGEST_TABLE} of {len(table)} rows")
-    for line in reading_notes(found):
-        speech.sentence(line)
-
-
-@app.command
 def protect(
     *,
     model: Annotated[Path, Parameter(group=DATA)],
@@ -470,7 +346,7 @@ def protect(
     normalise: Annotated[bool, Parameter(group=DATA, negative=(), show_default=False)] = False,
     map_: Annotated[Path | None, Parameter(name="--map", group=DATA)] = None,
     previous: Annotated[Path | None, Parameter(group=DATA)] = None,
-    limits: Limits = Limits(),  # noqa: B008  # frozen
+    limits: WeightOptions = WeightOptions(),  # noqa: B008  # frozen
     seed: Seed | None = None,
     out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
@@ -533,8 +409,8 @@ def protect(
     rng = None if seed is None else np.random.default_rng(seed)
     investor = investor_of(model, limits.part())
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
-    planned = None if weights is None else _weights_of(weights, investor.assets, normalise, map_)
-    before = None if previous is None else _one_row(_weights_of(previous, investor.assets, normalise, map_), previous)
+    planned = None if weights is None else weights_of(weights, investor.assets, normalise, map_)
+    before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
     investor = investor.after(before)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     folder = None if out is None else writable_folder(out)

@@ -11,12 +11,15 @@ from cyclopts import Parameter
 from inscrutable.cli_values import INVESTOR, UsageError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from inscrutable.datasets import WeightsTable
     from inscrutable.experiments.own_model import LimitsPart
 
 
 @Parameter(name="*", group=INVESTOR)
 @dataclass(frozen=True)
-class Limits:
+class WeightOptions:
     """What may be held; each option overrides the model's.
 
     Args:
@@ -61,3 +64,25 @@ def share_of(text: str, option: str) -> float:
         return float(number) * (0.01 if percent else 1.0)
     except ValueError:
         raise UsageError(f"{option} {text}: expected a number such as 0.25 or 25%") from None
+
+
+def weights_of(path: Path, assets: tuple[str, ...], normalise: bool, map_: Path | None) -> WeightsTable:
+    """Return the weights of a file, or with `normalise` holdings in any unit, by the names of a map."""
+    from inscrutable.datasets import read_holdings, read_map, read_weights
+    from inscrutable.errors import InputError
+
+    if normalise:
+        return read_holdings(path, assets=assets, names=None if map_ is None else read_map(map_))
+    try:
+        return read_weights(path, assets=assets)
+    except InputError as error:
+        raise InputError(f"{error}. Holdings in another unit, with cash or other tickers: --normalise") from None
+
+
+def one_row(table: WeightsTable, path: Path) -> pd.Series:
+    """Return the one portfolio of a file."""
+    from inscrutable.errors import InputError
+
+    if len(table.frame) != 1:
+        raise InputError(f"{path} has {len(table.frame)} rows, expected the one portfolio that was published before")
+    return table.frame.iloc[0]

@@ -28,7 +28,7 @@ from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.validation import Array
 
 _DRAWN_STATES = 3
-_BASIS_POINT = 1e-4
+_BASIS_POINTS = 10_000.0
 
 
 class Reading(Enum):
@@ -220,7 +220,7 @@ def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None,
 
 def regret_text(regret: float) -> str:
     """Return a regret with its unit: basis points of wealth per row of returns, and the number itself."""
-    return f"{regret / _BASIS_POINT:.3g} bp of wealth a row ({regret:.1e})"
+    return f"{regret * _BASIS_POINTS:.3g} bp of wealth a row ({regret:.1e})"
 
 
 def _read_near(problem: MarkowitzProblem, published: Array, half: float, regret: float) -> RowReading:

@@ -21,7 +21,7 @@ from inscrutable import cli
 from inscrutable.budgets import Budget
 from inscrutable.cli_interrupts import interrupts_kept
 from inscrutable.cli_values import UsageError, budget_of, measure_of
-from inscrutable.errors import InputError, SolverError
+from inscrutable.errors import SolverError
 from inscrutable.privacy import DesiredObfuscation, NonUniqueness
 from test_attack import market, published
 
@@ -128,7 +128,7 @@ def test_help_loads_nothing_heavy_and_is_fast() -> None:
         (["backtest", "--measure", "other"], "other"),
         (["backtest", "--measure", "desired"], "needs --target"),
         (["backtest", "--target", "reverse"], "belongs to --measure desired"),
-        (["backtest", "--budget", "cheap"], "'cheap' is not a number"),
+        (["backtest", "--budget", "cheap"], "'cheap': expected a share of |c*|"),
         (["backtest", "--budget", "euro:3"], "regret:0.002"),
         (["backtest", "--returns", "a.csv", "--daily"], "exclude one another"),
         (["protect", "--model", "m.json"], "give one of"),
@@ -156,7 +156,7 @@ def test_values_of_the_command_line() -> None:
     assert turned.target_for(np.array([0.2, 0.3, 0.5])).tolist() == [0.5, 0.3, 0.2]
     with pytest.raises(UsageError):
         measure_of("maximal", "reverse")
-    with pytest.raises(InputError, match="at least 0"):
+    with pytest.raises(UsageError, match="at least 0"):
         budget_of("-1")
 
 

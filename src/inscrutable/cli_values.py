@@ -24,7 +24,7 @@ class UsageError(Exception):
     """The command line itself is wrong: an option that is malformed, missing or at odds with another."""
 
 
-def budget_of(text: str, speech: Speech, option: str = "--budget") -> Budget | SilenceShare:
+def budget_of(text: str, speech: Speech | None = None, option: str = "--budget") -> Budget | SilenceShare:
     """Return the budget that "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5" stands for; what is odd about it is said."""
     from inscrutable.budgets import Budget, written_budget
     from inscrutable.errors import InputError
@@ -33,7 +33,7 @@ def budget_of(text: str, speech: Speech, option: str = "--budget") -> Budget | S
         found = written_budget(text)
     except InputError as error:
         raise UsageError(f"{option}: {error}") from None
-    if isinstance(found, Budget) and found.remark:
+    if speech is not None and isinstance(found, Budget) and found.remark:
         speech.log(f"{option} {text}: {found.remark}")
     return found
 

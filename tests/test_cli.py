@@ -156,7 +156,7 @@ def test_values_of_the_command_line() -> None:
     assert turned.target_for(np.array([0.2, 0.3, 0.5])).tolist() == [0.5, 0.3, 0.2]
     with pytest.raises(UsageError):
         measure_of("maximal", "reverse")
-    with pytest.raises(UsageError, match="at least 0"):
+    with pytest.raises(InputError, match="at least 0"):
         budget_of("-1")
 
 

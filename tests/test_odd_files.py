@@ -277,7 +277,7 @@ VERBS = {
     "weights before without a limit": ("protect --model M --belief 0.5,0.5 --previous W", 3, "--turnover"),
     "turnover of a sequence": ("protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1", 3, "--previous"),
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
-    "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 2, "must be at least 0"),
+    "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),
     "silence in basis points": ("protect --model M --belief 0.5,0.5 --budget silence:5bp", 2, "expected a share"),
     "a map without normalise": ("protect --model M --weights W --map W", 2, "give --normalise"),
     "less gross than net": ("protect --model M --belief 0.5,0.5 --long-short 0.5", 4, "below the net"),

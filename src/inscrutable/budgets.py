@@ -142,17 +142,29 @@ def written_budget(text: str | float) -> Budget | SilenceShare:
     """Return the budget of a text, as `Budget.parse` without a silence regret."""
     if not isinstance(text, str):
         return Budget.relative(text)
-    found = _WRITTEN.fullmatch(text.strip().lower())
-    kind, unit = (found["kind"], found["unit"]) if found else (None, None)
-    if found is None or (unit in _BP and kind in ("relative", "silence")):
+    found = _parts(text)
+    if found is None:
         raise InputError(
             f"budget {text!r}: expected a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the cost's "
             "unit, or silence:0.5, a share of the silence regret"
         )
+    kind, unit = found["kind"], found["unit"]
     amount = float(found["number"]) * (0.01 if unit == "%" else _BASIS_POINT if unit in _BP else 1.0)
     if kind == "silence":
         return SilenceShare(amount)
     return Budget(amount, not (kind == "regret" or unit in _BP))
+
+
+def is_budget(text: str) -> bool:
+    """Whether a text is written as a budget, whatever its amount."""
+    return _parts(text) is not None
+
+
+def _parts(text: str) -> re.Match[str] | None:
+    found = _WRITTEN.fullmatch(text.strip().lower())
+    if found is None or (found["unit"] in _BP and found["kind"] in ("relative", "silence")):
+        return None
+    return found
 
 
 def as_budget(value: Budget | float | str) -> Budget:

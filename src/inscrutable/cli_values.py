@@ -26,12 +26,14 @@ class UsageError(Exception):
 
 def budget_of(text: str, speech: Speech | None = None, option: str = "--budget") -> Budget | SilenceShare:
     """Return the budget that "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5" stands for; what is odd about it is said."""
-    from inscrutable.budgets import Budget, written_budget
+    from inscrutable.budgets import Budget, is_budget, written_budget
     from inscrutable.errors import InputError
 
     try:
         found = written_budget(text)
     except InputError as error:
+        if is_budget(text):
+            raise
         raise UsageError(f"{option}: {error}") from None
     if speech is not None and isinstance(found, Budget) and found.remark:
         speech.log(f"{option} {text}: {found.remark}")

@@ -21,7 +21,7 @@ from inscrutable import cli
 from inscrutable.budgets import Budget
 from inscrutable.cli_interrupts import interrupts_kept
 from inscrutable.cli_values import UsageError, budget_of, measure_of
-from inscrutable.errors import SolverError
+from inscrutable.errors import InputError, SolverError
 from inscrutable.privacy import DesiredObfuscation, NonUniqueness
 from test_attack import market, published
 

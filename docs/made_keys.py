@@ -60,6 +60,34 @@ def study_keys(folder: Path) -> None:
     )
 
 
+def model_keys(folder: Path) -> None:
+    """Write the tables of the keys of a model file, with what each means."""
+    from inscrutable.experiments import own_model
+
+    head = ("key", "holds", "what it is; what it is where left out")
+    named = {
+        "investor": own_model.InvestorPart,
+        "constraints": own_model.LimitsPart,
+        "regimes": own_model.RegimesPart,
+    }
+    parts = [
+        table(f"[{name}]", model.__doc__, described(model), head)
+        for name, model in named.items()
+    ]
+    folder.mkdir(parents=True)
+    folder.joinpath("keys.rst").write_text("\n".join(parts), "utf-8")
+
+
+def described(model: Any) -> list[tuple[str, ...]]:
+    """Return key, what it may hold, and what it means."""
+    found = []
+    for key, (_, held, _) in zip(model.model_fields, rows(model), strict=True):
+        field = model.model_fields[key]
+        needed = "needed: " if field.is_required() else ""
+        found.append((f"``{key}``", held, needed + spoken(field.description)))
+    return found
+
+
 def sections(annotation: Any) -> list[Any]:
     """Return the sections that an annotation allows."""
     if hasattr(annotation, "model_fields"):
@@ -108,7 +136,12 @@ def left_out(model: Any, key: str) -> str:
 def holds(entry: dict[str, Any]) -> str:
     """Return in words what a key may hold."""
     if "anyOf" in entry:
-        entry = next(each for each in entry["anyOf"] if each.get("type") != "null")
+        kinds = [each for each in entry["anyOf"] if each.get("type") != "null"]
+        if len(kinds) > 1:
+            return " or ".join(holds(each) for each in kinds)
+        entry = kinds[0]
+    if entry.get("type") == "object":
+        return "a table"
     if entry.get("type") == "array":
         if "minLength" in entry:  # one or several
             return f"{holds(entry['items'])}; or a list"
@@ -119,8 +152,9 @@ def holds(entry: dict[str, Any]) -> str:
         depth = 1
         while of.get("type") == "array":
             of, depth = of["items"], depth + 1
+        of_what = "texts" if of.get("type") == "string" else "numbers"
         shape = {
-            1: f"a list of numbers{limits(of)}",
+            1: f"a list of {of_what}{limits(of)}",
             2: "a matrix",
             3: "a list of matrices",
         }

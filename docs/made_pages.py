@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from made_keys import literal, study_keys
+from made_keys import literal, model_keys, study_keys
 
 import inscrutable
 import inscrutable.reports
@@ -214,6 +214,7 @@ def make(app: Any) -> None:
     curves(MADE / "benchmarks")
     first_steps(HERE / "start-here.md", MADE / "start")
     study_keys(MADE / "studies")
+    model_keys(MADE / "model")
     claims(MADE / "claims", app.config.claims_markets)
     introduction(MADE / "claims", min(app.config.claims_markets, 50))
 

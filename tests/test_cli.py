@@ -128,7 +128,7 @@ def test_help_loads_nothing_heavy_and_is_fast() -> None:
         (["backtest", "--measure", "other"], "other"),
         (["backtest", "--measure", "desired"], "needs --target"),
         (["backtest", "--target", "reverse"], "belongs to --measure desired"),
-        (["backtest", "--budget", "cheap"], "'cheap' is not a number"),
+        (["backtest", "--budget", "cheap"], "'cheap': expected a share of |c*|"),
         (["backtest", "--budget", "euro:3"], "regret:0.002"),
         (["backtest", "--returns", "a.csv", "--daily"], "exclude one another"),
         (["protect", "--model", "m.json"], "give one of"),

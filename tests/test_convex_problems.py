@@ -183,7 +183,7 @@ def test_what_cannot_be_read_is_named():
         ConvexProblem(u, [cp.sum(u), cp.log(u[0])], simplex(2))
     with pytest.raises(InputError, match="in the problem's variable alone"):
         ConvexProblem(u, [cp.sum(v)], simplex(2))
-    with pytest.raises(InputError, match="must be an affine equality or inequality"):
+    with pytest.raises(InputError, match="must be affine or piecewise linear"):
         ConvexProblem(u, [cp.sum(u)], [cp.norm(u) <= 1])
     with pytest.raises(ModelError, match="no decision satisfies all constraints"):
         ConvexProblem(u, [cp.sum_squares(u)], [u >= 1, cp.sum(u) == 1])

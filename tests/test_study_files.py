@@ -21,7 +21,7 @@ from inscrutable.experiments.studies import layout
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.reading import StudySource, checked_study
 from inscrutable.experiments.studies.tasks import Work, chunk_of_rows
-from inscrutable.experiments.studies.toml_lines import key_lines
+from inscrutable.experiments.toml_lines import key_lines
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAD = 'name = "a"\ndecision_makers = ["ODM"]\n'

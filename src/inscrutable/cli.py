@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from inscrutable import __version__
+from inscrutable.cli_attack import attack
 from inscrutable.cli_audit import audit
 from inscrutable.cli_compare import compare
 from inscrutable.cli_console import Speech, library_log, replaced, results, show_table, write_report
 from inscrutable.cli_disclose import disclose
 from inscrutable.cli_interrupts import Interrupts, interrupts_kept
+from inscrutable.cli_limits import WeightOptions, one_row, weights_of
 from inscrutable.cli_sequence import protect_next
 from inscrutable.cli_study import AGAIN, STUDY, resumable, study, was_told
 from inscrutable.cli_values import (
@@ -29,7 +31,6 @@ from inscrutable.cli_values import (
     PRIVACY,
     MeasureName,
     Out,
-    RuleName,
     Seed,
     UsageError,
     Whole,
@@ -46,12 +47,13 @@ from inscrutable.labels import capital, label_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from inscrutable.experiments.attack import Attack
     from inscrutable.experiments.backtest import Backtest
+    from inscrutable.experiments.own_model import OwnModel
     from inscrutable.experiments.protect import Protection
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
-_LONGEST_TABLE = 40
+_MOST_RISKLESS = 0.05
+"""Riskless returns of a row above this are percentages that nobody divided."""
 
 app = App(
     name="inscrutable",
@@ -68,6 +70,7 @@ app = App(
 )
 
 app.command(study)
+app.command(attack)
 app.command(compare)
 app.command(disclose)
 app.command(audit)
@@ -132,10 +135,13 @@ def backtest(
     train_until: Annotated[str | None, Parameter(group=DATA)] = None,
     public: Annotated[str, Parameter(group=DATA)] = "market",
     private: Annotated[Path | None, Parameter(group=DATA)] = None,
-    regimes: Annotated[Whole, Parameter(group=INVESTOR)] = 3,
+    riskless: Annotated[Path | None, Parameter(group=DATA)] = None,
+    model: Annotated[Path | None, Parameter(group=INVESTOR)] = None,
+    regimes: Annotated[Whole | None, Parameter(group=INVESTOR)] = None,
     covariance: Annotated[str | None, Parameter(group=INVESTOR)] = None,
-    risk_aversion: Annotated[float, Parameter(group=INVESTOR)] = 5.0,
-    cost_bps: Annotated[float, Parameter(group=INVESTOR)] = 10.0,
+    risk_aversion: Annotated[float | None, Parameter(group=INVESTOR)] = None,
+    cost_bps: Annotated[float | None, Parameter(group=INVESTOR)] = None,
+    limits: WeightOptions = WeightOptions(),  # noqa: B008  # frozen
     budget: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     measure: Annotated[MeasureName, Parameter(group=PRIVACY)] = "maximal",
     target: Annotated[str | None, Parameter(group=PRIVACY)] = None,
@@ -164,13 +170,17 @@ def backtest(
             other data the mean of the assets.
         private: CSV of your own signal, which nobody else has: dates, then the likelihood of it in each regime, columns named
             as for `--beliefs`. A date without a row has no signal.
-        regimes: Number of regimes fitted to the training sample.
+        riskless: CSV of dates and one column: the riskless return of each row, as a fraction, for Sharpe ratios of excess
+            returns.
+        model: A model.toml of your own: risk aversion, budget, what may be held, and regimes that are then not fitted.
+        regimes: Number of regimes fitted to the training sample. Default: 3.
         covariance: How their covariances are estimated: sample, ledoit-wolf (shrunk) or factor:K. Default: sample where there
             are ten rows per regime and asset, else ledoit-wolf.
-        risk_aversion: gamma in gamma u'Su - m'u, without a half.
-        cost_bps: Cost per unit traded, in basis points.
-        budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit. Default: 0.1 for CDM and
-            PDM, half the silence regret for the sequential rule (SDM).
+        risk_aversion: gamma in gamma u'Su - m'u, without a half. Default: 5.
+        cost_bps: Cost per unit traded, in basis points. Default: 10.
+        limits: What may be held.
+        budget: What to spend on privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the cost's
+            unit, or silence:0.5. Default: 0.1 for CDM and PDM, half the silence regret for the sequential rule (SDM).
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         sequential: Play the sequential rule as well, whose prices take up to a minute to find.
@@ -188,31 +198,44 @@ def backtest(
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
-    chosen_measure, chosen_budget = measure_of(measure, target), None if budget is None else budget_of(budget)
-    table, riskless = _returns(returns, prices, daily)
+    chosen_measure, chosen_budget = measure_of(measure, target), None if budget is None else budget_of(budget, speech)
+    own = _own_model(model, limits)
+    if own is not None and own.world is not None and (regimes is not None or covariance is not None):
+        raise UsageError("--regimes and --covariance are of regimes that are fitted; the model has its own")
+    part, count = None if own is None else own.file.investor, 3 if regimes is None else regimes
+    if part is not None:
+        from inscrutable.experiments.own_model import budget_of as stated
+
+        chosen_budget = stated(part) if chosen_budget is None else chosen_budget
+    table, rate = _returns(returns, prices, daily)
+    is_embedded = rate is not None
     if train_until is None:
-        train_until = _middle(table) if riskless is None else "1989-12"
+        train_until = "1989-12" if is_embedded else _middle(table)
         speech.detail(f"Training sample: up to {train_until}")
     settings = BacktestSettings(
-        regimes,
-        risk_aversion,
+        count,
+        _first(risk_aversion, None if part is None else part.risk_aversion, 5.0),
         chosen_budget,
         chosen_measure,
-        cost_bps,
+        _first(cost_bps, None if part is None else part.cost_bps, 10.0),
         train_until,
         seed,
         covariance,
         sequential,
         disclosure,
+        own,
     )
+    names = None if own is None or own.world is None else own.world.names
     if regime_names is not None and beliefs is None:
         raise UsageError("--regime-names says which columns of --beliefs are which: give both")
-    own = None if beliefs is None else _own_beliefs(beliefs, regime_names, regimes, speech)
-    beside = beside_of(public, private, table, embedded=riskless is not None)
+    held = None if beliefs is None else _own_beliefs(beliefs, regime_names, settings.regimes, speech, names)
+    beside = beside_of(public, private, table, embedded=is_embedded)
+    rate = rate if riskless is None else _riskless(riskless)
     folder = writable_folder(out)
-    speech.log(f"{table.shape[1]} assets, {len(table)} rows; fitting {regimes} regimes up to {train_until}")
+    fitting = f"fitting {count} regimes" if names is None else f"{settings.regimes} regimes of {model}, training sample"
+    speech.log(f"{table.shape[1]} assets, {len(table)} rows; {fitting} up to {train_until}")
     with speech.progress("Decisions") as move:
-        result = run_backtest(table, settings, beliefs=own, riskless=riskless, beside=beside, progress=move)
+        result = run_backtest(table, settings, beliefs=held, riskless=rate, beside=beside, progress=move)
     speech.log("Drawing the figures")
     files = [*write_backtest(result, folder), *write_report(result, folder)]
     files.append(_save_model(result, settings.train_until, folder))
@@ -240,12 +263,44 @@ def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd
     return data.returns, data.riskless
 
 
-def _own_beliefs(path: Path, given: str | None, count: int, speech: Speech) -> pd.DataFrame:
+def _own_model(path: Path | None, limits: WeightOptions) -> OwnModel | None:
+    """The model of a file with the limits of the options, or of these alone; None where neither says anything."""
+    from inscrutable.experiments.own_model import OwnModel
+
+    part = limits.part()
+    if path is None:
+        return None if part.is_empty else OwnModel.of_limits(part)
+    return OwnModel.load(path).with_limits(part)
+
+
+def _first(*values: float | None) -> float:
+    """The first number that is given."""
+    return next(each for each in values if each is not None)
+
+
+def _riskless(path: Path) -> pd.Series:
+    from inscrutable.datasets import read_signals
+
+    table = read_signals(path)
+    if table.shape[1] != 1:
+        raise UsageError(f"--riskless {path}: it has {table.shape[1]} columns of numbers, expected one")
+    rates = table.iloc[:, 0]
+    if (rates.abs() > _MOST_RISKLESS).any():
+        raise InputError(
+            f"{path}: a riskless return of {rates.abs().max():g} on {rates.abs().idxmax():%Y-%m-%d}; expected fractions per "
+            "row, 0.003 for 0.3 per cent: divide percentages by 100"
+        )
+    return rates
+
+
+def _own_beliefs(
+    path: Path, given: str | None, count: int, speech: Speech, known: tuple[str, ...] | None
+) -> pd.DataFrame:
     """Beliefs of a file with the fitted regimes' names, which column is which said aloud."""
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import regime_names
 
-    names = regime_names(count)
+    names = regime_names(count) if known is None else known
     if given is None:
         own = read_beliefs(path)
         if set(own.columns) == set(names):
@@ -277,80 +332,6 @@ def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
 
 
 @app.command
-def attack(
-    *,
-    model: Annotated[Path, Parameter(group=DATA)],
-    weights: Annotated[Path, Parameter(group=DATA)],
-    mechanism: Annotated[RuleName | None, Parameter(group=DATA)] = None,
-    budget: Annotated[str | None, Parameter(group=DATA)] = None,
-    state: Annotated[Path | None, Parameter(group=DATA)] = None,
-    out: Out | None = None,
-    speech: Speech = Speech(),  # noqa: B008  # frozen
-) -> None:
-    """Read published weights back into the beliefs that explain them: what do my holdings say?
-
-    Weights rounded to a few digits are read as such: the digits written in the file are counted. With `--mechanism` also
-    what one concludes from all rows so far who knows how the weights are made; rows are one step of the model apart.
-
-    Args:
-        model: The model.json of a backtest.
-        weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
-        mechanism: How the weights are made, as the observer knows: optimal, cdm, pdm, or sequential.
-        budget: With `--mechanism`: what the rule spends, as in protect; with `--state` as in its file. Default: the model's.
-        state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
-        out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
-    """
-    from inscrutable.datasets import read_weights, write_table
-    from inscrutable.experiments.attack import attack_weights
-    from inscrutable.experiments.attack_over_time import attack_over_time
-    from inscrutable.experiments.investor_model import InvestorModel
-    from inscrutable.reports.attack import attack_summary, write_attack
-
-    if mechanism is None and (budget is not None or state is not None):
-        raise UsageError("--budget and --state say more of --mechanism: give that as well")
-    if (mechanism == "sequential") != (state is not None):
-        raise UsageError("--mechanism sequential and --state FILE go together")
-    limit = None if budget is None else budget_of(budget)
-    investor = InvestorModel.load(model)
-    table = read_weights(weights, assets=investor.assets)
-    folder = None if out is None else writable_folder(out)
-    speech.log(table.summary())
-    with speech.progress("Rows read") as move:
-        found = attack_weights(investor, table, progress=move)
-    over_time = None if mechanism is None else attack_over_time(found, mechanism, limit, state=state)
-    paths = [] if folder is None else write_attack(found, folder)
-    if folder is not None and over_time is not None:
-        paths.append(folder / "attack_over_time.csv")
-        write_table(over_time.table(), paths[-1])
-    files = [] if folder is None else replaced(folder, "attack", paths, speech)
-    if speech.json:
-        followed = None if over_time is None else over_time.table().to_dict("records")
-        speech.summary(attack_summary(found) | ({} if followed is None else {"over_time": followed}))
-        return
-    _show_attack(found, speech, whole=folder is None)
-    if over_time is not None:
-        lines = over_time.lines()
-        shown = lines if folder is None else lines.iloc[:_LONGEST_TABLE]
-        title = f"What all rows so far say to one who knows the rule ({mechanism}) and how the belief moves"
-        show_table(shown, title if len(shown) == len(lines) else f"{title}; the first {len(shown)} rows")
-    speech.sentence(found.summary())
-    speech.files(files)
-
-
-def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:
-    from inscrutable.reports.attack import attack_lines, reading_notes
-
-    table = attack_lines(found)
-    title = "What the weights of each row say: probability of a regime in the rival's estimate [least, most]"
-    if whole or len(table) <= _LONGEST_TABLE:
-        show_table(table, title)
-    else:
-        show_table(table.iloc[:_LONGEST_TABLE], f"{title}; the first {_LONGEST_TABLE} of {len(table)} rows")
-    for line in reading_notes(found):
-        speech.sentence(line)
-
-
-@app.command
 def protect(
     *,
     model: Annotated[Path, Parameter(group=DATA)],
@@ -363,6 +344,10 @@ def protect(
     certify: Annotated[float | None, Parameter(group=PRIVACY)] = None,
     state: Annotated[Path | None, Parameter(group=DATA)] = None,
     publish: Annotated[bool, Parameter(group=DATA, negative=(), show_default=False)] = False,
+    normalise: Annotated[bool, Parameter(group=DATA, negative=(), show_default=False)] = False,
+    map_: Annotated[Path | None, Parameter(name="--map", group=DATA)] = None,
+    previous: Annotated[Path | None, Parameter(group=DATA)] = None,
+    limits: WeightOptions = WeightOptions(),  # noqa: B008  # frozen
     seed: Seed | None = None,
     out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
@@ -372,26 +357,31 @@ def protect(
     With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before.
 
     Args:
-        model: The model.json of a backtest.
+        model: The model.json of a backtest, or a model.toml of your own with regimes.
         belief: Your belief over the model's regimes, such as 0.2,0.3,0.5.
         beliefs: CSV of beliefs: dates, then one column per regime.
         weights: CSV of planned weights; the belief behind them is read off as an observer would.
-        budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit. Default: the model's.
+        budget: What to spend on privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the cost's
+            unit, or silence:0.5. Default: the model's.
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         certify: Prove how much more privacy there could be, to this relative gap, such as 0.01; for maximal and desired.
         state: File that remembers the decisions so far; made where there is none, which takes a minute or more. Needs
             `--belief`.
         publish: With `--state`: draw this step's weights once and record them. Without it nothing is drawn.
+        normalise: Read planned weights as they come: dollars, percentages, blanks, cash, tickers in any case.
+        map_: With `--normalise`: CSV with the columns name and asset.
+        previous: CSV of the weights published last, one row, where turnover is limited; one belief at a time.
+        limits: What may be held.
         seed: Makes the draw repeatable. Without it the operating system draws, because a rival who knows the seed
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
     if state is not None:
-        others = (beliefs, weights, target, certify, out)
+        others = (beliefs, weights, target, certify, out, previous, map_)
         if belief is None or measure != "maximal" or any(option is not None for option in others):
             raise UsageError("--state takes --belief, --budget, --publish and --seed: it hides the belief as such")
-        protect_next(model, belief, state, budget, publish, seed, speech)
+        protect_next(model, belief, state, budget, publish, seed, (speech, limits.part()))
         return
     if publish:
         raise UsageError("--publish records a decision: give the file with --state")
@@ -402,21 +392,27 @@ def protect(
     if certify is not None and measure not in ("maximal", "desired"):
         raise UsageError(f"--certify proves --measure maximal and desired, not {measure}")
     chosen = measure_of(measure, target)
-    limit = None if budget is None else budget_of(budget)
+    if map_ is not None and not normalise:
+        raise UsageError("--map says what holdings are called in a file: give --normalise as well")
+    asked = None if budget is None else budget_of(budget, speech)
     single = None if belief is None else belief_of(belief, "--belief")
 
     import numpy as np
 
-    from inscrutable.datasets import read_beliefs, read_weights
+    from inscrutable.datasets import read_beliefs
     from inscrutable.experiments import protect as experiment
     from inscrutable.experiments.attack import attack_weights
     from inscrutable.experiments.episodes import part_of
-    from inscrutable.experiments.investor_model import InvestorModel
+    from inscrutable.experiments.own_model import investor_of
+    from inscrutable.experiments.silence import budget_in
     from inscrutable.reports.protect import protect_summary, write_protect
 
     rng = None if seed is None else np.random.default_rng(seed)
-    investor = InvestorModel.load(model)
-    planned = None if weights is None else read_weights(weights, assets=investor.assets)
+    investor = investor_of(model, limits.part())
+    limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
+    planned = None if weights is None else weights_of(weights, investor.assets, normalise, map_)
+    before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
+    investor = investor.after(before)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
     folder = None if out is None else writable_folder(out)
     with speech.progress("Steps") as move:

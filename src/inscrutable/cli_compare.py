@@ -33,7 +33,8 @@ def compare(
 
     Args:
         market: paper (a random market, every belief equally likely and lasting as regimes do), returns (the 12 US industries
-            that come with the package, and how often its investor holds which belief), or the model.json of a backtest.
+            that come with the package, and how often its investor holds which belief), the model.json of a backtest,
+            or a model.toml of your own with regimes.
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
         rival: TOML file whose [problem] is what a rival wants the belief for: what the secret and reading are worth to it.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence

@@ -11,7 +11,8 @@ from cyclopts import Group, Parameter, Token, validators
 if TYPE_CHECKING:
     import pandas as pd
 
-    from inscrutable.budgets import Budget
+    from inscrutable.budgets import Budget, SilenceShare
+    from inscrutable.cli_console import Speech
     from inscrutable.experiments.backtest_public import BesideReturns
     from inscrutable.privacy import PrivacyMeasure
 
@@ -23,27 +24,39 @@ class UsageError(Exception):
     """The command line itself is wrong: an option that is malformed, missing or at odds with another."""
 
 
-def budget_of(text: str) -> Budget:
-    """Return the budget that "0.1" (a share of |c*|) or "regret:0.002" (in the cost's unit) stands for."""
-    from inscrutable.budgets import Budget
+def budget_of(text: str, speech: Speech | None = None, option: str = "--budget") -> Budget | SilenceShare:
+    """Return the budget that "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5" stands for; what is odd about it is said."""
+    from inscrutable.budgets import Budget, is_budget, written_budget
+    from inscrutable.errors import InputError
 
-    kind, separator, amount = text.rpartition(":")
-    if separator and kind not in ("regret", "relative"):
-        raise UsageError(
-            f'--budget {text}: expected a share of |c*| such as 0.1, or "regret:0.002" in the cost\'s unit'
-        )
-    return Budget(_number(amount, "--budget"), kind != "regret")
+    try:
+        found = written_budget(text)
+    except InputError as error:
+        if is_budget(text):
+            raise
+        raise UsageError(f"{option}: {error}") from None
+    if speech is not None and isinstance(found, Budget) and found.remark:
+        speech.log(f"{option} {text}: {found.remark}")
+    return found
 
 
 def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
     """Return the unit and the numbers of "0.05,0.1" (shares of |c*|), "silence:0.5,1" or "regret:0.002"."""
+    from inscrutable.budgets import Budget, written_budget
+    from inscrutable.errors import InputError
+
     kind, separator, amounts = text.rpartition(":")
-    units = {"": "cost", "relative": "cost", "silence": "silence", "regret": "regret"}
-    if kind not in units or (separator and not kind):
+    try:
+        found = [written_budget(f"{kind}{separator}{part}") for part in amounts.split(",")]
+    except InputError:
         raise UsageError(
-            f"--budgets {text}: expected shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, or regret:0.001,0.002"
-        )
-    return units[kind], tuple(_number(part, "--budgets") for part in amounts.split(","))
+            f"--budgets {text}: expected shares of |c*| such as 0.05,0.1 or 5%,10%, or silence:0.25,0.5,1, or regrets "
+            "such as 5bp,10bp or regret:0.001,0.002"
+        ) from None
+    units = {"silence" if not isinstance(each, Budget) else "cost" if each.is_relative else "regret" for each in found}
+    if len(units) > 1:
+        raise UsageError(f"--budgets {text}: expected one unit for all, got {' and '.join(sorted(units))}")
+    return units.pop(), tuple(each.amount if isinstance(each, Budget) else each.share for each in found)
 
 
 def whole_number(type_: Any, tokens: Sequence[Token]) -> int:

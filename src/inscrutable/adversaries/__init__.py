@@ -8,10 +8,11 @@ from inscrutable.adversaries.data_adversary import DataAdversary
 from inscrutable.adversaries.explanations import ActionExplanation, explain_action
 from inscrutable.adversaries.fund_values import InferredWeights, infer_weights
 from inscrutable.adversaries.interface import Adversary
-from inscrutable.adversaries.inverse import consistent_beliefs, plausibility_gap
+from inscrutable.adversaries.inverse import plausibility_gap
 from inscrutable.adversaries.learned_costs import CostStatus, LearnedCost, UnionBeliefs
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.adversaries.observers import BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
+from inscrutable.adversaries.rounded import consistent_beliefs
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.adversaries.sequential import SequentialAdversary
 from inscrutable.adversaries.shown_beliefs import ShownBeliefs

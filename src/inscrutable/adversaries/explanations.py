@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances
-from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.adversaries.inverse import belief_set_of, smooth_form_of
 from inscrutable.adversaries.plausibility import closed_planes, weights_of_planes
 from inscrutable.errors import InputError
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
-from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.problems import DecisionProblem, SmoothForm, checked_problem
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
@@ -140,8 +140,8 @@ def explain_action(
     labels = tuple(f"u[{j}]" for j in range(u.size)) if known is None else tuple(str(name) for name in known)
     if len(labels) != u.size:
         raise InputError(f"names has {len(labels)} entries, expected one per coordinate of the action: {u.size}")
-    region = problem.constraints
-    tight = tuple(region.names[i] for i in np.flatnonzero(region.tight_rows(u)))
+    form = _told_form(problem)
+    tight = tuple(form.constraints.names[i] for i in np.flatnonzero(form.constraints.tight_rows(form.variables(u))))
     beliefs = belief_set_of(problem, u)
     nothing = np.zeros(u.size)
     if not beliefs.is_empty:
@@ -150,16 +150,24 @@ def explain_action(
     found = closed_planes(problem, u)
     better = weights_of_planes(found.planes) @ problem.solve_points(found.beliefs)
     savings = problem.state_costs(u) - problem.state_costs(better)
-    direction, rate = _contradiction(problem, u)
+    direction, rate = _contradiction(problem, form, u)
     return ActionExplanation(u, False, found.belief, found.gap, better, savings, direction, rate, tight, labels)
 
 
-def _contradiction(problem: DecisionProblem, u: Array) -> tuple[Array, float]:
+def _told_form(problem: DecisionProblem) -> SmoothForm:
+    """The problem in the decision itself, and lifted only where its rows are no others."""
+    if problem.constraints.needs_lift:
+        return smooth_form_of(problem)
+    return SmoothForm(problem.constraints, problem.cost_gradients)
+
+
+def _contradiction(problem: DecisionProblem, form: SmoothForm, u: Array) -> tuple[Array, float]:
     """The change of unit size, with few coordinates, that lowers the cost fastest in the state where it does so least."""
-    region, gradients = problem.constraints, problem.cost_gradients(u)
+    point, region = form.variables(u), form.constraints
+    gradients = form.gradients(point[None])[0]
     scale = max(float(np.abs(gradients).max()), np.finfo(float).tiny)
-    active = region.A_ub[region.tight_rows(u)]
-    size = u.size
+    active = region.A_ub[region.tight_rows(point)]
+    size = point.size
     falls = np.hstack([gradients / scale, -gradients / scale, np.ones((len(gradients), 1))])
     stays = np.hstack([active, -active, np.zeros((len(active), 1))])
     unit = np.append(np.ones(2 * size), 0.0)
@@ -170,11 +178,15 @@ def _contradiction(problem: DecisionProblem, u: Array) -> tuple[Array, float]:
         (0, None),
     )
     if answer.status != OPTIMAL or answer.x[-1] <= tolerances.LINEAR_PROGRAMME:
-        return np.zeros(size), 0.0
-    direction = answer.x[:size] - answer.x[size : 2 * size]
-    direction = direction / np.abs(direction).sum()
+        return np.zeros(u.size), 0.0
+    moved = answer.x[:size] - answer.x[size : 2 * size]
+    direction = moved if form.lift is None else form.decisions(point + moved) - u
+    length = float(np.abs(direction).sum())
+    if not length > 0:
+        return np.zeros(u.size), 0.0
+    direction = direction / length
     # Where costs have kinks a gradient need not tell what a change does: believe the costs themselves.
     probed = problem.state_costs(u + tolerances.EDGE_PROBE * direction)
     if (probed >= problem.state_costs(u)).any():
-        return np.zeros(size), 0.0
-    return direction, float(answer.x[-1] * scale)
+        return np.zeros(u.size), 0.0
+    return direction, float(answer.x[-1] * scale / (length if form.lift is not None else 1.0))

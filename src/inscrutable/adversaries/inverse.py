@@ -8,43 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import orth
 
-from inscrutable import tolerances, validation
+from inscrutable import tolerances
 from inscrutable.adversaries.plausibility import gap_compared
 from inscrutable.errors import ModelError
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import DecisionProblem, SmoothForm, checked_problem
 from inscrutable.validation import Array
-
-
-def consistent_beliefs(
-    problem: DecisionProblem, action: ArrayLike, *, tolerance: float = tolerances.EXPLAINED
-) -> BeliefSet:
-    """Return the beliefs for which `action` is optimal, as an explicit polytope.
-
-    Formula: Π(u) = {π ∈ Δ_X : ∃ λ ≥ 0, ν : G(u)π + A_act'λ + A_eq'ν = 0}, where the active rows are those with less
-    slack than the feasible set's `min_slack`; the multipliers are eliminated.
-
-    Args:
-        problem: The decision problem that the observer knows.
-        action: u, shape (U,), in the decision's unit; it must lie in the feasible set.
-        tolerance: Largest KKT residual of a member, relative to the gradient's scale; above 0.
-
-    Returns:
-        A `BeliefSet`; empty where no belief explains the decision.
-
-    Raises:
-        InputError: `action` has the wrong length, is not finite or lies outside the feasible set; `tolerance` ≤ 0.
-
-    Cost: one pseudo-inverse of the active rows. Source: the paper, Theorem 1 and eq. (4).
-
-    Example:
-        >>> from inscrutable.problems import MarkowitzProblem
-        >>> problem = MarkowitzProblem([[0.02, 0.03], [-0.03, 0.0]], [np.eye(2), 2 * np.eye(2)], 1.0)
-        >>> consistent_beliefs(problem, problem.solve([0.3, 0.7])).contains([0.3, 0.7])
-        True
-    """
-    u = checked_problem(problem).check_action(action)
-    return belief_set_of(problem, u, validation.positive(tolerance, "tolerance"))
 
 
 def belief_set_of(problem: DecisionProblem, u: Array, tolerance: float = tolerances.EXPLAINED) -> BeliefSet:

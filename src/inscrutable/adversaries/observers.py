@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.budget_aware import AffordableBeliefs, affordable_beliefs
 from inscrutable.adversaries.consistent_sets import LARGER, consistent_sets
-from inscrutable.adversaries.inverse import consistent_beliefs
+from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
 from inscrutable.adversaries.plausibility import nearest_explanations
 from inscrutable.adversaries.shown_beliefs import ShownBeliefs, ShownReading
@@ -122,8 +122,8 @@ class NaiveAdversary(SetObserver):
     def infer(self, action: ArrayLike) -> BeliefSet | ShownBeliefs:
         """Return Π(u) of one decision (U,), empty where no belief explains it; under a disclosure their union."""
         if self._reading.is_plain:
-            return consistent_beliefs(self.problem, action)
-        return self._reading.union(action, lambda each: consistent_beliefs(self.problem, each))
+            return belief_set_of(self.problem, self.problem.check_action(action))
+        return self._reading.union(action, lambda each: belief_set_of(self.problem, self.problem.check_action(each)))
 
     def _guesses(self, points: Array) -> Array:
         sets = consistent_sets(self.problem, points)

@@ -23,6 +23,8 @@ _NUMBER = re.compile(
 _MISSING = {"", "-", "na", "nan", "n/a", "#n/a", "null", "none", "<na>", "nat"}
 _INFINITE = re.compile(r"[+-]?inf(?:inity)?", re.IGNORECASE)
 _SHOWN = 60
+_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d{1,6})?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
 
 
 FORMULA = re.compile("'*[=+@-]")
@@ -49,9 +51,15 @@ class TextTable:
 
 
 def read_text_table(path: str | os.PathLike[str]) -> TextTable:
-    """Read a comma-separated file with one header line and at least one row, every row as long as the header."""
+    """Read a file with one header line and at least one row, every row as long as the header.
+
+    Cells are separated by commas; where the header has none, by semicolons, tabs or bars, and numbers may then have decimal
+    commas, all of them or none.
+    """
     source = Path(path)
-    reader = csv.reader(StringIO(_text_of(source), newline=""), strict=True)
+    text = _text_of(source)
+    separator = _separator(text)
+    reader = csv.reader(StringIO(text, newline=""), strict=True, delimiter=separator)
     records: list[tuple[int, tuple[str, ...]]] = []
     start = 1
     try:
@@ -64,14 +72,45 @@ def read_text_table(path: str | os.PathLike[str]) -> TextTable:
     if not records:
         raise InputError(f"{source} is empty; expected a header line and rows of numbers")
     (_, header), body = records[0], records[1:]
-    _check_separator(source, header)
     _check_header(source, header)
     if not body:
         raise InputError(f"{source} has only a header; expected rows of numbers below it")
     for line, cells in body:
         if len(cells) != len(header):
             raise InputError(f"{source}, line {line}: {len(cells)} cells, expected {len(header)} as in the header")
-    return TextTable(source, header, tuple(line for line, _ in body), tuple(cells for _, cells in body))
+    table = TextTable(source, header, tuple(line for line, _ in body), tuple(cells for _, cells in body))
+    return table if separator == "," else _with_points(table)
+
+
+def _separator(text: str) -> str:
+    """What separates the cells: commas, or what stands in a header without them."""
+    header = next(line for line in text.splitlines() if line.strip())
+    return "," if "," in header else next((each for each in ";\t|" if each in header), ",")
+
+
+def _with_points(table: TextTable) -> TextTable:
+    """A table with decimal points in place of decimal commas, which are either in all numbers or in none."""
+    places = [(row, column) for row, cells in enumerate(table.rows) for column in range(len(cells))]
+    commas = [(row, column) for row, column in places if _COMMA.fullmatch(table.rows[row][column])]
+    if not commas:
+        return table
+    points = [(r, c) for r, c in places if "." in table.rows[r][c] and is_number(table.rows[r][c])]
+    if points:
+        (row, column), (line, other) = commas[0], points[0]
+        raise InputError(
+            f"{table.place(row, column)}: found {shown(table.rows[row][column])}, and {shown(table.rows[line][other])} in line "
+            f"{table.lines[line]}; expected decimal commas or points, not both"
+        )
+    if all(_THOUSANDS.fullmatch(table.rows[row][column]) for row, column in commas):
+        row, column = commas[0]
+        raise InputError(
+            f"{table.place(row, column)}: {shown(table.rows[row][column])} may have a decimal comma or one of thousands; write "
+            "numbers with a decimal point"
+        )
+    rows = [list(cells) for cells in table.rows]
+    for row, column in commas:
+        rows[row][column] = rows[row][column].replace(",", ".")
+    return TextTable(table.path, table.header, table.lines, tuple(map(tuple, rows)))
 
 
 def _unescaped(cell: str) -> str:
@@ -161,13 +200,6 @@ def _text_of(source: Path) -> str:
     if not text.strip():
         raise InputError(f"{source} is empty; expected a header line and rows of numbers")
     return text
-
-
-def _check_separator(source: Path, header: tuple[str, ...]) -> None:
-    if len(header) == 1:
-        for separator, name in ((";", "';'"), ("\t", "tabs"), ("|", "'|'")):
-            if separator in header[0]:
-                raise InputError(f"{source}, line 1: looks separated by {name}, expected commas and decimal points")
 
 
 def _check_header(source: Path, header: tuple[str, ...]) -> None:

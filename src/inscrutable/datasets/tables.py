@@ -1,8 +1,9 @@
 """Readers for a user's own CSV files: labels kept, dates parsed, and every problem named with its line and column.
 
-All files have one header line, commas between cells, decimal points, and UTF-8 text (a byte order mark and Windows
-line ends are fine). Line numbers in messages are those of the file; the header is line 1. Blank lines are passed over,
-and blanks around a cell are dropped; otherwise labels are kept as written.
+All files have one header line and UTF-8 text (a byte order mark and Windows line ends are fine). Cells stand between commas;
+where the header has none, between semicolons, tabs or bars, and numbers may then have decimal commas. Line numbers in
+messages are those of the file; the header is line 1. Blank lines are passed over, and blanks around a cell are dropped;
+otherwise labels are kept as written.
 """
 
 from __future__ import annotations
@@ -42,15 +43,22 @@ class WeightsTable:
         frame: (T,U) raw weights, columns in the model's order of assets; the index holds dates, labels or row numbers.
         decimals: Largest number of decimal digits written anywhere in the file, None from eight on: a weight may be off
             by half a unit of that digit.
+        left_out: Largest share of a row's value that is none of the model's assets, such as cash.
+        others: The labels of what was left out.
     """
 
     frame: pd.DataFrame
     decimals: int | None
+    left_out: float = 0.0
+    others: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """Say in one line how many rows of how many assets were read and how they are rounded."""
         precision = "full precision" if self.decimals is None else f"rounded to {decimal_places(self.decimals)}"
-        return f"{len(self.frame)} rows of weights of {self.frame.shape[1]} assets, {precision}"
+        out = (
+            f"; up to {self.left_out:.1%} of a row is left out ({', '.join(self.others)})" if self.left_out > 0 else ""
+        )
+        return f"{len(self.frame)} rows of weights of {self.frame.shape[1]} assets, {precision}{out}"
 
 
 def simple_returns(prices: pd.DataFrame) -> pd.DataFrame:
@@ -262,6 +270,94 @@ def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
         frame=pd.DataFrame(values, index=index, columns=pd.Index(wanted)),
         decimals=digits if digits < FULL_PRECISION_DIGITS else None,
     )
+
+
+def read_labelled_matrix(
+    path: PathLike, *, rows: Sequence[str] | None = None, columns: Sequence[str] | None = None
+) -> pd.DataFrame:
+    """Read a matrix from a CSV file: row labels in the first column, column labels in the header.
+
+    Args:
+        path: The file.
+        rows: Labels to match the rows with and to return them by, in this order; None: as in the file.
+        columns: The same of the columns.
+
+    Returns:
+        Numbers with the labels.
+
+    Raises:
+        InputError: With file, line and column: what `read_returns` raises about files and cells; labels that are missing,
+            unknown or stand twice.
+
+    Cost: O(cells).
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "means.csv")
+        ...     _ = file.write_text("regime;Oil;Gas\\ncrisis;-0,02;0,0\\ncalm;0,01;0,015\\n")
+        ...     print(read_labelled_matrix(file, rows=["calm", "crisis"]))
+                 Oil    Gas
+        calm    0.01  0.015
+        crisis -0.02  0.000
+    """
+    table = read_text_table(path)
+    if len(table.header) < 2:
+        raise InputError(f"{table.path}, line 1: one column, expected row labels and at least one column of numbers")
+    labels = [cells[0] for cells in table.rows]
+    wanted = labels if rows is None else _unique(rows, "rows")
+    twice = [label for place, label in enumerate(labels) if label in labels[:place]]
+    missing = [label for label in wanted if label not in labels]
+    unknown = [label for label in labels if label not in wanted]
+    if twice or missing or unknown:
+        told = (("twice", twice), ("missing", missing), ("unknown", unknown))
+        said = "; ".join(f"{word}: {_listing(these)}" for word, these in told if these)
+        raise InputError(f"{table.path}: row labels {said}. Expected one row each for {_listing(wanted)}")
+    names = list(table.header[1:]) if columns is None else _unique(columns, "columns")
+    places = _aligned(table, names, first=1, noun="column")
+    return pd.DataFrame(numbers(table, places), index=labels, columns=names).loc[wanted]
+
+
+def read_sectors(path: PathLike, *, assets: Sequence[str]) -> dict[str, list[str]]:
+    """Read which assets belong to which sector from a CSV file with the columns asset and sector.
+
+    Args:
+        path: The file; an asset may stand in several sectors, one row each.
+        assets: (U,) labels of the model's assets, which all need a sector.
+
+    Raises:
+        InputError: The columns have other names, an asset is unknown or has no sector, or a pair stands twice.
+
+    Cost: O(rows).
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "sectors.csv")
+        ...     _ = file.write_text("asset,sector\\nOil,energy\\nFood,other\\nGas,energy\\n")
+        ...     print(read_sectors(file, assets=["Oil", "Gas", "Food"]))
+        {'energy': ['Oil', 'Gas'], 'other': ['Food']}
+    """
+    table = read_text_table(path)
+    header = [name.lower() for name in table.header]
+    if sorted(header) != ["asset", "sector"]:
+        raise InputError(f"{table.path}, line 1: columns {_listing(table.header)}, expected 'asset' and 'sector'")
+    asset, sector = header.index("asset"), header.index("sector")
+    found: dict[str, list[str]] = {}
+    for row, cells in enumerate(table.rows):
+        if cells[asset] not in assets:
+            raise InputError(f"{table.place(row, asset)}: unknown {cells[asset]!r}, expected one of {_listing(assets)}")
+        members = found.setdefault(cells[sector], [])
+        if not cells[sector] or cells[asset] in members:
+            what = "stands twice in its sector" if cells[sector] else "has no sector"
+            raise InputError(f"{table.place(row, asset)}: {cells[asset]!r} {what}")
+        members.append(cells[asset])
+    without = [each for each in assets if not any(each in members for members in found.values())]
+    if without:
+        raise InputError(f"{table.path}: no sector for {_listing(without)}; expected a row for every asset")
+    return found
 
 
 def _dated_table(path: PathLike, noun: str) -> TextTable:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import null_space
 
 from inscrutable import tolerances, validation
 from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry import simplex_grid
 from inscrutable.geometry.grids import grid_size
-from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
@@ -64,7 +62,8 @@ def is_simplex(problem: DecisionProblem) -> bool:
     region = problem.constraints
     n = region.n_actions
     return bool(
-        region.A_ub.shape == (n, n)
+        not region.needs_lift
+        and region.A_ub.shape == (n, n)
         and np.array_equal(region.A_ub, -np.eye(n))
         and not region.b_ub.any()
         and np.array_equal(region.A_eq, np.ones((1, n)))
@@ -149,33 +148,18 @@ def random_actions(problem: DecisionProblem, n: int, *, rng: np.random.Generator
 def _hit_and_run(problem: DecisionProblem, n: int, rng: np.random.Generator) -> Array:
     region = problem.constraints
     bounding_box_of(problem)
-    middle = coordinate_ends(problem).mean(axis=0)
-    # The mean of points that are extreme in every coordinate is slack in every row that can be.
-    flat = region.slacks(middle) <= tolerances.FEASIBILITY
-    hull = np.vstack([region.A_eq, region.A_ub[flat]])
-    free = null_space(hull, rcond=tolerances.ON_FACE) if len(hull) else np.eye(region.n_actions)
-    points = np.tile(middle, (n, 1))
+    ends = coordinate_ends(problem)
+    points, free = np.tile(ends.mean(axis=0), (n, 1)), region.affine_hull(ends)
     if free.shape[1] == 0:
         return points
-    rows, sides = region.A_ub[~flat], region.b_ub[~flat]
     for _ in range(_HIT_AND_RUN_STEPS):
         direction = rng.normal(size=(n, free.shape[1])) @ free.T
-        speed = direction @ rows.T
-        slack = np.maximum(sides - points @ rows.T, 0.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reach = slack / speed
-        high = np.where(speed > 0, reach, np.inf).min(axis=1)
-        low = np.where(speed < 0, reach, -np.inf).max(axis=1)
+        low, high = region.reach(points, direction, ends)
         points = points + rng.uniform(low, high)[:, None] * direction
     return np.asarray(points)
 
 
 def coordinate_ends(problem: DecisionProblem) -> Array:
     """Return decisions that are least or greatest in some coordinate, shape (2U, U)."""
-    return np.array([_extreme(problem, j, sign) for j in range(problem.n_actions) for sign in (1.0, -1.0)])
-
-
-def _extreme(problem: DecisionProblem, coordinate: int, sign: float) -> Array:
-    region = problem.constraints
-    unit = sign * np.eye(problem.n_actions)[coordinate]
-    return minimum(unit, Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)).x
+    units = np.eye(problem.n_actions)
+    return np.array([problem.constraints.extreme(sign * unit) for unit in units for sign in (1.0, -1.0)])

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from numpy.typing import ArrayLike
 
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers.arguments import checked_measure, checked_on_empty
 from inscrutable.decision_makers.candidates import Candidates, as_candidates, near_decoys
 from inscrutable.decision_makers.described import Described
+from inscrutable.errors import InputError
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem
+
+DEFAULT_BUDGET = 0.1
+"""A share of |c*|, as in the paper."""
 
 
 class HidingDecisionMaker(Described):
@@ -18,17 +24,29 @@ class HidingDecisionMaker(Described):
     def __init__(
         self,
         problem: DecisionProblem,
-        measure: PrivacyMeasure | None,
-        budget: Budget | float,
+        measure: Any,
+        budget: Any,
         candidates: Candidates | ArrayLike | None,
         on_empty: str,
     ) -> None:
         self.problem = checked_problem(problem)
+        # The two have types that cannot be mistaken, so that either may come first.
+        if isinstance(measure, (Budget, float, int, str)) and not isinstance(measure, bool):
+            measure, budget = self._swapped(measure, budget)
         self.measure = checked_measure(measure)
         self.budget = as_budget(budget)
         self.on_empty = checked_on_empty(on_empty)
         self._given = candidates
         self._candidates: Candidates | None = None
+
+    @staticmethod
+    def _swapped(budget: Any, measure: Any) -> tuple[Any, Any]:
+        """A measure, None where none was given, and a budget that came in its place."""
+        if isinstance(measure, PrivacyMeasure):
+            return measure, budget
+        if measure == DEFAULT_BUDGET:
+            return None, budget
+        raise InputError(f"two budgets were given, {budget!r} and {measure!r}; expected (problem, measure, budget)")
 
     @property
     def candidates(self) -> Candidates:

@@ -1,41 +1,34 @@
 """What do published weights say? Each row read back into the beliefs that explain it, rounding included.
 
-Published weights ũ are the investor's decision u* moved by rounding, |ũ_j − u*_j| ≤ h = ½·10^−d for d decimals, so even an
-honest row is hardly ever optimal to the last digit. It is first completed to the nearest feasible decision û; rows of the
-feasible set within reach of the rounding (a weight printed as zero) are taken as tight. With δ = û − u* this gives
-|δ_j| ≤ h_j = h + |û_j − ũ_j| and A_eq δ = 0, all known. Every row that is tight at u* is tight at û, so the gradient's
-part of the regret vanishes there, and for whatever belief π the investor held
-
-    ρ(π,û) = ½ δ'H_π δ ≤ ε = ½ max_i min( Σ_jk |P H_i P|_jk h_j h_k , λ_max(P H_i P) Σ_j h_j² ),  P the projector on A_eq δ = 0,
-
-because H_π is an average of the H_i. The true belief therefore lies in the near-optimal set Π_ε(û): always, not on average.
-Where the tight rows contradict each other, û is the plain projection and the gradient's part is bounded as well:
-ρ(π,û) ≤ max_i Σ_j |P ∇c(i,û)|_j h_j. A least regret above ε is then a proof: no belief and no rounding explain the row.
+How much regret rounding can cause, so that the true belief is always among those read, is derived in `adversaries.rounded`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.linalg import null_space
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries import consistent_beliefs, near_optimal_beliefs
+from inscrutable.adversaries import near_optimal_beliefs
+from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.plausibility import nearest_explanation
+from inscrutable.adversaries.rounded import allowance, completed, half_unit
 from inscrutable.datasets import WeightsTable
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
 from inscrutable.decision_makers.results import Progress
-from inscrutable.errors import InputError, ModelError
+from inscrutable.errors import InputError
 from inscrutable.experiments.investor_model import InvestorModel, checked_model
 from inscrutable.labels import label_text
-from inscrutable.problems import MarkowitzProblem, Polyhedron, QuadraticProblem
+from inscrutable.problems import MarkowitzProblem
+from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.validation import Array
 
 _DRAWN_STATES = 3
+_BASIS_POINTS = 10_000.0
 
 
 class Reading(Enum):
@@ -43,8 +36,9 @@ class Reading(Enum):
 
     EXACT = "exact: the beliefs these weights are optimal for"
     ROUNDED = "near-optimal: the beliefs these weights are optimal for before rounding are among them"
+    NEAR = "near-optimal: the beliefs under which these weights cost at most the regret that was asked for"
     IMPLAUSIBLE = (
-        "implausible: no belief explains these weights, rounded or not; the estimate is the nearest explanation"
+        "nearest explanation: no belief explains these weights, rounded or not; shown is the belief of least regret"
     )
 
 
@@ -85,12 +79,14 @@ class Attack:
         index: Labels of the rows, T of them.
         rows: One reading per row.
         decimals: Decimals the weights were rounded to, None for full precision.
+        regret: What weights may cost above the best ones, beside rounding, in the cost's unit.
     """
 
     model: InvestorModel
     index: pd.Index
     rows: tuple[RowReading, ...]
     decimals: int | None
+    regret: float = 0.0
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -123,7 +119,12 @@ class Attack:
             parts.append(f"they leave the widest regime probability open by {width:.3f} on average")
         if len(explained) < len(self):
             gap = max(row.gap - row.allowance for row in self.rows)
-            parts.append(f"{len(self) - len(explained)} are implausible (by up to {gap:.2g} of regret)")
+            parts.append(
+                f"{len(self) - len(explained)} are given their nearest explanation, which leaves up to {regret_text(gap)} of "
+                "regret"
+            )
+        if self.regret:
+            parts.append(f"a regret of {regret_text(self.regret)} is allowed for")
         if self.decimals is not None:
             parts.append(f"rounding to {decimal_places(self.decimals)} is allowed for")
         return "; ".join(parts)
@@ -134,6 +135,8 @@ def attack_weights(
     weights: WeightsTable | pd.DataFrame,
     *,
     decimals: int | None = None,
+    regret: float = 0.0,
+    previous: Any = None,
     progress: Progress | None = None,
 ) -> Attack:
     """Return what each row of published weights says about the investor's belief.
@@ -146,6 +149,10 @@ def attack_weights(
         weights: As `read_weights` returns them, or a frame with one column per asset and one row per decision.
         decimals: Digits after the point that the weights were rounded to, at least 0; None takes them from the table,
             and for a frame means full precision.
+        regret: What weights may cost above the best ones, at least 0, in the cost's unit, a return per row: 0.0005 for 5 basis
+            points. Above 0 near-optimal sets are read.
+        previous: The weights published before the first row, labelled or in the model's order, where the model limits turnover;
+            each row is then the previous one of the next. None: the first row was free.
         progress: Called with (rows done, rows in all).
 
     Returns:
@@ -153,7 +160,8 @@ def attack_weights(
 
     Raises:
         InputError: Columns are not the model's assets, a cell is not finite, there is no row, or a row violates a
-            constraint by more than `tolerances.PUBLISHED_SUM` and more than U half units of its last digit.
+            constraint by more than `tolerances.PUBLISHED_SUM` and more than U half units of its last digit; the model limits
+            turnover, and weights are rounded.
 
     Cost: about 0.1 s a row that is rounded with three regimes, 1 s with five; a millisecond otherwise.
     Source: the paper, Theorem 1; this module's head.
@@ -174,19 +182,26 @@ def attack_weights(
     if digits is not None:
         digits = validation.count(digits, "decimals", least=0)
     published = _aligned(frame, checked_model(model).assets)
-    _check_rows(model, published, frame.index, 0.0 if digits is None else _half_unit(digits))
-    rows = []
+    _check_rows(model, published, frame.index, 0.0 if digits is None else half_unit(digits))
+    most = validation.non_negative(regret, "regret")
+    if model.turnover is not None and digits is not None:
+        raise InputError(
+            f"the model limits turnover against the weights before, and these are rounded to {decimal_places(digits)}: a limit "
+            "is read from weights in full precision alone; leave the limit out"
+        )
+    rows: list[RowReading] = []
     for step, row in enumerate(published):
-        rows.append(_read_row(model.problem, row, digits))
+        before = previous if not rows else rows[-1].action
+        rows.append(_read_row(model.problem_after(before), row, digits, most))
         if progress is not None:
             progress(step + 1, len(published))
-    return Attack(model, frame.index, tuple(rows), digits)
+    return Attack(model, frame.index, tuple(rows), digits, most)
 
 
-def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None) -> RowReading:
-    if decimals is None:
-        whole = _completed(problem, published, 0.0)
-        found = consistent_beliefs(problem, whole.action)
+def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None, regret: float) -> RowReading:
+    if decimals is None and not regret:
+        whole = completed(problem, published, 0.0)
+        found = belief_set_of(problem, whole.action)
         if not found.is_empty:
             corners = found.vertices()
             return RowReading(
@@ -200,25 +215,26 @@ def _read_row(problem: MarkowitzProblem, published: Array, decimals: int | None)
                 0.0,
                 0.0,
             )
-    return _read_rounded(problem, published, _half_unit(FULL_PRECISION_DIGITS if decimals is None else decimals))
+    return _read_near(problem, published, half_unit(FULL_PRECISION_DIGITS if decimals is None else decimals), regret)
 
 
-def _half_unit(decimals: int) -> float:
-    """h, the most that rounding to so many decimals moves a number."""
-    return float(0.5 * 10.0**-decimals)
+def regret_text(regret: float) -> str:
+    """Return a regret with its unit: basis points of wealth per row of returns, and the number itself."""
+    return f"{regret * _BASIS_POINTS:.3g} bp of wealth a row ({regret:.1e})"
 
 
-def _read_rounded(problem: MarkowitzProblem, published: Array, half_unit: float) -> RowReading:
-    whole = _completed(problem, published, half_unit)
-    allowance = _allowance(problem, whole, half_unit + np.abs(whole.action - published))
-    near = near_optimal_beliefs(problem, whole.action, allowance)
-    residual = consistent_beliefs(problem, whole.action).residual
+def _read_near(problem: MarkowitzProblem, published: Array, half: float, regret: float) -> RowReading:
+    whole = completed(problem, published, half)
+    reach = half + np.abs(whole.action - published)
+    allowed = regret + allowance(problem, whole, reach, is_optimal=not regret)
+    near = near_optimal_beliefs(problem, whole.action, allowed)
+    residual = belief_set_of(problem, whole.action).residual
     if near.is_empty:
         estimate, gap = nearest_explanation(problem, whole.action)
         nothing = np.full((problem.n_states, 2), np.nan)
         corners = np.zeros((0, problem.n_states))
         return RowReading(
-            Reading.IMPLAUSIBLE, whole.action, whole.adjustment, estimate, nothing, corners, residual, gap, allowance
+            Reading.IMPLAUSIBLE, whole.action, whole.adjustment, estimate, nothing, corners, residual, gap, allowed
         )
     # Corners of a smooth set are many above two dimensions, and only a triangle can be drawn.
     corners = near.vertices() if problem.n_states <= _DRAWN_STATES else np.zeros((0, problem.n_states))
@@ -226,7 +242,7 @@ def _read_rounded(problem: MarkowitzProblem, published: Array, half_unit: float)
     bounds = np.column_stack([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else near.bounds()
     middle = bounds.mean(axis=1)
     return RowReading(
-        Reading.ROUNDED,
+        Reading.NEAR if regret else Reading.ROUNDED,
         whole.action,
         whole.adjustment,
         near.nearest(middle / middle.sum()),
@@ -234,57 +250,8 @@ def _read_rounded(problem: MarkowitzProblem, published: Array, half_unit: float)
         corners,
         residual,
         near.plausibility_gap,
-        allowance,
+        allowed,
     )
-
-
-class _Completed(NamedTuple):
-    """A published row as a feasible decision; `on_face` where every row within reach of the rounding is tight."""
-
-    action: Array
-    adjustment: float
-    on_face: bool
-
-
-def _completed(problem: MarkowitzProblem, published: Array, half_unit: float) -> _Completed:
-    region = problem.constraints
-    reach = half_unit * np.abs(region.A_ub).sum(axis=1) / region.row_scale + tolerances.FEASIBILITY
-    near = region.slacks(published) <= reach
-    if half_unit == 0.0 and region.violation(published) <= 0.5 * tolerances.FEASIBILITY:
-        return _Completed(published, 0.0, True)
-    face = Polyhedron(
-        region.A_ub[~near],
-        region.b_ub[~near],
-        np.vstack([region.A_eq, region.A_ub[near]]),
-        np.concatenate([region.b_eq, region.b_ub[near]]),
-    )
-    try:
-        action, on_face = _nearest(face, published), True
-    except ModelError:
-        action, on_face = _nearest(region, published), False
-    return _Completed(action, float(np.abs(action - published).max()), on_face)
-
-
-def _nearest(region: Polyhedron, point: Array) -> Array:
-    projection = QuadraticProblem(np.eye(point.size)[None], -point[None], constraints=region)
-    action = projection.solve(np.ones(1))
-    # An asset that is not held must be printed as exactly 0, not as −0 or the rounding of a linear solve.
-    return np.where(np.abs(action) <= tolerances.STATIONARITY, 0.0, action)
-
-
-def _allowance(problem: MarkowitzProblem, whole: _Completed, reach: Array) -> float:
-    """ε of this module's head, for weights that may be off by `reach` (U,)."""
-    free = null_space(problem.constraints.A_eq) if len(problem.constraints.b_eq) else np.eye(reach.size)
-    project = free @ free.T
-    if not whole.on_face:
-        slopes = np.abs(problem.cost_gradients(whole.action) @ project)
-        return float((slopes @ reach).max())
-    worst = 0.0
-    for hessian in problem.hessians:
-        curved = project @ hessian @ project
-        largest = float(np.linalg.eigvalsh(curved)[-1]) * float(reach @ reach)
-        worst = max(worst, min(float(reach @ np.abs(curved) @ reach), largest))
-    return 0.5 * worst
 
 
 def _aligned(frame: Any, assets: tuple[str, ...]) -> Array:
@@ -311,6 +278,8 @@ def _aligned(frame: Any, assets: tuple[str, ...]) -> Array:
 def _check_rows(model: InvestorModel, published: Array, index: pd.Index, half_unit: float) -> None:
     """Refuse rows that no rounding brings into the feasible set: U rounded weights may miss a sum by U half units."""
     region = model.problem.constraints
+    if isinstance(region, MagnitudeRegion):
+        region = region.rows  # its limits are met by the nearest feasible weights
     broken = np.maximum(-region.slacks(published), 0.0)
     scale = np.abs(region.A_eq).max(axis=1, initial=0.0)
     off = np.abs(published @ region.A_eq.T - region.b_eq) / scale

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable import validation
+from inscrutable.axes import Axis
 from inscrutable.decision_makers import (
     CounterAdversarialDecisionMaker,
     OriginalDecisionMaker,
@@ -36,11 +37,13 @@ from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest, Sharp
 from inscrutable.experiments.backtest_sequential import play_sequentially
 from inscrutable.experiments.episodes import Episode, run_episode
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
+from inscrutable.experiments.silence import budget_in
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Disclosure
-from inscrutable.problems import MarkowitzProblem
+from inscrutable.problems import MarkowitzProblem, Polyhedron
 from inscrutable.validation import Array
 from inscrutable.worlds import FittedWorld, GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
+from inscrutable.worlds.gaussian_fit import Restart
 from inscrutable.worlds.hidden_markov import default_names
 
 __all__ = ["RESTARTS", "Backtest", "BacktestSettings", "run_backtest"]
@@ -121,6 +124,8 @@ def run_backtest(
     seeds = np.random.SeedSequence(chosen.seed).spawn(_SEEDS)
     fit_rng, draw_rng, bootstrap_rng, aware_rng, _, sequential_rng = map(np.random.default_rng, seeds)
     fit, world, problem = fitted_investor(market, chosen, restarts, rng=fit_rng)
+    spent = None if chosen.budget is None else budget_in(world, problem, chosen.budget)
+    chosen = replace(chosen, budget=spent)
     read = BesideReturns() if beside is None else beside
     world, public, everything = _with_public(read, world, market)
     held = _held_beliefs(world, market, public, read.private, beliefs)
@@ -138,7 +143,7 @@ def run_backtest(
     aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng, beside=seen)
     part = None
     if aware is not None and chosen.sequential:
-        part = play_sequentially(world, problem, episode.beliefs, chosen.budget, rng=sequential_rng, public=symbols)
+        part = play_sequentially(world, problem, episode.beliefs, spent, rng=sequential_rng, public=symbols)
     if aware is not None and part is not None:
         aware = part.joined(aware, SEQUENTIAL)
         episode = replace(episode, records={**episode.records, SEQUENTIAL: part.record(episode.beliefs, measure)})
@@ -164,6 +169,11 @@ def fitted_investor(
     market: ReturnsSample, settings: BacktestSettings, restarts: int | None, *, rng: np.random.Generator
 ) -> FittedInvestor:
     """Return the regimes fitted to the training sample, with their names, and the portfolio problem in them."""
+    own = settings.own
+    # A limit on an asset that is none of the returns' is found before the fit.
+    region = None if own is None else own.region(tuple(market.training.columns))
+    if own is not None and own.world is not None:
+        return _given_investor(market, settings, own.world, region)
     n_restarts = _enough_restarts(market, settings) if restarts is None else validation.count(restarts, "restarts")
     fit = fit_gaussian_hmm(
         market.training, settings.regimes, rng=rng, n_restarts=n_restarts, covariance=settings.covariance
@@ -172,8 +182,26 @@ def fitted_investor(
     assert isinstance(emission, GaussianEmission)
     world = HiddenMarkovModel(fit.world.transition, emission, fit.world.initial, names=names)
     means = pd.DataFrame(emission.means, index=list(world.names), columns=list(market.training.columns))
-    problem = MarkowitzProblem(means, emission.covariances, settings.risk_aversion)
-    return FittedInvestor(fit, world, problem)
+    return FittedInvestor(fit, world, MarkowitzProblem(means, emission.covariances, settings.risk_aversion, region))
+
+
+def _given_investor(
+    market: ReturnsSample, settings: BacktestSettings, world: HiddenMarkovModel, region: Polyhedron | None
+) -> FittedInvestor:
+    """Regimes of one's own, which nothing is fitted to, in the order of the returns' columns."""
+    emission, assets = world.emission, list(market.training.columns)
+    assert isinstance(emission, GaussianEmission)
+    known = [str(each) for each in emission.asset_names or ()]
+    order = Axis("asset", tuple(assets)).order(tuple(known), "the model's regimes") or list(range(len(assets)))
+    ordered = GaussianEmission(
+        emission.means[:, order], emission.covariances[:, order][:, :, order], asset_names=assets
+    )
+    mine = HiddenMarkovModel(world.transition, ordered, world.initial, names=world.names)
+    likelihood = filter_beliefs(mine, market.training).log_likelihood
+    start = Restart(likelihood, 0, True, (), "given, not fitted", (likelihood,), 0.0, (float("nan"),) * world.n_states)
+    fit = FittedWorld(mine, likelihood, (start,), "given", *market.training.shape)
+    means = pd.DataFrame(ordered.means, index=list(mine.names), columns=assets)
+    return FittedInvestor(fit, mine, MarkowitzProblem(means, ordered.covariances, settings.risk_aversion, region))
 
 
 def _enough_restarts(market: ReturnsSample, settings: BacktestSettings) -> int:

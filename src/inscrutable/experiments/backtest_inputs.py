@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from inscrutable import validation
-from inscrutable.budgets import Budget, as_budget
+from inscrutable.budgets import Budget, SilenceShare, written_budget
 from inscrutable.datasets import suspicious_entries
 from inscrutable.errors import InputError
 from inscrutable.experiments.performance import Frequency, frequency_of
@@ -18,6 +19,9 @@ from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
 from inscrutable.worlds.covariances import covariance_rule
 from inscrutable.worlds.observations import real_rows
+
+if TYPE_CHECKING:
+    from inscrutable.experiments.own_model import OwnModel
 
 _LISTED = 5
 _PAPERS_BUDGET = Budget(0.1)
@@ -42,6 +46,8 @@ class BacktestSettings:
         covariance: Of the regimes: "sample", "ledoit-wolf" or "factor:k" as for `fit_gaussian_hmm`; None chooses by the
             amount of data.
         sequential: Whether the sequential rule (SDM) is played as well, whose prices take up to a minute to find.
+        own: A model of one's own: limits on weights, and regimes that are then not fitted; its risk aversion, budget and
+            costs are for the caller to take over.
         disclosure: What one more rival is shown of the weights, how often and how late, such as "every(3)|delayed(2)", in rows
             of the returns; of `portfolio_return()` it knows the returns. Steps count from the first decision.
 
@@ -55,7 +61,7 @@ class BacktestSettings:
 
     regimes: int = 3
     risk_aversion: float = 5.0
-    budget: Budget | None = None
+    budget: Budget | SilenceShare | None = None
     measure: PrivacyMeasure = field(default_factory=MaximalObfuscation)
     cost_bps: float = 10.0
     train_until: str = "1989-12"
@@ -63,11 +69,12 @@ class BacktestSettings:
     covariance: str | None = None
     sequential: bool = True
     disclosure: str = "exact"
+    own: OwnModel | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "regimes", validation.count(self.regimes, "regimes", least=2))
         object.__setattr__(self, "risk_aversion", validation.positive(self.risk_aversion, "risk_aversion"))
-        object.__setattr__(self, "budget", None if self.budget is None else as_budget(self.budget))
+        object.__setattr__(self, "budget", _written(self.budget))
         object.__setattr__(self, "cost_bps", validation.non_negative(self.cost_bps, "cost_bps"))
         object.__setattr__(self, "train_until", str(self.train_until))
         object.__setattr__(self, "seed", validation.count(self.seed, "seed", least=0))
@@ -76,11 +83,26 @@ class BacktestSettings:
         object.__setattr__(self, "disclosure", str(Disclosure.of(self.disclosure)))
         if not isinstance(self.measure, PrivacyMeasure):
             raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {self.measure!r}")
+        if self.own is not None and self.own.world is not None:
+            object.__setattr__(self, "regimes", self.own.world.n_states)
+        if self.own is not None and self.own.file.constraints.turnover is not None:
+            raise InputError(
+                "a backtest decides every month for itself, without a limit on turnover: leave turnover out, or protect month "
+                "after month with the limit"
+            )
 
     @property
     def budget_of_each(self) -> Budget:
         """What CDM and PDM spend at every decision."""
+        if isinstance(self.budget, SilenceShare):
+            raise InputError(
+                "a share of the silence regret is a budget once the regimes are known: run_backtest finds it"
+            )
         return _PAPERS_BUDGET if self.budget is None else self.budget
+
+
+def _written(budget: Any) -> Budget | SilenceShare | None:
+    return budget if budget is None or isinstance(budget, (Budget, SilenceShare)) else written_budget(budget)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +147,10 @@ def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: 
     dates = pd.DatetimeIndex(table.index)
     n_training = _training_rows(dates, settings)
     n_held = len(dates) - n_training
+    is_fitted = settings.own is None or settings.own.world is None
     rule = covariance_rule(settings.covariance, n_training, table.shape[1], settings.regimes)
     least = settings.regimes * rule.least_observations(table.shape[1])
-    if n_training < least:
+    if is_fitted and n_training < least:
         raise InputError(
             f"the training sample has {n_training} rows ({_span(dates[:n_training])}); {settings.regimes} regimes of "
             f"{table.shape[1]} assets need at least {least} for {rule.name} covariances: move train_until, or use fewer "

@@ -12,7 +12,7 @@ from inscrutable.datasets import load_industry_returns
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest import fitted_investor
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
-from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.own_model import investor_of
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Prior, uniform_prior
@@ -77,8 +77,8 @@ def _returns_market(resolution: int, seed: int) -> ComparedMarket:
 
 
 def _model_market(path: Path, resolution: int, seed: int) -> ComparedMarket:
-    """The investor of a model.json, with the long-run law of its predicted belief."""
-    model = InvestorModel.load(path)
+    """The investor of a model.json or model.toml, with the long-run law of its predicted belief."""
+    model = investor_of(path)
     chain = predicted_chain(model.world, resolution, rng=np.random.default_rng(seed))
     return ComparedMarket(model.problem, chain, f"{path.name}; stationary prior of the predicted belief")
 

@@ -10,16 +10,22 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
 from inscrutable.budgets import Budget
 from inscrutable.datasets import write_json
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.files import path_of
-from inscrutable.problems import MarkowitzProblem, Polyhedron
+from inscrutable.problems import MarkowitzProblem, Polyhedron, turnover
+from inscrutable.problems.magnitudes import MagnitudeRegion
+from inscrutable.problems.segments import MagnitudeLimit
 from inscrutable.worlds import CategoricalEmission, GaussianEmission, HiddenMarkovModel
 from inscrutable.worlds.hidden_markov import default_names
 
@@ -42,6 +48,7 @@ class InvestorModel:
         regimes: X different labels, in the order of a belief's entries.
         budget: What the investor pays for privacy unless told otherwise.
         note: One line on where the model comes from.
+        turnover: Most that is bought plus sold against the last published weights; None for no limit. `problem` is without it.
 
     Raises:
         InputError: The numbers or names of regimes or assets disagree, or a label comes twice.
@@ -64,6 +71,7 @@ class InvestorModel:
     regimes: tuple[str, ...]
     budget: Budget = Budget(0.1)  # noqa: RUF009  # frozen
     note: str = ""
+    turnover: float | None = None
 
     def __repr__(self) -> str:
         told = f"; {self.note}" if self.note else ""
@@ -83,6 +91,28 @@ class InvestorModel:
         _check_names(self.world, self.problem, self.assets, self.regimes)
         if not isinstance(self.budget, Budget):
             raise InputError(f"budget must be a Budget such as Budget.relative(0.1), got {self.budget!r}")
+        if self.turnover is not None:
+            object.__setattr__(self, "turnover", validation.non_negative(self.turnover, "turnover"))
+
+    def problem_after(self, previous: ArrayLike | None) -> MarkowitzProblem:
+        """Return the problem where `previous` were the last published weights, (U,) or labelled; None where there were none."""
+        if self.turnover is None or previous is None:
+            return self.problem
+        problem = self.problem
+        near = turnover(previous, self.turnover, assets=self.assets, min_slack=problem.constraints.min_slack)
+        return MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, problem.constraints & near)
+
+    def after(self, previous: ArrayLike | None) -> InvestorModel:
+        """Return the investor at the decision after `previous`, its limit on turnover a part of the problem.
+
+        Raises:
+            InputError: Turnover is limited, and nothing says against which weights; or the other way round.
+        """
+        if (self.turnover is None) != (previous is None):
+            raise InputError(
+                "the last published weights and a limit on turnover go together: give both (--previous, --turnover), or neither"
+            )
+        return self if previous is None else replace(self, problem=self.problem_after(previous), turnover=None)
 
     def summary(self) -> str:
         """Return two lines for a person to read."""
@@ -106,7 +136,7 @@ class InvestorModel:
             "budget": {"amount": self.budget.amount, "is_relative": self.budget.is_relative},
             "world": self.world.to_dict(),
             "problem": problem_data(self.problem),
-        }
+        } | ({} if self.turnover is None else {"turnover": self.turnover})
         write_json(data, path)
         return Path(path)
 
@@ -127,7 +157,12 @@ class InvestorModel:
 
 def problem_data(problem: MarkowitzProblem) -> dict[str, Any]:
     """Return a portfolio problem as plain data with arrays."""
-    region = problem.constraints
+    whole = problem.constraints
+    limits = whole.limits if isinstance(whole, MagnitudeRegion) else ()
+    region = whole.rows if isinstance(whole, MagnitudeRegion) else whole
+    given = [
+        {"weights": each.weights, "centers": each.centers, "most": each.most, "name": each.name} for each in limits
+    ]
     return {
         "type": "markowitz",
         "means": problem.means,
@@ -140,6 +175,7 @@ def problem_data(problem: MarkowitzProblem) -> dict[str, Any]:
             "b_eq": region.b_eq,
             "names": list(region.names),
             "min_slack": region.min_slack,
+            **({"limits": given} if given else {}),
         },
     }
 
@@ -156,6 +192,12 @@ def problem_of(given: ProblemPart, naming: Callable[[str], AbstractContextManage
             names=rows.names,
             min_slack=rows.min_slack,
         )
+        if rows.limits:
+            limits = [
+                MagnitudeLimit(np.array(each.weights), np.array(each.centers), each.most, each.name)
+                for each in rows.limits
+            ]
+            region = MagnitudeRegion(region, limits)
     with naming("problem"):
         return MarkowitzProblem(given.means, given.covariances, given.risk_aversion, region)
 
@@ -224,7 +266,7 @@ def _built(source: Path, file: ModelFile) -> InvestorModel:
     with _naming(source, "budget"):
         budget = Budget(file.budget.amount, file.budget.is_relative)
     with _naming(source, "assets and regimes"):
-        return InvestorModel(world, problem, tuple(file.assets), tuple(file.regimes), budget, file.note)
+        return InvestorModel(world, problem, tuple(file.assets), tuple(file.regimes), budget, file.note, file.turnover)
 
 
 @contextmanager

@@ -49,6 +49,15 @@ class WorldPart(Section):
     public: CategoricalPart | GaussianPart | LinearPart | None = None
 
 
+class LimitPart(Section):
+    """A limit on a sum of magnitudes."""
+
+    weights: Matrix
+    centers: Matrix
+    most: float
+    name: str
+
+
 class ConstraintsPart(Section):
     """A feasible set."""
 
@@ -58,6 +67,7 @@ class ConstraintsPart(Section):
     b_eq: Vector
     names: list[str]
     min_slack: float
+    limits: list[LimitPart] = Field(default_factory=list)
 
 
 class ProblemPart(Section):
@@ -88,6 +98,7 @@ class ModelFile(Section):
     budget: BudgetPart
     world: WorldPart
     problem: ProblemPart
+    turnover: float | None = None
 
 
 def checked(source: Path, data: dict[str, Any]) -> ModelFile:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 from inscrutable.errors import InputError
 from inscrutable.experiments.sections import Likely, Matrix, Positive, Probability, Section, first_mistake
 from inscrutable.experiments.setting import Setting
-from inscrutable.files import reason
+from inscrutable.experiments.toml_lines import read_toml
 from inscrutable.privacy import Loss, NamingError, RivalProblem
 from inscrutable.problems import (
     DecisionProblem,
@@ -72,12 +71,7 @@ def read_rival(path: Path) -> Any:
     Raises:
         InputError: The file cannot be read, is not TOML, or holds anything else.
     """
-    try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {reason(error)}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not TOML: {error}") from None
+    data, _ = read_toml(path, "rival")
     if set(data) != {"problem"}:
         raise InputError(f"{path} has the keys {sorted(data)}, expected the section [problem] alone")
     try:
@@ -122,7 +116,7 @@ def is_own(loss: Loss | None, problem: DecisionProblem) -> bool:
 
 
 def _numbers(problem: MarkowitzProblem) -> list[Any]:
-    region = problem.constraints
+    region = problem.constraints.rows_in_full
     rows = np.column_stack([region.A_ub, region.b_ub])
     gamma = np.array([problem.risk_aversion])
     return [problem.means, problem.covariances, gamma, np.unique(rows, axis=0), region.A_eq, region.b_eq]

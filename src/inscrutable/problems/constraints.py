@@ -8,12 +8,13 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import null_space
 
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError
 from inscrutable.geometry.cones import StationarityRows, stationarity_rows
-from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
 from inscrutable.problems.conflicts import RowConflict, row_conflict
 from inscrutable.validation import Array
 
@@ -54,6 +55,9 @@ class Polyhedron:
         >>> long_only.n_actions
         2
     """
+
+    needs_lift: bool = False
+    """Whether rows in the decision itself do not say all: `MagnitudeRegion`."""
 
     def __init__(
         self,
@@ -253,6 +257,19 @@ class Polyhedron:
             asset_names=assets.names,
         )
 
+    @property
+    def rows_in_full(self) -> Polyhedron:
+        """The set as rows, in more variables than the decision's where it takes these."""
+        return self
+
+    def worst_row(self, action: Array) -> str:
+        """Return which row a decision (U,) misses most, and by how much."""
+        slack, off = self.slacks(action), self.A_eq @ action - self.b_eq
+        if slack.size and -slack.min() >= np.abs(off).max(initial=0.0):
+            return f"{self.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
+        worst = int(np.abs(off).argmax())
+        return f"{self.names[len(self.b_ub) + worst]} is off by {off[worst]:.3g}"
+
     def __repr__(self) -> str:
         return f"Polyhedron({self.n_actions} coordinates, {len(self.b_ub)} inequalities, {len(self.b_eq)} equalities)"
 
@@ -270,6 +287,31 @@ class Polyhedron:
         self._is_feasible = found is None
         return found
 
+    def extreme(self, direction: Array) -> Array:
+        """Return a decision (U,) that is least along a direction (U,) in which the set has an end."""
+        return minimum(direction, Rows(self.A_ub, self.b_ub), Rows(self.A_eq, self.b_eq)).x
+
+    def affine_hull(self, ends: Array) -> Array:
+        """Return directions (U,k) that span the set, of which `ends` (n,U) are extreme in every coordinate."""
+        hull = np.vstack([self.A_eq, self.A_ub[self._flat_rows(ends)]])
+        return null_space(hull, rcond=tolerances.ON_FACE) if len(hull) else np.eye(self.n_actions)
+
+    def _flat_rows(self, ends: Array) -> np.ndarray:
+        """Which rows are tight all over the set: the mean of its ends is slack in every row that can be."""
+        return np.asarray(self.slacks(ends.mean(axis=0)) <= tolerances.FEASIBILITY)
+
+    def reach(self, points: Array, directions: Array, ends: Array) -> tuple[Array, Array]:
+        """Return how far feasible points (n,U) can move along directions (n,U) of the affine hull: the least and the greatest
+        factor (n,)."""
+        loose = ~self._flat_rows(ends)
+        rows, sides = self.A_ub[loose], self.b_ub[loose]
+        speed = directions @ rows.T
+        slack = np.maximum(sides - points @ rows.T, 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steps = slack / speed
+        low = np.where(speed < 0, steps, -np.inf).max(axis=1, initial=-np.inf)
+        return low, np.where(speed > 0, steps, np.inf).min(axis=1, initial=np.inf)
+
     @cached_property
     def bounding_box(self) -> Array:
         """Least and greatest value of each coordinate over the set, shape (U, 2); infinite where it is unbounded."""
@@ -283,15 +325,20 @@ class Polyhedron:
         return limits
 
 
-def checked_region(constraints: Polyhedron, n_actions: int, assets: Axis | None = None) -> Polyhedron:
+def checked_region(
+    constraints: Polyhedron, n_actions: int, assets: Axis | None = None, *, lifts: bool = False
+) -> Polyhedron:
     """Return a feasible set in `n_actions` coordinates that is not empty, or raise `InputError` or `ModelError`.
 
-    Its coordinates are put in the order of `assets`, which learns the set's own where it has none.
+    Its coordinates are put in the order of `assets`, which learns the set's own where it has none. One that is no set of rows
+    in the decision is for problems that say that they lift it.
     """
     if not isinstance(constraints, Polyhedron):
         raise InputError(f"constraints must be a Polyhedron, got {type(constraints).__name__}")
     if constraints.n_actions != n_actions:
         raise InputError(f"constraints have {constraints.n_actions} coordinates, the costs {n_actions}")
+    if constraints.needs_lift and not lifts:
+        _ = constraints.A_ub  # says why, and what to do
     constraints.check_feasible()
     return constraints if assets is None else constraints.in_order(assets)
 

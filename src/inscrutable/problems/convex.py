@@ -41,7 +41,9 @@ class ConvexProblem(DecisionProblem):
     Args:
         variable: A `cvxpy.Variable` of shape (U,); its signs and `bounds` are constraints too.
         costs: X convex `cvxpy` expressions in this variable alone, one per state, in the cost's unit.
-        constraints: A `Polyhedron`, or a list of affine `cvxpy` constraints on the variable.
+        constraints: A `Polyhedron`, or a list of `cvxpy` constraints: affine, or with norms 1 and inf, `abs`, `max`, `pos` and
+            further variables that amount to rows and to sums of magnitudes of single coordinates. Sums of more than ten
+            magnitudes need quadratic or affine costs.
         differentiable: Whether the costs have gradients all over C; None looks: absolute values, maxima and norms that can
             be zero on C are taken for kinks. With kinks Π(u) is found by cutting planes, as the beliefs that lose at
             most 1e-6 of the cost's scale.
@@ -80,8 +82,10 @@ class ConvexProblem(DecisionProblem):
     ) -> None:
         model = Modelled(variable, costs, constraints)
         self._model: Modelled | None = model
-        self._set_up(model.values, model.gradients, checked_region(model.region, model.n_actions), len(costs))
-        smooth = not has_kinks(costs, variable, self.constraints) if differentiable is None else differentiable
+        region = checked_region(model.region, model.n_actions, lifts=model.is_quadratic)
+        self._set_up(model.values, model.gradients, region, len(costs))
+        unknown = differentiable is None and not model.is_quadratic
+        smooth = not has_kinks(costs, variable, self.constraints) if unknown else differentiable is not False
         self.differentiable = bool(smooth)
         self.strictly_convex = bool(strictly_convex)
         self._stated: DecisionProblem | None = _recognised(model, self.constraints)
@@ -109,6 +113,8 @@ class ConvexProblem(DecisionProblem):
 
     def smooth_form(self) -> SmoothForm | None:
         """Return the costs with their gradients, None where they have kinks."""
+        if self.constraints.needs_lift and self._stated is not None:
+            return self._stated.smooth_form()
         return (
             SmoothForm(self.constraints, self.cost_gradients, size=self._gradient_size) if self.differentiable else None
         )

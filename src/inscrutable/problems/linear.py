@@ -13,7 +13,9 @@ from inscrutable.errors import InputError, ModelError
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
-from inscrutable.problems.forms import LinearForm
+from inscrutable.problems.forms import Lift, LinearForm, SmoothForm
+from inscrutable.problems.magnitudes import MagnitudeRegion
+from inscrutable.problems.segments import Segments
 from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
 
@@ -56,9 +58,19 @@ class LinearProblem(DecisionProblem):
         self.costs = validation.finite_array(costs, "costs", ndim=2, axes=(states, assets))
         if not self.costs.size:
             raise InputError(f"costs has shape {self.costs.shape}, expected at least one state and one coordinate")
-        self.constraints = checked_region(constraints, self.costs.shape[1], assets)
+        self.constraints = checked_region(constraints, self.costs.shape[1], assets, lifts=True)
         self.state_names = states.names
-        self._check_bounded()
+        if self._lifted is None:
+            self._check_bounded()
+
+    @cached_property
+    def _lifted(self) -> tuple[LinearProblem, Segments] | None:
+        """The problem, up to constants, in the variables in which all limits are rows; None where they are rows already."""
+        if not isinstance(self.constraints, MagnitudeRegion):
+            return None
+        segments = self.constraints.segments
+        costs = segments.linear(self.costs, np.zeros((*self.costs.shape, self.costs.shape[1])))
+        return LinearProblem(costs, segments.feasible()), segments
 
     def _check_bounded(self) -> None:
         region = self.constraints
@@ -79,8 +91,18 @@ class LinearProblem(DecisionProblem):
         return int(self.costs.shape[0])
 
     def linear_form(self) -> LinearForm:
-        """Return c_i and C."""
-        return LinearForm(self.costs, self.constraints)
+        """Return c_i and C, in the variables in which all limits are rows."""
+        if self._lifted is None:
+            return LinearForm(self.costs, self.constraints)
+        stated, segments = self._lifted
+        return LinearForm(stated.costs, stated.constraints, Lift(segments.variables, segments.decisions))
+
+    def smooth_form(self) -> SmoothForm | None:
+        """Return the same with its gradients."""
+        if self._lifted is None:
+            return super().smooth_form()
+        form = self.linear_form()
+        return SmoothForm(form.constraints, self._lifted[0].cost_gradients, form.lift)
 
     @cached_property
     def without_common_costs(self) -> LinearProblem:
@@ -98,6 +120,8 @@ class LinearProblem(DecisionProblem):
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return an optimal vertex for one belief (X,) or many (T,X): shape (U,) or (T,U); ties always fall alike."""
         held = self.check_beliefs(beliefs)
+        if self._lifted is not None:
+            return self._lifted[1].decisions(self._lifted[0].solve(held))
         solved = self._table.solve(np.atleast_2d(held))
         return np.asarray(solved[0]) if held.ndim == 1 else solved
 

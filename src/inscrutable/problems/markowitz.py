@@ -61,7 +61,9 @@ class MarkowitzProblem(QuadraticProblem):
         super().__init__(
             2.0 * self.risk_aversion * self.covariances,
             -self.means,
-            constraints=checked_region(simplex(n_assets) if constraints is None else constraints, n_assets, assets),
+            constraints=checked_region(
+                simplex(n_assets) if constraints is None else constraints, n_assets, assets, lifts=True
+            ),
         )
         self.state_names = states.names
 

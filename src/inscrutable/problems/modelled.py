@@ -12,6 +12,7 @@ from inscrutable import tolerances
 from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.problems.constraints import Polyhedron, box
 from inscrutable.problems.expressions import Node, tree_of
+from inscrutable.problems.lifted_constraints import constrained
 from inscrutable.validation import Array
 
 _LONGEST_NAME = 60
@@ -140,7 +141,8 @@ class Modelled:
 
     def _rows_of(self, given: list[Any]) -> Polyhedron:
         below, equal, names = [], [], {"below": [], "equal": []}  # type: ignore[var-annotated]
-        for each in given:
+        lifted = [each for each in given if not self._is_plain(each)]
+        for each in (each for each in given if self._is_plain(each)):
             rows, is_equality = self._affine_rows(each)
             name = str(each)[:_LONGEST_NAME]
             (equal if is_equality else below).append(rows)
@@ -149,9 +151,19 @@ class Modelled:
             ]
         lower = np.vstack(below) if below else np.zeros((0, self.n_actions + 1))
         exact = np.vstack(equal) if equal else np.zeros((0, self.n_actions + 1))
-        return Polyhedron(
+        region = Polyhedron(
             lower[:, :-1], lower[:, -1], exact[:, :-1], exact[:, -1], names=names["below"] + names["equal"]
         )
+        return constrained(self._cvxpy, self._variable, lifted, region) if lifted else region
+
+    def _is_plain(self, constraint: Any) -> bool:
+        """Whether a constraint is affine in the problem's variable alone."""
+        kinds = self._cvxpy.constraints
+        if not isinstance(constraint, kinds.Constraint):
+            raise InputError(f"constraints has {constraint!r}, expected constraints of CVXPY")
+        known = (kinds.Equality, kinds.Zero, kinds.Inequality, kinds.NonPos, kinds.NonNeg)
+        is_affine = isinstance(constraint, known) and constraint.expr.is_affine()
+        return is_affine and all(each.id == self._variable.id for each in constraint.variables())
 
     def _attributed(self) -> Polyhedron | None:
         """The bounds that the variable's own attributes state."""
@@ -169,11 +181,8 @@ class Modelled:
     def _affine_rows(self, constraint: Any) -> tuple[Array, bool]:
         """Rows [a, b] of a'u ≤ b or a'u = b, read off the expression's values."""
         kinds = self._cvxpy.constraints
-        known = (kinds.Equality, kinds.Zero, kinds.Inequality, kinds.NonPos, kinds.NonNeg)
-        if not isinstance(constraint, known) or not constraint.expr.is_affine():
-            raise InputError(f"constraint {constraint} must be an affine equality or inequality")
-        if constraint.expr.parameters() or any(each.id != self._variable.id for each in constraint.variables()):
-            raise InputError(f"constraint {constraint} must be in the problem's variable alone, without parameters")
+        if constraint.expr.parameters():
+            raise InputError(f"constraint {constraint} must be without parameters")
         sign = -1.0 if isinstance(constraint, kinds.NonNeg) else 1.0
         self._variable.save_value(np.zeros(self.n_actions))
         offset = sign * np.ravel(constraint.expr.value)

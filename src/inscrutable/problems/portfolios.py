@@ -1,14 +1,14 @@
 """Feasible sets in a portfolio's words: caps, floors, groups, long and short, turnover; each some rows of a `Polyhedron`.
 
 Assets are given by their number or by their names, which then stand in the names of the rows and in messages. Sets are
-combined with `&`. A limit on a sum of magnitudes, Σ|u_j| ≤ g, is one row for every choice of signs: exact in the decision
-itself, so that the observer's multipliers stay those of Theorem 1, and therefore for ten assets of either sign at most.
+combined with `&`. A limit on a sum of magnitudes, Σ|u_j| ≤ g, is one row for every choice of signs while ten assets at most
+can have either, for problems of every kind; of more assets it is a `MagnitudeRegion`, for quadratic and linear costs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,12 @@ from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError
 from inscrutable.problems.constraints import Polyhedron
+from inscrutable.problems.magnitudes import MOST_SIGNED, limited
+from inscrutable.problems.segments import MagnitudeLimit
 from inscrutable.validation import Array
 
 Assets = int | Sequence[str]
 """A number of assets, called u[0], u[1], …, or their names."""
-
-MOST_SIGNED = 10
-"""Most coordinates of either sign in a limit on a sum of magnitudes: 1,024 rows, of which hundreds can be tight at once."""
 
 
 def max_weights(
@@ -133,20 +132,20 @@ def long_short(
 
     Formula: with Σu = net the gross limit says that no choice S of assets is short by more than (gross − net)/2:
     −Σ_{j in S} u_j ≤ (gross − net)/2, one row for each S among the `shortable`; the others are at least zero. With a range of
-    nets it is Σ_{j not in S} u_j − Σ_{j in S} u_j ≤ gross.
+    nets it is Σ_{j not in S} u_j − Σ_{j in S} u_j ≤ gross. Of more than ten `shortable` assets it is a `MagnitudeRegion`.
 
     Args:
         assets: The number of assets, or their names.
         gross: Most that long and short holdings add up to, at least |net|.
         net: Σu, one number, or (least, greatest).
-        shortable: Assets that may be short, by name or number; None is all of them; ten at most.
+        shortable: Assets that may be short, by name or number; None is all of them.
         min_slack: Least slack of a row that is not tight in an admissible decision.
 
     Raises:
-        InputError: More than ten assets may be short, an asset is unknown, or a number is not finite.
+        InputError: An asset is unknown, or a number is not finite.
         ModelError: The gross limit is below what the net asks for.
 
-    Cost: 2 to the number of shortable assets rows. Source: the paper, eq. (3).
+    Cost: 2 to the number of shortable assets rows, up to ten; else none. Source: the paper, eq. (3).
 
     Example:
         >>> long_short(["A", "B"], gross=1.6, net=1.0).names
@@ -162,21 +161,21 @@ def long_short(
             "lower the other"
         )
     chosen = np.arange(len(names)) if shortable is None else _numbers(shortable, names, "shortable")
-    _check_signed(chosen.size, "the gross limit", "assets may be short", "name fewer in `shortable`")
-    rows, sides, labels = _gross_rows(names, chosen, most, low if exact else None)
-    for j in np.setdiff1d(np.arange(len(names)), chosen):
-        rows.append(-np.eye(len(names))[j])
-        sides.append(0.0)
-        labels.append(f"{names[j]} >= 0")
-    ones, known = np.ones(len(names)), _labels(assets)
+    kept, ones, known = np.setdiff1d(np.arange(len(names)), chosen), np.ones(len(names)), _labels(assets)
+    labels = [f"{names[j]} >= 0" for j in kept]
     if exact:
-        labels.append(f"net = {low:g}")
-        return Polyhedron(rows, sides, [ones], [low], names=labels, min_slack=min_slack, asset_names=known)
-    for side, value, sign in (("<=", high, 1.0), (">=", low, -1.0)):
-        rows.append(sign * ones)
-        sides.append(sign * value)
-        labels.append(f"net {side} {value:g}")
-    return Polyhedron(rows, sides, names=labels, min_slack=min_slack, asset_names=known)
+        nets, sides = [f"net = {low:g}"], np.zeros(kept.size)
+        rows = -np.eye(len(names))[kept]
+    else:
+        nets = [f"net <= {high:g}", f"net >= {low:g}"]
+        sides = np.concatenate([np.zeros(kept.size), [high, -low]])
+        rows = np.vstack([-np.eye(len(names))[kept], ones, -ones])
+    equal = ([ones], [low]) if exact else (None, None)
+    plain = Polyhedron(rows, sides, *equal, names=labels + nets, min_slack=min_slack, asset_names=known)
+    name = f"gross <= {most:g}"
+    if exact and chosen.size <= MOST_SIGNED:
+        return _short_rows(names, chosen, 0.5 * (most - low), name, plain) & plain
+    return limited(plain, MagnitudeLimit(ones[None], np.zeros((1, len(names))), most, name), "short")
 
 
 def turnover(
@@ -192,7 +191,8 @@ def turnover(
     The last *published* weights are what was played, not the private optimum: both the agent and the observer know them,
     so the limit is part of the problem that the observer inverts.
 
-    Formula: ±(u_1 − p_1) ± … ± (u_U − p_U) ≤ limit, one row for every choice of signs; what can only be bought has one sign.
+    Formula: ±(u_1 − p_1) ± … ± (u_U − p_U) ≤ limit, one row for every choice of signs while ten assets at most may be sold;
+    else a `MagnitudeRegion`. What can only be bought has one sign.
 
     Args:
         previous: The last published weights, shape (U,), or a mapping (or a pandas series) from names to weights.
@@ -202,9 +202,9 @@ def turnover(
         min_slack: Least slack of a row that is not tight in an admissible decision.
 
     Raises:
-        InputError: More than ten assets may be sold, a weight is not finite, the limit is negative or names disagree.
+        InputError: A weight is not finite, the limit is negative or names disagree.
 
-    Cost: 2 to the number of assets that may be sold rows. Source: the paper, eq. (3).
+    Cost: 2 to the number of assets that may be sold rows, up to ten; else none. Source: the paper, eq. (3).
 
     Example:
         >>> region = turnover([0.5, 0.5], 0.2)
@@ -218,17 +218,15 @@ def turnover(
         raise InputError(f"previous has {weights.size} weights, expected one per asset: {len(names)}")
     most = validation.non_negative(limit, "limit")
     bought = weights <= 0 if long_only else np.zeros(weights.size, dtype=bool)
-    advice = "limit each asset with max_weights and min_weights around the previous weights, or set long_only"
-    _check_signed(int((~bought).sum()), "the turnover limit", "assets may be sold", advice)
-    signs = np.array(list(product(*((1.0,) if only else (1.0, -1.0) for only in bought))))
-    labels = [f"turnover <= {most:g} (sold: {', '.join(np.array(names)[row < 0]) or 'none'})" for row in signs]
-    floors = [f"{names[j]} >= 0" for j in np.flatnonzero(bought)]
-    return Polyhedron(
-        np.vstack([signs, -np.eye(weights.size)[bought]]),
-        np.concatenate([signs @ weights + most, np.zeros(len(floors))]),
-        names=labels + floors,
+    plain = Polyhedron(
+        -np.eye(weights.size)[bought],
+        np.zeros(int(bought.sum())),
+        names=[f"{names[j]} >= 0" for j in np.flatnonzero(bought)],
         min_slack=min_slack,
         asset_names=order.names,
+    )
+    return limited(
+        plain, MagnitudeLimit(np.ones((1, weights.size)), weights[None], most, f"turnover <= {most:g}"), "sold"
     )
 
 
@@ -329,25 +327,12 @@ def _pair(net: Any) -> Array:
     return values
 
 
-def _check_signed(count: int, what: str, who: str, advice: str) -> None:
-    if count > MOST_SIGNED:
-        raise InputError(
-            f"{what} takes one row for every choice of signs: {count} {who}, at most {MOST_SIGNED} can; {advice}"
-        )
-
-
-def _gross_rows(
-    names: tuple[str, ...], chosen: np.ndarray, gross: float, net: float | None
-) -> tuple[list[Array], list[float], list[str]]:
-    """Rows Σ|u| ≤ gross for assets `chosen` of either sign; with a net they are written as limits on what is short."""
-    rows, sides, labels = [], [], []
-    for size in range(len(chosen) + 1):
-        for pick in combinations(chosen, size):
-            short = np.zeros(len(names), dtype=bool)
-            short[list(pick)] = True
-            if net is not None and (not short.any() or short.all()):
-                continue  # follows from the net and gross ≥ |net|
-            rows.append(-short.astype(float) if net is not None else np.where(short, -1.0, 1.0))
-            sides.append(0.5 * (gross - net) if net is not None else gross)
-            labels.append(f"gross <= {gross:g} (short: {', '.join(np.array(names)[short]) or 'none'})")
-    return rows, sides, labels
+def _short_rows(names: tuple[str, ...], chosen: np.ndarray, most: float, name: str, plain: Polyhedron) -> Polyhedron:
+    """Rows −Σ_{j in S} u_j ≤ most for every choice S of assets; all and none follow from the net."""
+    picks = [list(pick) for size in range(1, len(names)) for pick in combinations(chosen, size)]
+    rows = np.zeros((len(picks), len(names)))
+    for row, pick in zip(rows, picks, strict=True):
+        row[pick] = -1.0
+    labels = [f"{name} (short: {', '.join(names[j] for j in pick)})" for pick in picks]
+    sides = np.full(len(picks), most)
+    return Polyhedron(rows, sides, names=labels, min_slack=plain.min_slack, asset_names=plain.asset_names)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +15,10 @@ from inscrutable.geometry.morton import morton_order
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.copied_coordinates import Merged, merged_copies
-from inscrutable.problems.forms import LinearForm, QuadraticForm, SmoothForm
+from inscrutable.problems.forms import Lift, LinearForm, QuadraticForm, SmoothForm
+from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
+from inscrutable.problems.segments import Segments
 from inscrutable.problems.vertices import VertexTable
 from inscrutable.validation import Array
 
@@ -65,7 +67,7 @@ class QuadraticProblem(DecisionProblem):
         self.constants = validation.finite_array(given, "constants", ndim=1, axes=(states,))
         if self.constants.shape != (n_states,):
             raise InputError(f"constants has {self.constants.size} entries, expected one per state: {n_states}")
-        self.constraints = checked_region(constraints, n_actions, assets)
+        self.constraints = checked_region(constraints, n_actions, assets, lifts=True)
         self.state_names = states.names
 
     @property
@@ -92,16 +94,26 @@ class QuadraticProblem(DecisionProblem):
         """Return H_i, g_i, r_i and C; None of a class that states other costs or slopes than these."""
         if not self._has_these_costs:
             return None
+        if self.lifted is not None:
+            return self.lifted.quadratic_form()
         return QuadraticForm(self.hessians, self.linear, self.constants, self.constraints)
 
     def linear_form(self) -> LinearForm | None:
         """Return g_i and C where no cost bends."""
         flat = self._has_these_costs and not self.hessians.any()
+        if self.lifted is not None:
+            return (
+                LinearForm(self.lifted.problem.linear, self.lifted.problem.constraints, self.lifted.lift)
+                if flat
+                else None
+            )
         return LinearForm(self.linear, self.constraints) if flat else None
 
     def smooth_form(self) -> SmoothForm:
         """Return the costs' gradients and the size of g_i: H_i u is as large where the two cancel."""
         size = float(np.abs(self.linear).max(initial=0.0)) if self._has_these_costs else 0.0
+        if self.lifted is not None:
+            return self.lifted.smooth_form()
         return SmoothForm(self.constraints, self.cost_gradients, size=size)
 
     @property
@@ -122,6 +134,8 @@ class QuadraticProblem(DecisionProblem):
 
     def solve_rows(self, held: Array) -> Array:
         """Return u*(π), shape (T,U), for the rows of a contiguous array (T,X) that are known to be beliefs."""
+        if self.lifted is not None:
+            return self.lifted.lift.decisions(self.lifted.problem.solve_rows(held))
         if self._vertices is not None:
             return self._vertices.solve(held)
         if self._merged is not None:
@@ -129,11 +143,18 @@ class QuadraticProblem(DecisionProblem):
         return self._along_path(held) if self.solves_in_bulk else self._one_by_one(held)
 
     @cached_property
+    def lifted(self) -> LiftedCosts | None:
+        """The problem in the variables in which all limits are rows; None where they are rows in the decision itself."""
+        return lifted_costs(self, self.constraints.segments) if isinstance(self.constraints, MagnitudeRegion) else None
+
+    @cached_property
     def _merged(self) -> Merged | None:
         """The feasible set in which of coordinates that are copies the first is left; None where there are none.
 
         Of tied decisions the one is taken that holds one copy: its face has no ties, so that searches can climb there.
         """
+        if self.constraints.needs_lift:
+            return None
         return merged_copies(self.hessians, self.linear, self.constraints)
 
     @cached_property
@@ -263,6 +284,41 @@ class QuadraticProblem(DecisionProblem):
         return np.asarray(np.einsum("xuv,...v->...xu", self.hessians, points) + self.linear)
 
 
+class LiftedCosts(NamedTuple):
+    """Quadratic costs in the variables of segments, and the way to them and back."""
+
+    problem: QuadraticProblem
+    lift: Lift
+    is_searched: bool
+
+    def quadratic_form(self) -> QuadraticForm | None:
+        """Return the quadratic costs; None where a bend lies so near to a bound or another, within a hundredth of the least
+        slack, that the way between them could not be told from rounding."""
+        stated = self.problem
+        form = QuadraticForm(stated.hessians, stated.linear, stated.constants, stated.constraints, self.lift)
+        return form if self.is_searched else None
+
+    def smooth_form(self) -> SmoothForm:
+        """Return the same with its gradients; an observer counts as a bend what is tight."""
+        form = self.problem.smooth_form()
+        return SmoothForm(form.constraints, form.gradients, self.lift, form.size)
+
+
+def lifted_costs(
+    problem: QuadraticProblem, segments: Segments, rates: Array | None = None, at_base: float = 0.0
+) -> LiftedCosts:
+    """Return quadratic costs in the variables of segments, with further costs `rates` (V,) of them and `at_base`."""
+    slopes = problem.cost_gradients(segments.base)
+    linear = segments.linear(slopes, problem.hessians)
+    stated = QuadraticProblem(
+        segments.hessians(problem.hessians),
+        linear if rates is None else linear + rates,
+        problem.state_costs(segments.base) + at_base,
+        constraints=segments.feasible(),
+    )
+    return LiftedCosts(stated, Lift(segments.variables, segments.decisions), segments.is_searched)
+
+
 def quadratic_problem(problem: DecisionProblem) -> QuadraticProblem | None:
     """Return the quadratic problem in the variables of a problem's quadratic form, made once and kept with the problem;
     itself where it is one, None where there is no form."""
@@ -278,7 +334,8 @@ def _stated(problem: DecisionProblem) -> QuadraticProblem | None:
     if form is None:
         return None
     if type(problem).quadratic_form is QuadraticProblem.quadratic_form:
-        return cast(QuadraticProblem, problem)
+        own = cast(QuadraticProblem, problem)
+        return own if own.lifted is None else own.lifted.problem
     return QuadraticProblem(form.hessians, form.linear, form.constants, constraints=form.constraints)
 
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable import tolerances, validation
+from inscrutable import validation
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.problems.base import DecisionProblem
-from inscrutable.problems.constraints import Polyhedron, box
-from inscrutable.problems.forms import Lift, QuadraticForm, SmoothForm
-from inscrutable.problems.quadratic import QuadraticProblem, quadratic_problem
+from inscrutable.problems.forms import QuadraticForm, SmoothForm
+from inscrutable.problems.magnitudes import MagnitudeRegion
+from inscrutable.problems.quadratic import QuadraticProblem, lifted_costs, quadratic_problem
+from inscrutable.problems.segments import Segments
 from inscrutable.validation import Array
-
-_MOST_STRETCHED = 100.0
-"""Times that a purchase or sale is stretched: its curvature shrinks by the square, and must not be taken for none."""
 
 
 def with_transaction_costs(
@@ -50,10 +46,9 @@ def with_transaction_costs(
          [0.5  0.5 ]
          [0.54 0.46]]
     """
-    form = problem.quadratic_form() if isinstance(problem, DecisionProblem) else None
-    if form is None or form.lift is not None:
+    smooth = _unlifted(problem)
+    if smooth is None:
         raise InputError(f"transaction costs need a QuadraticProblem or another with quadratic costs, got {problem!r}")
-    smooth = cast(QuadraticProblem, quadratic_problem(problem))
     assets = Axis("asset", problem.asset_names)
     held = validation.finite_array(former, "former", ndim=1, axes=(assets,))
     if held.size != problem.n_actions:
@@ -71,6 +66,14 @@ def with_transaction_costs(
     return TradingProblem(smooth, held, rates) if rates.any() else smooth
 
 
+def _unlifted(problem: DecisionProblem) -> QuadraticProblem | None:
+    """The quadratic problem in the decision itself, None where there is none."""
+    form = problem.quadratic_form() if isinstance(problem, DecisionProblem) else None
+    if form is not None and isinstance(problem, QuadraticProblem):
+        return problem
+    return None if form is None or form.lift is not None else quadratic_problem(problem)
+
+
 def _rates(value: ArrayLike, size: int, name: str, assets: Axis) -> Array:
     given = validation.finite_array(value, name, ndim=(0, 1), axes=(assets,))
     if given.ndim == 1 and given.size != size:
@@ -78,11 +81,6 @@ def _rates(value: ArrayLike, size: int, name: str, assets: Axis) -> Array:
     if (given < 0).any():
         raise InputError(f"{name} has {given.min():g}; a cost of trading must be at least 0")
     return np.array(np.broadcast_to(given, (size,)))
-
-
-def _gaps(distances: Array) -> Array:
-    """Distances to bounds, those of rounding size as none."""
-    return np.where(distances <= tolerances.FEASIBILITY, 0.0, distances)
 
 
 class TradingProblem(DecisionProblem):
@@ -121,47 +119,12 @@ class TradingProblem(DecisionProblem):
         self.former = validation.finite_array(former, "former", ndim=1, axes=(assets,))
         self.rates = _rates(rates, problem.n_actions, "rates", assets)
         self.constraints = problem.constraints
-        size = problem.n_actions
-        lower, upper = self.constraints.coordinate_bounds
-        short, long = _gaps(self.former - lower), _gaps(upper - self.former)
-        # A coordinate that is traded for nothing, or only one way, has no kink, and one column.
-        self._kinked = np.flatnonzero((self.rates > 0) & (short > 0) & (long > 0))
-        self._plain = np.setdiff1d(np.arange(size), self._kinked)
-        kinked, plain, unit = self._kinked, self._plain, np.eye(size)
-        least = self.constraints.min_slack * (1.0 + tolerances.SLACK_SAFETY)
-        gaps = np.concatenate([long[kinked], short[kinked]])
-        # A gap below the least slack is stretched to it: a sale of all that is held is admissible however little that was.
-        self._stretch = np.clip(least / gaps, 1.0, _MOST_STRETCHED)
-        self._is_searched = bool((self._stretch * gaps >= least).all())
-        self._columns = np.hstack([unit[:, kinked] / self._stretch[: kinked.size],
-                                   -unit[:, kinked] / self._stretch[kinked.size :], unit[:, plain]])  # fmt: skip
-        rates = np.concatenate([self.rates[kinked], self.rates[kinked]]) / self._stretch
-        one_way = np.where(short[plain] <= 0, self.rates[plain], -self.rates[plain])
-        hessians = self._columns.T @ problem.hessians @ self._columns
-        bends = np.maximum(np.linalg.eigvalsh(problem.hessians)[:, 0], 0.0)
-        for j in range(kinked.size):
-            both = [j, kinked.size + j]
-            hessians[:, both, both[::-1]] += (bends / self._stretch[both].prod())[:, None]
-        self._lifted = QuadraticProblem(
-            hessians,
-            problem.cost_gradients(self.former) @ self._columns + np.concatenate([rates, one_way]),
-            problem.state_costs(self.former),
-            constraints=self._region(problem.constraints, self._stretch * gaps),
-        )
-
-    def _region(self, region: Polyhedron, most: Array) -> Polyhedron:
-        """The feasible purchases and sales: bounds on each, and the rows that combine coordinates."""
-        lower, upper = (limit[self._plain] - self.former[self._plain] for limit in region.coordinate_bounds)
-        wide = np.count_nonzero(region.A_ub, axis=1) > 1
-        rows = Polyhedron(
-            region.A_ub[wide] @ self._columns,
-            region.b_ub[wide] - region.A_ub[wide] @ self.former,
-            region.A_eq @ self._columns,
-            region.b_eq - region.A_eq @ self.former,
-            min_slack=region.min_slack,
-        )
-        bounds = np.concatenate([np.zeros(most.size), lower]), np.concatenate([most, upper])
-        return rows & box(*bounds, min_slack=region.min_slack) if np.isfinite(bounds).any() else rows
+        # A coordinate that is traded for nothing, or only one way, has no kink.
+        limits = self.constraints.limits if isinstance(self.constraints, MagnitudeRegion) else ()
+        rows = self.constraints.rows if isinstance(self.constraints, MagnitudeRegion) else self.constraints
+        segments = Segments(rows, [np.where(self.rates > 0, self.former, np.nan)], limits)
+        slopes = np.append(segments.slopes(self.rates, self.former), np.zeros(len(limits)))
+        self._lifted = lifted_costs(problem, segments, slopes, float(np.abs(segments.base - self.former) @ self.rates))
 
     @property
     def n_states(self) -> int:
@@ -175,7 +138,7 @@ class TradingProblem(DecisionProblem):
 
     def solve(self, beliefs: ArrayLike) -> Array:
         """Return u*(π) for one belief (X,) or many (T,X), shape (U,) or (T,U); what is not traded is kept to the last digit."""
-        return self._traded(self._lifted.solve(self.check_beliefs(beliefs)))
+        return self._lifted.lift.decisions(self._lifted.problem.solve(self.check_beliefs(beliefs)))
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U), trading included: shape (…,X)."""
@@ -191,29 +154,11 @@ class TradingProblem(DecisionProblem):
     def quadratic_form(self) -> QuadraticForm | None:
         """Return the quadratic problem of purchases and sales; None where a former decision lies so near to a bound, within
         a hundredth of the least slack, that selling all of it could not be told from rounding."""
-        lifted = self._lifted
-        lift = Lift(self._trades, self._traded)
-        form = QuadraticForm(lifted.hessians, lifted.linear, lifted.constants, lifted.constraints, lift)
-        return form if self._is_searched else None
+        return self._lifted.quadratic_form()
 
     def smooth_form(self) -> SmoothForm:
         """Return the same with its gradients; an observer counts as the kink what is tight."""
-        form = self._lifted.smooth_form()
-        return SmoothForm(form.constraints, form.gradients, Lift(self._trades, self._traded), form.size)
-
-    def _trades(self, actions: Array) -> Array:
-        """Purchases, sales, and what has no kink, of decisions (…,U)."""
-        trades = self.as_points(actions) - self.former
-        kinked = trades[..., self._kinked]
-        two_ways = np.concatenate([np.maximum(kinked, 0.0), np.maximum(-kinked, 0.0)], axis=-1) * self._stretch
-        return np.concatenate([two_ways, trades[..., self._plain]], axis=-1)
-
-    def _traded(self, variables: Array) -> Array:
-        """The decisions (…,U) that trades lead to; what ends beside a bound by rounding is put on it."""
-        actions = self.former + variables @ self._columns.T
-        for limit in self.constraints.coordinate_bounds:
-            actions = np.where(np.abs(actions - limit) <= tolerances.SAME_ACTION, limit, actions)
-        return np.asarray(actions)
+        return self._lifted.smooth_form()
 
     def __repr__(self) -> str:
         return f"TradingProblem({self.n_states} states, {self.n_actions} coordinates)"

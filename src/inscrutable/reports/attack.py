@@ -10,7 +10,7 @@ import pandas as pd
 
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, decimal_places
-from inscrutable.experiments.attack import Attack, Reading
+from inscrutable.experiments.attack import Attack, Reading, regret_text
 from inscrutable.labels import label_text
 from inscrutable.reports.style import (
     BLACK,
@@ -67,14 +67,15 @@ def attack_lines(attack: Attack) -> pd.DataFrame:
             for row, (low, high) in zip(attack.rows, attack.bounds[:, i], strict=True)
         ]
     columns["most likely"] = [attack.model.regimes[int(row.estimate.argmax())] for row in attack.rows]
-    columns["reading"] = [_SHORT[row.reading].format(row.gap, row.allowance) for row in attack.rows]
+    columns["reading"] = [_SHORT[row.reading].format(row.gap, row.allowance, 1e4 * row.gap) for row in attack.rows]
     return pd.DataFrame(columns, index=attack.index)
 
 
 _SHORT = {
     Reading.EXACT: "exact",
     Reading.ROUNDED: "rounded, ε {1:.1e}",
-    Reading.IMPLAUSIBLE: "implausible, gap {0:.1e}",
+    Reading.NEAR: "near-optimal, ε {1:.1e}",
+    Reading.IMPLAUSIBLE: "nearest explanation, gap {2:.3g} bp",
 }
 
 
@@ -87,9 +88,13 @@ def reading_notes(attack: Attack) -> list[str]:
             f"rounded to {decimal_places(digits)}: the near-optimal set is read, every belief that leaves the weights at most "
             "ε of regret, the most that rounding can cause."
         ),
+        Reading.NEAR: (
+            f"near-optimal: every belief under which the weights cost at most {regret_text(attack.regret)} more than the best "
+            "ones, and what rounding can cause."
+        ),
         Reading.IMPLAUSIBLE: (
-            "implausible: no belief explains the weights, rounded or not; shown is the nearest explanation, the belief "
-            "of least regret, and the gap is that regret."
+            "nearest explanation: no belief explains the weights, rounded or not; shown is the belief of least regret, and the "
+            "gap is that regret, in basis points (bp) of wealth per row of returns: --regret with more reads a set."
         ),
     }
     return [note for reading, note in notes.items() if attack.count(reading)]
@@ -103,8 +108,10 @@ def reading_of(attack: Attack, step: int) -> str:
     if row.reading is Reading.ROUNDED:
         digits = FULL_PRECISION_DIGITS if attack.decimals is None else attack.decimals
         return f"near-optimal within regret {row.allowance:.1e} because weights are rounded to {decimal_places(digits)}"
+    if row.reading is Reading.NEAR:
+        return f"near-optimal within regret {row.allowance:.1e}, of which {attack.regret:.1e} was asked for"
     nearest = ", ".join(f"{share:.3f}" for share in row.estimate)
-    return f"implausible: no belief explains this; least regret {row.gap:.1e}, nearest explanation ({nearest})"
+    return f"no belief explains this; nearest explanation ({nearest}), least regret {regret_text(row.gap)}"
 
 
 def plot_attack(attack: Attack, axes: Any) -> Any:
@@ -147,7 +154,7 @@ def plot_attack(attack: Attack, axes: Any) -> Any:
             linewidths=1.0,
             zorder=3,
             clip_on=False,
-            label="implausible row: nearest explanation",
+            label="not explained: nearest explanation",
         )
     ternary_labels(axes, attack.model.regimes)
     return dots if len(attack) > 1 else None
@@ -167,7 +174,7 @@ def plot_attack_bounds(attack: Attack, axes: Any) -> None:
             label = "estimate, in the interval that the weights allow"
             panel.plot(places[explained], estimates[explained, i], ".", label=label, **dots)
         if not explained.all():
-            label = "implausible row: nearest explanation"
+            label = "not explained: nearest explanation"
             panel.plot(places[~explained], estimates[~explained, i], "x", color=ORANGE, markersize=4, label=label)
         panel.set_ylim(-0.04, 1.04)
         panel.set_yticks([0.0, 0.5, 1.0])
@@ -263,7 +270,11 @@ def attack_summary(attack: Attack) -> dict[str, Any]:
         "sentence": attack.summary(),
         "regimes": list(regimes),
         "decimals": attack.decimals,
-        "readings": {reading.name.lower(): attack.count(reading) for reading in Reading},
+        "readings": {
+            reading.name.lower(): attack.count(reading)
+            for reading in Reading
+            if attack.regret or reading is not Reading.NEAR
+        },
         "rows": [
             {
                 "row": label_text(label),

@@ -214,10 +214,15 @@ def notes_of(result: Backtest) -> list[str]:
     settings, market = result.settings, result.market
     word = market.frequency.word
     return [
-        f"Regimes fitted on {market.n_training} {word}s to {market.training.index[-1]:%Y-%m-%d} and never again; "
+        f"{_source_of_regimes(result)}; "
         f"risk aversion γ = {settings.risk_aversion:g} in γu'Σu − μ'u, no ½; budget {result.budget}.",
         *_sequential_notes(result),
-        *([] if result.fit.covariance == "sample" else [f"Covariances are not full ones: {result.fit.size}."]),
+        *_limit_notes(result),
+        *(
+            []
+            if result.fit.covariance in ("sample", "given")
+            else [f"Covariances are not full ones: {result.fit.size}."]
+        ),
         "The rival knows means, covariances and γ, takes the published weights (of a lottery, the draw) at face value, "
         "and guesses the centre of the beliefs that explain them.",
         *_aware_notes(result),
@@ -227,6 +232,26 @@ def notes_of(result: Backtest) -> list[str]:
         f"Silence regret: {result.silence_regret * _BASIS_POINTS:.2f} bp per {word}, the mean regret of the one constant "
         "portfolio that suits these beliefs best, known only in hindsight; it would give away nothing but their mean.",
     ]
+
+
+def _source_of_regimes(result: Backtest) -> str:
+    market = result.market
+    if result.fit.covariance == "given":
+        return "Regimes as the model gives them, nothing is fitted"
+    rows = f"{market.n_training} {market.frequency.word}s"
+    return f"Regimes fitted on {rows} to {market.training.index[-1]:%Y-%m-%d} and never again"
+
+
+def _limit_notes(result: Backtest) -> list[str]:
+    """What may be held, where it is more than weights of at least 0 that add up to 1."""
+    own = result.settings.own
+    given = {} if own is None else own.file.constraints.model_dump(exclude_none=True)
+    if not given:
+        return []
+    told = "; ".join(
+        f"{key} {value if not isinstance(value, dict) else ', '.join(map(str, value))}" for key, value in given.items()
+    )
+    return [f"Limits on weights, which the rival knows: {told}."]
 
 
 def _aware_notes(result: Backtest) -> list[str]:
@@ -315,6 +340,9 @@ def summary_data(result: Backtest) -> dict[str, Any]:
     """Return what `summary.json` holds: plain data, no clock, no path of this machine."""
     settings, market = result.settings, result.market
     chosen = {**vars(settings), "measure": repr(settings.measure), "budget": asdict(result.budget)}
+    own = chosen.pop("own")
+    if own is not None:
+        chosen["own"] = own.file.model_dump(exclude_none=True)
     best = max(restart.log_likelihood for restart in result.fit.restarts)
     return {
         "version": __version__,

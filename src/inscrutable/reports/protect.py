@@ -91,6 +91,9 @@ def option_lines(protection: Protection, step: int) -> pd.DataFrame:
         lines.loc[name] = [style.format(value) for value in table.loc[name]]
     weights = [f"weight: {asset}" for asset in protection.model.assets]
     idle = [name for name in weights if np.abs(table.loc[name].to_numpy(dtype=float)).max() < _SMALLEST_SHOWN]
+    if protection.planned is not None:
+        planned = [f"{value:.4f}" for value in protection.planned.rows[step].action]
+        lines.insert(0, "planned", pd.Series(planned, index=weights).reindex(lines.index).fillna(""))
     lines = lines.drop(index=idle)
     lines.index.name = None
     return lines
@@ -114,9 +117,17 @@ def row_lines(protection: Protection) -> pd.DataFrame:
                 "regret": f"{publish.regret:.3g}",
                 "of |c*|": f"{share:.1%}",
                 "changed by": f"{0.5 * np.abs(publish.action - protection.optimal[step]).sum():.3f}",
+                **_from_planned(protection, step, publish.action),
             }
         )
     return pd.DataFrame(lines, index=protection.index)
+
+
+def _from_planned(protection: Protection, step: int, action: Array) -> dict[str, str]:
+    """By how much weights differ from the planned ones, where there were some."""
+    if protection.planned is None:
+        return {}
+    return {"from planned": f"{0.5 * np.abs(action - protection.planned.rows[step].action).sum():.3f}"}
 
 
 def published_weights(protection: Protection, *, drawn: bool = False) -> pd.DataFrame:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from difflib import get_close_matches
 from math import prod
 from pathlib import Path
@@ -15,66 +12,24 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from inscrutable.errors import InputError, InscrutableError, ModelError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.sections import PlanFile, expected, shortened
 from inscrutable.experiments.studies.grid import StudyGrid, variants
 from inscrutable.experiments.studies.kinds import OTHER_KINDS, kind_named
 from inscrutable.experiments.studies.layout import DispatchSection, GivenWorld, GridBeliefs, StudyFile
 from inscrutable.experiments.studies.sizes import too_large, too_many
-from inscrutable.experiments.studies.toml_lines import Place, key_lines
 from inscrutable.experiments.studies.worlds import given_world, problem_of
+from inscrutable.experiments.toml_lines import Place, TomlSource, nearest, read_toml
 
-_MOST_PARTS = 32
-_DEEP = re.compile(rf"""(?:[\w"'-]{{1,99}}[ \t]*\.[ \t]*){{{_MOST_PARTS}}}""")
 _NEAR = 0.5
 _BY_NAME = ("decision_makers", "adversaries")
-
-
-@dataclass(frozen=True)
-class StudySource:
-    """Where a study's text comes from, and in which line of it each key stands."""
-
-    name: str
-    lines: Mapping[Place, int] = field(default_factory=dict)
-
-    def at(self, place: Place) -> str:
-        """Say where a place is: file, line and key."""
-        for length in range(len(place), 0, -1):
-            if place[:length] in self.lines:
-                return f"{self.name}, line {self.lines[place[:length]]}, key {key_text(place)}"
-        return f"{self.name}, key {key_text(place)}" if place else self.name
-
-    @contextmanager
-    def saying(self, place: Place) -> Iterator[None]:
-        """Say of what the library refuses where it stands."""
-        try:
-            yield
-        except InscrutableError as error:
-            raise type(error)(f"{self.at(place)}: {error}") from None
+StudySource = TomlSource
 
 
 def read_study(path: Path) -> tuple[PlanFile, StudySource]:
     """Return the study of a TOML file, or raise one `InputError` that says where it is wrong."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except IsADirectoryError:
-        raise InputError(
-            f"{path} is a folder, expected a study file (TOML); what was run into it goes on with "
-            f"`inscrutable study resume {path}`"
-        ) from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not UTF-8 text: byte {error.start}; expected a study file in TOML") from None
-    if _DEEP.search(text):  # a parser takes hours for tens of thousands
-        raise InputError(f"{path} has a key of more than {_MOST_PARTS} parts joined by dots; no study has such")
-    try:
-        data = tomllib.loads(text)
-    except ValueError as error:  # also a number of thousands of digits
-        raise InputError(f"{path} is not TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{path} is nested too deeply to be a study") from None
-    source = StudySource(str(path), key_lines(text))
+    hint = f"; what was run into it goes on with `inscrutable study resume {path}`"
+    data, source = read_toml(path, "study", hint)
     return checked_study(data, source), source
 
 
@@ -100,7 +55,7 @@ def _layout(data: dict[str, Any], source: StudySource | None = None) -> type[Pla
     """What a file may hold, by the kind that it names; a file that names none is a grid."""
     name = data.get("kind")
     if source is not None and "kind" in data and name not in OTHER_KINDS:
-        near = _nearest(str(name), OTHER_KINDS)
+        near = nearest(str(name), OTHER_KINDS)
         raise InputError(f"{source.at(('kind',))}: unknown {shortened(name)}{near}; {_one_of(OTHER_KINDS)}, or no kind")
     return kind_named(name).layout
 
@@ -111,7 +66,7 @@ def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> s
     where = source.at(place)
     if kind == "extra_forbidden":
         known = _known_keys(problem["loc"][:-1], data)
-        return f"{where}: there is no such key{_nearest(str(place[-1]), known)}; expected one of: {', '.join(known)}"
+        return f"{where}: there is no such key{nearest(str(place[-1]), known)}; expected one of: {', '.join(known)}"
     if kind == "missing":
         names = _names_of(place) if place[-1] in StudyFile.model_fields else []
         choice = f"; {_one_of(names)}" if names else ""
@@ -127,11 +82,11 @@ def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> s
         names = [each.strip(" '") for each in str(context["expected_tags"]).split(",")]
         key = str(context["discriminator"]).strip("'")
         where = source.at((*place, key))
-        return f"{where}: unknown {context['tag']!r}{_nearest(str(context['tag']), names)}; {_one_of(names)}"
+        return f"{where}: unknown {context['tag']!r}{nearest(str(context['tag']), names)}; {_one_of(names)}"
     if kind == "literal_error":
         names = [each.strip("' ") for each in str(context["expected"]).replace(" or ", ", ").split(",")]
         given = problem["input"]
-        return f"{where}: unknown {shortened(given)}{_nearest(str(given), names)}; {_one_of(names)}"
+        return f"{where}: unknown {shortened(given)}{nearest(str(given), names)}; {_one_of(names)}"
     return f"{where}: {_expected(problem)}, got {shortened(problem['input'])}"
 
 
@@ -194,19 +149,6 @@ def _without_tags(place: tuple[int | str, ...], data: Any) -> Place:
 
 def _tag(section: dict[str, Any]) -> tuple[Any, ...]:
     return (section.get("kind", "markowitz"), section.get("name"))
-
-
-def _nearest(given: str, known: Iterable[str]) -> str:
-    names = list(known)
-    lowered = {each.lower(): each for each in names}
-    close = get_close_matches(given.lower(), lowered, n=1, cutoff=_NEAR)
-    return f"; did you mean {lowered[close[0]]}?" if close else ""
-
-
-def key_text(place: Place) -> str:
-    """Return a place as one would write it: world.means[0]."""
-    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
-    return text.lstrip(".")
 
 
 def _check_together(study: StudyFile, source: StudySource) -> None:

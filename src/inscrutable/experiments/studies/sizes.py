@@ -9,7 +9,7 @@ from typing import NamedTuple
 from inscrutable.experiments.sections import PlanFile
 from inscrutable.experiments.studies.grid import StudyGrid
 from inscrutable.experiments.studies.layout import GivenWorld, RandomWorld, StudyFile
-from inscrutable.experiments.studies.toml_lines import Place
+from inscrutable.experiments.toml_lines import Place
 
 MOST_NUMBERS = 2**27
 """Numbers in one table, a gigabyte: several such tables stand side by side while a task is done."""

@@ -1,20 +1,96 @@
-"""Where in a TOML text a key stands, so that a message can name the line.
+"""Reading TOML so that a message can name the line in which a key stands.
 
-The text has been parsed before, so it is known to be TOML; this goes over its marks once more and counts lines.
+The text is parsed first; then its marks are gone over once more and lines are counted.
 """
 
 from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from inscrutable.errors import InputError, InscrutableError
 
 Place = tuple[str | int, ...]
+
+_MOST_PARTS = 32
+_DEEP = re.compile(rf"""(?:[\w"'-]{{1,99}}[ \t]*\.[ \t]*){{{_MOST_PARTS}}}""")
+_NEAR = 0.5
 
 _TOKEN = re.compile(
     r'(?P<text>"""(?:\\.|[^\\])*?"{3,5}|' + r"'''.*?'{3,5}" + r'|"(?:\\.|[^"\\\n])*"|' + r"'[^'\n]*')"
     r"|(?P<mark>[\n\[\]{}=,.])|(?P<bare>[^\s\[\]{}=,.#\"']+)|#[^\n]*",
     re.S,
 )
+
+
+@dataclass(frozen=True)
+class TomlSource:
+    """Where a text comes from, and in which line of it each key stands."""
+
+    name: str
+    lines: Mapping[Place, int] = field(default_factory=dict)
+
+    def at(self, place: Place) -> str:
+        """Say where a place is: file, line and key."""
+        for length in range(len(place), 0, -1):
+            if place[:length] in self.lines:
+                return f"{self.name}, line {self.lines[place[:length]]}, key {key_text(place)}"
+        return f"{self.name}, key {key_text(place)}" if place else self.name
+
+    @contextmanager
+    def saying(self, place: Place) -> Iterator[None]:
+        """Say of what the library refuses where it stands."""
+        try:
+            yield
+        except InscrutableError as error:
+            raise type(error)(f"{self.at(place)}: {error}") from None
+
+
+def read_toml(path: Path, what: str, folder_hint: str = "") -> tuple[dict[str, Any], TomlSource]:
+    """Return the data of a TOML file and where its keys stand, or raise one `InputError`; `what` a file of this kind is.
+
+    Args:
+        path: The file.
+        what: Such as "study".
+        folder_hint: What to say of a folder.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder, expected a {what} file (TOML){folder_hint}") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is not UTF-8 text: byte {error.start}; expected a {what} file in TOML") from None
+    if _DEEP.search(text):  # a parser takes hours for tens of thousands
+        raise InputError(f"{path} has a key of more than {_MOST_PARTS} parts joined by dots; no {what} has such")
+    try:
+        data = tomllib.loads(text)
+    except ValueError as error:  # also a number of thousands of digits
+        raise InputError(f"{path} is not TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path} is nested too deeply to be a {what}") from None
+    return data, TomlSource(str(path), key_lines(text))
+
+
+def nearest(given: str, known: Iterable[str]) -> str:
+    """Return "; did you mean X?" for the nearest known name, empty where none is near."""
+    names = list(known)
+    lowered = {each.lower(): each for each in names}
+    close = get_close_matches(given.lower(), lowered, n=1, cutoff=_NEAR)
+    return f"; did you mean {lowered[close[0]]}?" if close else ""
+
+
+def key_text(place: Place) -> str:
+    """Return a place as one would write it: world.means[0]."""
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)
+    return text.lstrip(".")
 
 
 def key_lines(text: str) -> dict[Place, int]:

@@ -1,0 +1,166 @@
+"""Decisions in full precision or rounded, read back: the beliefs that explain them, or that explain them before rounding.
+
+A published decision ũ is the decision u* moved by rounding, |ũ_j − u*_j| ≤ h = ½·10^−d for d decimals. It is first completed to
+the nearest feasible decision û; rows of the feasible set within reach of the rounding (a weight printed as zero) are taken as
+tight. With δ = û − u* this gives |δ_j| ≤ h_j = h + |û_j − ũ_j| and A_eq δ = 0, all known. Costs are convex, so for whatever
+belief π the agent held
+
+    ρ(π,û) ≤ ε = max_i Σ_j |P ∇c(i,û)|_j h_j,  P the projector on A_eq δ = 0.
+
+Where costs are quadratic and every row that is tight at u* is tight at û, the gradient's part of the regret vanishes there:
+
+    ρ(π,û) = ½ δ'H_π δ ≤ ε = ½ max_i min( Σ_jk |P H_i P|_jk h_j h_k , λ_max(P H_i P) Σ_j h_j² ),
+
+because H_π is an average of the H_i. The true belief therefore lies in the near-optimal set Π_ε(û): always, not on average.
+A least regret above ε is then a proof: no belief and no rounding explain the decision.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import null_space
+
+from inscrutable import tolerances, validation
+from inscrutable.adversaries.inverse import belief_set_of
+from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optimal_beliefs
+from inscrutable.axes import Axis
+from inscrutable.errors import InputError, ModelError
+from inscrutable.geometry import BeliefSet
+from inscrutable.problems import DecisionProblem, Polyhedron, QuadraticProblem, checked_problem
+from inscrutable.validation import Array
+
+
+@overload
+def consistent_beliefs(
+    problem: DecisionProblem, action: ArrayLike, *, tolerance: float = ..., digits: None = None
+) -> BeliefSet: ...
+
+
+@overload
+def consistent_beliefs(
+    problem: DecisionProblem, action: ArrayLike, *, tolerance: float = ..., digits: int
+) -> NearOptimalBeliefs: ...
+
+
+def consistent_beliefs(
+    problem: DecisionProblem,
+    action: ArrayLike,
+    *,
+    tolerance: float = tolerances.EXPLAINED,
+    digits: int | None = None,
+) -> BeliefSet | NearOptimalBeliefs:
+    """Return the beliefs for which `action` is optimal, as an explicit polytope, or for which it was before rounding.
+
+    Formula: Π(u) = {π ∈ Δ_X : ∃ λ ≥ 0, ν : G(u)π + A_act'λ + A_eq'ν = 0}, where the active rows are those with less
+    slack than the feasible set's `min_slack`; the multipliers are eliminated. With `digits` the near-optimal set Π_ε(û) of this
+    module's head, which holds them all.
+
+    Args:
+        problem: The decision problem that the observer knows.
+        action: u, shape (U,), in the decision's unit; it must lie in the feasible set, up to rounding.
+        tolerance: Largest KKT residual of a member, relative to the gradient's scale; above 0.
+        digits: Digits after the point that the decision was rounded to, at least 0; None for full precision.
+
+    Returns:
+        A `BeliefSet`; empty where no belief explains the decision. With `digits` a `NearOptimalBeliefs` of the decision as
+        completed, whose `regret` is what rounding can cost.
+
+    Raises:
+        InputError: `action` has the wrong length, is not finite or lies outside the feasible set by more than rounding;
+            `tolerance` ≤ 0; choices that are whole numbers are not rounded.
+
+    Cost: one pseudo-inverse of the active rows; with `digits` some tens of forward solves at the first query. Source: the
+    paper, Theorem 1 and eq. (4); this module's head.
+
+    Example:
+        >>> from inscrutable.problems import MarkowitzProblem
+        >>> problem = MarkowitzProblem([[0.02, 0.03], [-0.03, 0.0]], [np.eye(2), 2 * np.eye(2)], 1.0)
+        >>> consistent_beliefs(problem, problem.solve([0.3, 0.7])).contains([0.3, 0.7])
+        True
+        >>> consistent_beliefs(problem, problem.solve([0.3, 0.7]).round(3), digits=3).contains([0.3, 0.7])
+        True
+    """
+    checked_problem(problem)
+    kept = validation.positive(tolerance, "tolerance")
+    if digits is None:
+        return belief_set_of(problem, problem.check_action(action), kept)
+    half = half_unit(validation.count(digits, "digits", least=0))
+    if problem.is_discrete:
+        raise InputError(f"choices of {problem!r} are whole numbers: nothing of them is rounded; leave digits out")
+    published = validation.finite_array(action, "action", ndim=1, axes=(Axis("asset", problem.asset_names),))
+    if published.size != problem.n_actions:
+        raise InputError(f"action has {published.size} coordinates, expected {problem.n_actions}")
+    whole = completed(problem, published, half)
+    if whole.adjustment > half * published.size:
+        raise InputError(
+            f"action is outside the feasible set by more than rounding to {digits} digits: the nearest decision differs by "
+            f"{whole.adjustment:.3g}"
+        )
+    return near_optimal_beliefs(
+        problem, whole.action, allowance(problem, whole, half + np.abs(whole.action - published))
+    )
+
+
+def half_unit(decimals: int) -> float:
+    """Return h, the most that rounding to so many decimals moves a number."""
+    return float(0.5 * 10.0**-decimals)
+
+
+class Completed(NamedTuple):
+    """A published row as a feasible decision; `on_face` where every row within reach of the rounding is tight."""
+
+    action: Array
+    adjustment: float
+    on_face: bool
+
+
+def completed(problem: DecisionProblem, published: Array, half_unit: float) -> Completed:
+    """Return the nearest feasible decision, with rows within reach of the rounding tight where that is possible."""
+    region = problem.constraints
+    if half_unit == 0.0 and region.violation(published) <= 0.5 * tolerances.FEASIBILITY:
+        return Completed(published, 0.0, True)
+    if region.needs_lift:  # which of its rows rounding can reach is not known
+        return _changed(_nearest(region, published), published, on_face=False)
+    reach = half_unit * np.abs(region.A_ub).sum(axis=1) / region.row_scale + tolerances.FEASIBILITY
+    near = region.slacks(published) <= reach
+    face = Polyhedron(
+        region.A_ub[~near],
+        region.b_ub[~near],
+        np.vstack([region.A_eq, region.A_ub[near]]),
+        np.concatenate([region.b_eq, region.b_ub[near]]),
+    )
+    try:
+        return _changed(_nearest(face, published), published, on_face=True)
+    except ModelError:
+        return _changed(_nearest(region, published), published, on_face=False)
+
+
+def _changed(action: Array, published: Array, *, on_face: bool) -> Completed:
+    return Completed(action, float(np.abs(action - published).max()), on_face)
+
+
+def _nearest(region: Polyhedron, point: Array) -> Array:
+    projection = QuadraticProblem(np.eye(point.size)[None], -point[None], constraints=region)
+    action = projection.solve(np.ones(1))
+    # An asset that is not held must be printed as exactly 0, not as −0 or the rounding of a linear solve.
+    return np.where(np.abs(action) <= tolerances.STATIONARITY, 0.0, action)
+
+
+def allowance(problem: DecisionProblem, whole: Completed, reach: Array, *, is_optimal: bool = True) -> float:
+    """Return ε of this module's head, for coordinates that may be off by `reach` (U,), of an optimal decision or another."""
+    equalities = problem.constraints.A_eq
+    free = null_space(equalities) if len(equalities) else np.eye(reach.size)
+    project = free @ free.T
+    form = problem.quadratic_form()
+    if not (whole.on_face and is_optimal) or form is None or form.lift is not None:
+        slopes = np.abs(problem.cost_gradients(whole.action) @ project)
+        return float((slopes @ reach).max())
+    worst = 0.0
+    for hessian in form.hessians:
+        curved = project @ hessian @ project
+        largest = float(np.linalg.eigvalsh(curved)[-1]) * float(reach @ reach)
+        worst = max(worst, min(float(reach @ np.abs(curved) @ reach), largest))
+    return 0.5 * worst

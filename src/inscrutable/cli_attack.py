@@ -1,0 +1,122 @@
+"""The verb `inscrutable attack`: what published weights say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from inscrutable.cli_console import Speech, replaced, show_table
+from inscrutable.cli_limits import WeightOptions, one_row, weights_of
+from inscrutable.cli_values import DATA, Out, RuleName, UsageError, budget_of, writable_folder
+
+if TYPE_CHECKING:
+    from inscrutable.experiments.attack import Attack
+
+_LONGEST_TABLE = 40
+
+
+def attack(
+    *,
+    model: Annotated[Path, Parameter(group=DATA)],
+    weights: Annotated[Path, Parameter(group=DATA)],
+    mechanism: Annotated[RuleName | None, Parameter(group=DATA)] = None,
+    budget: Annotated[str | None, Parameter(group=DATA)] = None,
+    state: Annotated[Path | None, Parameter(group=DATA)] = None,
+    normalise: Annotated[bool, Parameter(group=DATA, negative=(), show_default=False)] = False,
+    map_: Annotated[Path | None, Parameter(name="--map", group=DATA)] = None,
+    previous: Annotated[Path | None, Parameter(group=DATA)] = None,
+    regret: Annotated[str | None, Parameter(group=DATA)] = None,
+    limits: WeightOptions = WeightOptions(),  # noqa: B008  # frozen
+    out: Out | None = None,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Read published weights back into the beliefs that explain them: what do my holdings say?
+
+    Weights rounded to a few digits are read as such: the digits written in the file are counted. With `--mechanism` also
+    what one concludes from all rows so far who knows how the weights are made; rows are one step of the model apart.
+
+    Args:
+        model: The model.json of a backtest, or a model.toml of your own with regimes.
+        weights: CSV with one column per asset and one row per portfolio; a first column may hold dates or labels.
+        mechanism: How the weights are made, as the observer knows: optimal, cdm, pdm, or sequential.
+        budget: With `--mechanism`: what the rule spends, as in protect; with `--state` as in its file. Default: the model's.
+        state: With `--mechanism sequential`: the file of protect's sequence, which has the rule's prices.
+        normalise: Read holdings as they come: dollars, shares and prices, percentages, blanks, cash, tickers in any case.
+        map_: CSV with the columns name and asset: what holdings are called in the file, a blank asset for what is left out.
+            With `--normalise`.
+        previous: CSV of the weights published before the first row, one row, where turnover is limited.
+        regret: Read the beliefs under which the weights cost at most so much more than the best ones, such as 5bp.
+        limits: What may be held.
+        out: Folder for attack.csv, summary.json and the figures; without it the results are only printed.
+    """
+    from inscrutable.datasets import write_table
+    from inscrutable.experiments.attack import attack_weights
+    from inscrutable.experiments.attack_over_time import attack_over_time
+    from inscrutable.experiments.own_model import investor_of
+    from inscrutable.experiments.silence import budget_in
+    from inscrutable.reports.attack import attack_summary, write_attack
+
+    if mechanism is None and (budget is not None or state is not None):
+        raise UsageError("--budget and --state say more of --mechanism: give that as well")
+    if (mechanism == "sequential") != (state is not None):
+        raise UsageError("--mechanism sequential and --state FILE go together")
+    limit = None if budget is None else budget_of(budget, speech)
+    if map_ is not None and not normalise:
+        raise UsageError("--map says what holdings are called in a file: give --normalise as well")
+    most = 0.0 if regret is None else _regret_of(regret)
+    investor = investor_of(model, limits.part())
+    if limit is not None:
+        limit = budget_in(investor.world, investor.problem, limit)
+    table = weights_of(weights, investor.assets, normalise, map_)
+    before = None if previous is None else one_row(weights_of(previous, investor.assets, normalise, map_), previous)
+    folder = None if out is None else writable_folder(out)
+    speech.log(table.summary())
+    with speech.progress("Rows read") as move:
+        found = attack_weights(investor, table, regret=most, previous=before, progress=move)
+    over_time = None if mechanism is None else attack_over_time(found, mechanism, limit, state=state)
+    paths = [] if folder is None else write_attack(found, folder)
+    if folder is not None and over_time is not None:
+        paths.append(folder / "attack_over_time.csv")
+        write_table(over_time.table(), paths[-1])
+    files = [] if folder is None else replaced(folder, "attack", paths, speech)
+    if speech.json:
+        followed = None if over_time is None else over_time.table().to_dict("records")
+        speech.summary(attack_summary(found) | ({} if followed is None else {"over_time": followed}))
+        return
+    _show_attack(found, speech, whole=folder is None)
+    if over_time is not None:
+        lines = over_time.lines()
+        shown = lines if folder is None else lines.iloc[:_LONGEST_TABLE]
+        title = f"What all rows so far say to one who knows the rule ({mechanism}) and how the belief moves"
+        show_table(shown, title if len(shown) == len(lines) else f"{title}; the first {len(shown)} rows")
+    speech.sentence(found.summary())
+    speech.files(files)
+
+
+def _regret_of(text: str) -> float:
+    """The regret that "5bp" or "regret:0.0005" stands for; a plain number would be a share of the optimal cost."""
+    from inscrutable.budgets import Budget, written_budget
+    from inscrutable.errors import InputError
+
+    try:
+        found = written_budget(text)
+    except InputError as error:
+        raise UsageError(f"--regret: {error}") from None
+    if not isinstance(found, Budget) or found.is_relative:
+        raise UsageError(f"--regret {text}: expected a regret such as 5bp or regret:0.0005, in the cost's unit")
+    return found.amount
+
+
+def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:
+    from inscrutable.reports.attack import attack_lines, reading_notes
+
+    table = attack_lines(found)
+    title = "What the weights of each row say: probability of a regime in the rival's estimate [least, most]"
+    if whole or len(table) <= _LONGEST_TABLE:
+        show_table(table, title)
+    else:
+        show_table(table.iloc[:_LONGEST_TABLE], f"{title}; the first {_LONGEST_TABLE} of {len(table)} rows")
+    for line in reading_notes(found):
+        speech.sentence(line)

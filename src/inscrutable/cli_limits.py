@@ -1,0 +1,88 @@
+"""Options that say what may be held: they override what a model file says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from inscrutable.cli_values import INVESTOR, UsageError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from inscrutable.datasets import WeightsTable
+    from inscrutable.experiments.own_model import LimitsPart
+
+
+@Parameter(name="*", group=INVESTOR)
+@dataclass(frozen=True)
+class WeightOptions:
+    """What may be held; each option overrides the model's.
+
+    Args:
+        max_weight: Most of every asset, such as 0.25 or 25%.
+        min_weight: Least of every asset.
+        sectors: CSV with the columns asset and sector; with `--sector-cap`.
+        sector_cap: Most of every sector.
+        long_short: Most that long and short holdings add up to, such as 1.6; without it nothing is short.
+        turnover: Most that is bought plus sold against the last published weights.
+    """
+
+    max_weight: Annotated[str | None, Parameter(name="--max-weight")] = None
+    min_weight: Annotated[str | None, Parameter(name="--min-weight")] = None
+    sectors: Annotated[Path | None, Parameter(name="--sectors")] = None
+    sector_cap: Annotated[str | None, Parameter(name="--sector-cap")] = None
+    long_short: Annotated[str | None, Parameter(name="--long-short")] = None
+    turnover: Annotated[str | None, Parameter(name="--turnover")] = None
+
+    def part(self) -> LimitsPart:
+        """Return the limits as a section of a model file."""
+        from inscrutable.errors import InputError
+        from inscrutable.experiments.own_model import LimitsPart
+
+        given: dict[str, Any] = {
+            name: share_of(value, f"--{name.replace('_', '-')}")
+            for name in ("max_weight", "min_weight", "sector_cap", "long_short", "turnover")
+            if (value := getattr(self, name)) is not None
+        }
+        if self.sectors is not None:
+            given["sectors"] = str(self.sectors.resolve())
+        try:
+            return LimitsPart(**given)
+        except InputError as error:
+            key, _, rest = str(error).partition(":")
+            raise UsageError(f"--{key.partition('.')[0].replace('_', '-')}:{rest}") from None
+
+
+def share_of(text: str, option: str) -> float:
+    """Return the number that "0.25" or "25%" stands for."""
+    number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
+    try:
+        return float(number) * (0.01 if percent else 1.0)
+    except ValueError:
+        raise UsageError(f"{option} {text}: expected a number such as 0.25 or 25%") from None
+
+
+def weights_of(path: Path, assets: tuple[str, ...], normalise: bool, map_: Path | None) -> WeightsTable:
+    """Return the weights of a file, or with `normalise` holdings in any unit, by the names of a map."""
+    from inscrutable.datasets import read_holdings, read_map, read_weights
+    from inscrutable.errors import InputError
+
+    if normalise:
+        return read_holdings(path, assets=assets, names=None if map_ is None else read_map(map_))
+    try:
+        return read_weights(path, assets=assets)
+    except InputError as error:
+        raise InputError(f"{error}. Holdings in another unit, with cash or other tickers: --normalise") from None
+
+
+def one_row(table: WeightsTable, path: Path) -> pd.Series:
+    """Return the one portfolio of a file."""
+    from inscrutable.errors import InputError
+
+    if len(table.frame) != 1:
+        raise InputError(f"{path} has {len(table.frame)} rows, expected the one portfolio that was published before")
+    return table.frame.iloc[0]

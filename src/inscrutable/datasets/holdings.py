@@ -1,0 +1,295 @@
+"""Holdings as they come: dollars, shares and prices, percentages, blanks, cash, other tickers; made the weights of a model."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from inscrutable import tolerances
+from inscrutable.datasets._cells import TextTable, is_missing, read_text_table, shown
+from inscrutable.datasets._dates import label_index
+from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
+from inscrutable.errors import InputError
+
+_CASH = {"cash", "usd", "eur", "money market", "cash and equivalents", "cash & equivalents", "cash_usd"}
+_TICKERS, _VALUES = ("ticker", "symbol", "asset"), ("value", "market value", "dollars", "weight", "percent")
+_SHARES, _PRICES = ("shares", "quantity", "units"), ("price", "close")
+_LONG = {*_TICKERS, *_VALUES, *_SHARES, *_PRICES, "date"}
+_AMOUNT = re.compile(
+    r"(?P<minus>-?)\$?(?P<number>\d{1,3}(?:,\d{3})+(?:\.\d*)?|\d+\.?\d*|\.\d+)(?P<percent>\s*%?)", re.ASCII
+)
+_NEAR = 0.6
+_MOST_LEFT_OUT = 0.5
+"""Share of the value in what the model does not know from which on the weights would say little of the portfolio."""
+
+
+class _Cell(NamedTuple):
+    """A number with half a unit of its last digit."""
+
+    value: float
+    half_unit: float
+    is_percent: bool
+
+
+def read_holdings(
+    path: str | os.PathLike[str], *, assets: Sequence[str], names: Mapping[str, str] | None = None
+) -> WeightsTable:
+    """Read holdings in any unit as weights of a model's assets that sum to one.
+
+    Formula: w_j = v_j / Σ v over the model's assets; cash and what is mapped to nothing is left out.
+
+    Args:
+        path: A CSV file, wide or long. Wide: one column per asset, one row per portfolio, the first column a date or label if
+            its name is none of the assets. Long: the columns ticker (symbol, asset) and value (market value, dollars, weight,
+            percent), or shares (quantity, units) and price (close); a column date makes several portfolios, and several rows
+            of one asset are added. Amounts may have a dollar sign, commas of thousands or a per cent sign; a blank is nothing.
+        assets: (U,) labels of the model's assets. What is missing in the file is not held.
+        names: Labels in the file → labels of the model; "" leaves one out. Other labels match whatever their case.
+
+    Returns:
+        A `WeightsTable`: `decimals` counts so many that rounding in the file moves a weight by no more than half a unit;
+        `left_out` is the largest share of a row's value that is not the model's, with its labels.
+
+    Raises:
+        InputError: With file, line and column: a cell is no amount, per cent signs stand in some cells only, a label is
+            unknown, a row has no value or a negative one that makes the sum useless, half the value or more is left out.
+
+    Cost: O(cells).
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "broker.csv")
+        ...     _ = file.write_text('symbol,shares,price\\noil,100,$30\\nGAS,50,$20.00\\nCash,,\\noil,100,$30\\n')
+        ...     table = read_holdings(file, assets=["OIL", "GAS", "FOOD"])
+        >>> table.frame.round(3).to_dict("list")
+        {'OIL': [0.857], 'GAS': [0.143], 'FOOD': [0.0]}
+    """
+    table = read_text_table(path)
+    header = [name.lower() for name in table.header]
+    known = _Names(table, list(map(str, assets)), dict(names or {}))
+    is_long = any(name in _TICKERS for name in header) and set(header) <= _LONG
+    values, halves, cash, index = _long(table, header, known) if is_long else _wide(table, known)
+    return _as_weights(table, known, values, halves, cash, index)
+
+
+class _Names:
+    """Which of the model's assets a label of the file stands for."""
+
+    def __init__(self, table: TextTable, assets: list[str], given: dict[str, str]) -> None:
+        self._table, self.assets, self._given = table, assets, given
+        wrong = [name for name in given.values() if name and name not in assets]
+        if wrong:
+            raise InputError(f"the map names {wrong[0]!r}, expected one of the model's assets: {', '.join(assets[:8])}")
+        self._folded: dict[str, list[str]] = {}
+        for asset in assets:
+            self._folded.setdefault(asset.casefold(), []).append(asset)
+        self.left_out: list[str] = []
+
+    def place(self, label: str, where: str) -> int | None:
+        """The number of an asset, None for cash and what is left out."""
+        if label in self._given:
+            asset = self._given[label]
+        elif label in self.assets:
+            asset = label
+        elif label.casefold() in _CASH:
+            asset = ""
+        else:
+            same = self._folded.get(label.casefold(), [])
+            if len(same) != 1:
+                near = get_close_matches(label.casefold(), self._folded, n=1, cutoff=_NEAR)
+                hint = f"; did you mean {self._folded[near[0]][0]!r}?" if near else "."
+                raise InputError(
+                    f"{where}: {shown(label)} is none of the model's assets{hint} Say so in a map, or leave it out there "
+                    "with a blank"
+                )
+            asset = same[0]
+        if not asset:
+            self.left_out.append(label)
+            return None
+        return self.assets.index(asset)
+
+
+def _wide(
+    table: TextTable, known: _Names
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], pd.Index]:
+    labels = table.header
+    first = 1 if not _is_known(known, labels[0]) else 0
+    places = [known.place(label, f"{table.path}, line 1") for label in labels[first:]]
+    twice = [labels[first + k] for k, place in enumerate(places) if place is not None and place in places[:k]]
+    if twice:
+        raise InputError(f"{table.path}, line 1: {twice[0]!r} is a second column of one asset; expected one each")
+    size = len(known.assets)
+    values, halves = np.zeros((len(table.rows), size)), np.zeros((len(table.rows), size))
+    cash = np.zeros(len(table.rows))
+    for row in range(len(table.rows)):
+        cells = [_cell(table, row, first + k) for k in range(len(places))]
+        _same_unit(table, row, cells)
+        for place, cell in zip(places, cells, strict=True):
+            if place is None:
+                cash[row] += cell.value
+            else:
+                values[row, place], halves[row, place] = cell.value, cell.half_unit
+    index = label_index(table) if first else pd.RangeIndex(len(table.rows), name="row")
+    return values, halves, cash, index
+
+
+def _is_known(known: _Names, label: str) -> bool:
+    before = list(known.left_out)
+    try:
+        known.place(label, "")
+    except InputError:
+        return False
+    finally:
+        known.left_out[:] = before
+    return True
+
+
+def _long(
+    table: TextTable, header: list[str], known: _Names
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], pd.Index]:
+    ticker, value, shares, price = (
+        next((header.index(name) for name in names if name in header), None)
+        for names in (_TICKERS, _VALUES, _SHARES, _PRICES)
+    )
+    assert ticker is not None
+    if value is None and (shares is None or price is None):
+        raise InputError(
+            f"{table.path}, line 1: expected a column of values, or columns of shares and prices; shares alone say nothing"
+        )
+    if "date" in header[1:]:
+        raise InputError(f"{table.path}, line 1: the column date must come first")
+    index, where = _portfolios(table) if header[0] == "date" else (pd.RangeIndex(1, name="row"), [0] * len(table.rows))
+    size = len(known.assets)
+    values, halves, cash = np.zeros((len(index), size)), np.zeros((len(index), size)), np.zeros(len(index))
+    seen: list[_Cell] = []
+    for row, cells in enumerate(table.rows):
+        place = known.place(cells[ticker], table.place(row, ticker))
+        if value is not None:
+            cell = _cell(table, row, value)
+            seen.append(cell)
+            _same_unit(table, row, seen)
+        else:
+            assert shares is not None
+            assert price is not None
+            count, each = _cell(table, row, shares), _cell(table, row, price)
+            if place is not None and count.value and not each.value > 0:
+                raise InputError(f"{table.place(row, price)}: no price above 0 for what is held")
+            cell = _Cell(count.value * each.value, abs(count.value) * each.half_unit, False)
+        if place is None:
+            cash[where[row]] += cell.value
+        else:
+            values[where[row], place] += cell.value
+            halves[where[row], place] += cell.half_unit
+    return values, halves, cash, index
+
+
+def _portfolios(table: TextTable) -> tuple[pd.Index, list[int]]:
+    """The different dates of the first column, in their order, and which of them each row has."""
+    first: dict[str, int] = {}
+    for row, cells in enumerate(table.rows):
+        first.setdefault(cells[0], row)
+    places = {text: place for place, text in enumerate(first)}
+    lines, rows = tuple(table.lines[row] for row in first.values()), tuple(table.rows[row] for row in first.values())
+    found = label_index(TextTable(table.path, table.header, lines, rows))
+    return found, [places[cells[0]] for cells in table.rows]
+
+
+def _cell(table: TextTable, row: int, column: int) -> _Cell:
+    text = table.rows[row][column]
+    if is_missing(text):
+        return _Cell(0.0, 0.0, False)
+    plain = f"-{text[1:-1]}" if text.startswith("(") and text.endswith(")") else text.replace("\u2212", "-")
+    found = _AMOUNT.fullmatch(plain)
+    if found is None:
+        raise InputError(
+            f"{table.place(row, column)}: found {shown(text)}, expected an amount such as 1,234.50, $1000 or 12.5%"
+        )
+    number = found["number"].replace(",", "")
+    digits = len(number.partition(".")[2])
+    value = float(number) * (-1.0 if found["minus"] else 1.0)
+    return _Cell(value, 0.5 * 10.0**-digits if value else 0.0, bool(found["percent"].strip()))
+
+
+def _same_unit(table: TextTable, row: int, cells: Sequence[_Cell]) -> None:
+    kinds = {cell.is_percent for cell in cells if cell.value}
+    if len(kinds) > 1:
+        raise InputError(f"{table.path}, line {table.lines[row]}: some amounts have a per cent sign and some have none")
+
+
+def _as_weights(
+    table: TextTable,
+    known: _Names,
+    values: NDArray[np.float64],
+    halves: NDArray[np.float64],
+    cash: NDArray[np.float64],
+    index: pd.Index,
+) -> WeightsTable:
+    sums = values.sum(axis=1)
+    void = ~(sums > tolerances.TINY) | (np.abs(values).sum(axis=1) > _MOST_GROSS * np.abs(sums))
+    for row in np.flatnonzero(void).tolist():
+        raise InputError(
+            f"{table.path}, portfolio {index[row]}: the model's assets add up to {sums[row]:g}, expected more than 0"
+        )
+    out = np.abs(cash) / (np.abs(cash) + np.abs(values).sum(axis=1))
+    if out.max(initial=0.0) >= _MOST_LEFT_OUT:
+        row = int(out.argmax())
+        raise InputError(
+            f"{table.path}, portfolio {index[row]}: {out[row]:.0%} of the value is left out "
+            f"({', '.join(sorted(set(known.left_out)))}); the rest would say little of the portfolio"
+        )
+    # w = v/S: an error of h_j in each v moves w_j by no more than (h_j + w_j Σh)/S.
+    moved = (halves + np.abs(values / sums[:, None]) * halves.sum(axis=1, keepdims=True)) / sums[:, None]
+    largest = float(moved.max())
+    digits = FULL_PRECISION_DIGITS if largest <= 0.0 else max(math.floor(-math.log10(2.0 * largest)), 0)
+    return WeightsTable(
+        pd.DataFrame(values / sums[:, None], index=index, columns=pd.Index(known.assets)),
+        digits if digits < FULL_PRECISION_DIGITS else None,
+        float(out.max(initial=0.0)),
+        tuple(sorted(set(known.left_out))),
+    )
+
+
+_MOST_GROSS = 100.0
+
+
+def read_map(path: str | os.PathLike[str]) -> dict[str, str]:
+    """Read which label of a file of holdings stands for which asset: a CSV with the columns name and asset.
+
+    Args:
+        path: The file; a blank asset leaves a name out.
+
+    Raises:
+        InputError: The columns have other names, or a name is blank or stands twice.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "map.csv")
+        ...     _ = file.write_text("name,asset\\n037833100,AAPL\\nGLD,\\n")
+        ...     print(read_map(file))
+        {'037833100': 'AAPL', 'GLD': ''}
+    """
+    table = read_text_table(path)
+    header = [name.lower() for name in table.header]
+    if sorted(header) != ["asset", "name"]:
+        raise InputError(f"{table.path}, line 1: columns {', '.join(table.header)}, expected 'name' and 'asset'")
+    name, asset = header.index("name"), header.index("asset")
+    found: dict[str, str] = {}
+    for row, cells in enumerate(table.rows):
+        if not cells[name] or cells[name] in found:
+            raise InputError(
+                f"{table.place(row, name)}: {shown(cells[name])} is blank or stands twice, expected each name once"
+            )
+        found[cells[name]] = cells[asset]
+    return found

@@ -1,0 +1,228 @@
+"""Form 13F information tables: the SEC's data sets and frames as edgartools gives them, as weights of a model's assets.
+
+The SEC's FORM13F_readme says of the column VALUE: "Starting on January 3, 2023, market value is reported rounded to the nearest
+dollar. Previously, market value was reported in thousands." The date is that of the filing. Values of one filing have one unit,
+so weights need none; several filings of a quarter are added in dollars.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.datasets.tables import FULL_PRECISION_DIGITS, WeightsTable
+from inscrutable.errors import InputError
+
+IN_DOLLARS = date(2023, 1, 3)
+"""Filings from this day on state values in dollars, earlier ones in thousands of dollars."""
+
+_NAMES = {
+    "cusip": ("CUSIP", "Cusip", "cusip"),
+    "value": ("VALUE", "Value", "value"),
+    "shares": ("SSHPRNAMT", "SharesPrnAmount", "Shares", "shares"),
+    "kind": ("SSHPRNAMTTYPE", "Type", "type"),
+    "option": ("PUTCALL", "PutCall", "putCall"),
+    "ticker": ("Ticker", "TICKER", "ticker"),
+    "issuer": ("NAMEOFISSUER", "Issuer", "nameOfIssuer"),
+    "accession": ("ACCESSION_NUMBER", "accession_number"),
+}
+_SHARES = {"sh", "shares"}
+_PRICES = (0.5, 50_000.0)
+"""Median price of a share, in dollars, below which values were thousands after all, and above which dollars."""
+
+
+def dollars_13f(table: pd.DataFrame, *, filed: date | str) -> pd.DataFrame:
+    """Return what one filing of Form 13F holds: one row per CUSIP, value in dollars, shares, ticker where given, issuer.
+
+    Formula: rows of one CUSIP (several managers) are added; values filed before 3 January 2023 are multiplied by 1000.
+
+    Args:
+        table: An information table, columns named as in INFOTABLE.tsv or by edgartools (`thirteenf.infotable`): CUSIP, VALUE,
+            SSHPRNAMT, SSHPRNAMTTYPE, PUTCALL. Options (put or call) and principal amounts are no holdings of a share and must
+            be left out by the caller, who then knows of them: `only_shares`.
+        filed: The day of filing.
+
+    Raises:
+        InputError: A column is missing, rows are of several filings, of options or principal amounts, a number is none or below
+            0, or the prices of shares that follow are a thousand times too small or large for the day of filing.
+
+    Cost: O(rows). Source: the SEC's FORM13F_readme of its Form 13F Data Sets, column VALUE.
+
+    Example:
+        >>> rows = pd.DataFrame({"Cusip": ["037833100", "037833100"], "Value": [130, 70], "SharesPrnAmount": [1000, 540],
+        ...                      "Type": ["SH", "SH"], "PutCall": ["", ""]})
+        >>> dollars_13f(rows, filed="2022-11-14")["value"].tolist()
+        [200000.0]
+    """
+    day = _day(filed)
+    columns = {key: next((name for name in names if name in table.columns), None) for key, names in _NAMES.items()}
+    missing = [_NAMES[key][0] for key in ("cusip", "value", "shares", "kind", "option") if columns[key] is None]
+    if missing:
+        raise InputError(
+            f"the information table has no column {', '.join(missing)}; expected those of INFOTABLE.tsv or of edgartools"
+        )
+    if not len(table):
+        raise InputError("the information table has no rows; a notice (13F-NT) has no holdings")
+    if columns["accession"] is not None and table[columns["accession"]].nunique() > 1:
+        some = ", ".join(map(str, table[columns["accession"]].unique()[:3]))
+        raise InputError(
+            f"the information table has rows of several filings ({some}); give those of one, or a folder and a CIK"
+        )
+    options = _text(table[columns["option"]]).str.lower().isin(["put", "call"])
+    amounts = ~_text(table[columns["kind"]]).str.lower().isin(_SHARES)
+    for rows, what in (
+        (options, "options (PUTCALL), bets on a share and no holdings"),
+        (amounts, "principal amounts of bonds (PRN)"),
+    ):
+        if rows.any():
+            where = columns["issuer"] or columns["cusip"]
+            raise InputError(
+                f"{int(rows.sum())} rows are {what}, the first of {table[where][rows].iloc[0]}; leave them out (only_shares)"
+            )
+    numbers = table[[columns["value"], columns["shares"]]].apply(pd.to_numeric, errors="coerce")
+    numbers.columns = ["value", "shares"]
+    wrong = np.flatnonzero(~(numbers.ge(0).all(axis=1) & np.isfinite(numbers).all(axis=1)))
+    if wrong.size:
+        value, shares = (table[str(columns[key])].iloc[int(wrong[0])] for key in ("value", "shares"))
+        raise InputError(
+            f"row {wrong[0]} of the information table has value {value} and shares {shares}, expected numbers of at least 0"
+        )
+    numbers["value"] *= 1.0 if day >= IN_DOLLARS else 1000.0
+    numbers["cusip"] = _text(table[columns["cusip"]]).str.upper().str.zfill(9)
+    for key in ("ticker", "issuer"):
+        numbers[key] = "" if columns[key] is None else _text(table[columns[key]])
+    _check_prices(numbers, day)
+    grouped = numbers.groupby("cusip", sort=True)
+    found: pd.DataFrame = grouped.agg(
+        value=("value", "sum"), shares=("shares", "sum"), ticker=("ticker", "first"), issuer=("issuer", "first")
+    )
+    return found
+
+
+def only_shares(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of an information table that are holdings of shares: no options, no principal amounts.
+
+    Args:
+        table: As for `dollars_13f`.
+
+    Example:
+        >>> rows = pd.DataFrame({"Cusip": ["1", "1"], "PutCall": ["", "Put"], "Type": ["SH", "SH"]})
+        >>> len(only_shares(rows))
+        1
+    """
+    kept = pd.Series(True, index=table.index)
+    for name in _NAMES["option"]:
+        if name in table.columns:
+            kept &= ~_text(table[name]).str.lower().isin(["put", "call"])
+    for name in _NAMES["kind"]:
+        if name in table.columns:
+            kept &= _text(table[name]).str.lower().isin(_SHARES)
+    return pd.DataFrame(table[kept.to_numpy()])
+
+
+def read_13f(
+    path: str | os.PathLike[str], *, cik: int, assets: Sequence[str], names: Mapping[str, str]
+) -> WeightsTable:
+    """Read one manager's quarters from a folder of the SEC's Form 13F data sets as weights of a model's assets.
+
+    Args:
+        path: The folder with INFOTABLE.tsv, SUBMISSION.tsv and COVERPAGE.tsv.
+        cik: The manager's number.
+        assets: (U,) labels of the model's assets.
+        names: CUSIP → asset; what is in no table of names is left out, and how much that is comes back. "" leaves out.
+
+    Returns:
+        One row per quarter, by PERIODOFREPORT; options and principal amounts are left out. An amendment that restates a report
+        replaces it and what was filed before, one that adds new holdings is added.
+
+    Raises:
+        InputError: A file or column is missing, the manager filed no holdings, an amendment says neither, or a filing is as
+            `dollars_13f` refuses it.
+
+    Cost: O(rows of the files). Source: the SEC's FORM13F_readme, tables SUBMISSION, COVERPAGE, INFOTABLE.
+    """
+    folder = Path(path)
+    submissions, covers, holdings = (_tsv(folder / f"{name}.tsv") for name in ("SUBMISSION", "COVERPAGE", "INFOTABLE"))
+    mine = submissions[pd.to_numeric(submissions["CIK"], errors="coerce") == int(cik)]
+    mine = mine[mine["SUBMISSIONTYPE"].str.startswith("13F-HR")].merge(
+        covers, on="ACCESSION_NUMBER", suffixes=("", "_cover")
+    )
+    if not len(mine):
+        raise InputError(f"{folder}: CIK {cik} filed no holdings (13F-HR) in this data set")
+    mine = mine.assign(
+        day=[_day(text) for text in mine["FILING_DATE"]], period=[_day(text) for text in mine["PERIODOFREPORT"]]
+    )
+    unknown = [name for name in names.values() if name and name not in assets]
+    if unknown:
+        raise InputError(f"names has {unknown[0]!r}, expected one of the model's assets")
+    rows, index, out = [], [], []
+    for period, filings in mine.sort_values(["day", "ACCESSION_NUMBER"]).groupby("period"):
+        held: pd.Series = pd.Series(dtype=float)
+        for _, filing in filings.iterrows():
+            table = only_shares(holdings[holdings["ACCESSION_NUMBER"] == filing["ACCESSION_NUMBER"]])
+            value = dollars_13f(table, filed=filing["day"])["value"] if len(table) else pd.Series(dtype=float)
+            kind = str(filing.get("AMENDMENTTYPE", "")).upper()
+            if filing["SUBMISSIONTYPE"] == "13F-HR/A" and kind not in ("RESTATEMENT", "NEW HOLDINGS"):
+                raise InputError(
+                    f"{folder}: the amendment {filing['ACCESSION_NUMBER']} says neither RESTATEMENT nor NEW HOLDINGS"
+                )
+            held = held.add(value, fill_value=0.0) if kind == "NEW HOLDINGS" else value
+        found = np.array([held[[c for c in held.index if names.get(c) == asset]].sum() for asset in assets])
+        if not found.sum() > 0:
+            raise InputError(f"{folder}: none of the {len(held)} holdings of {period} is one of the model's assets")
+        rows.append(found / found.sum())
+        index.append(pd.Timestamp(filings["period"].iloc[0]))
+        out.append(1.0 - found.sum() / held.sum())
+    frame = pd.DataFrame(rows, index=pd.DatetimeIndex(index, name="period"), columns=list(assets))
+    left = tuple(sorted({name for name, asset in names.items() if not asset}))
+    return WeightsTable(frame, FULL_PRECISION_DIGITS - 2, float(max(out)), left)
+
+
+def _check_prices(numbers: pd.DataFrame, day: date) -> None:
+    some = numbers[(numbers["shares"] > 0) & (numbers["value"] > 0)]
+    if not len(some):
+        return
+    price = float((some["value"] / some["shares"]).median())
+    least, most = _PRICES
+    if least <= price <= most:
+        return
+    unit = "dollars" if day >= IN_DOLLARS else "thousands of dollars"
+    other = "thousands" if price < least else "dollars"
+    raise InputError(
+        f"a filing of {day} states values in {unit}, which makes the median price of a share {price:.3g} dollars: its values "
+        f"look like {other}; correct them, or the day of filing"
+    )
+
+
+def _text(column: pd.Series) -> pd.Series:
+    return column.fillna("").astype(str).str.strip()
+
+
+def _day(text: Any) -> date:
+    if isinstance(text, datetime):
+        return text.date()
+    if isinstance(text, date):
+        return text
+    for form in ("%Y-%m-%d", "%d-%b-%Y", "%Y%m%d", "%m-%d-%Y"):
+        try:
+            return datetime.strptime(str(text).strip().title(), form).date()
+        except ValueError:
+            continue
+    raise InputError(f"{text!r} is no day of filing such as 2022-11-14 or 14-NOV-2022")
+
+
+def _tsv(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_csv(path, sep="\t", dtype=str, keep_default_na=False)
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be read: {error.strerror or error}; expected the SEC's Form 13F data set"
+        ) from None
+    except (ValueError, pd.errors.ParserError) as error:
+        raise InputError(f"{path} is no table of the SEC's Form 13F data set: {error}") from None

@@ -1,0 +1,301 @@
+"""A model that a person writes: risk aversion and budget, what may be held, and regimes of one's own, in one TOML file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, ValidationError
+
+from inscrutable.budgets import Budget, SilenceShare, written_budget
+from inscrutable.datasets import read_labelled_matrix, read_sectors
+from inscrutable.errors import InputError
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.model_file import Stack, Vector
+from inscrutable.experiments.sections import Likely, Matrix, NonNegative, Positive, Section, expected, shortened
+from inscrutable.experiments.silence import budget_in
+from inscrutable.experiments.toml_lines import Place, TomlSource, nearest, read_toml
+from inscrutable.problems import (
+    MarkowitzProblem,
+    Polyhedron,
+    group_caps,
+    long_short,
+    max_weights,
+    min_weights,
+)
+from inscrutable.worlds import GaussianEmission, HiddenMarkovModel
+
+Names = Annotated[list[str], Field(min_length=1)]
+
+
+class InvestorPart(Section):
+    """What the investor trades off, and what it spends on privacy."""
+
+    risk_aversion: Positive | None = Field(
+        default=None, description="γ of γu'Σu − μ'u, without a half; 5 for a backtest"
+    )
+    budget: str | float | None = Field(
+        default=None, description='as on the command line: 0.1, "10%", "5bp", "regret:0.002"; a tenth of |c*|'
+    )
+    cost_bps: NonNegative | None = Field(default=None, description="cost per unit traded, in basis points; 10")
+
+
+class LimitsPart(Section):
+    """What may be held. Without `long_short` nothing is short and all is invested."""
+
+    max_weight: Likely | dict[str, float] | None = Field(
+        default=None, description="most of every asset, or a table of assets and theirs"
+    )
+    min_weight: float | dict[str, float] | None = Field(
+        default=None, description="least of every asset, or a table of assets and theirs"
+    )
+    sectors: dict[str, list[str]] | str | None = Field(
+        default=None, description="a table of sectors and their assets, or a CSV with the columns asset and sector"
+    )
+    sector_cap: NonNegative | dict[str, float] | None = Field(
+        default=None, description="most of every sector, or a table of sectors and theirs"
+    )
+    long_short: Positive | None = Field(default=None, description="most that long and short holdings add up to")
+    net: float | None = Field(default=None, description="with `long_short`: what long less short holdings add up to; 1")
+    shortable: list[str] | None = Field(default=None, description="with `long_short`: assets that may be short; all")
+    turnover: NonNegative | None = Field(
+        default=None, description="most that is bought plus sold against the last published weights"
+    )
+
+    def region(self, assets: tuple[str, ...], folder: Path = Path()) -> Polyhedron:
+        """Return the feasible set of weights of these assets, without the limit on turnover; files lie in `folder`.
+
+        Raises:
+            InputError: A name is none of the assets, a cap has no sectors, or a key goes with `long_short` alone.
+            ModelError: A limit excludes every decision by itself.
+        """
+        if self.long_short is None:
+            for key in ("net", "shortable"):
+                if getattr(self, key) is not None:
+                    raise InputError(
+                        f"{key} goes with long_short, the limit on long and short holdings: give that as well"
+                    )
+            signs = min_weights(assets, 0.0)
+            rows = signs & Polyhedron(
+                A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum of weights = 1"], asset_names=assets
+            )
+        else:
+            net = 1.0 if self.net is None else self.net
+            rows = long_short(assets, gross=self.long_short, net=net, shortable=self.shortable)
+        if self.max_weight is not None:
+            rows = rows & max_weights(assets, self.max_weight)
+        if self.min_weight is not None:
+            rows = rows & min_weights(assets, self.min_weight)
+        if (self.sectors is None) != (self.sector_cap is None):
+            raise InputError(
+                "sectors and sector_cap go together: which assets a sector has, and how much of it may be held"
+            )
+        if self.sectors is not None and self.sector_cap is not None:
+            known = (
+                self.sectors if isinstance(self.sectors, dict) else read_sectors(folder / self.sectors, assets=assets)
+            )
+            rows = rows & group_caps(assets, known, self.sector_cap)
+        return rows
+
+    def over(self, other: LimitsPart) -> LimitsPart:
+        """Return other limits with those that are given here instead."""
+        return other.model_copy(update=self.model_dump(exclude_none=True))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is limited."""
+        return not self.model_dump(exclude_none=True)
+
+
+class RegimesPart(Section):
+    """Regimes of one's own instead of fitted ones: how they move and what assets return in them, per row of the returns."""
+
+    names: Names = Field(description="of the regimes, in the order of a belief's entries")
+    assets: list[str] | None = Field(
+        default=None, description="in the order of the columns; needed without `means_file`"
+    )
+    transition: Matrix = Field(description="probability of each regime in the next row, one row per regime")
+    initial: Vector | None = Field(
+        default=None, description="probability of each regime before the first row; the long run's"
+    )
+    means: Matrix | None = Field(default=None, description="mean simple returns as fractions: regimes by assets")
+    means_file: str | None = Field(
+        default=None, description="the same as a CSV: regimes in the first column, assets in the header"
+    )
+    covariances: Stack | None = Field(default=None, description="covariance matrices of the returns, one per regime")
+    covariance_files: list[str] | None = Field(
+        default=None, description="the same as CSVs, one per regime, assets in the first column and in the header"
+    )
+
+    def world(self, folder: Path) -> HiddenMarkovModel:
+        """Return the hidden Markov model; files lie in `folder`.
+
+        Raises:
+            InputError: Means or covariances are given twice or not at all, or sizes or labels disagree.
+            ModelError: A matrix has no meaning as such.
+        """
+        for key in ("means", "covariances"):
+            file = "means_file" if key == "means" else "covariance_files"
+            if (getattr(self, key) is None) == (getattr(self, file) is None):
+                raise InputError(f"give one of {key} and {file}")
+        names, assets = tuple(self.names), None if self.assets is None else tuple(self.assets)
+        if self.means_file is not None:
+            table = read_labelled_matrix(folder / self.means_file, rows=names, columns=assets)
+            values, assets = table.to_numpy(), tuple(table.columns)
+        else:
+            if assets is None:
+                raise InputError("assets is missing: the names of the columns of means")
+            values = _matrix(self.means, "means", (len(names), len(assets)))
+        if self.covariance_files is not None:
+            if len(self.covariance_files) != len(names):
+                raise InputError(
+                    f"covariance_files has {len(self.covariance_files)} files, expected {len(names)}: one per regime"
+                )
+            found = [read_labelled_matrix(folder / each, rows=assets, columns=assets) for each in self.covariance_files]
+            covariances = np.array([each.to_numpy() for each in found])
+        else:
+            covariances = _matrix(self.covariances, "covariances", (len(names), len(assets), len(assets)))
+        means = pd.DataFrame(values, index=list(names), columns=list(assets))
+        emission = GaussianEmission(means, covariances)
+        return HiddenMarkovModel(self.transition, emission, self.initial, names=names)
+
+
+def _matrix(values: Any, what: str, shape: tuple[int, ...]) -> Any:
+    try:
+        found = np.array(values, dtype=np.float64)
+    except ValueError:
+        raise InputError(f"{what} has rows of different lengths, expected the shape {shape}") from None
+    if found.shape != shape:
+        raise InputError(f"{what} has shape {found.shape}, expected {shape}: regimes, then assets")
+    return found
+
+
+class OwnModelFile(Section):
+    """The whole file; every section may be left out."""
+
+    note: str = Field(default="", description="one line on where the model comes from")
+    investor: InvestorPart = Field(default=InvestorPart())
+    constraints: LimitsPart = Field(default=LimitsPart())
+    regimes: RegimesPart | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class OwnModel:
+    """A model file with what it says, checked as far as it goes without returns.
+
+    Args:
+        file: What the file says.
+        source: Where it says it.
+        folder: Where the files that it names lie.
+        world: Its regimes; None where a backtest is to fit them.
+    """
+
+    file: OwnModelFile
+    source: TomlSource
+    folder: Path
+    world: HiddenMarkovModel | None
+
+    @classmethod
+    def of_limits(cls, limits: LimitsPart) -> OwnModel:
+        """Return a model of limits alone."""
+        return cls(OwnModelFile(constraints=limits), TomlSource("options"), Path(), None)
+
+    @classmethod
+    def load(cls, path: Path) -> OwnModel:
+        """Return the model of a TOML file.
+
+        Raises:
+            InputError: The file cannot be read, a key is unknown or missing, or a value is none; line and key are named.
+            ModelError: A matrix has no meaning as such.
+        """
+        data, source = read_toml(path, "model")
+        try:
+            file = OwnModelFile.model_validate(data)
+        except ValidationError as error:
+            first, *others = error.errors(include_url=False)
+            more = f" (and {len(others)} more {'mistakes' if len(others) > 1 else 'mistake'})" if others else ""
+            raise InputError(_said(first, source) + more) from None
+        with source.saying(("investor", "budget")):
+            budget_of(file.investor)
+        with source.saying(("regimes",)):
+            world = None if file.regimes is None else file.regimes.world(path.parent)
+        return cls(file, source, path.parent, world)
+
+    def region(self, assets: tuple[str, ...]) -> Polyhedron | None:
+        """Return the feasible set of weights of assets, None where the file limits nothing."""
+        if self.file.constraints.is_empty:
+            return None
+        with self.source.saying(("constraints",)):
+            return self.file.constraints.region(assets, self.folder)
+
+    def with_limits(self, limits: LimitsPart) -> OwnModel:
+        """Return the model with limits that replace the file's."""
+        return replace(self, file=self.file.model_copy(update={"constraints": limits.over(self.file.constraints)}))
+
+    def investor(self, limits: LimitsPart | None = None) -> InvestorModel:
+        """Return the investor of a file with regimes, limits given here instead of the file's.
+
+        Raises:
+            InputError: The file has no regimes, or the limits name other assets.
+        """
+        if self.world is None:
+            raise InputError(
+                f"{self.source.name} has no section [regimes]: without returns to fit them to, a model needs the regimes' "
+                "names, transition, means and covariances"
+            )
+        emission = self.world.emission
+        assert isinstance(emission, GaussianEmission)
+        assert emission.asset_names is not None
+        assets, regimes = tuple(map(str, emission.asset_names)), tuple(map(str, self.world.names))
+        told = self if limits is None else self.with_limits(limits)
+        means = pd.DataFrame(emission.means, index=list(regimes), columns=list(assets))
+        with self.source.saying(("constraints",)):
+            region = told.region(assets)
+            problem = MarkowitzProblem(means, emission.covariances, self.file.investor.risk_aversion or 5.0, region)
+        turnover = told.file.constraints.turnover
+        with self.source.saying(("investor", "budget")):
+            budget = budget_in(self.world, problem, budget_of(self.file.investor) or Budget(0.1))
+        return InvestorModel(self.world, problem, assets, regimes, budget, self.file.note, turnover)
+
+
+def budget_of(part: InvestorPart) -> Budget | SilenceShare | None:
+    """Return the budget that a section states, None where it states none."""
+    return None if part.budget is None else written_budget(part.budget)
+
+
+def investor_of(path: Path, limits: LimitsPart | None = None) -> InvestorModel:
+    """Return the investor of a model.json of a backtest or of a model.toml, limits given here instead of the file's.
+
+    Raises:
+        InputError: The file is no model, or the limits do not go with it.
+    """
+    if path.suffix.lower() == ".toml":
+        return OwnModel.load(path).investor(limits)
+    model = InvestorModel.load(path)
+    if limits is None or limits.is_empty:
+        return model
+    problem = model.problem
+    more = limits.model_copy(update={"turnover": None})
+    region = problem.constraints if more.is_empty else limits.region(model.assets)
+    limited = MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, region)
+    turnover = model.turnover if limits.turnover is None else limits.turnover
+    return InvestorModel(model.world, limited, model.assets, model.regimes, model.budget, model.note, turnover)
+
+
+def _said(problem: Any, source: TomlSource) -> str:
+    place: Place = tuple(part for part in problem["loc"] if not str(part).startswith(("function-", "dict[", "list[")))
+    where = source.at(place)
+    if problem["type"] == "extra_forbidden":
+        known = _keys(place[:-1])
+        return f"{where}: there is no such key{nearest(str(place[-1]), known)}; expected one of: {', '.join(known)}"
+    if problem["type"] == "missing":
+        return f"{source.at(place[:-1]) if place[:-1] else source.name}: the key {place[-1]} is missing"
+    return f"{where}: {expected(problem)}, got {shortened(problem['input'])}"
+
+
+def _keys(place: Place) -> list[str]:
+    parts: dict[str, type[Section]] = {"investor": InvestorPart, "constraints": LimitsPart, "regimes": RegimesPart}
+    return list(parts.get(str(place[0]) if place else "", OwnModelFile).model_fields)

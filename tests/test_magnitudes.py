@@ -1,0 +1,294 @@
+"""Limits on sums of magnitudes of any number of coordinates: decisions, what an observer reads, proofs, and words of CVXPY."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from inscrutable import (
+    CounterAdversarialDecisionMaker,
+    GlobalSearch,
+    InputError,
+    KellyProblem,
+    LinearProblem,
+    MarkowitzProblem,
+    ModelError,
+    Polyhedron,
+    ProbabilisticDecisionMaker,
+    consistent_beliefs,
+    explain_action,
+    long_short,
+    max_weights,
+    random_candidates,
+    simplex,
+    turnover,
+    with_transaction_costs,
+)
+from inscrutable.problems.magnitudes import MagnitudeLimit, MagnitudeRegion
+from inscrutable.testing import check_decision_problem
+
+cp = pytest.importorskip("cvxpy")
+EXACT = {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13}
+
+
+def market(size, states, rng):
+    factors = 0.05 * rng.normal(size=(states, size, 6))
+    covariances = np.einsum("xik,xjk->xij", factors, factors) + np.diag(rng.uniform(0.01, 0.05, size))
+    return 0.02 * rng.normal(size=(states, size)), covariances
+
+
+def by_clarabel(problem, belief, extra):
+    """The decision as CVXPY and Clarabel find it from the norms themselves."""
+    u = cp.Variable(problem.n_actions)
+    bent = problem.risk_aversion * np.tensordot(belief, problem.covariances, 1)
+    asked = cp.Problem(cp.Minimize(cp.quad_form(u, cp.psd_wrap(bent)) - (belief @ problem.means) @ u), extra(u))
+    asked.solve(solver=cp.CLARABEL, **EXACT)
+    return u.value
+
+
+def lifted_bounds(problem, action, limits, *, floors, sums):
+    """Least and greatest probability of each state among the beliefs that explain a decision: a linear programme of π, of a
+    multiplier for each limit, and of one in [−λ, λ] for each coordinate at a limit's bend; nothing of the library's."""
+    size, n_states = action.size, problem.n_states
+    gradients = np.array([2 * problem.risk_aversion * c @ action - m for c, m in zip(problem.covariances, problem.means,
+                                                                                       strict=True)])  # fmt: skip
+    gradients /= np.abs(gradients).max()
+    slack = max(problem.constraints.min_slack, 1e-9)
+    columns, bounds, rules = [gradients.T], [(0, None)] * n_states, []
+    place = n_states
+    for center, most in limits:
+        if most - np.abs(action - center).sum() >= slack:
+            continue
+        moved = action - center
+        bend = np.flatnonzero(np.abs(moved) < slack)
+        signs = np.sign(moved)
+        signs[bend] = 0.0
+        columns += [signs[:, None], np.eye(size)[:, bend]]
+        bounds += [(0, None)] + [(None, None)] * bend.size
+        for k in range(bend.size):
+            rules += [(place, place + 1 + k, 1.0), (place, place + 1 + k, -1.0)]
+        place += 1 + bend.size
+    for low in floors:
+        held = np.flatnonzero(action - low < slack)
+        columns.append(-np.eye(size)[:, held])
+        bounds += [(0, None)] * held.size
+        place += held.size
+    if sums:
+        columns.append(np.ones((size, 1)))
+        bounds.append((None, None))
+        place += 1
+    equal = np.hstack(columns)
+    total = np.append(np.ones(n_states), np.zeros(place - n_states))
+    below = np.zeros((len(rules), place))
+    for row, (limit, bend, sign) in zip(below, rules, strict=True):
+        row[limit], row[bend] = -1.0, sign
+    found = []
+    for state in range(n_states):
+        for sign in (1.0, -1.0):
+            answer = linprog(sign * np.eye(place)[state], below if rules else None, np.zeros(len(rules)) if rules else None,
+                             np.vstack([equal, total]), np.append(np.zeros(size), 1.0), bounds,
+                             options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10})  # fmt: skip
+            assert answer.status == 0, answer.message
+            found.append(sign * answer.fun)
+    return np.array(found).reshape(n_states, 2)
+
+
+@pytest.mark.parametrize("limit", [0.3, 0.004])
+def test_turnover_of_five_hundred_assets(limit):
+    """Decisions as Clarabel's to 1e-8, and the observer's set that of an independent lifted linear programme."""
+    rng = np.random.default_rng(5)
+    size = 500
+    means, covariances = market(size, 4, rng)
+    previous = rng.dirichlet(np.ones(size))
+    problem = MarkowitzProblem(means, covariances, 2.0, simplex(size) & turnover(previous, limit))
+    belief = rng.dirichlet(np.ones(4))
+    action = problem.solve(belief)
+    expected = by_clarabel(problem, belief, lambda u: [cp.sum(u) == 1, u >= 0, cp.norm1(u - previous) <= limit])
+    np.testing.assert_allclose(action, expected, atol=1e-8)
+    found = consistent_beliefs(problem, action)
+    assert found.contains(belief)
+    bounds = lifted_bounds(problem, action, [(previous, limit)], floors=[np.zeros(size)], sums=True)
+    np.testing.assert_allclose(found.bounds(), bounds, atol=1e-6)
+    assert (found.dimension > 0) == (limit == 0.004)
+
+
+@pytest.mark.parametrize("which", ["gross", "net", "both", "floor"])
+def test_decisions_and_observers_of_many_assets(which, fresh_rng):
+    rng, size = fresh_rng, 40
+    means, covariances = market(size, 3, rng)
+    previous = rng.dirichlet(np.full(size, 0.5))
+    ones = np.zeros(size)
+    region, limits, floors = {
+        "gross": (long_short(size, gross=1.4), [(ones, 1.4)], []),
+        "net": (long_short(size, gross=1.2, net=(0.2, 1.1), min_slack=0.0), [(ones, 1.2)], []),
+        "both": (long_short(size, gross=1.5) & turnover(previous, 0.4), [(ones, 1.5), (previous, 0.4)], []),
+        "floor": (turnover(previous, 0.2, long_only=True) & simplex(size), [(previous, 0.2)], [ones]),
+    }[which]
+    assert isinstance(region, MagnitudeRegion)
+    problem = MarkowitzProblem(means, covariances, 1.0, region)
+    is_net = which != "net"
+
+    def extra(u):
+        given = [cp.norm1(u - center) <= most for center, most in limits] + [u >= 0 for _ in floors]
+        return given + ([cp.sum(u) == 1] if is_net else [cp.sum(u) >= 0.2, cp.sum(u) <= 1.1])
+
+    for belief in rng.dirichlet(np.ones(3), 3):
+        action = problem.solve(belief)
+        np.testing.assert_allclose(action, by_clarabel(problem, belief, extra), atol=1e-8)
+        assert consistent_beliefs(problem, action).contains(belief)
+        if is_net:
+            bounds = lifted_bounds(problem, action, limits, floors=floors, sums=True)
+            np.testing.assert_allclose(consistent_beliefs(problem, action).bounds(), bounds, atol=1e-6)
+
+
+def as_rows_and_lifted(size, previous):
+    """The same set twice: one row for every choice of signs, and lifted."""
+    limit = MagnitudeLimit(np.ones((1, size)), previous[None], 0.5, "turnover <= 0.5")
+    gross = MagnitudeLimit(np.ones((1, size)), np.zeros((1, size)), 1.6, "gross <= 1.6")
+    whole = Polyhedron(A_eq=np.ones((1, size)), b_eq=[1.0])
+    yield simplex(size) & turnover(previous, 0.5), MagnitudeRegion(simplex(size), [limit])
+    yield long_short(size, gross=1.6) & turnover(previous, 0.5), MagnitudeRegion(whole, [gross, limit])
+
+
+def test_lifted_limits_are_the_rows_of_all_signs(fresh_rng):
+    rng, size = fresh_rng, 5
+    previous = np.append(0.0, rng.dirichlet(np.ones(size - 1)))
+    means, covariances = market(size, 3, rng)
+    beliefs = rng.dirichlet(np.ones(3), 20)
+    for rows, lifted in as_rows_and_lifted(size, previous):
+        points = previous + 0.15 * rng.normal(size=(300, size))
+        points += (1.0 - points.sum(axis=1, keepdims=True)) / size
+        inside = rows.violation(points) <= 1e-9
+        np.testing.assert_array_equal(lifted.violation(points) <= 1e-9, inside)
+        np.testing.assert_allclose(lifted.bounding_box, rows.bounding_box, atol=1e-9)
+        first, second = (MarkowitzProblem(5 * means, covariances, 1.0, region) for region in (rows, lifted))
+        np.testing.assert_allclose(second.solve(beliefs), first.solve(beliefs), atol=1e-11)
+        for each in beliefs[:5]:
+            action = first.solve(each)
+            found = consistent_beliefs(second, action).bounds()
+            np.testing.assert_allclose(found, consistent_beliefs(first, action).bounds(), atol=1e-8)
+        check_decision_problem(second)
+        drawn = random_candidates(second, 200, rng=rng)
+        assert (rows.violation(drawn.actions) <= 1e-8).all()
+        assert np.ptp(drawn.actions, axis=0).min() > 0.05 * np.ptp(rows.bounding_box, axis=1).min()
+
+
+def test_what_is_hidden_under_lifted_limits_is_proved(fresh_rng):
+    rng, size = fresh_rng, 5
+    previous = np.append(0.0, rng.dirichlet(np.ones(size - 1)))
+    means, covariances = market(size, 3, rng)
+    belief = rng.dirichlet(np.ones(3))
+    for rows, lifted in as_rows_and_lifted(size, previous):
+        first, second = (MarkowitzProblem(5 * means, covariances, 1.0, region) for region in (rows, lifted))
+        plain = CounterAdversarialDecisionMaker(first, budget=0.2).decide(belief)
+        proved = CounterAdversarialDecisionMaker(second, budget=0.2, method=GlobalSearch(certify=0.02)).decide(belief)
+        assert plain.privacy <= proved.privacy_bound + 1e-9
+        assert proved.privacy >= plain.privacy - 5e-3  # a proof may lead to a better one
+        assert second.constraints.is_admissible(proved.action)
+        lotteries = [ProbabilisticDecisionMaker(each, budget=0.2).decide(belief) for each in (first, second)]
+        assert lotteries[1].expected_privacy == pytest.approx(lotteries[0].expected_privacy, abs=2e-2)
+
+
+def test_linear_costs_and_trading_costs_under_lifted_limits(fresh_rng):
+    rng, size = fresh_rng, 12
+    means, covariances = market(size, 3, rng)
+    previous, former = rng.dirichlet(np.ones(size), 2)
+    region = simplex(size) & turnover(previous, 0.3)
+    linear = LinearProblem(-means, region)
+    belief = rng.dirichlet(np.ones(3))
+    u = cp.Variable(size)
+    given = [cp.sum(u) == 1, u >= 0, cp.norm1(u - previous) <= 0.3]
+    best = cp.Problem(cp.Minimize(-(belief @ means) @ u), given).solve(solver=cp.CLARABEL, **EXACT)
+    assert linear.optimal_cost(belief) == pytest.approx(best, abs=1e-8)
+    check_decision_problem(linear)
+    trading = with_transaction_costs(MarkowitzProblem(means, covariances, 1.0, region), former, linear=0.004)
+    cost = cp.quad_form(u, cp.psd_wrap(np.tensordot(belief, covariances, 1))) - (belief @ means) @ u
+    cp.Problem(cp.Minimize(cost + 0.004 * cp.norm1(u - former)), given).solve(solver=cp.CLARABEL, **EXACT)
+    np.testing.assert_allclose(trading.solve(belief), u.value, atol=1e-8)
+    assert consistent_beliefs(trading, trading.solve(belief)).contains(belief)
+    check_decision_problem(trading)
+
+
+def constraint_lists(u, previous):
+    """Constraints of CVXPY that are no affine ones of the variable alone."""
+    size = previous.size
+    t, z = cp.Variable(size), cp.Variable()
+    bought, sold = cp.Variable(size, nonneg=True), cp.Variable(size, nonneg=True)
+    return [
+        [cp.norm1(u - previous) <= 0.4, u >= 0],
+        [u - previous <= t, previous - u <= t, cp.sum(t) <= 0.4, cp.max(u) <= 0.5],
+        [u == previous + bought - sold, cp.sum(bought) + cp.sum(sold) <= 0.4, cp.norm_inf(u) <= 0.6],
+        [cp.norm1(u) <= 1.3, cp.sum(cp.abs(u - previous)) <= 0.5, cp.abs(np.arange(size) / size @ u - 0.4) <= 0.1],
+        [cp.sum(cp.pos(-u)) <= 0.1, cp.norm1(cp.multiply(np.linspace(1, 2, size), u - previous)) + cp.norm1(u) <= 2.0,
+         u <= z, z <= 0.7],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("size", [6, 30])
+@pytest.mark.parametrize("which", range(5))
+def test_norms_and_variables_of_their_own_from_cvxpy(size, which, fresh_rng):
+    from inscrutable import ConvexProblem
+
+    rng = fresh_rng
+    previous, belief = rng.dirichlet(np.ones(size)), rng.dirichlet(np.ones(2))
+    means, covariances = market(size, 2, rng)
+    u = cp.Variable(size)
+    given = [cp.sum(u) == 1, *constraint_lists(u, previous)[which]]
+    costs = [cp.quad_form(u, cp.psd_wrap(c)) - 5 * m @ u for c, m in zip(covariances, means, strict=True)]
+    problem = ConvexProblem(u, costs, given)
+    action = problem.solve(belief)
+    cp.Problem(cp.Minimize(belief @ cp.hstack(costs)), given).solve(solver=cp.CLARABEL, **EXACT)
+    np.testing.assert_allclose(action, u.value, atol=1e-8)
+    assert consistent_beliefs(problem, action).contains(belief)
+    assert problem.constraints.needs_lift == (size == 30 or which == 4)
+
+
+def test_what_cannot_be_lifted_is_named():
+    from inscrutable import ConvexProblem
+
+    size = 12
+    previous = np.full(size, 1 / size)
+    with pytest.raises(ModelError, match="sum of 12 magnitudes"):
+        KellyProblem([np.ones((2, size))] * 2, [[0.5, 0.5]] * 2, constraints=simplex(size) & turnover(previous, 0.2))
+    with pytest.raises(ModelError, match=r"least relaxation is: turnover <= 0\.1 by 0\.0666667"):
+        MarkowitzProblem(
+            np.zeros((1, size)),
+            [np.eye(size)],
+            1.0,
+            simplex(size) & turnover(previous, 0.1) & max_weights(size, {"u[0]": 0.0}),
+        )
+    u = cp.Variable(size)
+    costs = [cp.sum_squares(u)]
+    with pytest.raises(InputError, match="more than rows and sums of magnitudes"):
+        ConvexProblem(u, costs, [cp.sum_largest(u, 3) <= 0.5])
+    with pytest.raises(InputError, match="magnitudes of combinations"):
+        ConvexProblem(u, costs, [cp.norm1(np.tri(size) @ u) <= 2.0])
+    with pytest.raises(InputError, match="convex by CVXPY's rules"):
+        ConvexProblem(u, costs, [cp.norm1(u) >= 1.0])
+    with pytest.raises(ModelError, match="sum of 12 magnitudes"):
+        ConvexProblem(u, [cp.sum(cp.exp(u))], [cp.norm1(u) <= 1.0])
+    problem = MarkowitzProblem(np.zeros((1, size)), [np.eye(size)], 1.0, simplex(size) & turnover(previous, 0.2))
+    with pytest.raises(InputError, match=r"turnover <= 0\.2 is exceeded by 0\.3"):
+        consistent_beliefs(problem, previous + 0.25 * (np.eye(size)[0] - np.eye(size)[1]) * np.array([1.0] * size))
+
+
+def test_labels_go_with_the_limits():
+    names = [f"S{k}" for k in range(12)]
+    previous = dict(zip(names, np.linspace(1, 2, 12) / 18, strict=True))
+    region = turnover(previous, 0.3) & max_weights(names[::-1], 0.5)
+    assert isinstance(region, MagnitudeRegion)
+    assert region.asset_names == tuple(names)
+    other = max_weights(names[::-1], 0.5) & turnover(previous, 0.3)
+    point = np.array(list(previous.values()))
+    moved = point + 0.1 * (np.eye(12)[0] - np.eye(12)[11])
+    for each, flip in ((region, 1), (other, -1)):
+        assert float(each.violation(moved[::flip])) == 0.0
+        assert float(each.violation((point + 2 * (moved - point))[::flip])) == pytest.approx(0.1)
+    twice = region & long_short(names, gross=1.4)
+    assert len(twice.limits) == 2
+    told = explain_action(
+        MarkowitzProblem(np.zeros((2, 12)), [np.diag(np.arange(1.0, 13)), np.eye(12)], 1.0, twice & simplex(12)), point
+    )
+    assert not told.is_explained
+    assert "S0" in str(told)

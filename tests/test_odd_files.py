@@ -1,0 +1,466 @@
+"""Odd files and wrong calls: each is refused in one clear line, or read as what it says; never a traceback, never a guess."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import (
+    Budget,
+    CounterAdversarialDecisionMaker,
+    FiniteProblem,
+    InputError,
+    InscrutableError,
+    MarkowitzProblem,
+    MaximalObfuscation,
+    Polyhedron,
+    ProbabilisticDecisionMaker,
+    consistent_beliefs,
+    long_short,
+    max_weights,
+    simplex,
+    turnover,
+)
+from inscrutable.cli import main
+from inscrutable.datasets import (
+    dollars_13f,
+    only_shares,
+    read_13f,
+    read_beliefs,
+    read_holdings,
+    read_labelled_matrix,
+    read_map,
+    read_returns,
+    read_sectors,
+    read_weights,
+)
+from inscrutable.experiments.attack import Reading, attack_weights
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.own_model import LimitsPart, OwnModel, investor_of
+from inscrutable.experiments.silence import budget_in
+
+ASSETS = ["Oil", "Food", "Tech"]
+MODEL = """
+[investor]
+budget = "5bp"
+{more}
+[regimes]
+names = ["calm", "crisis"]
+assets = ["Oil", "Food", "Tech"]
+transition = [[0.95, 0.05], [0.2, 0.8]]
+means = [[0.008, 0.007, 0.012], [-0.02, 0.002, -0.03]]
+covariances = [
+  [[0.002, 0.0004, 0.0006], [0.0004, 0.001, 0.0004], [0.0006, 0.0004, 0.003]],
+  [[0.008, 0.002, 0.004], [0.002, 0.003, 0.002], [0.004, 0.002, 0.010]],
+]
+"""
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text(MODEL.replace("{more}", ""))
+    return path
+
+
+# What is read: reader, content, options, values of the first row (or the whole).
+READ = {
+    "returns between semicolons": (read_returns, "date;A\n2020-01-31;0,01\n2020-02-29;-0,5\n", {}, [[0.01], [-0.5]]),
+    "returns between tabs": (read_returns, "date\tA\n2020-01-31\t0.01\n", {}, [[0.01]]),
+    "returns between bars": (read_returns, "date|A\n2020-01-31|0.01\n", {}, [[0.01]]),
+    "beliefs with decimal commas": (read_beliefs, "date;up;down\n2020-01;0,25;0,75\n", {}, [[0.25, 0.75]]),
+    "dollars": (read_holdings, 'Oil,Food,Tech\n"$1,000.00",$500.00,$500.00\n', {"assets": ASSETS}, [[0.5, 0.25, 0.25]]),
+    "percent": (read_holdings, "Oil,Food,Tech\n50%,25%,25 %\n", {"assets": ASSETS}, [[0.5, 0.25, 0.25]]),
+    "percent of 100": (read_holdings, "Oil,Food,Tech\n50,25,25\n", {"assets": ASSETS}, [[0.5, 0.25, 0.25]]),
+    "blanks and cash": (read_holdings, "date,oil,FOOD,Cash\n2020-01-31,3,,1\n", {"assets": ASSETS}, [[1, 0, 0]]),
+    "shares and prices": (
+        read_holdings, "symbol,shares,price\nOIL,10,$30\nfood,20,5\nOil,10,30\n", {"assets": ASSETS}, [[6 / 7, 1 / 7, 0]]),
+    "long with dates": (
+        read_holdings, "date,asset,value\n2020-01-31,Oil,1\n2020-02-29,Food,2\n2020-02-29,Oil,2\n", {"assets": ASSETS},
+        [[1, 0, 0], [0.5, 0.5, 0]]),
+    "short positions in brackets": (read_holdings, "Oil,Food,Tech\n(50),100,50\n", {"assets": ASSETS}, [[-0.5, 1, 0.5]]),
+    "a map": (
+        read_holdings, "asset,value\n0378,3\nTech,1\nGLD,1\n", {"assets": ASSETS, "names": {"0378": "Oil", "GLD": ""}},
+        [[0.75, 0, 0.25]]),
+    "a matrix": (read_labelled_matrix, "r,A,B\ny,3,4\nx,1,2\n", {"rows": ["x", "y"], "columns": ["B", "A"]}, [[2, 1], [4, 3]]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", READ)
+def test_what_is_read(case, tmp_path):
+    reader, content, options, expected = READ[case]
+    path = tmp_path / "mine.csv"
+    path.write_text(content)
+    found = reader(path, **options)
+    np.testing.assert_allclose(getattr(found, "frame", found).to_numpy(), expected, atol=1e-12)
+
+
+# What is refused: reader, content, options, what the message has.
+ODD = {
+    "both decimal signs": (read_returns, "date;A\n2020-01-31;0,01\n2020-02-29;0.02\n", {}, "not both"),
+    "thousands or decimals": (read_returns, "date;A\n2020-01-31;1,234\n", {}, "thousands"),
+    "percentages as returns": (read_returns, "date,A\n2020-01-31,2.5\n2020-02-29,-3\n", {}, "percentages"),
+    "dates that go back": (read_returns, "date,A\n2020-02-29,0.1\n2020-01-31,0.1\n", {}, "2020-01-31"),
+    "a text in the numbers": (read_returns, "date,A\n2020-01-31,n.m.\n", {}, "expected a number"),
+    "a blank return": (read_returns, "date,A\n2020-01-31,\n", {}, "missing"),
+    "beliefs off the simplex": (read_beliefs, "date;a;b\n2020-01;0,5;0,6\n", {}, "sum to 1.1"),
+    "weights in dollars": (read_weights, "Oil,Food,Tech\n100,50,50\n", {"assets": ASSETS}, "sum to 200"),
+    "an unknown ticker": (read_holdings, "asset,value\nOli,1\n", {"assets": ASSETS}, "did you mean 'Oil'"),
+    "an unknown column": (read_holdings, "date,Oil,Gold\n2020-01-31,1,1\n", {"assets": ASSETS}, "'Gold' is none of"),
+    "two columns of one asset": (read_holdings, "Oil,oil,Food\n1,1,1\n", {"assets": ASSETS}, "second column of one asset"),
+    "mixed units": (read_holdings, "Oil,Food,Tech\n50%,0.25,25%\n", {"assets": ASSETS}, "per cent sign and some"),
+    "mixed units below one another": (read_holdings, "asset,value\nOil,50%\nFood,50\n", {"assets": ASSETS}, "per cent sign"),
+    "no value at all": (read_holdings, "Oil,Food,Tech\n0,,-\n", {"assets": ASSETS}, "add up to 0"),
+    "longs and shorts that cancel": (read_holdings, "Oil,Food\n100,-100\n", {"assets": ASSETS}, "add up to 0"),
+    "mostly cash": (read_holdings, "Oil,Food,cash\n1,1,8\n", {"assets": ASSETS}, "80% of the value is left out"),
+    "shares alone": (read_holdings, "ticker,shares\nOil,10\n", {"assets": ASSETS}, "shares alone say nothing"),
+    "shares without a price": (read_holdings, "ticker,shares,price\nOil,10,\n", {"assets": ASSETS}, "no price above 0"),
+    "an amount in words": (read_holdings, "asset,value\nOil,ten\n", {"assets": ASSETS}, "expected an amount"),
+    "an amount in euros and cents": (read_holdings, 'asset,value\nOil,"1.234,50"\n', {"assets": ASSETS}, "expected an amount"),
+    "a date that comes late": (read_holdings, "asset,date,value\nOil,2020-01-31,1\n", {"assets": ASSETS}, "must come first"),
+    "a map to nowhere": (
+        read_holdings, "asset,value\nOil,1\n", {"assets": ASSETS, "names": {"X": "Gold"}}, "the map names 'Gold'"),
+    "an empty file": (read_holdings, "", {"assets": ASSETS}, "is empty"),
+    "a header alone": (read_holdings, "asset,value\n", {"assets": ASSETS}, "only a header"),
+    "rows of another length": (read_holdings, "asset,value\nOil,1,2\n", {"assets": ASSETS}, "3 cells, expected 2"),
+    "a map of other columns": (read_map, "from,to\nA,B\n", {}, "expected 'name' and 'asset'"),
+    "a map that says it twice": (read_map, "name,asset\nA,Oil\nA,Food\n", {}, "stands twice"),
+    "sectors of other columns": (read_sectors, "a,b\nOil,x\n", {"assets": ASSETS}, "expected 'asset' and 'sector'"),
+    "an asset without a sector": (read_sectors, "asset,sector\nOil,x\nFood,x\n", {"assets": ASSETS}, "no sector for 'Tech'"),
+    "a sector of an unknown asset": (read_sectors, "asset,sector\nGold,x\n", {"assets": ASSETS}, "unknown 'Gold'"),
+    "a sector twice": (read_sectors, "asset,sector\nOil,x\nOil,x\n", {"assets": ASSETS}, "stands twice in its sector"),
+    "a matrix with a row twice": (read_labelled_matrix, "r,A\nx,1\nx,2\n", {}, "twice: 'x'"),
+    "a matrix without a row": (read_labelled_matrix, "r,A\nx,1\n", {"rows": ["x", "y"]}, "missing: 'y'"),
+    "a matrix without a column": (read_labelled_matrix, "r,A\nx,1\n", {"columns": ["B"]}, "missing column"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_odd_files_are_named(case, tmp_path):
+    reader, content, options, message = ODD[case]
+    path = tmp_path / "mine.csv"
+    path.write_text(content)
+    with pytest.raises(InputError) as caught:
+        reader(path, **options)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+# Model files: what is put in place of {more}, or of another text, and what the message has.
+MODELS = {
+    "no TOML": ("{more}", "[[[", "is not TOML"),
+    "a misspelt section": ("[investor]", "[investors]", "no such key; did you mean investor?"),
+    "a misspelt key": ('budget = "5bp"', "risk_aversoin = 5", "did you mean risk_aversion?"),
+    "a misspelt limit": ("{more}", "[constraints]\nmax_wieght = 0.5", "did you mean max_weight?"),
+    "text for a number": ('budget = "5bp"', 'risk_aversion = "5"', "should be"),
+    "no risk aversion": ('budget = "5bp"', "risk_aversion = 0", "greater than 0"),
+    "a budget in words": ('"5bp"', '"a lot"', "expected a share of |c*|"),
+    "a cap above one": ("{more}", "[constraints]\nmax_weight = 25", "less than or equal to 1"),
+    "a cap of nobody": ("{more}", "[constraints]\nmax_weight = { Gold = 0.5 }", "'Gold', expected one of Oil"),
+    "caps that leave nothing": ("{more}", "[constraints]\nmax_weight = 0.2", "no decision satisfies all constraints"),
+    "a sector cap alone": ("{more}", "[constraints]\nsector_cap = 0.2", "go together"),
+    "a sector of nobody": ("{more}", '[constraints]\nsector_cap = 0.5\nsectors = { a = ["Gold"] }', "'Gold'"),
+    "a file of sectors that is not there": ("{more}", '[constraints]\nsector_cap = 0.5\nsectors = "no.csv"', "does not exist"),
+    "a net without long_short": ("{more}", "[constraints]\nnet = 0.5", "goes with long_short"),
+    "less gross than net": ("{more}", "[constraints]\nlong_short = 0.5", "below the net"),
+    "negative turnover": ("{more}", "[constraints]\nturnover = -1", "greater than or equal to 0"),
+    "no names": ('names = ["calm", "crisis"]\n', "", "the key names is missing"),
+    "a row short": ("transition = [[0.95, 0.05], [0.2, 0.8]]", "transition = [[0.95, 0.05]]", "transition"),
+    "rows that do not sum to one": ("[0.2, 0.8]]", "[0.2, 0.9]]", "1.1"),
+    "no means": ("means = [[0.008, 0.007, 0.012], [-0.02, 0.002, -0.03]]\n", "", "give one of means and means_file"),
+    "means of other assets": ("[-0.02, 0.002, -0.03]", "[-0.02, 0.002]", "different lengths"),
+    "an indefinite covariance": ("[0.002, 0.0004, 0.0006]", "[-0.002, 0.0004, 0.0006]", "covariances"),
+    "a means file that is not there": (
+        "means = [[0.008, 0.007, 0.012], [-0.02, 0.002, -0.03]]", 'means_file = "no.csv"', "does not exist"),
+    "an asset twice": ('"Oil", "Food", "Tech"]', '"Oil", "Oil", "Tech"]', "Oil"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", MODELS)
+def test_odd_models_are_named(case, tmp_path):
+    old, new, message = MODELS[case]
+    path = tmp_path / "model.toml"
+    path.write_text(MODEL.replace(old, new).replace("{more}", ""))
+    with pytest.raises(InscrutableError) as caught:
+        investor_of(path)
+    assert message in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def table_13f(**columns):
+    rows = {"CUSIP": ["037833100", "594918104"], "VALUE": [200, 100], "SSHPRNAMT": [1500, 400],
+            "SSHPRNAMTTYPE": ["SH", "SH"], "PUTCALL": ["", ""]}  # fmt: skip
+    return pd.DataFrame({**rows, **columns})
+
+
+def test_13f_values_are_thousands_before_and_dollars_from_3_january_2023():
+    thousands = dollars_13f(table_13f(), filed="2023-01-02")
+    assert thousands["value"].tolist() == [200_000.0, 100_000.0]
+    dollars = dollars_13f(table_13f(VALUE=[200_000, 100_000]), filed="03-JAN-2023")
+    assert dollars["value"].tolist() == [200_000.0, 100_000.0]
+    edgar = table_13f().set_axis(["Cusip", "Value", "SharesPrnAmount", "Type", "PutCall"], axis=1)
+    edgar = edgar.assign(Ticker=["AAPL", "MSFT"], Issuer=["APPLE INC", "MICROSOFT CORP"], Type="Shares")
+    assert dollars_13f(edgar, filed="2022-11-14")["ticker"].tolist() == ["AAPL", "MSFT"]
+    twice = table_13f(CUSIP=["037833100", "37833100"])
+    assert dollars_13f(twice, filed="2022-11-14")["value"].tolist() == [300_000.0]
+    assert len(only_shares(table_13f(PUTCALL=["Put", ""]))) == 1
+
+
+@pytest.mark.parametrize(
+    ("columns", "filed", "message"),
+    [
+        ({"PUTCALL": ["Put", ""]}, "2022-11-14", "options"),
+        ({"SSHPRNAMTTYPE": ["SH", "PRN"]}, "2022-11-14", "principal amounts"),
+        ({"VALUE": [200, -1]}, "2022-11-14", "value -1 and shares"),
+        ({"VALUE": ["200", "many"]}, "2022-11-14", "many"),
+        ({}, "2023-02-14", "look like thousands"),
+        ({"VALUE": [200_000_000, 100_000_000]}, "2022-11-14", "look like dollars"),
+        ({"ACCESSION_NUMBER": ["1", "2"]}, "2022-11-14", "several filings"),
+        ({}, "last year", "no day of filing"),
+    ],
+)
+def test_traps_of_13f_are_named(columns, filed, message):
+    with pytest.raises(InputError, match=message):
+        dollars_13f(table_13f(**columns), filed=filed)
+
+
+def test_13f_without_columns_or_rows():
+    with pytest.raises(InputError, match="no column VALUE"):
+        dollars_13f(table_13f().drop(columns="VALUE"), filed="2022-11-14")
+    with pytest.raises(InputError, match="no rows"):
+        dollars_13f(table_13f().iloc[:0], filed="2022-11-14")
+
+
+def test_quarters_of_a_manager_with_amendments(tmp_path):
+    """A restatement replaces, new holdings are added, each in the unit of its own day of filing."""
+    filings = [("1", "14-NOV-2022", "13F-HR", ""), ("2", "20-FEB-2023", "13F-HR/A", "RESTATEMENT"),
+               ("3", "01-MAR-2023", "13F-HR/A", "NEW HOLDINGS")]  # fmt: skip
+    submission = [(a, day, kind, "77", "30-SEP-2022") for a, day, kind, _ in filings]
+    pd.DataFrame(
+        submission, columns=["ACCESSION_NUMBER", "FILING_DATE", "SUBMISSIONTYPE", "CIK", "PERIODOFREPORT"]
+    ).to_csv(tmp_path / "SUBMISSION.tsv", sep="\t", index=False)
+    covers = pd.DataFrame([(a, kind) for a, _, _, kind in filings], columns=["ACCESSION_NUMBER", "AMENDMENTTYPE"])
+    covers.to_csv(tmp_path / "COVERPAGE.tsv", sep="\t", index=False)
+    rows = [("1", "A", 900, 9000), ("2", "A", 300_000, 3000), ("3", "B", 100_000, 2000), ("3", "C", 100_000, 2000)]
+    holdings = pd.DataFrame(
+        [(a, c.zfill(9), v, s, "SH", "") for a, c, v, s in rows],
+        columns=["ACCESSION_NUMBER", "CUSIP", "VALUE", "SSHPRNAMT", "SSHPRNAMTTYPE", "PUTCALL"],
+    )
+    holdings.to_csv(tmp_path / "INFOTABLE.tsv", sep="\t", index=False)
+    names = {"A".zfill(9): "Oil", "B".zfill(9): "Food"}
+    found = read_13f(tmp_path, cik=77, assets=ASSETS, names=names)
+    np.testing.assert_allclose(found.frame.to_numpy(), [[0.75, 0.25, 0.0]])
+    assert found.left_out == pytest.approx(0.2)
+    with pytest.raises(InputError, match="CIK 78 filed no holdings"):
+        read_13f(tmp_path, cik=78, assets=ASSETS, names=names)
+    with pytest.raises(InputError, match="names has 'Gold'"):
+        read_13f(tmp_path, cik=77, assets=ASSETS, names={"A": "Gold"})
+    covers.assign(AMENDMENTTYPE="").to_csv(tmp_path / "COVERPAGE.tsv", sep="\t", index=False)
+    with pytest.raises(InputError, match="says neither RESTATEMENT nor NEW HOLDINGS"):
+        read_13f(tmp_path, cik=77, assets=ASSETS, names=names)
+
+
+# Wrong calls of the verbs: arguments (M is the model, W weights, B a broker's file), exit code, what is said.
+VERBS = {
+    "a cap in words": ("protect --model M --belief 0.5,0.5 --max-weight much", 2, "expected a number such as 0.25"),
+    "a cap above one": ("protect --model M --belief 0.5,0.5 --max-weight 50", 2, "--max-weight: "),
+    "a sector cap alone": ("protect --model M --belief 0.5,0.5 --sector-cap 0.4", 3, "go together"),
+    "sectors that are not there": (
+        "protect --model M --belief 0.5,0.5 --sector-cap 0.4 --sectors no.csv",
+        3,
+        "does not exist",
+    ),
+    "turnover against nothing": ("protect --model M --belief 0.5,0.5 --turnover 0.1", 3, "--previous"),
+    "weights before without a limit": ("protect --model M --belief 0.5,0.5 --previous W", 3, "--turnover"),
+    "turnover of a sequence": ("protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1", 3, "--previous"),
+    "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
+    "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),
+    "silence in basis points": ("protect --model M --belief 0.5,0.5 --budget silence:5bp", 2, "expected a share"),
+    "a map without normalise": ("protect --model M --weights W --map W", 2, "give --normalise"),
+    "less gross than net": ("protect --model M --belief 0.5,0.5 --long-short 0.5", 4, "below the net"),
+    "no model": ("protect --model no.toml --belief 0.5,0.5", 3, "cannot be read"),
+    "a belief of three": ("protect --model M --belief 0.2,0.3,0.5", 3, "expected one per state: 2"),
+    "holdings as weights": ("attack --model M --weights B", 3, "--normalise"),
+    "a map that is not there": ("attack --model M --weights B --normalise --map no.csv", 3, "does not exist"),
+    "a regret as a share": ("attack --model M --weights W --regret 10%", 2, "expected a regret such as 5bp"),
+    "a regret in words": ("attack --model M --weights W --regret small", 2, "--regret"),
+    "a limit on rounded weights": ("attack --model M --weights W --turnover 0.2", 3, "full precision"),
+    "several portfolios before": (
+        "attack --model M --weights W --turnover 0.2 --previous T",
+        3,
+        "expected the one portfolio",
+    ),
+    "weights above a cap": ("attack --model M --weights W --max-weight 0.4", 3, "misses"),
+    "budgets in two units": ("compare --budgets 5%,5bp", 2, "expected one unit"),
+    "budgets in words": ("compare --budgets lots", 2, "expected shares of |c*|"),
+    "two units of budgets in one": ("compare --budgets silence:5bp", 2, "expected shares"),
+    "regimes twice": ("backtest --model M --regimes 3", 2, "the model has its own"),
+    "a backtest with turnover": ("backtest --turnover 0.2", 3, "without a limit on turnover"),
+    "other assets than the returns'": ("backtest --model M", 3, "asset labels"),
+    "a riskless rate of several columns": ("backtest --riskless R", 2, "expected one"),
+    "a riskless rate in percent": ("backtest --riskless P", 3, "divide percentages by 100"),
+    "a backtest of an unknown asset": ("backtest --model N", 3, "'Gold'"),
+    "a folder as the model": ("backtest --model .", 3, "folder"),
+}
+
+
+@pytest.mark.parametrize("case", VERBS)
+def test_wrong_calls_of_verbs(case, model, tmp_path, monkeypatch, capsys):
+    text, code, message = VERBS[case]
+    monkeypatch.chdir(tmp_path)
+    dates = "".join(f"{year}-{month:02d},5\n" for year in range(1949, 2018) for month in range(1, 13))
+    files = {
+        "W": "Oil,Food,Tech\n0.50,0.30,0.20\n", "B": "symbol,shares,price\nOil,1,2\n",
+        "T": "Oil,Food,Tech\n0.5,0.3,0.2\n0.4,0.4,0.2\n", "R": "date,a,b\n2020-01,0,0\n", "P": f"date,rate\n{dates}",
+        "N": "[constraints]\nmax_weight = { Gold = 0.2 }\n",
+    }  # fmt: skip
+    names = {"M": model}
+    for name, content in files.items():
+        names[name] = tmp_path / (f"{name}.toml" if name == "N" else f"{name}.csv")
+        names[name].write_text(content)
+    assert main([str(names.get(word, word)) for word in text.split()]) == code
+    said = capsys.readouterr().err
+    assert message in said
+    assert "Traceback" not in said
+
+
+PROBLEM = MarkowitzProblem([[0.1, 0.0], [0.0, 0.2]], [np.eye(2), 2 * np.eye(2)], 1.0)
+
+# Wrong calls of the library.
+CALLS = {
+    "two budgets": (lambda: CounterAdversarialDecisionMaker(PROBLEM, 0.1, 0.2), "two budgets were given"),
+    "two measures": (
+        lambda: CounterAdversarialDecisionMaker(PROBLEM, MaximalObfuscation(), MaximalObfuscation()), "budget"),
+    "a budget in words": (lambda: CounterAdversarialDecisionMaker(PROBLEM, budget="much"), "expected a share of"),
+    "silence of a problem alone": (lambda: ProbabilisticDecisionMaker(PROBLEM, budget="silence:0.5"), "silence="),
+    "a budget of nothing": (lambda: Budget.parse(""), "expected a share"),
+    "a budget of NaN": (lambda: Budget.parse(float("nan")), "must be finite"),
+    "digits below zero": (lambda: consistent_beliefs(PROBLEM, [0.5, 0.5], digits=-1), "digits must be"),
+    "rounded choices": (
+        lambda: consistent_beliefs(FiniteProblem([[0.0, 1.0], [1.0, 0.0]]), [1.0, 0.0], digits=2), "whole numbers"),
+    "more than rounding": (lambda: consistent_beliefs(PROBLEM, [0.9, 0.3], digits=2), "more than rounding"),
+    "a decision of three": (lambda: consistent_beliefs(PROBLEM, [0.2, 0.3, 0.5], digits=2), "expected 2"),
+    "a limit below nothing": (lambda: turnover([0.5, 0.5], "x"), "must be"),
+    "a gross limit of many": (lambda: long_short(20, gross=0.5), "below the net"),
+    "caps of other names": (lambda: turnover({"A": 0.5, "B": 0.5}, 0.1) & max_weights(["A", "C"], 0.5), "other asset labels"),
+    "limits of other sizes": (lambda: simplex(20) & turnover(np.full(21, 1 / 21), 0.1), "cannot intersect"),
+    "a set and a number": (lambda: PROBLEM.constraints & 3, None),
+    "a section with an unknown key": (lambda: LimitsPart(max_wieght=0.5), "max_wieght"),
+    "a section with text": (lambda: LimitsPart(turnover="much"), "turnover"),
+    "a negative regret": (lambda: attack_weights(own(), pd.DataFrame([[1.0, 0, 0]], columns=ASSETS), regret=-1), "regret"),
+    "weights of other assets": (
+        lambda: attack_weights(own(), pd.DataFrame([[1.0, 0, 0]], columns=["Oil", "Food", "Gold"])), "unknown"),
+    "turnover that is none": (lambda: replace(own(), turnover=-1), "turnover must be at least 0"),
+}  # fmt: skip
+
+
+def own():
+    import tempfile
+    from pathlib import Path
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "model.toml")
+        path.write_text(MODEL.replace("{more}", ""))
+        return investor_of(path)
+
+
+@pytest.mark.parametrize("case", CALLS)
+def test_wrong_calls_of_the_library(case):
+    call, message = CALLS[case]
+    with pytest.raises((InscrutableError, TypeError) if message is None else InscrutableError) as caught:
+        call()
+    assert message is None or message in str(caught.value)
+
+
+def test_budgets_as_they_are_written():
+    assert Budget.parse("10%") == Budget.parse(0.1) == Budget.parse("relative:0.1") == Budget.relative(0.1)
+    assert Budget.parse("5bp") == Budget.parse("regret:5 bps") == Budget.regret(0.0005)
+    assert Budget.parse("silence:50%", silence=0.004) == Budget.regret(0.002)
+    assert "10%" in Budget.parse("10").remark
+    assert "basis points" in Budget.parse("regret:5").remark
+    assert "pays for nothing" in Budget.parse("0").remark
+    assert not Budget.parse("5bp").remark
+    first = CounterAdversarialDecisionMaker(PROBLEM, "10%", MaximalObfuscation())
+    assert first.budget == CounterAdversarialDecisionMaker(PROBLEM, 0.1).budget == Budget.relative(0.1)
+
+
+def test_silence_is_the_regret_at_which_one_portfolio_suffices():
+    from inscrutable.budgets import SilenceShare
+
+    investor = own()
+    whole = budget_in(investor.world, investor.problem, SilenceShare(1.0))
+    assert budget_in(investor.world, investor.problem, SilenceShare(0.5)).amount == pytest.approx(0.5 * whole.amount)
+    assert budget_in(investor.world, investor.problem, Budget(0.1)) == Budget(0.1)
+    assert 0 < whole.amount < 0.01
+
+
+@pytest.mark.parametrize("digits", [2, 4])
+def test_rounded_decisions_of_any_problem_are_read(digits, fresh_rng):
+    """The belief that was held is always among those read: quadratic costs, growth, and limits on magnitudes."""
+    from inscrutable import KellyProblem
+
+    rng, size = fresh_rng, 12
+    outcomes = np.exp(0.2 * rng.normal(size=(6, 4)))
+    growth = KellyProblem([outcomes] * 3, rng.dirichlet(np.ones(6), 3))
+    factors = rng.normal(size=(3, size, size)) / size
+    covariances = factors @ factors.transpose(0, 2, 1) + 0.01 * np.eye(size)
+    lifted = MarkowitzProblem(0.1 * rng.normal(size=(3, size)), covariances, 1.0, long_short(size, gross=1.5))
+    plain = MarkowitzProblem(0.1 * rng.normal(size=(3, size)), covariances, 1.0)
+    for problem in (growth, lifted, plain):
+        for belief in rng.dirichlet(np.ones(3), 4):
+            published = problem.solve(belief).round(digits)
+            found = consistent_beliefs(problem, published, digits=digits)
+            assert found.contains(belief)
+
+
+def test_a_model_goes_to_disk_with_limits_on_magnitudes(tmp_path):
+    size = 14
+    names = tuple(f"S{k}" for k in range(size))
+    small = own()
+    problem = MarkowitzProblem(np.zeros((2, size)), [np.eye(size)] * 2, 1.0, long_short(names, gross=1.5))
+    from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+
+    world = HiddenMarkovModel(small.world.transition, CategoricalEmission(np.eye(2)))
+    model = InvestorModel(world, problem, names, ("a", "b"), turnover=0.25)
+    again = InvestorModel.load(model.save(tmp_path / "model.json"))
+    assert again.turnover == 0.25
+    assert again.problem.constraints.needs_lift
+    previous = dict.fromkeys(names[::-1], 1 / size)
+    near = again.problem_after(previous)
+    np.testing.assert_allclose(near.solve([0.5, 0.5]), model.problem_after(previous).solve([0.5, 0.5]))
+    assert len(near.constraints.limits) == 2
+
+
+def test_limits_of_a_file_are_the_problem_s(tmp_path):
+    path = tmp_path / "model.toml"
+    more = "[constraints]\nmax_weight = { Oil = 0.3 }\nlong_short = 1.6\nturnover = 0.2"
+    path.write_text(MODEL.replace("{more}", more))
+    investor = investor_of(path, LimitsPart(max_weight=0.5))
+    assert investor.turnover == 0.2
+    region = investor.problem.constraints
+    assert isinstance(region, Polyhedron)
+    assert bool(region.violation([0.5, 0.5, 0.0]) <= 1e-9)
+    assert not bool(region.violation([0.55, 0.45, 0.0]) <= 1e-9)
+    assert bool(region.violation([0.5, 0.5 + 1e-12, -1e-12]) <= 1e-9)
+    assert OwnModel.load(path).file.constraints.max_weight == {"Oil": 0.3}
+
+
+def test_turnover_is_read_row_by_row(tmp_path):
+    """Each row's limit is against the row before; a decision under it is explained by the belief that made it."""
+    path = tmp_path / "model.toml"
+    path.write_text(MODEL.replace("{more}", "[constraints]\nturnover = 0.3"))
+    investor = investor_of(path)
+    rows = [investor.problem.solve([0.9, 0.1])]
+    for belief in ([0.2, 0.8], [0.6, 0.4]):
+        rows.append(investor.problem_after(rows[-1]).solve(belief))
+    found = attack_weights(investor, pd.DataFrame(rows, columns=ASSETS))
+    assert found.count(Reading.EXACT) == 3
+    for row, belief in zip(found.rows, ([0.9, 0.1], [0.2, 0.8], [0.6, 0.4]), strict=True):
+        assert (row.bounds[:, 0] <= np.array(belief) + 1e-9).all()
+        assert (row.bounds[:, 1] >= np.array(belief) - 1e-9).all()
+    asked = attack_weights(investor, pd.DataFrame([[0.2, 0.5, 0.3]], columns=ASSETS), regret=0.02)
+    assert asked.count(Reading.NEAR) == 1
+    assert "200 bp" in asked.summary()

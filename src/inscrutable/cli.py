@@ -193,8 +193,8 @@ def backtest(
             moves. All is written and printed nevertheless.
     """
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
+    from inscrutable.reports import backtest_verdict
     from inscrutable.reports.backtest import text_of, warnings_of, write_backtest
-    from inscrutable.reports.backtest_verdict import limits, verdict
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
@@ -243,7 +243,10 @@ def backtest(
     if speech.json:
         speech.summary_file(folder / "summary.json")
     else:
-        found = ["\n".join(each) for each in (warnings_of(result), verdict(result), limits(result))]
+        found = [
+            "\n".join(each)
+            for each in (warnings_of(result), backtest_verdict.verdict(result), backtest_verdict.limits(result))
+        ]
         speech.sentence("\n\n".join(filter(None, [text_of(result), *found])) + "\n")
         speech.files(files)
     return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0

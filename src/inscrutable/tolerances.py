@@ -429,3 +429,40 @@ DEAREST_REPAIR = 1e-3
 
 LEAST_REGRET_GAP = 1e-4
 """Gap between a least regret and its bound, as a share of the silence regret, that counts as none unless less is asked for."""
+
+NO_VARIANCE = 1e-13
+"""Eigenvalue of a covariance, as a share of the largest, that counts as none: some hundreds of roundings."""
+
+ALL_LEFT = 1e-9
+"""Share of a variance below one by this much that is taken to be left whole: nothing is told of it, and no noise is drawn."""
+
+COMMUTING = 1e-12
+"""Difference of two products of matrices, relative to both, below which the matrices have the same directions."""
+
+TIED_RATE = 1e-12
+"""Relative difference of two gains a cost that counts as a tie, which goes to the least information."""
+
+SAME_PRICE = 1e-13
+"""Relative width of a bracket of prices of regret that is one price: a few hundred roundings."""
+
+STABLE = 1e-9
+"""How far below one the largest modulus of an eigenvalue must be for a stationary law: its covariance then has half its digits."""
+
+SETTLED = 1e-10
+"""Relative change of the covariances and of their values ahead below which a rule over time is its own next iterate."""
+
+REGRET_SPENT = 1e-9
+"""How far the regret of a rule over time may miss its limit before a mixture of two rules spends it, as a share of it."""
+
+MIXTURE_LOSS = 1e-8
+"""What a mixture of two rules over time may lose against the best one, as a share of the limit times the price of regret."""
+
+ERROR_PRICES = (1e-2, 1e-3, 1e-4, 1e-5)
+"""Prices of the bits of one direction, as shares of the mean error of a direction, by which the largest error over time is
+approached: at the last two all bits together are worth some hundred-thousandths or millionths of it."""
+
+ERROR_OVER_TIME_GAP = 1e-5
+"""Gap of a largest error over time by its dual bound, as a share of it, at which no smaller price of bits is tried."""
+
+REGRET_NEARLY_SPENT = 1e-2
+"""The same for rules that only say where to begin at a smaller price of bits."""

@@ -36,7 +36,12 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import infer_weights as infer_weights
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
+    from inscrutable.alphas import AlphaDecision as AlphaDecision
+    from inscrutable.alphas import AlphaDecisionMaker as AlphaDecisionMaker
+    from inscrutable.alphas import AlphaPath as AlphaPath
     from inscrutable.alphas import AlphaProblem as AlphaProblem
+    from inscrutable.alphas import AlphaSequence as AlphaSequence
+    from inscrutable.alphas import AlphaStatus as AlphaStatus
     from inscrutable.alphas import FactorRisk as FactorRisk
     from inscrutable.budgets import Budget as Budget
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus

@@ -444,6 +444,9 @@ on these the decision is then solved to `STATIONARITY`."""
 NO_VARIANCE = 1e-13
 """Eigenvalue of a covariance, as a share of the largest, that counts as none: some hundreds of roundings."""
 
+WELL_CONDITIONED = 1e-5
+"""Ratio of the smallest to the largest diagonal entry of a triangular factor above which it stands for a large covariance."""
+
 ALL_LEFT = 1e-9
 """Share of a variance below one by this much that is taken to be left whole: nothing is told of it, and no noise is drawn."""
 
@@ -474,3 +477,10 @@ ERROR_OVER_TIME_GAP = 1e-5
 
 REGRET_NEARLY_SPENT = 1e-2
 """The same for rules that only say where to begin at a smaller price of bits."""
+
+OVER_TIME_GAP = 1e-4
+"""Gap of a rule over time by its dual bound, as a share of it, that counts as none."""
+
+SAME_LAW = 1e-6
+"""Relative difference up to which two computations of a rule on private means are one: other libraries round otherwise, and a
+rule over time is settled to a hundredth of it."""

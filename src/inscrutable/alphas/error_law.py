@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from inscrutable import tolerances
 from inscrutable.validation import Array
+
+_LARGE = 500  # assets
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +70,24 @@ def bits_of(shares: Array, counts: Array | None = None) -> float:
     return 0.0 - 0.5 * float(logs.sum() if counts is None else counts @ logs)
 
 
-def roots(covariance: Array) -> tuple[Array, Array]:
+def root_of(covariance: Array) -> tuple[Array, Array]:
     """Return T and T⁺ with T T' the covariance, shapes (n,q) and (q,n); q is its rank."""
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    kept = values > tolerances.NO_VARIANCE * max(values[-1], np.finfo(float).tiny) if len(values) else values > 0
+    held = 0.5 * (covariance + covariance.T)
+    if len(held) > _LARGE:
+        try:  # a tenth of the time of an eigendecomposition
+            factor = np.linalg.cholesky(held)
+            if np.diag(factor).min() > tolerances.WELL_CONDITIONED * np.diag(factor).max():
+                return factor, np.asarray(solve_triangular(factor, np.eye(len(held)), lower=True))
+        except np.linalg.LinAlgError:
+            pass
+    values, vectors = np.linalg.eigh(held)
+    kept = values > tolerances.NO_VARIANCE * max(float(values.max(initial=0.0)), np.finfo(float).tiny)
     size = np.sqrt(values[kept])
     return np.asarray(vectors[:, kept] * size), np.asarray((vectors[:, kept] / size).T)
 
 
 def law_between(before: tuple[Array, Array], error: Array) -> ErrorLaw:
-    """Return the law with T T' before, given as `roots` do, and the error covariance after."""
+    """Return the law with T T' before, given as `root_of` do, and the error covariance after."""
     basis, dual = before
     inside = dual @ error @ dual.T
     shares, turn = np.linalg.eigh(0.5 * (inside + inside.T))
@@ -85,7 +96,7 @@ def law_between(before: tuple[Array, Array], error: Array) -> ErrorLaw:
 
 
 def after_sensor(before: tuple[Array, Array], rows: Array, noise: Array) -> ErrorLaw:
-    """Return the law that a sensor of these rows and noise variances makes of T T', given as `roots` do."""
+    """Return the law that a sensor of these rows and noise variances makes of T T', given as `root_of` do."""
     basis, _ = before
     seen = rows @ basis
     read = seen @ seen.T + np.diag(noise)

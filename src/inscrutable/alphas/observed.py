@@ -45,7 +45,9 @@ class Moves:
         if not len(self.public_sensor):
             return np.zeros(self.cross.shape)
         read = self.public_covariance + self.public_sensor @ error @ self.public_sensor.T
-        return np.asarray(np.linalg.lstsq(read, (self.cross + self.transition @ error @ self.public_sensor.T).T, rcond=None)[0].T)
+        return np.asarray(
+            np.linalg.lstsq(read, (self.cross + self.transition @ error @ self.public_sensor.T).T, rcond=None)[0].T
+        )
 
     def predicted(self, error: Array) -> tuple[Array, Array]:
         """Return P = AEA' + W, less what is public, and the matrix A_L with dP = A_L dE A_L', both (n,n)."""
@@ -91,4 +93,6 @@ class Moves:
 
 def _range(matrix: Array) -> Array:
     left, values, _ = np.linalg.svd(matrix, full_matrices=False)
-    return np.asarray(left[:, values > np.sqrt(tolerances.NO_VARIANCE) * max(values.max(initial=0.0), np.finfo(float).tiny)])
+    return np.asarray(
+        left[:, values > np.sqrt(tolerances.NO_VARIANCE) * max(values.max(initial=0.0), np.finfo(float).tiny)]
+    )

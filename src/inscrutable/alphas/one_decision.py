@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.alphas.error_law import ErrorLaw, roots
+from inscrutable.alphas.error_law import ErrorLaw, root_of
 from inscrutable.validation import Array
 
 
@@ -47,9 +47,9 @@ def filled(costs: Array, limit: float, counts: Array | None = None) -> Array:
 
 def least_information(theta: Array, prior_covariance: Array, limit: float) -> ErrorLaw:
     """Return the law of fewest bits ½ log det S − ½ log det E at tr(ΘE) ≤ limit."""
-    basis, dual = roots(prior_covariance)
-    costs, turn = np.linalg.eigh(_inside(basis, theta))
-    return ErrorLaw(basis @ turn, turn.T @ dual, filled(_without_rounding(costs), limit))
+    basis, dual = root_of(prior_covariance)
+    costs, turn = directions(basis, theta)
+    return ErrorLaw(basis @ turn, turn.T @ dual, filled(costs, limit))
 
 
 def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: float) -> ErrorLaw:
@@ -64,7 +64,7 @@ def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: flo
         weights: Q, shape (n,n), positive semidefinite.
         limit: The regret to be spent.
     """
-    basis, dual = roots(prior_covariance)
+    basis, dual = root_of(prior_covariance)
     costs, gains = _inside(basis, theta), _inside(basis, weights)
     turn = _common(costs, gains)
     if turn is None:
@@ -72,6 +72,12 @@ def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: flo
     else:
         shares = _chosen(_diagonal(turn, costs), _diagonal(turn, gains), limit)
     return ErrorLaw(basis @ turn, turn.T @ dual, shares)
+
+
+def directions(basis: Array, theta: Array) -> tuple[Array, Array]:
+    """Return what it costs to hide each direction of T z whole, shape (q,), and the directions (q,q): T'ΘT diagonal."""
+    costs, turn = np.linalg.eigh(_inside(basis, theta))
+    return _without_rounding(costs), turn
 
 
 def _inside(basis: Array, weights: Array) -> Array:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.alphas.error_law import ErrorLaw, after_sensor, law_between, roots
+from inscrutable.alphas.error_law import ErrorLaw, after_sensor, law_between, root_of
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.over_time_bound import least_bits_bound, most_error_bound
 from inscrutable.errors import SolverError
@@ -150,7 +150,13 @@ def _with_error(goal: _Goal, low: _State, high: _State) -> LongRun:
     value, limit = law.weighed(goal.weights), goal.limit
     bound = min(
         most_error_bound(
-            goal.moves, goal.theta, goal.weights, limit, each.error, each.price, each.turned(goal.unit * np.maximum(-each.levels, 0.0))
+            goal.moves,
+            goal.theta,
+            goal.weights,
+            limit,
+            each.error,
+            each.price,
+            each.turned(goal.unit * np.maximum(-each.levels, 0.0)),
         )
         for each in (low, high)
     )
@@ -159,16 +165,18 @@ def _with_error(goal: _Goal, low: _State, high: _State) -> LongRun:
 
 def told_exactly(moves: Moves, theta: Array, weights: Array | None = None) -> LongRun:
     """Return the stationary rule that costs no regret: it shows all that Θ weighs, and nothing else of the belief."""
-    rows = roots(theta)[0].T
+    rows = root_of(theta)[0].T
     before, law = moves.innovation, None
     for _ in range(_MOST_STEPS):
-        law = after_sensor(roots(before), rows, np.zeros(len(rows)))
+        law = after_sensor(root_of(before), rows, np.zeros(len(rows)))
         after, _ = moves.predicted(law.covariance)
         if np.abs(after - before).max() <= tolerances.SETTLED * np.abs(after).max():
             value = law.bits if weights is None else law.weighed(weights)
             return LongRun(law, 0.0, value, value)
         before = after
-    raise SolverError(f"the error of an observer who is shown the decisions' part did not settle in {_MOST_STEPS} steps")
+    raise SolverError(
+        f"the error of an observer who is shown the decisions' part did not settle in {_MOST_STEPS} steps"
+    )
 
 
 def _start(moves: Moves) -> Array:
@@ -198,9 +206,9 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) 
         if not np.trace(after) < most_size:
             return _Failure.GROWS
         onwards = (dual.T * np.minimum(levels, 0.5)) @ dual
-        apart = np.abs(inverse @ (after - before) @ inverse).max() + np.abs(half @ (onwards - ahead) @ half).max() / max(
-            1.0, -levels[0]
-        )
+        apart = np.abs(inverse @ (after - before) @ inverse).max() + np.abs(
+            half @ (onwards - ahead) @ half
+        ).max() / max(1.0, -levels[0])
         if apart <= tolerances.SETTLED:
             regret = float(np.sum(goal.theta * error))
             return _State(price, regret, error, after, onwards, levels, dual)
@@ -270,4 +278,4 @@ def _mixed(goal: _Goal, low: _State, high: _State) -> ErrorLaw:
     apart = low.regret - high.regret
     share = float(np.clip((goal.limit - high.regret) / apart, 0.0, 1.0)) if apart > 0 else 1.0
     error = share * low.error + (1.0 - share) * high.error
-    return law_between(roots(goal.moves.predicted(error)[0]), error)
+    return law_between(root_of(goal.moves.predicted(error)[0]), error)

@@ -15,9 +15,7 @@ from inscrutable.alphas.observed import Moves
 from inscrutable.validation import Array
 
 
-def least_bits_bound(
-    moves: Moves, theta: Array, limit: float, error: Array, price: float, multiplier: Array
-) -> float:
+def least_bits_bound(moves: Moves, theta: Array, limit: float, error: Array, price: float, multiplier: Array) -> float:
     """Return what the bits a step of no causal rule with tr(ΘE) ≤ limit fall below.
 
     Args:

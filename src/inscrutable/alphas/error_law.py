@@ -77,7 +77,7 @@ def root_of(covariance: Array) -> tuple[Array, Array]:
         try:  # a tenth of the time of an eigendecomposition
             factor = np.linalg.cholesky(held)
             if np.diag(factor).min() > tolerances.WELL_CONDITIONED * np.diag(factor).max():
-                return factor, np.asarray(solve_triangular(factor, np.eye(len(held)), lower=True))
+                return np.asarray(factor), np.asarray(solve_triangular(factor, np.eye(len(held)), lower=True))
         except np.linalg.LinAlgError:
             pass
     values, vectors = np.linalg.eigh(held)

@@ -18,12 +18,12 @@ programme: Tanaka, Kim, Parrilo, Mitter, Semidefinite programming approach to Ga
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.alphas.cones import MOST_SIGNALS, most_error_by_cones
 from inscrutable.alphas.error_law import ErrorLaw, after_sensor, law_between, root_of
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.over_time_bound import least_bits_bound, most_error_bound
@@ -33,7 +33,7 @@ from inscrutable.validation import Array
 _MOST_STEPS = 20_000
 _PATIENCE = 100  # steps in which a residual must halve
 _LEAST_STEP = 0.01
-_MOST_TRIALS = 120
+_MOST_TRIALS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +73,6 @@ class _Goal(NamedTuple):
         return found if self.weights is None else (found - self.weights) / self.unit
 
 
-class _Failure(Enum):
-    """Why there is no fixed point at a price."""
-
-    GROWS = "the error grows without end: the price is too low for a belief that has no stationary law"
-    WAVERS = "the iteration goes back and forth: the optimum nearly jumps at this price"
-
-
 class _State(NamedTuple):
     """A fixed point at a price of regret."""
 
@@ -106,7 +99,8 @@ def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
     """
     goal = _Goal(moves, theta, limit)
     before = _start(moves)
-    low, high = _ends(goal, _first(goal, 0.5 * len(theta) / limit, before, 0.5 * np.linalg.inv(before)), 4.0)
+    ahead = np.asarray(0.5 * np.linalg.inv(before))
+    low, high = _ends(goal, _first(goal, 0.5 * len(theta) / limit, before, ahead), 4.0)
     law = _mixed(goal, low, high)
     bound = max(
         least_bits_bound(moves, theta, limit, each.error, each.price, each.turned(np.maximum(0.5 - each.levels, 0.0)))
@@ -118,14 +112,42 @@ def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
 def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
     """Return the stationary rule that leaves the largest tr(QE) at tr(ΘE) ≤ limit, limit > 0.
 
-    It is the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a millionth of the
-    error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal.
+    It is the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a millionth of
+    the error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal. Where that does not settle,
+    which happens without a stationary law, few signals are left to a cone programme.
 
     Raises:
-        SolverError: The iteration did not settle.
+        SolverError: The iteration did not settle, and there are many signals or no solver of cone programmes.
 
     Cost: some ten thousand eigendecompositions of n×n matrices.
     """
+    found = failure = None
+    try:
+        found = _by_prices(moves, theta, weights, limit)
+    except SolverError as error:
+        failure = error
+    if found is not None and (found.gap <= tolerances.OVER_TIME_GAP or len(theta) > MOST_SIGNALS):
+        return found
+    if failure is not None and len(theta) > MOST_SIGNALS:
+        raise failure
+    try:
+        other = _by_cones(moves, theta, weights, limit)
+    except SolverError:
+        if found is None:
+            raise
+        return found
+    return other if found is None or other.gap < found.gap else found
+
+
+def _by_cones(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
+    error, price, multiplier = most_error_by_cones(moves, theta, weights, limit)
+    law = law_between(root_of(moves.predicted(error)[0]), error)
+    value = law.weighed(weights)
+    bound = most_error_bound(moves, theta, weights, limit, error, price, multiplier)
+    return LongRun(law, law.weighed(theta), value, max(bound, value))
+
+
+def _by_prices(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
     before = _start(moves)
     ahead = np.zeros_like(before)
     error = float(np.trace(weights @ before))
@@ -190,7 +212,7 @@ def _unsettled(goal: _Goal) -> SolverError:
     )
 
 
-def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) -> _State | _Failure:
+def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) -> _State | None:
     """The fixed point at a price, from P and D."""
     cost, step, best = goal.cost(price), 1.0, np.inf
     moved, most_size = goal.moves.predicted(before)[1], np.trace(before) / tolerances.NO_VARIANCE
@@ -203,8 +225,8 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) 
         shares = np.where(levels > 0.5, 0.5 / np.maximum(levels, 0.5), 1.0)
         error = (basis * shares) @ basis.T
         after, moved = goal.moves.predicted(error)
-        if not np.trace(after) < most_size:
-            return _Failure.GROWS
+        if not np.trace(after) < most_size:  # the price is too low for a belief that has no stationary law
+            return None
         onwards = (dual.T * np.minimum(levels, 0.5)) @ dual
         apart = np.abs(inverse @ (after - before) @ inverse).max() + np.abs(
             half @ (onwards - ahead) @ half
@@ -216,14 +238,14 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) 
             # Two scales of time settle where one goes back and forth: values ahead then move more slowly than covariances.
             step, best = (max(0.4 * step, _LEAST_STEP) if apart > 0.5 * best else step), min(best, apart)
         before, ahead = after, ahead + step * (onwards - ahead)
-    return _Failure.WAVERS
+    return None  # it goes back and forth: the optimum nearly jumps at this price
 
 
 def _first(goal: _Goal, price: float, before: Array, ahead: Array) -> _State:
     """A fixed point at a price or above: below some price there may be none, where the belief has no stationary law."""
     for _ in range(_MOST_TRIALS):
         found = _settled(goal, price, before, ahead, 50 * _PATIENCE)
-        if isinstance(found, _State):
+        if found is not None:
             return found
         price *= 2.0
     raise _unsettled(goal)
@@ -236,12 +258,14 @@ def _ends(goal: _Goal, first: _State, factor: float, near: float = tolerances.RE
     for _ in range(_MOST_TRIALS):
         if low is not None and high is not None:
             break
+        if least > state.price * (1.0 - np.sqrt(tolerances.SAME_PRICE)):
+            break
         price = price * factor if high is None else max(price / factor, np.sqrt(least * price))
         found = _settled(goal, price, state.before, state.ahead, 50 * _PATIENCE)
-        if isinstance(found, _State):
+        if found is not None:
             state = found
             low, high = (state, high) if state.regret > goal.limit else (low, state)
-        elif found is _Failure.GROWS:
+        elif goal.moves.radius >= 1.0 - tolerances.STABLE and high is not None:
             least, price = price, state.price
         factor = min(factor**1.5, 16.0)
     if low is None or high is None:
@@ -253,10 +277,10 @@ def _ends(goal: _Goal, first: _State, factor: float, near: float = tolerances.RE
         lost = (1.0 - low.price / high.price) * (low.regret - high.regret)  # what a mixture of the two may lose
         if lost <= tolerances.MIXTURE_LOSS * goal.limit:
             break
-        state = _between(goal, low, high, count)
-        if state is None:
+        inner = _between(goal, low, high, count)
+        if inner is None:
             break
-        low, high = (state, high) if state.regret > goal.limit else (low, state)
+        low, high = (inner, high) if inner.regret > goal.limit else (low, inner)
     return low, high
 
 
@@ -268,7 +292,7 @@ def _between(goal: _Goal, low: _State, high: _State, count: int) -> _State | Non
     for share in (first, 0.1, 0.9):
         start = high if share > 0.5 else low
         found = _settled(goal, low.price * float(np.exp(share * width)), start.before, start.ahead, 50 * _PATIENCE)
-        if isinstance(found, _State):
+        if found is not None:
             return found
     return None
 

@@ -61,7 +61,7 @@ def plan_once(theta: Array, prior: Array, limit: float, weights: Array, is_error
     """Return the best plan for one decision."""
     law = most_error(theta, prior, weights, limit) if is_error else least_information(theta, prior, limit)
     error = law.weighed(weights)
-    return Plan(law, law.weighed(theta), law.bits, error, error if is_error else law.bits)
+    return Plan(law, max(law.weighed(theta), 0.0), law.bits, error, error if is_error else law.bits)
 
 
 def plan_over_time(moves: Moves, theta: Array, limit: float, weights: Array, is_error: bool) -> Plan:

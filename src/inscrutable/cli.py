@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from inscrutable import __version__
+from inscrutable.cli_alphas import AlphaOptions, protect_means
 from inscrutable.cli_audit import audit
 from inscrutable.cli_compare import compare
 from inscrutable.cli_console import Speech, library_log, replaced, results, show_table, write_report
@@ -352,7 +353,7 @@ def _show_attack(found: Attack, speech: Speech, *, whole: bool) -> None:
 @app.command
 def protect(
     *,
-    model: Annotated[Path, Parameter(group=DATA)],
+    model: Annotated[Path | None, Parameter(group=DATA)] = None,
     belief: Annotated[str | None, Parameter(group=DATA)] = None,
     beliefs: Annotated[Path | None, Parameter(group=DATA)] = None,
     weights: Annotated[Path | None, Parameter(group=DATA)] = None,
@@ -364,28 +365,39 @@ def protect(
     publish: Annotated[bool, Parameter(group=DATA, negative=(), show_default=False)] = False,
     seed: Seed | None = None,
     out: Out | None = None,
+    means: AlphaOptions = AlphaOptions(),  # noqa: B008  # frozen
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Say what to publish instead, what that costs, and what an observer then concludes.
 
-    With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before.
+    With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before. With `--alphas` the
+    private belief is numbers, such as expected returns, and the observer knows the rule as well.
 
     Args:
-        model: The model.json of a backtest.
+        model: The model.json of a backtest; for beliefs, not for `--alphas`.
         belief: Your belief over the model's regimes, such as 0.2,0.3,0.5.
         beliefs: CSV of beliefs: dates, then one column per regime.
         weights: CSV of planned weights; the belief behind them is read off as an observer would.
-        budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit. Default: the model's.
+        budget: Share of |c*| to spend on privacy, such as 0.1, or regret:0.002 in the cost's unit. Default: the model's. With
+            `--alphas` the share is of what silence costs, 0.5 by default.
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         certify: Prove how much more privacy there could be, to this relative gap, such as 0.01; for maximal and desired.
         state: File that remembers the decisions so far; made where there is none, which takes a minute or more. Needs
-            `--belief`.
+            `--belief`, or `--alphas` with one row.
         publish: With `--state`: draw this step's weights once and record them. Without it nothing is drawn.
         seed: Makes the draw repeatable. Without it the operating system draws, because a rival who knows the seed
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
+    means.check({"model": model, "belief": belief, "beliefs": beliefs, "weights": weights, "target": target, "certify": certify, "out": out})
+    if means.alphas is not None:
+        if publish and state is None:
+            raise UsageError("--publish records a decision: give the file with --state")
+        protect_means(means, budget, state, publish, _rng_of(seed), speech)
+        return
+    if model is None:
+        raise UsageError("protect needs --model, the model.json of a backtest, or --alphas")
     if state is not None:
         others = (beliefs, weights, target, certify, out)
         if belief is None or measure != "maximal" or any(option is not None for option in others):
@@ -404,8 +416,6 @@ def protect(
     limit = None if budget is None else budget_of(budget)
     single = None if belief is None else belief_of(belief, "--belief")
 
-    import numpy as np
-
     from inscrutable.datasets import read_beliefs, read_weights
     from inscrutable.experiments import protect as experiment
     from inscrutable.experiments.attack import attack_weights
@@ -413,7 +423,7 @@ def protect(
     from inscrutable.experiments.investor_model import InvestorModel
     from inscrutable.reports.protect import protect_summary, write_protect
 
-    rng = None if seed is None else np.random.default_rng(seed)
+    rng = _rng_of(seed)
     investor = InvestorModel.load(model)
     planned = None if weights is None else read_weights(weights, assets=investor.assets)
     held: Any = single if beliefs is None else read_beliefs(beliefs, names=investor.regimes)
@@ -428,6 +438,12 @@ def protect(
         return
     _show_protection(found)
     speech.files(files)
+
+
+def _rng_of(seed: int | None) -> Any:
+    import numpy as np
+
+    return None if seed is None else np.random.default_rng(seed)
 
 
 def _show_protection(found: Protection) -> None:

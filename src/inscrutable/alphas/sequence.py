@@ -158,6 +158,16 @@ class AlphaSequence:
         """What this step's decision tells on average."""
         return self._plan.bits if self._is_settled else self._law.bits
 
+    def upcoming(self) -> tuple[float, float]:
+        """Return the mean regret and the bits of the next decision: this step's, or the next one's where it is published."""
+        if self._published and not len(self._public_rows):
+            self._pass(np.zeros(0))
+        return self.expected_regret, self.expected_bits
+
+    @property
+    def _public_rows(self) -> Array:
+        return np.zeros((0, 0)) if self._is_fresh else self._maker.moves.public_sensor
+
     @property
     def _is_settled(self) -> bool:
         return self._law is self._plan.law
@@ -210,7 +220,7 @@ class AlphaSequence:
         Raises:
             InputError: What everybody read is missing, not asked for or of another length.
         """
-        count = 0 if self._is_fresh else len(self._maker.moves.public_sensor)
+        count = len(self._public_rows)
         if (public is None) != (count == 0):
             wants = "None: nothing is public" if count == 0 else f"what everybody read, shape ({count},)"
             raise InputError(f"public must be {wants}, got {public!r}")
@@ -239,7 +249,7 @@ class AlphaSequence:
 
     def _now(self) -> None:
         if self._published:
-            if not self._is_fresh and len(self._maker.moves.public_sensor):
+            if len(self._public_rows):
                 raise InputError("what everybody read comes before the next decision: call observe(public)")
             self._pass(np.zeros(0))
 

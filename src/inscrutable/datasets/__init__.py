@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inscrutable.datasets.covariance_table import read_covariance
 from inscrutable.datasets.daily import load_daily_returns
 from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.datasets.french import IndustryReturns, load_industry_returns
@@ -27,6 +28,7 @@ __all__ = [
     "read_beliefs",
     "read_records",
     "read_returns",
+    "read_covariance",
     "read_signals",
     "read_weights",
     "replace_files",

@@ -370,8 +370,8 @@ def protect(
 ) -> None:
     """Say what to publish instead, what that costs, and what an observer then concludes.
 
-    With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before. With `--alphas` the
-    private belief is numbers, such as expected returns, and the observer knows the rule as well.
+    With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before. With `--alphas`
+    the private belief is numbers, such as expected returns, and the observer knows the rule as well.
 
     Args:
         model: The model.json of a backtest; for beliefs, not for `--alphas`.
@@ -390,7 +390,17 @@ def protect(
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
-    means.check({"model": model, "belief": belief, "beliefs": beliefs, "weights": weights, "target": target, "certify": certify, "out": out})
+    means.check(
+        {
+            "model": model,
+            "belief": belief,
+            "beliefs": beliefs,
+            "weights": weights,
+            "target": target,
+            "certify": certify,
+            "out": out,
+        }
+    )
     if means.alphas is not None:
         if publish and state is None:
             raise UsageError("--publish records a decision: give the file with --state")

@@ -1,4 +1,4 @@
-"""The largest error over time as a cone programme, for few signals: where the belief has no stationary law iterations may not settle."""
+"""The largest error over time as a cone programme, for few signals where the iteration does not settle."""
 
 from __future__ import annotations
 
@@ -17,15 +17,14 @@ def most_error_by_cones(moves: Moves, theta: Array, weights: Array, limit: float
     """Return E, the price of regret and the multiplier of E ⪯ P(E) of max tr(QE), found by CVXPY and Clarabel.
 
     Raises:
-        SolverError: CVXPY or Clarabel is not installed, or there is no solution to their accuracy.
+        SolverError: CVXPY is not installed, or there is no solution to their accuracy.
     """
     try:
-        import clarabel  # noqa: F401
         import cvxpy
-    except ImportError as error:
+    except ImportError as missing:
         raise SolverError(
             "the rule over time did not settle; `pip install 'inscrutable[cvx]'` adds another method"
-        ) from error
+        ) from missing
     cp: Any = cvxpy
     n = len(theta)
     error = cp.Variable((n, n), symmetric=True)

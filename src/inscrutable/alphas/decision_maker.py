@@ -37,11 +37,13 @@ Objective = Literal["information", "error"]
 class AlphaDecisionMaker:
     """The decision maker that tells an observer who knows the rule as little of its private mean as a mean regret pays for.
 
-    Formula: with E the covariance of m − m̂ after a decision and Θ of the problem, tr(ΘE) is the mean regret. "information" tells
+    Formula: with E the covariance of m − m̂ after a decision and Θ of the problem, tr(ΘE) is the mean regret. "information"
+    tells
     the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE), and the fewest bits among these; over
-    0 ⪯ E ⪯ P. The rule draws m̂ = m̂⁻ + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is what the observer
-    then believes. With `prior_covariance` P = S, every decision is about another mean; with a `world` P = AEA' + W, less what is public,
-    and the observer remembers all decisions.
+    0 ⪯ E ⪯ P. The rule draws m̂ = m̂⁻ + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is what
+    the observer
+    then believes. With `prior_covariance` P = S, every decision is about another mean; with a `world` P = AEA' + W, less
+    what is public, and the observer remembers all decisions.
 
     Args:
         problem: The problem; with a trading cost decisions trade part of the way to an aim.
@@ -56,16 +58,19 @@ class AlphaDecisionMaker:
     Labelled tables are aligned with the problem's signals.
 
     Raises:
-        InputError: An argument is malformed, a budget is a share where silence costs without end, or inequalities meet a trading cost.
+        InputError: An argument is malformed, a budget is a share where silence costs without end, or inequalities meet a
+            trading cost.
         ModelError: S or Q is indefinite, the world has no steady filter, or trading cannot follow the mean.
         SolverError: At first use: the iteration over time did not settle.
 
-    Cost: one decision: O(k³), 15 s for 3,000 alphas with a dense S; where S is a `FactorRisk` with the exposures of the problem's and
-    specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error of other weights than
+    Cost: one decision: O(k³), 15 s for 3,000 alphas with a dense S; where S is a `FactorRisk` with the exposures of the
+    problem's and
+    specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error of other
+    weights than
     those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals, "error" a minute.
 
-    Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017) and
-    Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.
+    Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017)
+    and Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.
 
     Example:
         >>> problem = AlphaProblem([[0.04, 0.0], [0.0, 0.01]], risk_aversion=2.5)
@@ -168,8 +173,9 @@ class AlphaDecisionMaker:
             return self.budget.amount
         if not np.isfinite(self.silence_regret):
             raise InputError(
-                f"the budget is a share, {self.budget.amount:g}, of what silence costs, and silence costs without end: the largest "
-                f"eigenvalue of transition has modulus {self.moves.radius:.10g}, expected less than 1; pass Budget.regret(amount)"
+                f"the budget is a share, {self.budget.amount:g}, of what silence costs, and silence costs without end: the "
+                f"largest eigenvalue of transition has modulus {self.moves.radius:.10g}, expected less than 1; pass "
+                "Budget.regret(amount)"
             )
         return self.budget.amount * self.silence_regret
 

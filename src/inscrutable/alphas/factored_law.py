@@ -1,7 +1,7 @@
-"""Priors over the alphas of thousands of assets that have the factors of their risk: the law of least information, never formed.
+"""Least information about thousands of alphas whose prior has the factors of the risk; no matrix of assets is formed.
 
-With V = F Ω F' + D and S = F Ω_S F' + τ D, in x = D^{−1/2}(m − m̄) both are known on the span U of D^{−1/2}F and D^{−1/2}H', H the
-equalities, and multiples of the identity beside it: a small problem and one more cost, τ/4γ, n − q times.
+With V = F Ω F' + D and S = F Ω_S F' + τ D, in x = D^{−1/2}(m − m̄) both are known on the span U of D^{−1/2}F and D^{−1/2}H',
+H the equalities, and multiples of the identity beside it: a small problem and one more cost, τ/4γ, n − q times.
 """
 
 from __future__ import annotations

@@ -55,8 +55,8 @@ def least_information(theta: Array, prior_covariance: Array, limit: float) -> Er
 def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: float) -> ErrorLaw:
     """Return the law of largest tr(QE) at tr(ΘE) ≤ limit, and of the fewest bits among these.
 
-    Formula: X = 1{T'(Q − μΘ)T ≻ 0}, and a part of its null space that spends the rest of the limit. Where T'QT and T'ΘT commute the
-    directions are the same for every μ, and one decomposition is enough.
+    Formula: X = 1{T'(Q − μΘ)T ≻ 0}, and a part of its null space that spends the rest of the limit. Where T'QT and T'ΘT
+    commute the directions are the same for every μ, and one decomposition is enough.
 
     Args:
         theta: Θ, shape (n,n).
@@ -66,11 +66,11 @@ def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: flo
     """
     basis, dual = root_of(prior_covariance)
     costs, gains = _inside(basis, theta), _inside(basis, weights)
-    turn = _common(costs, gains)
-    if turn is None:
+    common = _common(costs, gains)
+    if common is None:
         turn, shares = _searched(costs, gains, limit)
     else:
-        shares = _chosen(_diagonal(turn, costs), _diagonal(turn, gains), limit)
+        turn, shares = common[0], _chosen(common[1], common[2], limit)
     return ErrorLaw(basis @ turn, turn.T @ dual, shares)
 
 
@@ -89,24 +89,23 @@ def _without_rounding(values: Array) -> Array:
     return np.where(values > tolerances.NO_VARIANCE * values.max(initial=0.0), values, 0.0)
 
 
-def _diagonal(turn: Array, matrix: Array) -> Array:
-    found = np.einsum("iq,ij,jq->q", turn, matrix, turn, optimize=True)
-    return np.asarray(_without_rounding(found))
-
-
-def _common(costs: Array, gains: Array) -> Array | None:
-    """Directions in which both are diagonal; None where there are none."""
+def _common(costs: Array, gains: Array) -> tuple[Array, Array, Array] | None:
+    """Directions in which both are diagonal, and both diagonals; None where there are none."""
     sizes = [max(float(np.abs(each).max(initial=0.0)), np.finfo(float).tiny) for each in (costs, gains)]
     apart = costs @ gains
     if np.abs(apart - apart.T).max(initial=0.0) > tolerances.COMMUTING * sizes[0] * sizes[1]:
         return None
     # Eigenvectors of a sum in which the two do not cancel, for all but special weights.
     turn = np.linalg.eigh(costs / sizes[0] + np.sqrt(2.0) * gains / sizes[1])[1]
+    found = []
     for matrix, size in zip((costs, gains), sizes, strict=True):
         turned = turn.T @ matrix @ turn
-        if np.abs(turned - np.diag(np.diag(turned))).max(initial=0.0) > tolerances.COMMUTING**0.5 * size:
+        values = np.diag(turned).copy()
+        turned[np.diag_indices(len(turned))] = 0.0
+        if np.abs(turned).max(initial=0.0) > tolerances.COMMUTING**0.5 * size:
             return None
-    return np.asarray(turn)
+        found.append(_without_rounding(values))
+    return np.asarray(turn), found[0], found[1]
 
 
 def _chosen(costs: Array, gains: Array, limit: float) -> Array:

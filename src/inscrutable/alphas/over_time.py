@@ -10,7 +10,8 @@ are convex. At a price μ of regret the optimal E is a reverse water-filling of 
     D = P^{−1/2} U diag(min(λ, ½)) U' P^{−1/2}    (what one unit of P costs later on),
 
 where C = 0 counts bits alone and C = −Q/ε counts bits at the price ε of an error. Its fixed point satisfies the conditions of
-optimality; Z = ½E⁻¹ − Y is the multiplier of E ⪯ P(E), so that every iterate gives a dual bound (`over_time_bound`). Source of the
+optimality; Z = ½E⁻¹ − Y is the multiplier of E ⪯ P(E), so that every iterate gives a dual bound (`over_time_bound`). Source
+of the
 programme: Tanaka, Kim, Parrilo, Mitter, Semidefinite programming approach to Gaussian sequential rate-distortion trade-offs
 (IEEE Trans. AC 62, 2017), equations (13) and (18), here with W that may be singular and with public observations.
 """
@@ -112,9 +113,10 @@ def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
 def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
     """Return the stationary rule that leaves the largest tr(QE) at tr(ΘE) ≤ limit, limit > 0.
 
-    It is the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a millionth of
-    the error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal. Where that does not settle,
-    which happens without a stationary law, few signals are left to a cone programme.
+    It is the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a
+    millionth of
+    the error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal. Where that does not
+    settle, which happens without a stationary law, few signals are left to a cone programme.
 
     Raises:
         SolverError: The iteration did not settle, and there are many signals or no solver of cone programmes.

@@ -1,4 +1,4 @@
-"""Decisions about a private mean, one after the other, and what the observer holds of it: his Kalman filter of the rule's messages."""
+"""Decisions about a private mean, one after the other, and the Kalman filter of an observer who knows the rule."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class AlphaDecision(Saved):
     Args:
         action: u, shape (n,), what to hold.
         estimate: m̂, shape (k,), what an observer who knows the rule believes of the mean when he has seen the decision.
-        regret: What it costs beyond the best decision for the mean; with trading costs its part in the long run, (m̂ − m)'Θ(m̂ − m).
+        regret: What it costs beyond the best decision for the mean; with trading costs its part in the long run, (m̂ −
+            m)'Θ(m̂ − m).
         status: How far the rule is from the best one.
 
     Example:

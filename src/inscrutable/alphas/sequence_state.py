@@ -55,8 +55,8 @@ class AlphaState(Saved):
         same = len(rule) == len(self.rule) and all(map(_agree, rule, self.rule))
         if not same:
             raise InputError(
-                f"{path} cannot be gone on with: it is of another rule (another law of the means, problem or budget). A law that "
-                "is estimated afresh from private means would tell of them: keep the one that the sequence began with"
+                f"{path} cannot be gone on with: it is of another rule (another law of the means, problem or budget). A law "
+                "that is estimated afresh from private means would tell of them: keep the one that the sequence began with"
             )
 
 

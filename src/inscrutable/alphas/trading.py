@@ -16,7 +16,8 @@ from inscrutable.validation import Array
 class TradingPolicy:
     """The optimal trading of one who knows m: u_t = (1 − rate) u_{t−1} + rate · u*(ahead · m_t).
 
-    Formula: q = (−γ + √(γ² + 4γκ))/2, rate = q/κ, ahead = (I + (q/γ)(I − A))⁻¹; deciding for m̂ instead of m costs in the long run
+    Formula: q = (−γ + √(γ² + 4γκ))/2, rate = q/κ, ahead = (I + (q/γ)(I − A))⁻¹; deciding for m̂ instead of m costs in the
+    long run
     (m̂ − m)'Θ(m̂ − m) a step, Θ = weight · ahead' Θ₀ ahead with weight = rate² (γ + κ + q)/γ and Θ₀ that without trading costs.
 
     Args:
@@ -52,7 +53,8 @@ def trading_policy(problem: AlphaProblem, transition: Array) -> TradingPolicy | 
         return None
     if problem.has_inequalities:
         raise InputError(
-            f"trading_cost is {kappa:g} and the constraints have inequalities: no rule is known for both; leave one out, or simulate"
+            f"trading_cost is {kappa:g} and the constraints have inequalities: no rule is known for both; leave one "
+            "of them out"
         )
     value = 2.0 * gamma * kappa / (gamma + np.sqrt(gamma * (gamma + 4.0 * kappa)))
     rate = value / kappa

@@ -40,7 +40,9 @@ def read_covariance(path: PathLike) -> pd.DataFrame:
     for row, name in enumerate(rows):
         if name not in names or name in rows[:row]:
             said = "stands twice" if name in rows[:row] else "is no column"
-            raise InputError(f"{table.path}, line {table.lines[row]}: the row {name!r} {said}; expected one row per column")
+            raise InputError(
+                f"{table.path}, line {table.lines[row]}: the row {name!r} {said}; expected one row per column"
+            )
     missing = [name for name in names if name not in rows]
     if missing:
         raise InputError(f"{table.path}: no row for the column {missing[0]!r}; expected one row per column")

@@ -85,5 +85,7 @@ def risk_of_returns(returns: pd.DataFrame, n_factors: int | None = None) -> pd.D
     own = np.diag(sample) - (exposures**2 @ values[-count:])
     least = np.finfo(float).eps * float(values[-1])
     return FactorRisk(
-        pd.DataFrame(exposures, index=sample.index), np.diag(values[-count:]), pd.Series(np.maximum(own, least), sample.index)
+        pd.DataFrame(exposures, index=sample.index),
+        np.diag(values[-count:]),
+        pd.Series(np.maximum(own, least), sample.index),
     )

@@ -15,8 +15,8 @@ from inscrutable.errors import InputError
 from inscrutable.labels import label_text
 
 LAW_IS_PUBLIC = (
-    "The law of the alphas (the prior covariance or the world) counts as public: if it was estimated from your own alphas, it tells "
-    "of them itself. With --state the first run fixes it, and any other is refused."
+    "The law of the alphas (the prior covariance or the world) counts as public: if it was estimated from your own alphas, it "
+    "tells of them itself. With --state the first run fixes it, and any other is refused."
 )
 
 
@@ -69,10 +69,14 @@ class ProtectedAlphas:
     def summary(self) -> str:
         """Return a few sentences: what the rule costs and tells in the long run, now and so far."""
         lines = [self.maker.summary()]
-        lines.append(f"The next decision costs {self.expected[0]:.4g} on average and tells {self.expected[1]:.4f} bits.")
+        lines.append(
+            f"The next decision costs {self.expected[0]:.4g} on average and tells {self.expected[1]:.4f} bits."
+        )
         if self.n_published:
             count = "1 decision" if self.n_published == 1 else f"{self.n_published} decisions"
-            lines.append(f"{count} published so far: {self.spent:.4g} of regret, {self.told:.4f} bits, by the observer's law.")
+            lines.append(
+                f"{count} published so far: {self.spent:.4g} of regret, {self.told:.4f} bits, by the observer's law."
+            )
         if not self.decisions:
             lines.append("Nothing was drawn or recorded: --publish draws once and records what it drew.")
         return "\n".join(lines)
@@ -111,7 +115,9 @@ def protect_alphas(
     source = np.random.default_rng() if rng is None else validation.generator(rng)
     means = maker.problem.check_mean(alphas, "alphas").reshape(-1, maker.problem.n_signals)
     if maker.world is not None and maker.world.public is not None:
-        raise InputError("the world has a public sensor: decide with AlphaDecisionMaker.begin(), and tell observe(public) what it said")
+        raise InputError(
+            "the world has a public sensor: decide with AlphaDecisionMaker.begin(), and tell observe(public) what it said"
+        )
     sequence = maker.begin()
     drawn = []
     if state is None:
@@ -134,5 +140,11 @@ def protect_alphas(
             sequence.close()
     expected = sequence.upcoming()
     return ProtectedAlphas(
-        maker, tuple(alphas.index), tuple(drawn), sequence.n_published, sequence.total_regret, sequence.total_bits, expected
+        maker,
+        tuple(alphas.index),
+        tuple(drawn),
+        sequence.n_published,
+        sequence.total_regret,
+        sequence.total_bits,
+        expected,
     )

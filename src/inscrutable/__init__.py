@@ -36,8 +36,13 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import infer_weights as infer_weights
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
+    from inscrutable.alphas import AlphaDecision as AlphaDecision
     from inscrutable.alphas import AlphaProblem as AlphaProblem
     from inscrutable.alphas import FactorRisk as FactorRisk
+    from inscrutable.alphas import ImpliedViews as ImpliedViews
+    from inscrutable.alphas import ViewStatus as ViewStatus
+    from inscrutable.alphas import implied_views as implied_views
+    from inscrutable.alphas import obfuscated_decision as obfuscated_decision
     from inscrutable.budgets import Budget as Budget
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
     from inscrutable.decision_makers import Candidates as Candidates

@@ -440,3 +440,7 @@ large a covariance may grow beside its noises before it counts as one that does 
 INTERIOR = 1e-11
 """Where an interior-point method for alphas ends, relative to the expected returns: near enough to tell which rows are tight;
 on these the decision is then solved to `STATIONARITY`."""
+
+DEGENERATE = 1e-8
+"""The residual that is accepted of an interior point, relative to the slopes, where rows are so degenerate that no set of tight
+ones is told: its decision then costs about as much too much."""

@@ -111,7 +111,7 @@ def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
         risk: Any = LinearOperator((n, n), matvec=lambda values: inside(problem.risk.times(inside(values.ravel()))))
         # The greatest of V among the decisions that keep the equalities.
         vectors = eigsh(
-            shape, k=most, which="LA", v0=inside(np.sqrt(problem.risk.diagonal)), tol=tolerances.STATIONARITY
+            risk, k=most, which="LA", v0=inside(np.sqrt(problem.risk.diagonal)), tol=tolerances.STATIONARITY
         )[1]
         return np.asarray(vectors.T[::-1])
     values, vectors = np.linalg.eigh(problem.theta)

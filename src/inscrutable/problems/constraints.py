@@ -322,7 +322,7 @@ class Bounds(Polyhedron):
         never = np.flatnonzero(np.isneginf(sides)).tolist()
         if never:
             raise ModelError(f"no decision satisfies {names[never[0]]}: it asks that a finite number <= -inf")
-        kept = np.flatnonzero(~np.isposinf(sides))
+        kept = np.flatnonzero(~np.isposinf(sides)).tolist()
         self.b_ub, self._held = sides[kept], (columns[kept], factors[kept])
         self.names = (*(names[row] for row in kept), *self.names)
         del self.A_ub  # made when it is asked for

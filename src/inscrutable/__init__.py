@@ -38,11 +38,16 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.alphas import AlphaDecision as AlphaDecision
     from inscrutable.alphas import AlphaDecisionMaker as AlphaDecisionMaker
+    from inscrutable.alphas import AlphaDraw as AlphaDraw
     from inscrutable.alphas import AlphaPath as AlphaPath
     from inscrutable.alphas import AlphaProblem as AlphaProblem
     from inscrutable.alphas import AlphaSequence as AlphaSequence
     from inscrutable.alphas import AlphaStatus as AlphaStatus
     from inscrutable.alphas import FactorRisk as FactorRisk
+    from inscrutable.alphas import ImpliedViews as ImpliedViews
+    from inscrutable.alphas import ViewStatus as ViewStatus
+    from inscrutable.alphas import implied_views as implied_views
+    from inscrutable.alphas import obfuscated_decision as obfuscated_decision
     from inscrutable.budgets import Budget as Budget
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
     from inscrutable.decision_makers import Candidates as Candidates

@@ -128,7 +128,6 @@ CHORD_GAIN = 1e-6
 """A decision joins a lottery's search where it lies this far above the chord, in units of privacy: a round takes as long as a
 single decision, and halves the gap where the frontier is smooth. Privacies are stated to 1e-3."""
 
-
 ROW_IN_REACH = 1e-6
 """A multiplier or spare slack below this at the end of a climb stopped it: the face beyond that row is searched too."""
 
@@ -484,3 +483,7 @@ OVER_TIME_GAP = 1e-4
 SAME_LAW = 1e-6
 """Relative difference up to which two computations of a rule on private means are one: other libraries round otherwise, and a
 rule over time is settled to a hundredth of it."""
+
+DEGENERATE = 1e-8
+"""The residual that is accepted of an interior point, relative to the slopes, where rows are so degenerate that no set of tight
+ones is told: its decision then costs about as much too much."""

@@ -23,7 +23,7 @@ from inscrutable.alphas.plans import (
 )
 from inscrutable.alphas.problem import AlphaProblem, checked_alpha_problem
 from inscrutable.alphas.risk import FactorRisk
-from inscrutable.alphas.sequence import AlphaDecision, AlphaPath, AlphaSequence
+from inscrutable.alphas.sequence import AlphaDraw, AlphaPath, AlphaSequence
 from inscrutable.alphas.trading import TradingPolicy, trading_policy
 from inscrutable.axes import Axis
 from inscrutable.budgets import Budget, as_budget
@@ -239,7 +239,7 @@ class AlphaDecisionMaker:
         """Return a new sequence of decisions, before the first one."""
         return AlphaSequence(self)
 
-    def decide(self, mean: ArrayLike, *, rng: np.random.Generator) -> AlphaDecision:
+    def decide(self, mean: ArrayLike, *, rng: np.random.Generator) -> AlphaDraw:
         """Return a drawn decision for a mean (k,): the first of a new sequence."""
         return self.begin().decide(mean, rng=rng)
 

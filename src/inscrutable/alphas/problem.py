@@ -12,10 +12,13 @@ from inscrutable import tolerances, validation
 from inscrutable.alphas.programmes import Programme
 from inscrutable.alphas.risk import FactorRisk, Risk, as_risk
 from inscrutable.axes import Axis, Names
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, SolverError
 from inscrutable.problems.constraints import Polyhedron, checked_region
 from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
 from inscrutable.validation import Array
+
+_MOST_DENSE = 1_000
+"""Assets up to which a risk is formed where there is no other way."""
 
 
 class AlphaProblem:
@@ -133,16 +136,14 @@ class AlphaProblem:
             ModelError: The cost has no minimum: something that C allows without end costs no risk.
         """
         held = self.check_mean(mean)
-        alphas = np.atleast_2d(self.alphas(held))
-        if not self.has_inequalities:
-            solved = self._least_risk + self.response(alphas.T).T / (2.0 * self.risk_aversion)
-        elif isinstance(self.risk, FactorRisk):
-            solved = np.array([self._programme.solve(row) for row in alphas])
-        else:
-            assert self.layout is not None
-            hessian = 2.0 * self.risk_aversion * self.risk.dense()
-            solved = solve_programmes(np.broadcast_to(hessian, (len(alphas), *hessian.shape)), -alphas, self.layout)
+        solved = self.optimum_for(np.atleast_2d(self.alphas(held)))
         return np.asarray(solved[0] if held.ndim == 1 else solved)
+
+    def optimum_for(self, alphas: Array) -> Array:
+        """Return the best decisions (T,n) for expected returns (T,n) of the assets, whatever the loadings."""
+        if self.layout is not None and self.has_inequalities:
+            return least_costs(self.risk, self.risk_aversion, self.layout, alphas)
+        return np.asarray(self.least_risk + self.response(alphas.T).T / (2.0 * self.risk_aversion))
 
     def regret(self, mean: ArrayLike, weights: ArrayLike) -> Any:
         """Return what a decision costs beyond the best one for a mean; rows of both are paired, a single one is for all.
@@ -188,7 +189,7 @@ class AlphaProblem:
         return basis, as_risk(basis.T @ self.risk.dense() @ basis) if basis.shape[1] else self.risk
 
     @cached_property
-    def _least_risk(self) -> Array:
+    def least_risk(self) -> Array:
         """The decision (n,) of least risk on H u = b."""
         rows, sides = self.equalities
         if not len(rows):
@@ -198,11 +199,6 @@ class AlphaProblem:
             return np.asarray(solved @ (inner @ sides))
         some = np.asarray(np.linalg.lstsq(rows, sides, rcond=None)[0], dtype=np.float64)
         return np.asarray(some - self.response(self.risk.times(some)))
-
-    @cached_property
-    def _programme(self) -> Programme:
-        assert self.layout is not None
-        return Programme(self.risk, self.risk_aversion, self.layout)
 
     @cached_property
     def theta(self) -> Array:
@@ -221,6 +217,22 @@ class AlphaProblem:
     def __repr__(self) -> str:
         what = "" if self.loadings is None else f", {self.n_signals} signals"
         return f"AlphaProblem({self.risk!r}{what}, risk aversion {self.risk_aversion:g}, {self.constraints!r})"
+
+
+def least_costs(risk: Risk, risk_aversion: float, layout: Layout, alphas: Array) -> Array:
+    """Return the minimisers (T,n) of γ u'V u − a'u over a layout for the rows a of `alphas`.
+
+    An interior point needs an interior, and curvature: where either is missing, an active set finds its way on the matrix.
+    """
+    if risk.is_definite:
+        try:
+            programme = Programme(risk, risk_aversion, layout)
+            return np.array([programme.solve(row) for row in alphas])
+        except SolverError:
+            if risk.n_assets > _MOST_DENSE:
+                raise
+    hessian = 2.0 * risk_aversion * risk.dense()
+    return solve_programmes(np.broadcast_to(hessian, (len(alphas), *hessian.shape)), -alphas, layout)
 
 
 def checked_alpha_problem(problem: Any) -> AlphaProblem:

@@ -19,6 +19,8 @@ from inscrutable.validation import Array
 
 _MOST_STEPS = 100
 _MOST_SETS = 30
+_LOST = 1e12
+"""A residual, relative to the scale, from which no step comes back."""
 _TO_BORDER = 0.995
 """Share of the way to the border that a step may go."""
 
@@ -50,8 +52,18 @@ class Programme:
         fixed = layout.lower == layout.upper
         if fixed.any():
             return self._without(fixed).solved_with(alphas, fixed, layout.lower, self)
-        scale = max(float(np.abs(alphas).max(initial=0.0)), tolerances.TINY)
+        middle = self._middle
+        asked = np.abs(alphas).max(initial=0.0), 2.0 * self.risk_aversion * np.abs(self.risk.times(middle)).max()
+        scale = float(max(*asked, tolerances.TINY))
         return self._on_active_set(alphas, self._interior(alphas, scale), scale)
+
+    @property
+    def _middle(self) -> Array:
+        """A decision between the bounds, and not zero where there are none."""
+        lower, upper = self.layout.lower, self.layout.upper
+        with np.errstate(invalid="ignore"):
+            middle = 0.5 * (lower + upper)
+        return np.where(np.isfinite(middle), middle, np.clip(1.0 / lower.size, lower, upper))
 
     def _without(self, fixed: np.ndarray) -> Programme:
         """The programme in the coordinates that may move."""
@@ -86,6 +98,8 @@ class Programme:
             worst = max(
                 float(np.abs(residuals[0]).max()) / scale, *(float(np.abs(r).max(initial=0.0)) for r in residuals[1:])
             )
+            if not np.isfinite(worst) or worst > _LOST:  # no interior
+                raise SolverError("an interior-point method found no interior of the feasible set")
             if worst <= tolerances.INTERIOR and gap <= tolerances.INTERIOR * scale:
                 break
             curved = self._curved(point, bounds)
@@ -101,10 +115,7 @@ class Programme:
 
     def _start(self, scale: float) -> _Point:
         layout = self.layout
-        lower, upper = layout.lower, layout.upper
-        with np.errstate(invalid="ignore"):
-            middle = 0.5 * (lower + upper)
-        u = np.where(np.isfinite(middle), middle, np.clip(0.0, lower, upper))
+        lower, upper, u = layout.lower, layout.upper, self._middle
         finite = np.concatenate([(u - lower)[np.isfinite(lower)], (upper - u)[np.isfinite(upper)]])
         width = max(float(np.median(finite)) if finite.size else 0.0, 1.0 / u.size)
         slacks = np.maximum(np.concatenate([finite, layout.sides - layout.general @ u]), 0.1 * width)
@@ -166,7 +177,7 @@ class Programme:
             tight = tight ^ wrong
         residuals = self._residuals(point, alphas, bounds)
         worst = max(float(np.abs(residuals[0]).max()) / scale, float(np.abs(residuals[2]).max(initial=0.0)))
-        if worst > tolerances.EXPLAINED:
+        if worst > tolerances.DEGENERATE:
             raise SolverError(f"a quadratic programme kept a KKT residual of {worst:.1e} relative to its scale")
         return np.clip(point.u, layout.lower, layout.upper)
 
@@ -180,12 +191,13 @@ class Programme:
         general = tight[bounds.n_bounds :]
         rows = np.vstack([layout.equalities, layout.general[general]])
         sides = np.concatenate([layout.equality_sides, layout.sides[general]]) - rows @ u
-        found = np.zeros(len(rows))
+        found: Array = np.zeros(len(rows))
         if free.size:
             part, pull = self.risk.part(free), (alphas - double * self.risk.times(u))[free]
             solved = part.solve(np.column_stack([pull, rows[:, free].T])) / double
             inner = rows[:, free] @ solved[:, 1:]
-            found = np.linalg.lstsq(inner, rows[:, free] @ solved[:, 0] - sides, rcond=tolerances.STATIONARITY)[0]
+            missing = rows[:, free] @ solved[:, 0] - sides
+            found = np.asarray(np.linalg.lstsq(inner, missing, rcond=tolerances.STATIONARITY)[0], dtype=np.float64)
             u[free] = solved[:, 0] - solved[:, 1:] @ found
         slope = double * self.risk.times(u) - alphas + rows.T @ found
         n_equal = len(layout.equality_sides)

@@ -55,6 +55,11 @@ class Risk(ABC):
     def with_more(self, columns: Array, variances: float | Array = 0.0) -> Risk:
         """Return V + G G' + diag(d) for columns G (n,m) and d ≥ 0, a number or (n,)."""
 
+    @property
+    def is_definite(self) -> bool:
+        """Whether no combination of assets is without risk."""
+        return True
+
     @abstractmethod
     def dense(self) -> Array:
         """Return V as a matrix (n,n)."""
@@ -92,6 +97,12 @@ class DenseRisk(Risk):
             f"the risk is singular: its smallest eigenvalue is {smallest:.3g}, and something costs no risk at all; add "
             "specific variances, or leave out assets that others make up"
         )
+
+    @cached_property
+    def is_definite(self) -> bool:
+        """Whether no combination of assets is without risk."""
+        eigenvalues = np.linalg.eigvalsh(self._matrix)
+        return bool(eigenvalues[0] > tolerances.CURVATURE * eigenvalues[-1])
 
     def times(self, values: Array) -> Array:
         """Return V x."""
@@ -276,11 +287,3 @@ def as_risk(given: Any) -> Risk:
     symmetric = 0.5 * (matrix + matrix.T)
     symmetric.flags.writeable = False
     return DenseRisk(symmetric, assets.names)
-
-
-def is_definite(risk: Risk) -> bool:
-    """Whether no combination of assets is without risk."""
-    if isinstance(risk, FactorRisk):
-        return True
-    eigenvalues = np.linalg.eigvalsh(risk.dense())
-    return bool(eigenvalues[0] > tolerances.CURVATURE * eigenvalues[-1])

@@ -24,7 +24,7 @@ from inscrutable.worlds import LinearGaussianWorld
 
 
 @dataclass(frozen=True, eq=False)
-class AlphaDecision(Saved):
+class AlphaDraw(Saved):
     """A drawn decision about a private mean.
 
     Args:
@@ -35,7 +35,7 @@ class AlphaDecision(Saved):
         status: How far the rule is from the best one.
 
     Example:
-        >>> one = AlphaDecision(np.array([0.1]), np.array([0.02]), 0.0, AlphaStatus.OPTIMAL)
+        >>> one = AlphaDraw(np.array([0.1]), np.array([0.02]), 0.0, AlphaStatus.OPTIMAL)
         >>> print(one)
         decision for an estimate of norm 0.02, regret 0
     """
@@ -173,7 +173,7 @@ class AlphaSequence:
     def _is_settled(self) -> bool:
         return self._law is self._plan.law
 
-    def decide(self, mean: ArrayLike, *, rng: np.random.Generator) -> AlphaDecision:
+    def decide(self, mean: ArrayLike, *, rng: np.random.Generator) -> AlphaDraw:
         """Return a drawn decision of this step for a private mean (k,); nothing is recorded.
 
         Raises:
@@ -195,16 +195,16 @@ class AlphaSequence:
             centre = self._maker.start_mean if self._is_fresh else np.zeros(self._problem.n_signals)
             action = before + policy.rate * (policy.aim(self._problem, estimate, centre) - before)
             regret = float((estimate - held) @ self._maker.theta @ (estimate - held))
-        return AlphaDecision(action, estimate, regret, self._maker.status)
+        return AlphaDraw(action, estimate, regret, self._maker.status)
 
-    def publish(self, decision: AlphaDecision) -> None:
+    def publish(self, decision: AlphaDraw) -> None:
         """Record the decision of this step, drawn by `decide`, which everybody now knows.
 
         Raises:
             InputError: It is no decision on this problem.
         """
-        if not isinstance(decision, AlphaDecision):
-            raise InputError(f"publish takes what decide drew, an AlphaDecision, got {decision!r}")
+        if not isinstance(decision, AlphaDraw):
+            raise InputError(f"publish takes what decide drew, an AlphaDraw, got {decision!r}")
         estimate = self._problem.check_mean(decision.estimate, "estimate")
         self._now()
         self.total_regret += self.expected_regret

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable import validation
-from inscrutable.alphas import AlphaDecision, AlphaDecisionMaker
+from inscrutable.alphas import AlphaDraw, AlphaDecisionMaker
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
 
@@ -36,7 +36,7 @@ class ProtectedAlphas:
 
     maker: AlphaDecisionMaker
     index: tuple[Any, ...]
-    decisions: tuple[AlphaDecision, ...]
+    decisions: tuple[AlphaDraw, ...]
     n_published: int
     spent: float
     told: float

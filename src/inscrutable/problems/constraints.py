@@ -319,10 +319,10 @@ class Bounds(Polyhedron):
         columns, factors, sides = inequalities
         rows = (np.zeros((0, n)), np.zeros(0)) if equalities is None else equalities
         super().__init__(None, None, *rows, names=names[len(sides) :], min_slack=min_slack, asset_names=asset_names)
-        never = np.flatnonzero(np.isneginf(sides))
-        if never.size:
+        never = np.flatnonzero(np.isneginf(sides)).tolist()
+        if never:
             raise ModelError(f"no decision satisfies {names[never[0]]}: it asks that a finite number <= -inf")
-        kept = np.flatnonzero(~np.isposinf(sides))
+        kept = np.flatnonzero(~np.isposinf(sides)).tolist()
         self.b_ub, self._held = sides[kept], (columns[kept], factors[kept])
         self.names = (*(names[row] for row in kept), *self.names)
         del self.A_ub  # made when it is asked for

@@ -480,7 +480,7 @@ REGRET_NEARLY_SPENT = 1e-2
 OVER_TIME_GAP = 1e-4
 """Gap of a rule over time by its dual bound, as a share of it, that counts as none."""
 
-SAME_LAW = 1e-6
+SAME_RULE = 1e-6
 """Relative difference up to which two computations of a rule on private means are one: other libraries round otherwise, and a
 rule over time is settled to a hundredth of it."""
 

@@ -64,4 +64,4 @@ def _agree(one: Array, other: Array) -> bool:
     if one.shape != other.shape:
         return False
     size = float(np.abs(one[np.isfinite(one)]).max(initial=0.0))
-    return bool(np.allclose(one, other, rtol=tolerances.SAME_LAW, atol=tolerances.SAME_LAW * size))
+    return bool(np.allclose(one, other, rtol=tolerances.SAME_RULE, atol=tolerances.SAME_RULE * size))

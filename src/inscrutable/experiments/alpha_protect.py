@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable import validation
-from inscrutable.alphas import AlphaDraw, AlphaDecisionMaker
+from inscrutable.alphas import AlphaDecisionMaker, AlphaDraw
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
 

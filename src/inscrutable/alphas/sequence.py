@@ -15,9 +15,9 @@ from inscrutable.alphas.plans import AlphaStatus, Plan
 from inscrutable.alphas.problem import AlphaProblem
 from inscrutable.alphas.sequence_state import AlphaState
 from inscrutable.alphas.trading import TradingPolicy
-from inscrutable.decision_makers.sequential.lock import FileLock
+from inscrutable.decision_makers.sequential.lock import KeptInFile
 from inscrutable.errors import InputError
-from inscrutable.files import PathLike, path_of
+from inscrutable.files import PathLike
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 from inscrutable.worlds import LinearGaussianWorld
@@ -105,7 +105,7 @@ class PreparedAlphas(Protocol):
         """Θ."""
 
 
-class AlphaSequence:
+class AlphaSequence(KeptInFile):
     """Decisions about a private mean, one after the other; `AlphaDecisionMaker.begin` makes it.
 
     At every step `decide` draws a decision, any number of times; `publish` records the one that was seen. Time passes with
@@ -138,7 +138,6 @@ class AlphaSequence:
         self.latest: Array | None = None
         self.n_published = self.n_steps = 0
         self.total_regret = self.total_bits = 0.0
-        self._lock: FileLock | None = None
 
     @property
     def covariance(self) -> Array:
@@ -296,17 +295,7 @@ class AlphaSequence:
         Raises:
             InputError: The file is missing, damaged or of another rule, or another process uses it; all stays as it is.
         """
-        if not path_of(path, "a saved sequence").exists():
-            raise InputError(f"{path} is not a saved sequence: there is no such file")
-        before = self._lock
-        self._locked(path)
-        try:
-            found = AlphaState.load(path)
-            found.check(self._signature(), path)
-        except InputError:
-            if self._lock is not before:
-                self.close()
-            raise
+        found = self._read(path, lambda: AlphaState.load(path).checked(self._signature(), path))
         self.mean, self.latest, self._published = np.array(found.mean), found.latest, found.is_published
         self.n_published, self.n_steps = found.n_published, found.n_steps
         self.total_regret, self.total_bits = found.regret, found.bits
@@ -334,19 +323,6 @@ class AlphaSequence:
             plan.law.covariance,
             figures,
         )
-
-    def close(self) -> None:
-        """Let other processes use the file."""
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
-
-    def _locked(self, path: PathLike) -> None:
-        target = path_of(path, "a saved sequence").absolute()
-        if self._lock is None or self._lock.path != target:
-            taken = FileLock(target)
-            self.close()
-            self._lock = taken
 
     def __repr__(self) -> str:
         return self.summary()

@@ -50,14 +50,15 @@ class AlphaState(Saved):
             validation.count(getattr(self, name), name, least=0)
         validation.finite_array(self.mean, "mean", ndim=1)
 
-    def check(self, rule: tuple[Array, ...], path: PathLike) -> None:
-        """Raise `InputError` where the rule is another than that of the file."""
+    def checked(self, rule: tuple[Array, ...], path: PathLike) -> AlphaState:
+        """Return this, or raise `InputError` where the rule is another than that of the file."""
         same = len(rule) == len(self.rule) and all(map(_agree, rule, self.rule))
         if not same:
             raise InputError(
                 f"{path} cannot be gone on with: it is of another rule (another law of the means, problem or budget). A law "
                 "that is estimated afresh from private means would tell of them: keep the one that the sequence began with"
             )
+        return self
 
 
 def _agree(one: Array, other: Array) -> bool:

@@ -104,6 +104,6 @@ def protect_means(
         speech.summary(found.figures())
         return
     if found.decisions:
-        show_table((100.0 * found.table()).round(2).astype(str), "Decisions to publish, in percent")
+        show_table((100.0 * found.table()).round(2).astype(str), "Decisions, in percent")
     for line in found.summary().splitlines():
         results().print(line)

@@ -46,6 +46,11 @@ def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
     return units[kind], tuple(_number(part, "--budgets") for part in amounts.split(","))
 
 
+def amount_of(text: str, option: str) -> float:
+    """Return the amount that "5bp" (basis points) or "0.0005" stands for."""
+    return _number(text[:-2], option) * 1e-4 if text.endswith("bp") else _number(text, option)
+
+
 def whole_number(type_: Any, tokens: Sequence[Token]) -> int:
     """Return the whole number that is typed; 1.5 is none, and is not rounded."""
     text = tokens[0].value

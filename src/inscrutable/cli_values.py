@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from inscrutable.experiments.backtest_public import BesideReturns
     from inscrutable.privacy import PrivacyMeasure
 
+BASIS_POINTS = 10_000
+
 RuleName = Literal["optimal", "cdm", "pdm", "sequential"]
 MeasureName = Literal["maximal", "desired", "non-existence", "non-uniqueness", "infeasibility"]
 
@@ -48,7 +50,7 @@ def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
 
 def amount_of(text: str, option: str) -> float:
     """Return the amount that "5bp" (basis points) or "0.0005" stands for."""
-    return _number(text[:-2], option) * 1e-4 if text.endswith("bp") else _number(text, option)
+    return _number(text[:-2], option) / BASIS_POINTS if text.endswith("bp") else _number(text, option)
 
 
 def whole_number(type_: Any, tokens: Sequence[Token]) -> int:

@@ -12,6 +12,7 @@ import pytest
 from inscrutable import (
     AlphaDecisionMaker,
     AlphaProblem,
+    FactorRisk,
     InputError,
     LinearGaussianWorld,
     alpha_backtest,
@@ -19,7 +20,7 @@ from inscrutable import (
     momentum_alphas,
 )
 from inscrutable.datasets import load_industry_returns, read_covariance
-from inscrutable.experiments.alpha_files import read_linear_world, risk_of_returns
+from inscrutable.experiments.alpha_files import read_linear_world
 
 NAMES = ["Oil", "Food", "Steel"]
 WORLD = {
@@ -133,12 +134,17 @@ def test_files_that_are_wrong_name_the_place(folder: Path) -> None:
         read_linear_world(file)
 
 
-def test_factors_of_returns_keep_every_variance() -> None:
-    returns = load_industry_returns().returns
-    risk = risk_of_returns(returns, 3)
-    np.testing.assert_allclose(risk.diagonal, returns.var(), rtol=1e-9)  # type: ignore[union-attr]
-    with pytest.raises(InputError, match="n_factors is 12"):
-        risk_of_returns(returns, 12)
+def test_a_risk_of_factors_from_returns(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    returns = load_industry_returns().returns.iloc[:60, :3].set_axis(NAMES, axis=1)
+    returns.to_csv(folder / "R.csv", index_label="date")
+    options = ["--returns", folder / "R.csv", "--factors", 1, "--risk-aversion", 2.5, "--seed", 1, "--json"]
+    fixed = ["protect", "--alphas", folder / "A.csv", "--prior-covariance", folder / "S.csv"]
+    code = cli.main([str(each) for each in (*fixed, *options)])
+    said = capsys.readouterr()
+    assert code == 0, said.err
+    problem = AlphaProblem(FactorRisk.from_returns(returns, 1), 2.5)
+    maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=np.diag([0.04, 0.01, 0.02]) / 100)
+    assert json.loads(said.out)["bits_a_step"] == pytest.approx(maker.bits, rel=1e-6)
 
 
 def test_momentum_looks_back_only() -> None:

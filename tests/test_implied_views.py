@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import resource
+import time
 from typing import Any
 
 import cvxpy
 import numpy as np
 import pandas as pd
 import pytest
+from threadpoolctl import threadpool_limits
 
 from inscrutable import (
     AlphaProblem,
@@ -31,6 +34,7 @@ from inscrutable import (
 
 Array = Any
 N, GAMMA = 6, 1.7
+CASES = list(itertools.product(["free", "budget", "caps", "sector", "neutral"], [None, 0.05]))
 
 
 def risk_of(rng: np.random.Generator, n: int = N, k: int = 2) -> FactorRisk:
@@ -99,7 +103,8 @@ def test_bounds_and_distances_are_those_of_lifted_programmes(
             assert low == pytest.approx(-lifted.most(-direction), abs=2e-4, rel=1e-3)
         other = mean + rng.normal(size=len(mean))
         assert views.distance(other) == pytest.approx(lifted.distance(other), abs=2e-4)
-        assert views.contains(mean) and views.contains(views.nearest(other))
+        assert views.contains(mean)
+        assert views.contains(views.nearest(other))
         assert not views.contains(other) or views.distance(other) < 1e-9
 
 
@@ -109,7 +114,8 @@ def test_unconstrained_views_are_the_products_of_risk_and_weights(fresh_rng: np.
     for given in (risk, risk.dense()):
         views = implied_views(AlphaProblem(given, GAMMA), weights)
         told = 2.0 * GAMMA * risk.dense() @ weights
-        assert views.status is ViewStatus.POINT and views.dimension == 0
+        assert views.status is ViewStatus.POINT
+        assert views.dimension == 0
         np.testing.assert_allclose(views.bounds, np.column_stack([told, told]), rtol=0, atol=1e-10)
         np.testing.assert_allclose(views.nearest(np.zeros(N)), told, rtol=0, atol=1e-10)
     wide = implied_views(AlphaProblem(risk, GAMMA), weights, regret=0.01)
@@ -120,24 +126,30 @@ def test_unconstrained_views_are_the_products_of_risk_and_weights(fresh_rng: np.
 def test_a_budget_leaves_a_common_shift_free() -> None:
     problem = AlphaProblem(np.diag([0.04, 0.01, 0.02]), 2.5, simplex(3))
     views = implied_views(problem, [0.5, 0.5, 0.0])
-    assert views.status is ViewStatus.POLYHEDRON and views.dimension == 2
+    assert views.status is ViewStatus.POLYHEDRON
+    assert views.dimension == 2
     assert np.isinf(views.bounds).all()
     relative = implied_views(problem, [0.5, 0.5, 0.0], reference="portfolio").bounds
     np.testing.assert_allclose(relative[:2], [[0.0375, 0.0375], [-0.0375, -0.0375]], atol=1e-15)
     assert relative[2].tolist() == [-np.inf, pytest.approx(-0.0625)]
     # A weight at its bound says one side; a shift changes nothing.
     held = np.array([0.1, 0.025, -0.3])
-    assert views.contains(held) and views.contains(held + 7.0)
+    assert views.contains(held)
+    assert views.contains(held + 7.0)
     assert not views.contains([0.1, 0.025, 0.1])
     named = implied_views(problem, [0.5, 0.5, 0.0], reference=1)
-    assert named.bounds[0] == pytest.approx([0.075, 0.075]) and named.bounds[1].tolist() == [0.0, 0.0]
+    assert named.bounds[0] == pytest.approx([0.075, 0.075])
+    assert named.bounds[1].tolist() == [0.0, 0.0]
 
 
 def test_weights_that_no_signal_explains() -> None:
     problem = AlphaProblem(np.eye(3), 0.5, loadings=[[1.0], [1.0], [0.0]])
     views = implied_views(problem, [1.0, 3.0, 0.0])
-    assert views.status is ViewStatus.EMPTY and views.dimension == -1 and views.is_empty
-    assert np.isnan(views.bounds).all() and views.distance([0.0]) == np.inf
+    assert views.status is ViewStatus.EMPTY
+    assert views.dimension == -1
+    assert views.is_empty
+    assert np.isnan(views.bounds).all()
+    assert views.distance([0.0]) == np.inf
     np.testing.assert_allclose(views.nearest([0.0]), [2.0])  # least squares of (m, m, 0) against (1, 3, 0)
     assert views.plausibility_gap == pytest.approx(1.0)  # half of (1 − 2)² + (3 − 2)²
     within = implied_views(problem, [1.0, 3.0, 0.0], regret=1.5)
@@ -151,9 +163,11 @@ def test_more_signals_than_assets_leave_a_subspace(fresh_rng: np.random.Generato
     problem = AlphaProblem(np.eye(2), 1.0, loadings=loads)
     mean = fresh_rng.normal(size=5)
     views = implied_views(problem, problem.optimum(mean))
-    assert views.status is ViewStatus.SUBSPACE and views.dimension == 3
+    assert views.status is ViewStatus.SUBSPACE
+    assert views.dimension == 3
     hidden = np.linalg.svd(loads)[2][2:].T @ fresh_rng.normal(size=3)
-    assert views.contains(mean + hidden) and np.isinf(views.bounds).all()
+    assert views.contains(mean + hidden)
+    assert np.isinf(views.bounds).all()
     np.testing.assert_allclose(views.asset_bounds, np.repeat((loads @ mean)[:, None], 2, axis=1), atol=1e-7)
 
 
@@ -165,11 +179,12 @@ def test_what_rounded_weights_say_holds_all_that_rounds_to_them(name: str, fresh
         mean = rng.normal(size=problem.n_signals)
         shown = problem.optimum(mean).round(2)
         views = implied_views(problem, shown, digits=2, reference=1)
-        assert views.status is ViewStatus.OUTER and views.contains(mean)
+        assert views.status is ViewStatus.OUTER
+        assert views.contains(mean)
         full = np.eye(N) if loads is None else loads
         found = 0
-        for _ in range(300):
-            other = mean + 0.03 * rng.normal(size=len(mean))
+        for _ in range(60):
+            other = mean + 0.01 * rng.normal(size=len(mean))
             same = bool(np.abs(problem.optimum(other) - shown).max() <= 0.005)
             assert views.contains(other) == same
             if same:
@@ -177,9 +192,8 @@ def test_what_rounded_weights_say_holds_all_that_rounds_to_them(name: str, fresh
                 assert ((full @ other - full[1] @ other) >= views.asset_bounds[:, 0] - 1e-8).all()
                 assert ((full @ other - full[1] @ other) <= views.asset_bounds[:, 1] + 1e-8).all()
         exact = implied_views(problem, problem.optimum(mean), reference=1).asset_bounds
-        assert (views.asset_bounds[:, 0] <= exact[:, 0] + 1e-8).all() and (
-            views.asset_bounds[:, 1] >= exact[:, 1] - 1e-8
-        ).all()
+        assert (views.asset_bounds[:, 0] <= exact[:, 0] + 1e-8).all()
+        assert (views.asset_bounds[:, 1] >= exact[:, 1] - 1e-8).all()
         with pytest.raises(InputError, match="union of polyhedra"):
             views.nearest(mean)
 
@@ -203,14 +217,17 @@ def test_measures_judge_views(fresh_rng: np.random.Generator) -> None:
     honest, decoy = (implied_views(problem, problem.optimum(m)) for m in (mean, -mean))
     assert MaximalObfuscation()(mean, honest) == pytest.approx(0.0, abs=1e-12)
     assert MaximalObfuscation()(mean, decoy) == pytest.approx(decoy.distance(mean))
-    assert NonExistence(0.01)(mean, honest) == -np.inf and NonExistence(0.01)(mean, decoy) == 0.0
+    assert NonExistence(0.01)(mean, honest) == -np.inf
+    assert NonExistence(0.01)(mean, decoy) == 0.0
     assert NonUniqueness()(mean, honest) == 0.0  # a shift at least
     assert Infeasibility()(mean, honest) == -np.inf
     assert DesiredObfuscation(lambda m: -m)(mean, decoy) == pytest.approx(0.0, abs=1e-12)
     alone = implied_views(AlphaProblem(np.eye(2), 0.5), [1.0, 2.0])
-    assert NonUniqueness()([1.0, 2.0], alone) == -np.inf and NonUniqueness()([0.0, 0.0], alone) == 0.0
+    assert NonUniqueness()([1.0, 2.0], alone) == -np.inf
+    assert NonUniqueness()([0.0, 0.0], alone) == 0.0
     unexplained = implied_views(AlphaProblem(np.eye(2), 0.5, loadings=[[1.0], [0.0]]), [1.0, 1.0])
-    assert Infeasibility(0.4)([1.0], unexplained) == 0.0 and Infeasibility(0.6)([1.0], unexplained) == -np.inf
+    assert Infeasibility(0.4)([1.0], unexplained) == 0.0
+    assert Infeasibility(0.6)([1.0], unexplained) == -np.inf
 
 
 @pytest.mark.parametrize("name", ["free", "budget"])
@@ -245,7 +262,7 @@ def test_the_search_under_constraints_is_affordable_and_beats_chance(fresh_rng: 
     assert found.regret <= limit * (1.0 + 1e-9)
     assert found.privacy == pytest.approx(implied_views(problem, found.weights).distance(mean), abs=1e-7)
     best = 0.0
-    for _ in range(150):
+    for _ in range(60):
         decoy = mean + rng.uniform(0.0, 1.5) * rng.normal(size=4)
         weights = problem.optimum(decoy)
         if problem.regret(mean, weights) <= limit:
@@ -275,20 +292,18 @@ def test_bad_input_is_refused() -> None:
 
 
 def test_many_assets_take_little_time_and_memory() -> None:
-    import resource
-    import time
-
     rng, n = np.random.default_rng(0), 3000
     risk = FactorRisk(rng.normal(size=(n, 60)), np.eye(60) * 1e-4, rng.uniform(0.5, 2.0, n) * 1e-3)
     region = simplex(n) & box(np.zeros(n), np.full(n, 0.004))
     problem = AlphaProblem(risk, 5.0, region)
     weights = problem.optimum(rng.normal(size=n) * 0.01)
     before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
-    for reference in (None, "portfolio", "mean"):
-        for regret in (None, 1e-4):
-            views = implied_views(problem, weights, reference=reference, regret=regret)
-            assert views.bounds.shape == (n, 2)
-    views.distance(np.zeros(n))
-    assert time.process_time() - start < 6 * 1.0
+    with threadpool_limits(1):
+        for reference in (None, "portfolio", "mean"):
+            for regret in (None, 1e-4):
+                views = implied_views(problem, weights, reference=reference, regret=regret)
+                assert views.bounds.shape == (n, 2)
+        implied_views(problem, weights).distance(np.zeros(n))
+    assert time.process_time() - start < 1.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB; one matrix of n by n is 72,000
     assert "A_ub" not in vars(region)

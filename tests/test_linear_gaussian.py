@@ -111,7 +111,7 @@ def test_matrices_that_change_with_time(fresh_rng: np.random.Generator) -> None:
     for t, (mean, spread) in enumerate(found):
         np.testing.assert_allclose(means[t], mean, rtol=0, atol=1e-10)
         np.testing.assert_allclose(spreads[t], spread, rtol=0, atol=1e-10)
-    with pytest.raises(ModelError, match="changes? with time"):
+    with pytest.raises(ModelError, match="change with time"):
         steady_filter(world)
     with pytest.raises(InputError, match="6 rows, but the world's matrices say 5 steps"):
         kalman_filter(world, np.zeros((6, 1)))
@@ -204,10 +204,12 @@ def test_labels_are_aligned() -> None:
     other = LinearGaussianWorld(
         move, shock.loc[states[::-1], states[::-1]], sensor[states[::-1]], noise.loc[read[::-1], read[::-1]]
     )
-    assert np.array_equal(plain.process, other.process) and np.array_equal(plain.sensor, other.sensor)
+    assert np.array_equal(plain.process, other.process)
+    assert np.array_equal(plain.sensor, other.sensor)
     rows = pd.DataFrame([[1.0, 2.0], [np.nan, 1.0]], ["May", "June"], read)
     found = kalman_filter(plain, rows[read[::-1]]).means
-    assert list(found.columns) == states and list(found.index) == ["May", "June"]
+    assert list(found.columns) == states
+    assert list(found.index) == ["May", "June"]
     np.testing.assert_array_equal(found.to_numpy(), kalman_filter(plain, rows.to_numpy()).means)
     with pytest.raises(InputError, match="other column labels"):
         kalman_filter(plain, rows.rename(columns={"price": "yield"}))
@@ -222,7 +224,7 @@ def test_bad_worlds_are_refused() -> None:
     with pytest.raises(InputError, match=r"sensor has shape \(1, 2\), expected one column per state: 1"):
         LinearGaussianWorld(one, one, [[1.0, 2.0]], one)
     walk = LinearGaussianWorld(one, one, one, one)
-    with pytest.raises(ModelError, match="no stationary law: .* modulus 1"):
+    with pytest.raises(ModelError, match=r"no stationary law: .* modulus 1"):
         _ = walk.stationary_covariance
     with pytest.raises(ModelError, match="pass `initial`"):
         walk.sample(3, rng=np.random.default_rng(0))
@@ -237,7 +239,7 @@ def test_a_gap_that_nobody_else_knows_is_refused() -> None:
     rows = [1.0, np.nan, 0.5]
     known = kalman_filter(LOCAL_LEVEL, rows, gaps=[False, True, False])
     assert np.array_equal(known.means, kalman_filter(LOCAL_LEVEL, rows).means)
-    with pytest.raises(InputError, match="row 1, column 0 is missing, which nobody else knows: .* would be private"):
+    with pytest.raises(InputError, match=r"row 1, column 0 is missing, which nobody else knows: .* would be private"):
         kalman_filter(LOCAL_LEVEL, rows, gaps=[False, False, False])
     with pytest.raises(InputError, match="row 2, column 0 is there, but gaps say it is missing"):
         kalman_filter(LOCAL_LEVEL, rows, gaps=[False, True, True])

@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, disclose, audit, run studies, compile.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, disclose, audit, views, studies, compile.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
@@ -40,6 +40,7 @@ from inscrutable.cli_values import (
     measure_of,
     writable_folder,
 )
+from inscrutable.cli_views import views
 from inscrutable.errors import DiskError, InputError, InscrutableError, ModelError
 from inscrutable.files import DISK
 from inscrutable.labels import capital, label_text
@@ -72,6 +73,7 @@ app.command(study)
 app.command(compare)
 app.command(disclose)
 app.command(audit)
+app.command(views)
 
 
 @app.command

@@ -66,15 +66,16 @@ class AlphaOptions:
 
     def maker(self, budget: str | None) -> AlphaDecisionMaker:
         """Return the rule that the files and numbers say."""
-        from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem
+        from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
         from inscrutable.datasets import read_covariance, read_returns
-        from inscrutable.experiments.alpha_files import read_linear_world, risk_of_returns
+        from inscrutable.experiments.alpha_files import read_linear_world
 
         if self.covariance is not None:
             risk: Any = read_covariance(self.covariance)
         else:
             assert self.returns is not None
-            risk = risk_of_returns(read_returns(self.returns), self.factors)
+            history = read_returns(self.returns)
+            risk = history.cov() if self.factors is None else FactorRisk.from_returns(history, self.factors)
         assert self.risk_aversion is not None
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, trading_cost=self.trading_cost),

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from inscrutable.experiments.backtest_public import BesideReturns
     from inscrutable.privacy import PrivacyMeasure
 
+BASIS_POINTS = 10_000
+
 RuleName = Literal["optimal", "cdm", "pdm", "sequential"]
 MeasureName = Literal["maximal", "desired", "non-existence", "non-uniqueness", "infeasibility"]
 
@@ -44,6 +46,11 @@ def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
             f"--budgets {text}: expected shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, or regret:0.001,0.002"
         )
     return units[kind], tuple(_number(part, "--budgets") for part in amounts.split(","))
+
+
+def amount_of(text: str, option: str) -> float:
+    """Return the amount that "5bp" (basis points) or "0.0005" stands for."""
+    return _number(text[:-2], option) / BASIS_POINTS if text.endswith("bp") else _number(text, option)
 
 
 def whole_number(type_: Any, tokens: Sequence[Token]) -> int:

@@ -487,3 +487,10 @@ rule over time is settled to a hundredth of it."""
 DEGENERATE = 1e-8
 """The residual that is accepted of an interior point, relative to the slopes, where rows are so degenerate that no set of tight
 ones is told: its decision then costs about as much too much."""
+
+WAY_END = 1e-6
+"""Share of the longest way along which exposures can be moved that is left where bounds of views are searched: at its end the
+decisions are one point, and programmes over it are degenerate."""
+
+ROUGH_RAY = 1e-3
+"""Share of a ray's length to which its end is found while directions are compared: what one gains over another is larger."""

@@ -18,8 +18,6 @@ from inscrutable.validation import Array
 
 _WIDTH = 1e4
 """How far beyond the likely best length, and below it, a bound is searched."""
-_FROM_END = 1e-6
-"""Share of the longest way that is left: at its end the set is a point, and programmes over it are degenerate."""
 
 
 class LoadedViews(ViewSet):
@@ -225,7 +223,7 @@ class ViewsWithinRegret(ViewSet):
         # Without inequalities and a gap this length is the best.
         along = frame @ moved
         likely = float(np.sqrt(self.regret / (gamma * risk.quadratic(along))))
-        high = float(np.log(min(longest * (1.0 - _FROM_END), likely * _WIDTH)))
+        high = float(np.log(min(longest * (1.0 - tolerances.WAY_END), likely * _WIDTH)))
         found = minimize_scalar(
             bound, bounds=(high - 2.0 * np.log(_WIDTH), high), method="bounded", options={"xatol": tolerances.CURVATURE}
         )

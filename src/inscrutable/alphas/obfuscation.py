@@ -22,8 +22,6 @@ from inscrutable.validation import Array
 
 _LARGE = 400  # signals from which on eigenvectors are found one by one
 _MOST_DOUBLINGS = 20
-_ROUGH = 1e-3
-"""Share of a ray's length to which its end is found while directions are compared."""
 _TURNS = (0.6, 0.3, 0.15)
 """How far, relative to its length, the best direction is turned towards the others in turn."""
 
@@ -38,6 +36,11 @@ class AlphaDecision(Saved):
         privacy: Distance from the true mean to the implied views Π(u), in the unit of m.
         regret: What u costs beyond the best decision, in the unit of returns.
         status: PROVED in closed form, where C has no inequalities; else LOCAL_OPTIMUM.
+
+    Example:
+        >>> problem = AlphaProblem([[0.04, 0.0], [0.0, 0.01]], risk_aversion=2.5)
+        >>> print(obfuscated_decision(problem, [0.02, 0.01], Budget.regret(0.001)))
+        privacy 0.02 at a regret of 0.001 (proved: no affordable decision is more private)
     """
 
     weights: Array
@@ -46,8 +49,12 @@ class AlphaDecision(Saved):
     regret: float
     status: DecisionStatus
 
-    def __str__(self) -> str:
+    def summary(self) -> str:
+        """Return privacy, regret and status in a line."""
         return f"privacy {self.privacy:.6g} at a regret of {self.regret:.6g} ({self.status.value})"
+
+    def __str__(self) -> str:
+        return self.summary()
 
 
 def obfuscated_decision(
@@ -124,7 +131,7 @@ def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
 def _searched(problem: AlphaProblem, mean: Array, limit: float, directions: Array) -> AlphaDecision:
     """The best of rays, turned towards each other while that helps."""
 
-    def judged(direction: Array, share: float = _ROUGH) -> tuple[float, Array]:
+    def judged(direction: Array, share: float = tolerances.ROUGH_RAY) -> tuple[float, Array]:
         decoy = _end_of_ray(problem, mean, direction / np.linalg.norm(direction), limit, share)
         return _read(problem, decoy).distance(mean), decoy
 
@@ -135,7 +142,7 @@ def _searched(problem: AlphaProblem, mean: Array, limit: float, directions: Arra
             for sign in (1.0, -1.0):
                 turned = way + sign * turn * direction
                 found = judged(turned)
-                if found[0] > privacy * (1.0 + _ROUGH):
+                if found[0] > privacy * (1.0 + tolerances.ROUGH_RAY):
                     (privacy, decoy), way = found, turned / np.linalg.norm(turned)
     privacy, decoy = max(judged(way, tolerances.CURVATURE), (0.0, mean), key=lambda item: item[0])
     weights = problem.optimum(decoy)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.alphas.programmes import Programme
+from inscrutable.alphas.programmes import RiskProgramme
 from inscrutable.alphas.risk import FactorRisk, Risk, as_risk
 from inscrutable.axes import Axis, Names
 from inscrutable.errors import InputError, SolverError
@@ -226,7 +226,7 @@ def least_costs(risk: Risk, risk_aversion: float, layout: Layout, alphas: Array)
     """
     if risk.is_definite:
         try:
-            programme = Programme(risk, risk_aversion, layout)
+            programme = RiskProgramme(risk, risk_aversion, layout)
             return np.array([programme.solve(row) for row in alphas])
         except SolverError:
             if risk.n_assets > _MOST_DENSE:

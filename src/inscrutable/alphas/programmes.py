@@ -35,7 +35,7 @@ class _Point(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Programme:
+class RiskProgramme:
     """min ½ u'(2γV)u − a'u over a layout; the same rows for many a."""
 
     risk: Risk
@@ -65,11 +65,11 @@ class Programme:
             middle = 0.5 * (lower + upper)
         return np.where(np.isfinite(middle), middle, np.clip(1.0 / lower.size, lower, upper))
 
-    def _without(self, fixed: np.ndarray) -> Programme:
+    def _without(self, fixed: np.ndarray) -> RiskProgramme:
         """The programme in the coordinates that may move."""
         free, held = np.flatnonzero(~fixed), self.layout.lower[fixed]
         rows = self.layout
-        return Programme(
+        return RiskProgramme(
             self.risk.part(free),
             self.risk_aversion,
             Layout(
@@ -82,7 +82,7 @@ class Programme:
             ),
         )
 
-    def solved_with(self, alphas: Array, fixed: np.ndarray, values: Array, whole: Programme) -> Array:
+    def solved_with(self, alphas: Array, fixed: np.ndarray, values: Array, whole: RiskProgramme) -> Array:
         """Return the whole programme's minimiser, given which coordinates are fixed at which values."""
         u = np.where(fixed, values, 0.0)
         if not fixed.all():

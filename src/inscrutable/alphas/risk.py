@@ -199,6 +199,41 @@ class FactorRisk(Risk):
         object.__setattr__(self, "factor_names", factors.names)
         validation.read_only(self, "exposures", "factor_covariance", "specific")
 
+    @classmethod
+    def from_returns(cls, returns: ArrayLike, n_factors: int) -> FactorRisk:
+        """Return the covariance that the first principal components of returns make, with what they leave of each variance.
+
+        Args:
+            returns: Shape (T,n), return per period; columns of a table name the assets.
+            n_factors: k, from 0 to the smaller of T − 1 and n.
+
+        Raises:
+            InputError: An entry is not finite, fewer than two rows, or another number of factors.
+
+        Cost: O(T n min(T, n)); the sample covariance is not formed. Source: the principal-factor method.
+
+        Example:
+            >>> FactorRisk.from_returns([[0.01, 0.02], [-0.01, 0.0], [0.03, -0.02]], 1)
+            FactorRisk(2 assets, 1 factors)
+        """
+        assets = Axis("asset", learns=True)
+        rows = validation.finite_array(returns, "returns", ndim=2, axes=(None, assets))
+        if len(rows) < 2 or not rows.shape[1]:
+            raise InputError(f"returns has shape {rows.shape}, expected at least two rows and one asset")
+        k = validation.count(n_factors, "n_factors", least=0)
+        if k > min(len(rows) - 1, rows.shape[1]):
+            raise InputError(
+                f"n_factors is {k}, expected at most {min(len(rows) - 1, rows.shape[1])} of {rows.shape} returns"
+            )
+        moved = (rows - rows.mean(axis=0)) / np.sqrt(len(rows) - 1)
+        variances = (moved**2).sum(axis=0)
+        _, sizes, axes = np.linalg.svd(moved, full_matrices=False)
+        loads = axes[:k].T * sizes[:k]
+        least = tolerances.COVARIANCE_FLOOR * variances
+        found = cls(loads, np.eye(k), np.maximum(variances - (loads**2).sum(axis=1), least))
+        object.__setattr__(found, "names", assets.names)
+        return found
+
     @cached_property
     def root(self) -> Array:
         """L = F Ω^{1/2}, shape (n,k): V = L L' + D."""

@@ -193,7 +193,9 @@ def _levels(apart: Array, rows: Array, n_free: int, low: np.ndarray, high: np.nd
         if len(rows) == n_free:
             goal = np.linalg.lstsq(rows[:, matters].T, apart[matters], rcond=tolerances.RANK)[0]
         else:
-            goal = lsq_linear(rows[:, matters].T, apart[matters], (least, np.inf), method="bvls", tol=1e-14).x
+            goal = lsq_linear(
+                rows[:, matters].T, apart[matters], (least, np.inf), method="bvls", tol=tolerances.STATIONARITY
+            ).x
         step, size, now = goal - levels, 1.0, float(left @ left)
         while size > tolerances.FEASIBILITY:
             after = _cut(apart - rows.T @ (levels + size * step), low, high)

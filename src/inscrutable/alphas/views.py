@@ -144,7 +144,8 @@ class ImpliedViews:
         columns = {"weight": self.weights, "least": self.asset_bounds[:, 0], "greatest": self.asset_bounds[:, 1]}
         return pd.DataFrame(columns, index=pd.Index(names, name="asset"))
 
-    def __str__(self) -> str:
+    def summary(self) -> str:
+        """Return what the set is, and the bounds of the first assets."""
         lines = [f"{self.status.value} (dimension {self.dimension} of {self.problem.n_signals})"]
         if not self.is_empty:
             names = _names(self.problem.asset_names, self.problem.n_assets)
@@ -155,6 +156,9 @@ class ImpliedViews:
             if len(names) > _MOST_SHOWN:
                 lines.append(f"  … {len(names)} assets in all")
         return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.summary()
 
 
 def implied_views(

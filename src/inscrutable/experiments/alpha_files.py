@@ -1,16 +1,13 @@
-"""Files that say how a private mean moves, and what risk the assets have."""
+"""Files that say how a private mean moves."""
 
 from __future__ import annotations
 
 import json
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
-from inscrutable import validation
-from inscrutable.alphas import FactorRisk
 from inscrutable.errors import InputError
 from inscrutable.experiments.sections import Matrix, Section, shortened
 from inscrutable.files import PathLike, path_of
@@ -60,32 +57,3 @@ def read_linear_world(path: PathLike) -> LinearGaussianWorld:
             raise InputError(f"{source}, states: {error}") from None
     public: Any = None if found.public_sensor is None else (found.public_sensor, found.public_noise)
     return LinearGaussianWorld(transition, found.process, found.sensor, found.noise, public=public)
-
-
-def risk_of_returns(returns: pd.DataFrame, n_factors: int | None = None) -> pd.DataFrame | FactorRisk:
-    """Return the sample covariance of returns, or so many principal factors of it and specific variances.
-
-    Args:
-        returns: Simple returns, (T,n), labelled.
-        n_factors: From 1 to n − 1; None is the sample covariance itself.
-
-    Raises:
-        InputError: Fewer than two rows, or `n_factors` is out of range.
-    """
-    if len(returns) < 2:
-        raise InputError(f"returns have {len(returns)} rows, expected at least two")
-    sample = returns.cov()
-    if n_factors is None:
-        return sample
-    count = validation.count(n_factors, "n_factors")
-    if count >= len(sample):
-        raise InputError(f"n_factors is {count}, expected less than the number of assets, {len(sample)}")
-    values, vectors = np.linalg.eigh(sample.to_numpy())
-    exposures = vectors[:, -count:]
-    own = np.diag(sample) - (exposures**2 @ values[-count:])
-    least = np.finfo(float).eps * float(values[-1])
-    return FactorRisk(
-        pd.DataFrame(exposures, index=sample.index),
-        np.diag(values[-count:]),
-        pd.Series(np.maximum(own, least), sample.index),
-    )

@@ -70,9 +70,8 @@ print(
 # Alphas that last
 # ----------------
 # Twenty factor views, drawn afresh every month or fading by a tenth a month. An observer of the fading ones who remembers
-# all books
-# knows most of a view before the next one, so that a book tells him less that is new. (The desk estimates them from a noisy
-# signal, and silence costs less: its own estimates vary less than the views.)
+# all books knows most of a view before the next one, so that a book tells him less that is new. (The desk estimates them
+# from a noisy signal, and silence costs less: its own estimates vary less than the views.)
 views = AlphaProblem(risk, 20.0, loadings=exposures)
 fading = LinearGaussianWorld(0.9 * np.eye(k), 0.19 * 0.002**2 * np.eye(k), np.eye(k), 0.001**2 * np.eye(k))
 for given in ({"prior_covariance": 0.002**2 * np.eye(k)}, {"world": fading}):

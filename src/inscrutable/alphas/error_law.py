@@ -18,9 +18,8 @@ class ErrorLaw:
     """Covariances before and after a decision in one basis: P = T T' before, E = T diag(e) T' after.
 
     In coordinates z = T⁺(m − m̂⁻), independent of variance 1 to the observer, the rule shows ẑ = (1 − e) z + √(e (1 − e)) g
-    with g
-    standard normal. Then m̂ = m̂⁻ + T ẑ is his mean after it, and the covariance of m − m̂ is E. An exact share e = 0 shows z
-    itself, e = 1 nothing. It is the rule m̂ = m̂⁻ + (I − E P⁻¹)(m − m̂⁻) + N(0, E − E P⁻¹ E).
+    with g standard normal. Then m̂ = m̂⁻ + T ẑ is his mean after it, and the covariance of m − m̂ is E. An exact share e =
+    0 shows z itself, e = 1 nothing. It is the rule m̂ = m̂⁻ + (I − E P⁻¹)(m − m̂⁻) + N(0, E − E P⁻¹ E).
 
     Args:
         basis: T, shape (n,q).

@@ -114,9 +114,8 @@ def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: floa
     """Return the stationary rule that leaves the largest tr(QE) at tr(ΘE) ≤ limit, limit > 0.
 
     It is the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a
-    millionth of
-    the error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal. Where that does not
-    settle, which happens without a stationary law, few signals are left to a cone programme.
+    millionth of the error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal. Where
+    that does not settle, which happens without a stationary law, few signals are left to a cone programme.
 
     Raises:
         SolverError: The iteration did not settle, and there are many signals or no solver of cone programmes.

@@ -1,9 +1,9 @@
 """Dual bounds of the programmes over time: what no causal rule exceeds, from any multiplier Z ⪰ 0 of E ⪯ P(E).
 
 P(E) is concave, so that E ⪯ P(E) implies E ⪯ A_L E A_L' + W_L with A_L and W_L taken at any E₀; a convex cost is at least
-its tangent at
-E₀. What is left is linear in E: with μ ≥ 0 and R = ∇ + μΘ + Z − A_L' Z A_L ⪰ 0 its least value is −μr − tr(Z W_L) and a
-constant. Where R misses by rounding, −R₋ is made up for by more Z (a Stein equation) or by more μ, whichever costs less.
+its tangent at E₀. What is left is linear in E: with μ ≥ 0 and R = ∇ + μΘ + Z − A_L' Z A_L ⪰ 0 its least value is −μr −
+tr(Z W_L) and a constant. Where R misses by rounding, −R₋ is made up for by more Z (a Stein equation) or by more μ,
+whichever costs less.
 """
 
 from __future__ import annotations

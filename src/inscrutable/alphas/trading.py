@@ -17,8 +17,8 @@ class TradingPolicy:
     """The optimal trading of one who knows m: u_t = (1 − rate) u_{t−1} + rate · u*(ahead · m_t).
 
     Formula: q = (−γ + √(γ² + 4γκ))/2, rate = q/κ, ahead = (I + (q/γ)(I − A))⁻¹; deciding for m̂ instead of m costs in the
-    long run
-    (m̂ − m)'Θ(m̂ − m) a step, Θ = weight · ahead' Θ₀ ahead with weight = rate² (γ + κ + q)/γ and Θ₀ that without trading costs.
+    long run (m̂ − m)'Θ(m̂ − m) a step, Θ = weight · ahead' Θ₀ ahead with weight = rate² (γ + κ + q)/γ and Θ₀ that without
+    trading costs.
 
     Args:
         rate: Share of the way to the aim that is traded, from 0 to 1; 1 where trading is free.

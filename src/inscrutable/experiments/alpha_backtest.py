@@ -79,9 +79,8 @@ def alpha_backtest(
     """Return what is given up and what is taken, month by month, where alphas are hidden by a rule.
 
     Formula: with c(u) = γ u'Vu − m'u, the worth is c(u₀) − c(u*), u₀ the constant decision; given up is c(u) − c(u*), taken
-    c(u₀) − c(u).
-    Their sum is the worth in every month: what hiding gives up is exactly what one who copies does not take. On average, where
-    the alphas follow the law, they are tr(ΘS), tr(ΘE) and the rest.
+    c(u₀) − c(u). Their sum is the worth in every month: what hiding gives up is exactly what one who copies does not take.
+    On average, where the alphas follow the law, they are tr(ΘS), tr(ΘE) and the rest.
 
     Args:
         maker: The rule; without trading costs.

@@ -50,6 +50,17 @@ SIGNALS = pd.DataFrame({"score": FLAGS["Oil"] + FLAGS["Gas"] ** 2, "signal": FLA
 LEARNED = pd.DataFrame({"calm": (FLAGS["Oil"] > 0) * 1.0, "crisis": (FLAGS["Oil"] <= 0) * 1.0})
 
 
+LOADS = pd.DataFrame([[1.0, 0.5], [0.2, -1.0], [0.0, 2.0]], ASSETS, STATES)
+SQUARE = pd.DataFrame([[0.04, 0.01], [0.01, 0.09]], STATES, STATES)
+OWN = ins.AlphaProblem(SPREAD["calm"], 2.0)
+SIGNALLED = ins.AlphaProblem(SPREAD["calm"], 2.0, None, LOADS)
+
+
+def moving(move: Any, process: Any = SQUARE, sensor: Any = LOADS) -> Any:
+    """A linear Gaussian world of two states, read in three columns."""
+    return ins.LinearGaussianWorld(0.9 * move, process, sensor, SPREAD["calm"])
+
+
 def seen_pairs(beliefs: Any, actions: Any) -> Any:
     """What an observer of data reads where states and assets are named, rows in the order given."""
     seen = ins.DataAdversary(beliefs, actions)
@@ -397,11 +408,26 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
     ("grouped", pd.Series(["a", "b", "a"], ASSETS), lambda v: float(str(ins.grouped(v)) == "")),
     ("grouped actions", HOLDINGS, ins.grouped(["a", "b", "a"]).shown),
     ("ShownBeliefs", BELIEF, lambda v: float(BLURRED.contains(v))),
+    ("LinearGaussianWorld", STEADY, lambda v: np.linalg.eigvalsh(moving(v).stationary_covariance)),
+    ("LinearGaussianWorld process", SQUARE, lambda v: moving(STEADY, process=v).process),
+    ("LinearGaussianWorld sensor", LOADS, lambda v: ins.steady_filter(moving(STEADY, sensor=v)).covariance),
+    ("kalman_filter", RETURNS[:1], lambda v: ins.kalman_filter(moving(STEADY), v).means.to_numpy()),
+    ("FactorRisk", LOADS, lambda v: np.sort(ins.FactorRisk(v, SQUARE, CAPS).diagonal)),
+    ("FactorRisk specific", CAPS, lambda v: ins.FactorRisk(LOADS, SQUARE, v).diagonal),
+    ("FactorRisk factor_covariance", SQUARE, lambda v: ins.FactorRisk(LOADS, v, CAPS).diagonal),
+    ("AlphaProblem", SPREAD["calm"], lambda v: ins.AlphaProblem(v, 2.0, None, LOADS).theta),
+    ("AlphaProblem loadings", LOADS, lambda v: np.sort(np.ravel(ins.AlphaProblem(SPREAD["calm"], 2.0, None, v).theta))),
+    ("AlphaProblem optimum", BELIEF, lambda v: SIGNALLED.optimum(v)),
+    ("AlphaProblem regret", WEIGHTS, lambda v: float(SIGNALLED.regret(BELIEF, v))),
+    ("implied_views", WEIGHTS, lambda v: ins.implied_views(OWN, v).nearest(np.zeros(3))),
+    ("ImpliedViews distance", WEIGHTS, lambda v: ins.implied_views(OWN, WEIGHTS).distance(v)),
+    ("obfuscated_decision", WEIGHTS, lambda v: ins.obfuscated_decision(OWN, v, 0.1).weights),
     ("infer_weights", RETURNS, lambda v: np.sort(ins.infer_weights(pd.Series([0.1, 0.2, 0.3], MONTHS), v).weights)),
     ("infer_weights seen", pd.Series([0.1, 0.2, 0.3], MONTHS), lambda v: ins.infer_weights(v, RETURNS).weights),
 ]
 
 NO_ARRAYS = """
+    AlphaDecision KalmanResult SteadyFilter ViewStatus steady_filter
     ActionExplanation Adversary AffordableBeliefs Budget Calibration CalibrationStatus CheapestPrivacy CostStatus
     Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
     GlobalSearch Infeasibility InferredBeliefs InputError InscrutableError InvestorModel Leakage LearnedCost

@@ -36,6 +36,18 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import infer_weights as infer_weights
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
+    from inscrutable.alphas import AlphaDecision as AlphaDecision
+    from inscrutable.alphas import AlphaDecisionMaker as AlphaDecisionMaker
+    from inscrutable.alphas import AlphaDraw as AlphaDraw
+    from inscrutable.alphas import AlphaPath as AlphaPath
+    from inscrutable.alphas import AlphaProblem as AlphaProblem
+    from inscrutable.alphas import AlphaSequence as AlphaSequence
+    from inscrutable.alphas import AlphaStatus as AlphaStatus
+    from inscrutable.alphas import FactorRisk as FactorRisk
+    from inscrutable.alphas import ImpliedViews as ImpliedViews
+    from inscrutable.alphas import ViewStatus as ViewStatus
+    from inscrutable.alphas import implied_views as implied_views
+    from inscrutable.alphas import obfuscated_decision as obfuscated_decision
     from inscrutable.budgets import Budget as Budget
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
     from inscrutable.decision_makers import Candidates as Candidates
@@ -95,6 +107,8 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.errors import InscrutableError as InscrutableError
     from inscrutable.errors import ModelError as ModelError
     from inscrutable.errors import SolverError as SolverError
+    from inscrutable.experiments.alpha_backtest import alpha_backtest as alpha_backtest
+    from inscrutable.experiments.alpha_backtest import momentum_alphas as momentum_alphas
     from inscrutable.experiments.attack import attack_weights as attack_weights
     from inscrutable.experiments.audit import audit_pairs as audit_pairs
     from inscrutable.experiments.backtest import run_backtest as run_backtest
@@ -193,9 +207,14 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.worlds import FittedWorld as FittedWorld
     from inscrutable.worlds import GaussianEmission as GaussianEmission
     from inscrutable.worlds import HiddenMarkovModel as HiddenMarkovModel
+    from inscrutable.worlds import KalmanResult as KalmanResult
+    from inscrutable.worlds import LinearGaussianWorld as LinearGaussianWorld
     from inscrutable.worlds import PublicPart as PublicPart
+    from inscrutable.worlds import SteadyFilter as SteadyFilter
     from inscrutable.worlds import Trajectory as Trajectory
     from inscrutable.worlds import fit_gaussian_hmm as fit_gaussian_hmm
+    from inscrutable.worlds import kalman_filter as kalman_filter
+    from inscrutable.worlds import steady_filter as steady_filter
 else:  # hidden from type checkers, which would otherwise accept any misspelt name
     _START = f"    from {__name__}."
     _EXPORTS = {

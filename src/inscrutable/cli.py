@@ -1,4 +1,4 @@
-"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, disclose, audit, run studies, compile.
+"""The command `inscrutable`: reproduce the paper, backtest, attack, protect, compare, disclose, audit, views, studies, compile.
 
 Results go to stdout, progress and log to stderr. Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad data or a full disk,
 4 no solution, 130 interrupted.
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from inscrutable import __version__
+from inscrutable.cli_alphas import AlphaOptions, protect_means
 from inscrutable.cli_attack import attack
 from inscrutable.cli_audit import audit
 from inscrutable.cli_compare import compare
@@ -40,6 +41,7 @@ from inscrutable.cli_values import (
     measure_of,
     writable_folder,
 )
+from inscrutable.cli_views import views
 from inscrutable.errors import DiskError, InputError, InscrutableError, ModelError
 from inscrutable.files import DISK
 from inscrutable.labels import capital, label_text
@@ -74,6 +76,7 @@ app.command(attack)
 app.command(compare)
 app.command(disclose)
 app.command(audit)
+app.command(views)
 
 
 @app.command
@@ -337,7 +340,7 @@ def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
 @app.command
 def protect(
     *,
-    model: Annotated[Path, Parameter(group=DATA)],
+    model: Annotated[Path | None, Parameter(group=DATA)] = None,
     belief: Annotated[str | None, Parameter(group=DATA)] = None,
     beliefs: Annotated[Path | None, Parameter(group=DATA)] = None,
     weights: Annotated[Path | None, Parameter(group=DATA)] = None,
@@ -353,24 +356,26 @@ def protect(
     limits: WeightOptions = WeightOptions(),  # noqa: B008  # frozen
     seed: Seed | None = None,
     out: Out | None = None,
+    means: AlphaOptions = AlphaOptions(),  # noqa: B008  # frozen
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
     """Say what to publish instead, what that costs, and what an observer then concludes.
 
-    With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before.
+    With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before. With `--alphas`
+    the private belief is numbers, such as expected returns, and the observer knows the rule as well.
 
     Args:
-        model: The model.json of a backtest, or a model.toml of your own with regimes.
+        model: The model.json of a backtest, or a model.toml of your own with regimes; for beliefs, not for `--alphas`.
         belief: Your belief over the model's regimes, such as 0.2,0.3,0.5.
         beliefs: CSV of beliefs: dates, then one column per regime.
         weights: CSV of planned weights; the belief behind them is read off as an observer would.
         budget: What to spend on privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the cost's
-            unit, or silence:0.5. Default: the model's.
+            unit, or silence:0.5. Default: the model's. With `--alphas` a share is of what silence costs, 0.5 by default.
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         certify: Prove how much more privacy there could be, to this relative gap, such as 0.01; for maximal and desired.
         state: File that remembers the decisions so far; made where there is none, which takes a minute or more. Needs
-            `--belief`.
+            `--belief`, or `--alphas` with one row.
         publish: With `--state`: draw this step's weights once and record them. Without it nothing is drawn.
         normalise: Read planned weights as they come: dollars, percentages, blanks, cash, tickers in any case.
         map_: With `--normalise`: CSV with the columns name and asset.
@@ -380,6 +385,24 @@ def protect(
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
+    means.check(
+        {
+            "model": model,
+            "belief": belief,
+            "beliefs": beliefs,
+            "weights": weights,
+            "target": target,
+            "certify": certify,
+            "out": out,
+        }
+    )
+    if means.alphas is not None:
+        if publish and state is None:
+            raise UsageError("--publish records a decision: give the file with --state")
+        protect_means(means, budget, state, publish, _rng_of(seed), speech)
+        return
+    if model is None:
+        raise UsageError("protect needs --model, the model.json of a backtest, or --alphas")
     if state is not None:
         others = (beliefs, weights, target, certify, out, previous, map_)
         if belief is None or measure != "maximal" or any(option is not None for option in others):
@@ -400,8 +423,6 @@ def protect(
     asked = None if budget is None else budget_of(budget, speech)
     single = None if belief is None else belief_of(belief, "--belief")
 
-    import numpy as np
-
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments import protect as experiment
     from inscrutable.experiments.attack import attack_weights
@@ -410,7 +431,7 @@ def protect(
     from inscrutable.experiments.silence import budget_in
     from inscrutable.reports.protect import protect_summary, write_protect
 
-    rng = None if seed is None else np.random.default_rng(seed)
+    rng = _rng_of(seed)
     investor = investor_of(model, limits.part())
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     planned = None if weights is None else weights_of(weights, investor.assets, normalise, map_)
@@ -428,6 +449,12 @@ def protect(
         return
     _show_protection(found)
     speech.files(files)
+
+
+def _rng_of(seed: int | None) -> Any:
+    import numpy as np
+
+    return None if seed is None else np.random.default_rng(seed)
 
 
 def _show_protection(found: Protection) -> None:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from inscrutable.experiments.backtest_public import BesideReturns
     from inscrutable.privacy import PrivacyMeasure
 
+BASIS_POINTS = 10_000
+
 RuleName = Literal["optimal", "cdm", "pdm", "sequential"]
 MeasureName = Literal["maximal", "desired", "non-existence", "non-uniqueness", "infeasibility"]
 
@@ -57,6 +59,11 @@ def budgets_of(text: str) -> tuple[Any, tuple[float, ...]]:
     if len(units) > 1:
         raise UsageError(f"--budgets {text}: expected one unit for all, got {' and '.join(sorted(units))}")
     return units.pop(), tuple(each.amount if isinstance(each, Budget) else each.share for each in found)
+
+
+def amount_of(text: str, option: str) -> float:
+    """Return the amount that "5bp" (basis points) or "0.0005" stands for."""
+    return _number(text[:-2], option) / BASIS_POINTS if text.endswith("bp") else _number(text, option)
 
 
 def whole_number(type_: Any, tokens: Sequence[Token]) -> int:

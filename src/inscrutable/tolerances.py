@@ -136,7 +136,6 @@ CHORD_GAIN = 1e-6
 """A decision joins a lottery's search where it lies this far above the chord, in units of privacy: a round takes as long as a
 single decision, and halves the gap where the frontier is smooth. Privacies are stated to 1e-3."""
 
-
 ROW_IN_REACH = 1e-6
 """A multiplier or spare slack below this at the end of a climb stopped it: the face beyond that row is searched too."""
 
@@ -437,3 +436,69 @@ DEAREST_REPAIR = 1e-3
 
 LEAST_REGRET_GAP = 1e-4
 """Gap between a least regret and its bound, as a share of the silence regret, that counts as none unless less is asked for."""
+
+STABLE = 1e-12
+"""Distance of an eigenvalue's modulus from one below which a stationary law is not computed: rounding decides of it."""
+
+RICCATI = 1e-12
+"""Residual of a steady covariance, relative to its largest entry, to which the Riccati equation is solved: its inverse is how
+large a covariance may grow beside its noises before it counts as one that does not settle."""
+
+INTERIOR = 1e-11
+"""Where an interior-point method for alphas ends, relative to the expected returns: near enough to tell which rows are tight;
+on these the decision is then solved to `STATIONARITY`."""
+
+NO_VARIANCE = 1e-13
+"""Eigenvalue of a covariance, as a share of the largest, that counts as none: some hundreds of roundings."""
+
+WELL_CONDITIONED = 1e-5
+"""Ratio of the smallest to the largest diagonal entry of a triangular factor above which it stands for a large covariance."""
+
+ALL_LEFT = 1e-9
+"""Share of a variance below one by this much that is taken to be left whole: nothing is told of it, and no noise is drawn."""
+
+COMMUTING = 1e-12
+"""Difference of two products of matrices, relative to both, below which the matrices have the same directions."""
+
+TIED_RATE = 1e-12
+"""Relative difference of two gains a cost that counts as a tie, which goes to the least information."""
+
+SAME_PRICE = 1e-13
+"""Relative width of a bracket of prices of regret that is one price: a few hundred roundings."""
+
+SETTLED = 1e-10
+"""Relative change of the covariances and of their values ahead below which a rule over time is its own next iterate."""
+
+REGRET_SPENT = 1e-9
+"""How far the regret of a rule over time may miss its limit before a mixture of two rules spends it, as a share of it."""
+
+MIXTURE_LOSS = 1e-8
+"""What a mixture of two rules over time may lose against the best one, as a share of the limit times the price of regret."""
+
+ERROR_PRICES = (1e-2, 1e-3, 1e-4, 1e-5)
+"""Prices of the bits of one direction, as shares of the mean error of a direction, by which the largest error over time is
+approached: at the last two all bits together are worth some hundred-thousandths or millionths of it."""
+
+ERROR_OVER_TIME_GAP = 1e-5
+"""Gap of a largest error over time by its dual bound, as a share of it, at which no smaller price of bits is tried."""
+
+REGRET_NEARLY_SPENT = 1e-2
+"""The same for rules that only say where to begin at a smaller price of bits."""
+
+OVER_TIME_GAP = 1e-4
+"""Gap of a rule over time by its dual bound, as a share of it, that counts as none."""
+
+SAME_RULE = 1e-6
+"""Relative difference up to which two computations of a rule on private means are one: other libraries round otherwise, and a
+rule over time is settled to a hundredth of it."""
+
+DEGENERATE = 1e-8
+"""The residual that is accepted of an interior point, relative to the slopes, where rows are so degenerate that no set of tight
+ones is told: its decision then costs about as much too much."""
+
+WAY_END = 1e-6
+"""Share of the longest way along which exposures can be moved that is left where bounds of views are searched: at its end the
+decisions are one point, and programmes over it are degenerate."""
+
+ROUGH_RAY = 1e-3
+"""Share of a ray's length to which its end is found while directions are compared: what one gains over another is larger."""

@@ -160,14 +160,26 @@ class BeliefSet(Saved):
         parts = [np.abs(points @ self.equalities.T), -(points @ self.inequalities.T), -points]
         return np.asarray(np.concatenate(parts, axis=-1).max(axis=-1, initial=0.0))
 
+    def point(self, belief: ArrayLike, name: str = "belief") -> Array:
+        """Return one belief (X,) in the order of the states' labels, or raise `InputError`."""
+        return validation.one_belief(belief, self.n_states, name, names=self.state_names)
+
+    def holds_another(self, belief: ArrayLike) -> bool:
+        """Return whether a belief other than this one explains the decision."""
+        point = self.point(belief)
+        if self.dimension > 1:
+            return True
+        corners = self.vertices()
+        return bool(len(corners) and np.abs(corners - point).max() > tolerances.SAME_BELIEF)
+
     def contains(self, belief: ArrayLike) -> bool:
         """Return whether the belief explains the decision up to the tolerance."""
-        point = validation.one_belief(belief, self.n_states, names=self.state_names)
+        point = self.point(belief)
         return bool(self.violation(point) <= self.tolerance)
 
     def nearest(self, belief: ArrayLike) -> Array:
         """Return the member nearest to `belief` (X,); NaN where the set is empty."""
-        point = validation.one_belief(belief, self.n_states, names=self.state_names)
+        point = self.point(belief)
         if self._shape is None:
             return np.full(self.n_states, np.nan)
         if self.violation(point) <= self.tolerance:
@@ -184,7 +196,7 @@ class BeliefSet(Saved):
 
     def distance(self, belief: ArrayLike) -> float:
         """Return min over members of the Euclidean distance to `belief` (X,); infinite where the set is empty."""
-        point = validation.one_belief(belief, self.n_states, names=self.state_names)
+        point = self.point(belief)
         if self._shape is None:
             return float("inf")
         return float(np.linalg.norm(point - self.nearest(point)))

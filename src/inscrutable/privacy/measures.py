@@ -33,6 +33,9 @@ class Reference(NamedTuple):
 class PrivacyMeasure(ABC):
     """A map (belief, consistent set) → privacy, larger is better, −∞ where the goal is missed.
 
+    The paper's five ask of a set its distance, its gap and whether it holds another belief: they judge `ImpliedViews` of a
+    mean as they judge a `BeliefSet`, a desired one where its target is a function.
+
     A subclass gives `__call__`; `values` may be overridden to judge many decisions at once.
 
     Source: the paper, Section III-C.
@@ -175,10 +178,9 @@ class DesiredObfuscation(PrivacyMeasure):
 
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return −dist(π^d, Π)."""
-        # Not −0.0 at the target.
-        return 0.0 - belief_set.distance(
-            self.target_for(validation.one_belief(belief, belief_set.n_states, names=belief_set.state_names))
-        )
+        point = belief_set.point(belief)
+        target = belief_set.point(self.target(point), "target") if callable(self.target) else self.target_for(point)
+        return 0.0 - belief_set.distance(target)  # not −0.0 at the target
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:
         """Return −dist(π^d, Π) of many decisions, exactly."""
@@ -262,11 +264,7 @@ class NonUniqueness(PrivacyMeasure):
 
     def __call__(self, belief: ArrayLike, belief_set: BeliefSet) -> float:
         """Return 0 if the set holds another belief, else −∞."""
-        point = validation.one_belief(belief, belief_set.n_states, names=belief_set.state_names)
-        if belief_set.dimension > 1:
-            return 0.0
-        corners = belief_set.vertices()
-        return 0.0 if len(corners) and np.abs(corners - point).max() > tolerances.SAME_BELIEF else -np.inf
+        return 0.0 if belief_set.holds_another(belief) else -np.inf
 
     def values(self, belief: Array, sets: ConsistentSets) -> Values:
         """Return 0 or −∞ for many decisions."""

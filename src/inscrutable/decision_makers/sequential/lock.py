@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from inscrutable.errors import InputError
-from inscrutable.files import unwritten
+from inscrutable.files import PathLike, path_of, unwritten
+
+_Found = TypeVar("_Found")
 
 
 class FileLock:
@@ -39,6 +43,38 @@ class FileLock:
     def __del__(self) -> None:
         if getattr(self, "_held", -1) >= 0:
             self.close()
+
+
+class KeptInFile:
+    """What goes on from a file that one process at a time may use, from the first `save` or `load` until `close`."""
+
+    _lock: FileLock | None = None
+
+    def close(self) -> None:
+        """Let other processes use the file."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def _locked(self, path: PathLike) -> None:
+        target = path_of(path, "a saved sequence").absolute()
+        if self._lock is None or self._lock.path != target:
+            taken = FileLock(target)
+            self.close()
+            self._lock = taken
+
+    def _read(self, path: PathLike, read: Callable[[], _Found]) -> _Found:
+        """What `read` returns under the lock; where it raises `InputError` the lock is as it was before."""
+        if not path_of(path, "a saved sequence").exists():
+            raise InputError(f"{path} is not a saved sequence: there is no such file")
+        before = self._lock
+        self._locked(path)
+        try:
+            return read()
+        except InputError:
+            if self._lock is not before:
+                self.close()
+            raise
 
 
 if sys.platform == "win32":

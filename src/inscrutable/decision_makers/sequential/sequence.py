@@ -12,12 +12,12 @@ from inscrutable import tolerances, validation
 from inscrutable.decision_makers.aware.columns import lotteries, without_small
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision
 from inscrutable.decision_makers.sequential.laws import ChainLaw
-from inscrutable.decision_makers.sequential.lock import FileLock
+from inscrutable.decision_makers.sequential.lock import KeptInFile
 from inscrutable.decision_makers.sequential.prices import PriceCalibration
 from inscrutable.decision_makers.sequential.state import SequenceState, problem_of
 from inscrutable.decision_makers.sequential.step import Step, StepRule, StepTable, hidden_step
 from inscrutable.errors import InputError
-from inscrutable.files import PathLike, path_of
+from inscrutable.files import PathLike
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.validation import Array
 
@@ -58,7 +58,7 @@ class Prepared(Protocol):
         """The prices, found when they are first needed."""
 
 
-class DecisionSequence:
+class DecisionSequence(KeptInFile):
     """Decisions one after the other, with what the observer holds of the belief; `SequentialDecisionMaker.begin` makes it.
 
     At every step `decide` says what to draw from, any number of times; `publish` records the one decision that was drawn and
@@ -97,7 +97,6 @@ class DecisionSequence:
         self.n_published = self.n_off_grid = self.n_approximate = 0
         self.total_regret = self.total_bits = 0.0
         self._latest: Array | None = None
-        self._lock: FileLock | None = None
         self._tree = cKDTree(self._table.prior.beliefs)
 
     def _priced(self) -> tuple[PriceCalibration, int, StepRule]:
@@ -313,20 +312,7 @@ class DecisionSequence:
             InputError: The file is missing, damaged, of another version or another problem, or another process uses it; the
                 sequence and the file stay as they are.
         """
-        if not path_of(path, "a saved sequence").exists():
-            raise InputError(f"{path} is not a saved sequence: there is no such file")
-        before = self._lock
-        self._locked(path)
-        try:
-            found = SequenceState.load(path)
-            try:
-                problem_of(self._table, self._law, self._maker.limit).check(found.problem)
-            except InputError as error:
-                raise InputError(f"{path} cannot be gone on with: {error}") from None
-        except InputError:
-            if self._lock is not before:
-                self.close()
-            raise
+        found = self._read(path, lambda: self._state_at(path))
         calibration = found.calibration
         prices = calibration.prices(found.price_index)
         self._prices = calibration, found.price_index, StepRule(self._table, prices)
@@ -338,18 +324,13 @@ class DecisionSequence:
         self._own, self._is_off_grid = float("nan"), False
         return self
 
-    def close(self) -> None:
-        """Let other processes use the file."""
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
-
-    def _locked(self, path: PathLike) -> None:
-        target = path_of(path, "a saved sequence").absolute()
-        if self._lock is None or self._lock.path != target:
-            taken = FileLock(target)
-            self.close()
-            self._lock = taken
+    def _state_at(self, path: PathLike) -> SequenceState:
+        found = SequenceState.load(path)
+        try:
+            problem_of(self._table, self._law, self._maker.limit).check(found.problem)
+        except InputError as error:
+            raise InputError(f"{path} cannot be gone on with: {error}") from None
+        return found
 
     def __repr__(self) -> str:
         return self.summary()

@@ -1,0 +1,95 @@
+"""
+Beliefs that are numbers
+========================
+
+Most desks hold no belief over three regimes but a vector of expected returns, *alphas*; most controllers an estimate with a
+covariance. The story is the same. A hidden state moves linearly with Gaussian noise, a private sensor reads it, and a Kalman filter
+gives the belief N(m, P). Its covariance P is known to all who know the model; its mean m is private, and drives the decision
+
+.. math:: \\min_{u \\in C} \\; \\gamma u'Vu - (Bm)'u ,
+
+V the covariance of the assets and B the loadings of assets on signals (B = I: m holds the expected returns themselves).
+"""
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import (
+    AlphaProblem,
+    Budget,
+    FactorRisk,
+    LinearGaussianWorld,
+    MaximalObfuscation,
+    box,
+    implied_views,
+    kalman_filter,
+    obfuscated_decision,
+    simplex,
+    steady_filter,
+)
+from inscrutable.reports.style import drawing
+from inscrutable.reports.views import draw_views
+
+# %%
+# From observations to a mean
+# ---------------------------
+#
+# One signal that decays by a tenth a month, read with noise as large as itself. An observation may be missing; the filter goes on
+# with its prediction. After some months its covariance no longer moves.
+
+world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
+readings = world.sample(60, rng=np.random.default_rng(0)).observations
+readings[10] = np.nan
+means, covariances, _ = kalman_filter(world, readings)
+print(f"variance left after a month {covariances[0, 0, 0]:.3f}, ", end="")
+print(f"after five years {covariances[-1, 0, 0]:.3f}, ", end="")
+print(f"in the long run {steady_filter(world).covariance[0, 0]:.3f}")
+
+# %%
+# What weights say
+# ----------------
+#
+# An observer who knows V, γ and C reads weights backwards: u is best for every m with
+#
+# .. math:: Bm \in 2\gamma Vu + N_C(u),
+#
+# N_C(u) the cone of the constraints that are tight. Without constraints that is one point, which is Sharpe's reverse
+# optimisation and the prior of Black and Litterman. A budget row leaves a common shift free, so that only differences are told;
+# a weight at a limit tells one side. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
+
+rng = np.random.default_rng(3)
+names = ["Food", "Oil", "Chips", "Banks", "Drugs", "Cars", "Power", "Shops"]
+exposures = pd.DataFrame(rng.normal([1.0, 0.0], [0.2, 0.5], size=(8, 2)), names)
+risk = FactorRisk(exposures, np.diag([0.0016, 0.0004]), np.full(8, 0.002))
+problem = AlphaProblem(risk, 4.0, simplex(8) & box(np.zeros(8), np.full(8, 0.25)))
+mean = rng.normal(0.005, 0.002, size=8)
+weights = problem.optimum(mean)
+views = implied_views(problem, weights, reference="portfolio")
+print(views)
+
+# %%
+# The same weights, read as at most two basis points a month worse than the best. Assets that are not held tell an upper limit
+# alone: the arrows have no end.
+
+near = implied_views(problem, weights, regret=0.0002, reference="portfolio")
+with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
+    draw_views(near, axes)
+    figure.savefig("implied_views.png")
+
+# %%
+# How far from the truth
+# ----------------------
+#
+# The measures of the paper judge implied views as they judge sets of beliefs. Within a regret r, and without inequalities, the
+# farthest view lies along the riskiest direction, at √(4γ r λ), λ the largest eigenvalue of V: there an error in expected returns
+# moves weights least. Under limits the search follows rays from m until the budget is spent.
+
+free = AlphaProblem(risk, 4.0)
+for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
+    hidden = obfuscated_decision(shown, mean, Budget.regret(0.0002))
+    read = implied_views(shown, hidden.weights)
+    print(f"{what}: {hidden.summary()}")
+    print(f"  the true view is {MaximalObfuscation()(mean, read):.5f} away")
+
+# %%
+# That is one decision against an observer who takes it at face value. One who knows that it is altered reads on.

@@ -1,0 +1,181 @@
+"""The decision whose implied views are farthest from the true ones, within a budget: counter-adversarial, in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from inscrutable import tolerances, validation
+from inscrutable.alphas.problem import AlphaProblem, checked_alpha_problem
+from inscrutable.alphas.views import ImpliedViews, implied_views
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.statuses import DecisionStatus
+from inscrutable.errors import InputError, ModelError
+from inscrutable.saved import Saved
+from inscrutable.validation import Array
+
+_LARGE = 400  # signals from which on eigenvectors are found one by one
+_MOST_DOUBLINGS = 20
+_TURNS = (0.6, 0.3, 0.15)
+"""How far, relative to its length, the best direction is turned towards the others in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class AlphaDecision(Saved):
+    """A decision that follows a decoy instead of the true mean.
+
+    Args:
+        weights: u, shape (n,): the best decision for the decoy.
+        decoy: m̂, shape (k,), which an observer reads, with all else that explains u.
+        privacy: Distance from the true mean to the implied views Π(u), in the unit of m.
+        regret: What u costs beyond the best decision, in the unit of returns.
+        status: PROVED in closed form, where C has no inequalities; else LOCAL_OPTIMUM.
+
+    Example:
+        >>> problem = AlphaProblem([[0.04, 0.0], [0.0, 0.01]], risk_aversion=2.5)
+        >>> print(obfuscated_decision(problem, [0.02, 0.01], Budget.regret(0.001)))
+        privacy 0.02 at a regret of 0.001 (proved: no affordable decision is more private)
+    """
+
+    weights: Array
+    decoy: Array
+    privacy: float
+    regret: float
+    status: DecisionStatus
+
+    def summary(self) -> str:
+        """Return privacy, regret and status in a line."""
+        return f"privacy {self.privacy:.6g} at a regret of {self.regret:.6g} ({self.status.value})"
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def obfuscated_decision(
+    problem: AlphaProblem, mean: ArrayLike, budget: Budget | float, *, n_directions: int = 6
+) -> AlphaDecision:
+    """Return the decision u*(m̂) whose implied views are farthest from the true mean at an affordable regret.
+
+    Formula: max_m̂ dist(m, Π(u*(m̂))) subject to ρ(m, u*(m̂)) ≤ r. Without inequalities it is √(r/λ), λ the least eigenvalue of Θ
+    above zero, along its eigenvector: for B = I and no constraints √(4γ r λ_max(V)), along V's first eigenvector: one hides
+    in the riskiest direction, cheaply. It is concave in r, so that drawing between decisions gains nothing.
+
+    Args:
+        problem: The decision problem.
+        mean: m, shape (k,), the true private mean.
+        budget: A share of |c*|, or `Budget.regret(r)`.
+        n_directions: How many eigenvectors, of either sign, a search begins with and turns to where there are inequalities:
+            regret grows along each ray from m, which is followed until the budget is spent.
+
+    Raises:
+        InputError: Malformed arguments.
+        ModelError: No signal moves any decision, so that nothing is told and nothing is left to hide.
+
+    Returns:
+        `AlphaDecision`; of the two signs of a closed form the one with the smaller positions.
+
+    Cost: one eigenvector, or some hundred decisions. Source: the paper, Section III-C, measure (e), for Gaussian beliefs.
+
+    Example:
+        >>> problem = AlphaProblem([[0.04, 0.0], [0.0, 0.01]], risk_aversion=2.5)
+        >>> found = obfuscated_decision(problem, [0.02, 0.01], Budget.regret(0.001))
+        >>> found.decoy.round(4).tolist(), round(found.privacy, 4)
+        ([0.0, 0.01], 0.02)
+    """
+    checked_alpha_problem(problem)
+    held = problem.check_mean(mean)
+    if held.ndim != 1:
+        raise InputError(f"mean must be one mean of shape ({problem.n_signals},), got shape {held.shape}")
+    best = problem.optimum(held)
+    cost = problem.risk_aversion * problem.risk.quadratic(best) - problem.alphas(held) @ best
+    limit = as_budget(budget).limit(float(cost))
+    directions = _cheapest_directions(problem, validation.count(n_directions, "n_directions"))
+    if problem.has_inequalities:
+        return _searched(problem, held, limit, directions)
+    way = directions[0] / float(np.sqrt(directions[0] @ problem.theta_times(directions[0])))
+    decoys = [held + sign * np.sqrt(limit) * way for sign in (1.0, -1.0)]
+    found = [(problem.optimum(decoy), decoy) for decoy in decoys]
+    weights, decoy = min(found, key=lambda pair: float(np.abs(pair[0]).sum()))
+    privacy = float(np.sqrt(limit) * np.linalg.norm(way))
+    return AlphaDecision(weights, decoy, privacy, float(problem.regret(held, weights)), DecisionStatus.PROVED)
+
+
+def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
+    """Eigenvectors (q,k) of Θ with the least eigenvalues above zero, the least first."""
+    if problem.loadings is None and problem.n_assets > max(_LARGE, 2 * most):
+        rows = np.linalg.qr(problem.equalities[0].T)[0]
+
+        def inside(values: Array) -> Array:
+            return np.asarray(values - rows @ (rows.T @ values))
+
+        n = problem.n_assets
+        risk: Any = LinearOperator((n, n), matvec=lambda values: inside(problem.risk.times(inside(values.ravel()))))
+        # The greatest of V among the decisions that keep the equalities.
+        vectors = eigsh(
+            risk, k=most, which="LA", v0=inside(np.sqrt(problem.risk.diagonal)), tol=tolerances.STATIONARITY
+        )[1]
+        return np.asarray(vectors.T[::-1])
+    values, vectors = np.linalg.eigh(problem.theta)
+    felt = np.flatnonzero(values > tolerances.CURVATURE * max(float(values[-1]), 0.0))
+    if not felt.size or values[-1] <= 0.0:
+        raise ModelError("no signal moves any decision: nothing is told, and nothing is left to hide")
+    return np.asarray(vectors[:, felt[:most]].T)
+
+
+def _searched(problem: AlphaProblem, mean: Array, limit: float, directions: Array) -> AlphaDecision:
+    """The best of rays, turned towards each other while that helps."""
+
+    def judged(direction: Array, share: float = tolerances.ROUGH_RAY) -> tuple[float, Array]:
+        decoy = _end_of_ray(problem, mean, direction / np.linalg.norm(direction), limit, share)
+        return _read(problem, decoy).distance(mean), decoy
+
+    tried = [(judged(sign * direction), sign * direction) for direction in directions for sign in (1.0, -1.0)]
+    (privacy, decoy), way = max(tried, key=lambda item: item[0][0])
+    for turn in _TURNS:
+        for direction in directions:
+            for sign in (1.0, -1.0):
+                turned = way + sign * turn * direction
+                found = judged(turned)
+                if found[0] > privacy * (1.0 + tolerances.ROUGH_RAY):
+                    (privacy, decoy), way = found, turned / np.linalg.norm(turned)
+    privacy, decoy = max(judged(way, tolerances.CURVATURE), (0.0, mean), key=lambda item: item[0])
+    weights = problem.optimum(decoy)
+    return AlphaDecision(weights, decoy, privacy, float(problem.regret(mean, weights)), DecisionStatus.LOCAL_OPTIMUM)
+
+
+def _read(problem: AlphaProblem, decoy: Array) -> ImpliedViews:
+    return implied_views(problem, problem.optimum(decoy))
+
+
+def _end_of_ray(problem: AlphaProblem, mean: Array, way: Array, limit: float, share: float) -> Array:
+    """The farthest decoy m + t d whose decision is affordable; where none is too dear, one far out."""
+    root = float(np.sqrt(limit))
+    if root == 0.0:
+        return mean
+
+    def beyond(length: float) -> float:
+        return float(np.sqrt(problem.regret(mean, problem.optimum(mean + length * way)))) - root
+
+    # Without the inequalities this length spends the budget; with them it never spends more.
+    length = root / float(np.sqrt(way @ problem.theta_times(way)))
+    for _ in range(_MOST_DOUBLINGS):
+        if beyond(2.0 * length) > 0:
+            return np.asarray(mean + _last_below(beyond, length, 2.0 * length, share) * way)
+        length *= 2.0
+    return np.asarray(mean + length * way)
+
+
+def _last_below(function: Callable[[float], float], low: float, high: float, share: float) -> float:
+    """The zero of a function that rises from low to high, from below."""
+    if function(low) >= 0:
+        return low
+    found = float(brentq(function, low, high, xtol=share * low, rtol=max(share, 4.0 * np.finfo(float).eps)))
+    while function(found) > 0:
+        found -= 0.5 * share * low
+    return max(found, low)

@@ -1,0 +1,98 @@
+"""How the belief moves before the observer's eyes: m_{t+1} = A m_t + K ν_t, and what everybody reads of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
+
+from inscrutable import tolerances
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """m_{t+1} = A m_t + ω with ω ~ N(0, W), and the public z_{t+1} = H m_t + ζ with cov(ω, ζ) = N, cov(ζ) = R.
+
+    Args:
+        transition: A, shape (n,n).
+        innovation: W, shape (n,n); may be singular.
+        public_sensor: H, shape (p,n); p may be 0.
+        cross: N, shape (n,p).
+        public_covariance: R, shape (p,p).
+    """
+
+    transition: Array
+    innovation: Array
+    public_sensor: Array
+    cross: Array
+    public_covariance: Array
+
+    @classmethod
+    def private(cls, transition: Array, innovation: Array) -> Moves:
+        """Return moves of which nothing is public."""
+        n = len(transition)
+        return cls(transition, innovation, np.zeros((0, n)), np.zeros((n, 0)), np.zeros((0, 0)))
+
+    @property
+    def radius(self) -> float:
+        """The largest modulus of an eigenvalue of A."""
+        return float(np.abs(np.linalg.eigvals(self.transition)).max(initial=0.0))
+
+    def gain(self, error: Array) -> Array:
+        """Return the gain (n,p) of what is public, where the observer's error covariance was E."""
+        if not len(self.public_sensor):
+            return np.zeros(self.cross.shape)
+        read = self.public_covariance + self.public_sensor @ error @ self.public_sensor.T
+        return np.asarray(
+            np.linalg.lstsq(read, (self.cross + self.transition @ error @ self.public_sensor.T).T, rcond=None)[0].T
+        )
+
+    def predicted(self, error: Array) -> tuple[Array, Array]:
+        """Return P = AEA' + W, less what is public, and the matrix A_L with dP = A_L dE A_L', both (n,n)."""
+        gain = self.gain(error)
+        moved = self.transition - gain @ self.public_sensor
+        crossed = gain @ self.cross.T
+        found = moved @ error @ moved.T + self.innovation - crossed - crossed.T + gain @ self.public_covariance @ gain.T
+        return 0.5 * (found + found.T), moved
+
+    def silence(self) -> Array | None:
+        """Return the error covariance (n,n) of an observer who is told nothing; None where it grows without end."""
+        if self.radius < 1.0 - tolerances.STABLE and not len(self.public_sensor):
+            return np.asarray(solve_discrete_lyapunov(self.transition, self.innovation))
+        if not len(self.public_sensor):
+            return None
+        try:
+            found = solve_discrete_are(
+                self.transition.T, self.public_sensor.T, self.innovation, self.public_covariance, s=self.cross
+            )
+        except (np.linalg.LinAlgError, ValueError):
+            return None
+        return np.asarray(found)
+
+    def within(self, basis: Array) -> Moves:
+        """Return the same in coordinates of a subspace with the orthonormal basis (n,q), which no move leaves."""
+        return Moves(
+            basis.T @ self.transition @ basis,
+            basis.T @ self.innovation @ basis,
+            self.public_sensor @ basis,
+            basis.T @ self.cross,
+            self.public_covariance,
+        )
+
+    def reached(self) -> Array:
+        """Return an orthonormal basis (n,q) of all that the belief can reach from a start that everybody knows."""
+        basis = _range(self.innovation)
+        while True:
+            wider = _range(np.hstack([basis, self.transition @ basis]))
+            if wider.shape[1] == basis.shape[1]:
+                return basis
+            basis = wider
+
+
+def _range(matrix: Array) -> Array:
+    left, values, _ = np.linalg.svd(matrix, full_matrices=False)
+    return np.asarray(
+        left[:, values > np.sqrt(tolerances.NO_VARIANCE) * max(values.max(initial=0.0), np.finfo(float).tiny)]
+    )

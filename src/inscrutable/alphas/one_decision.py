@@ -1,0 +1,155 @@
+"""One decision against an observer who knows the rule and the prior: the least he can be told, the most he can be left.
+
+Θ weighs errors by what they cost: deciding for m̂ instead of m costs (m̂ − m)'Θ(m̂ − m) more. With m ~ N(m̄, S), S = T T', every
+rule leaves some E = T X T', 0 ⪯ X ⪯ I, at an expected regret of at least tr(T'ΘT X), and the Gaussian one attains it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.alphas.error_law import ErrorLaw, root_of
+from inscrutable.validation import Array
+
+
+def filled(costs: Array, limit: float, counts: Array | None = None) -> Array:
+    """Return the shares of variance left, shape (q,), at which least is told: e_i = min(1, ν/λ_i) with Σ λ_i e_i the limit.
+
+    Formula: reverse water-filling: the level ν is what every direction that tells anything costs.
+
+    Args:
+        costs: λ, the regret of hiding each direction whole, shape (q,), at least 0.
+        limit: The regret to be spent, at least 0; above the sum of the costs all is hidden.
+        counts: How many directions of a cost there are, shape (q,); None: one each.
+
+    Source: Cover and Thomas, Elements of Information Theory (2006), theorem 10.3.3.
+
+    Example:
+        >>> filled(np.array([4.0, 2.0, 1.0, 0.5, 0.25]), 3.875).round(4).tolist()
+        [0.2656, 0.5312, 1.0, 1.0, 1.0]
+    """
+    many = np.ones(len(costs)) if counts is None else counts
+    if limit >= float(many @ costs):
+        return np.ones(len(costs))
+    order = np.argsort(costs)
+    sorted_costs, sorted_counts = costs[order], many[order]
+    whole = np.concatenate([[0.0], np.cumsum(sorted_counts * sorted_costs)[:-1]])  # cost of all that are cheaper
+    above = np.cumsum(sorted_counts[::-1])[::-1]
+    levels = (limit - whole) / above  # ν if this direction and all dearer ones are told of
+    told = levels < sorted_costs
+    if not told.any():  # the limit misses the sum by rounding alone
+        return np.ones(len(costs))
+    place = int(np.argmax(told))
+    level = max(float(levels[place]), 0.0)
+    return np.asarray(np.where(costs > level, level / np.where(costs > level, costs, 1.0), 1.0))
+
+
+def least_information(theta: Array, prior_covariance: Array, limit: float) -> ErrorLaw:
+    """Return the law of fewest bits ½ log det S − ½ log det E at tr(ΘE) ≤ limit."""
+    basis, dual = root_of(prior_covariance)
+    costs, turn = directions(basis, theta)
+    return ErrorLaw(basis @ turn, turn.T @ dual, filled(costs, limit))
+
+
+def most_error(theta: Array, prior_covariance: Array, weights: Array, limit: float) -> ErrorLaw:
+    """Return the law of largest tr(QE) at tr(ΘE) ≤ limit, and of the fewest bits among these.
+
+    Formula: X = 1{T'(Q − μΘ)T ≻ 0}, and a part of its null space that spends the rest of the limit. Where T'QT and T'ΘT
+    commute the directions are the same for every μ, and one decomposition is enough.
+
+    Args:
+        theta: Θ, shape (n,n).
+        prior_covariance: S, shape (n,n).
+        weights: Q, shape (n,n), positive semidefinite.
+        limit: The regret to be spent.
+    """
+    basis, dual = root_of(prior_covariance)
+    costs, gains = _inside(basis, theta), _inside(basis, weights)
+    common = _common(costs, gains)
+    if common is None:
+        turn, shares = _searched(costs, gains, limit)
+    else:
+        turn, shares = common[0], _chosen(common[1], common[2], limit)
+    return ErrorLaw(basis @ turn, turn.T @ dual, shares)
+
+
+def directions(basis: Array, theta: Array) -> tuple[Array, Array]:
+    """Return what it costs to hide each direction of T z whole, shape (q,), and the directions (q,q): T'ΘT diagonal."""
+    costs, turn = np.linalg.eigh(_inside(basis, theta))
+    return _without_rounding(costs), turn
+
+
+def _inside(basis: Array, weights: Array) -> Array:
+    found = basis.T @ weights @ basis
+    return np.asarray(0.5 * (found + found.T))
+
+
+def _without_rounding(values: Array) -> Array:
+    return np.where(values > tolerances.NO_VARIANCE * values.max(initial=0.0), values, 0.0)
+
+
+def _common(costs: Array, gains: Array) -> tuple[Array, Array, Array] | None:
+    """Directions in which both are diagonal, and both diagonals; None where there are none."""
+    sizes = [max(float(np.abs(each).max(initial=0.0)), np.finfo(float).tiny) for each in (costs, gains)]
+    apart = costs @ gains
+    if np.abs(apart - apart.T).max(initial=0.0) > tolerances.COMMUTING * sizes[0] * sizes[1]:
+        return None
+    # Eigenvectors of a sum in which the two do not cancel, for all but special weights.
+    turn = np.linalg.eigh(costs / sizes[0] + np.sqrt(2.0) * gains / sizes[1])[1]
+    found = []
+    for matrix, size in zip((costs, gains), sizes, strict=True):
+        turned = turn.T @ matrix @ turn
+        values = np.diag(turned).copy()
+        turned[np.diag_indices(len(turned))] = 0.0
+        if np.abs(turned).max(initial=0.0) > tolerances.COMMUTING**0.5 * size:
+            return None
+        found.append(_without_rounding(values))
+    return np.asarray(turn), found[0], found[1]
+
+
+def _chosen(costs: Array, gains: Array, limit: float) -> Array:
+    """Shares of directions that are known: those of most gain a cost are left whole; equal ones are filled together."""
+    shares = np.zeros(len(costs))
+    free = costs == 0.0
+    shares[free] = 1.0
+    rates = np.divide(gains, costs, out=np.full(len(costs), np.inf), where=~free)
+    left, open_ = limit, ~free
+    while open_.any():
+        best = rates[open_].max()
+        tied = open_ & (rates >= best * (1.0 - tolerances.TIED_RATE))
+        spent = float(costs[tied].sum())
+        if spent > left or best == 0.0:
+            shares[tied] = filled(costs[tied], left)
+            break
+        shares[tied], left, open_ = 1.0, left - spent, open_ & ~tied
+    return shares
+
+
+def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
+    """Directions and shares at the price of regret at which the limit is met."""
+    if limit >= float(np.trace(costs)):
+        return np.eye(len(costs)), np.ones(len(costs))
+    size = float(np.trace(gains)) / float(np.trace(costs))
+    low, high = 0.0, size
+    while _spent(costs, gains, high) > limit and high < size / tolerances.NO_VARIANCE:
+        low, high = high, 4.0 * high
+    while high - low > tolerances.SAME_PRICE * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _spent(costs, gains, middle) > limit else (low, middle)
+    values, turn = np.linalg.eigh(gains - high * costs)
+    near = np.sqrt(tolerances.SAME_PRICE) * (np.abs(values).max() + np.finfo(float).tiny)
+    kept, tied = values > near, np.abs(values) <= near
+    spent = float(((costs @ turn) * turn).sum(axis=0)[kept].sum())
+    shares = kept.astype(float)
+    if tied.any():
+        within, inner = np.linalg.eigh(_inside(turn[:, tied], costs))
+        turn[:, tied] = turn[:, tied] @ inner
+        shares[tied] = filled(np.maximum(within, 0.0), max(limit - spent, 0.0))
+    return turn, shares
+
+
+def _spent(costs: Array, gains: Array, price: float) -> float:
+    values, turn = np.linalg.eigh(gains - price * costs)
+    kept = turn[:, values > 0.0]
+    return float(((costs @ kept) * kept).sum())

@@ -1,0 +1,306 @@
+"""The least that decisions tell over time, or the most error they leave, at a mean regret a step.
+
+With E the observer's error covariance after a decision and P(E) before the next one (`Moves.predicted`), the problems
+
+    min ½ log det P(E) − ½ log det E    and    max tr(QE)    over 0 ⪯ E ⪯ P(E), tr(ΘE) ≤ r
+
+are convex. At a price μ of regret the optimal E is a reverse water-filling of P whose weights look ahead,
+
+    Y = C + μΘ + A_L' D A_L,    P^{1/2} Y P^{1/2} = U diag(λ) U',    E = P^{1/2} U diag(min(1, 1/2λ)) U' P^{1/2},
+    D = P^{−1/2} U diag(min(λ, ½)) U' P^{−1/2}    (what one unit of P costs later on),
+
+where C = 0 counts bits alone and C = −Q/ε counts bits at the price ε of an error. Its fixed point satisfies the conditions of
+optimality; Z = ½E⁻¹ − Y is the multiplier of E ⪯ P(E), so that every iterate gives a dual bound (`over_time_bound`). Source
+of the
+programme: Tanaka, Kim, Parrilo, Mitter, Semidefinite programming approach to Gaussian sequential rate-distortion trade-offs
+(IEEE Trans. AC 62, 2017), equations (13) and (18), here with W that may be singular and with public observations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.alphas.cones import MOST_SIGNALS, most_error_by_cones
+from inscrutable.alphas.error_law import ErrorLaw, after_sensor, law_between, root_of
+from inscrutable.alphas.observed import Moves
+from inscrutable.alphas.over_time_bound import least_bits_bound, most_error_bound
+from inscrutable.errors import SolverError
+from inscrutable.validation import Array
+
+_MOST_STEPS = 20_000
+_PATIENCE = 100  # steps in which a residual must halve
+_LEAST_STEP = 0.01
+_MOST_TRIALS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class LongRun:
+    """What a stationary rule leaves, and what no rule exceeds.
+
+    Args:
+        law: The covariances before and after a decision.
+        regret: tr(ΘE), a step.
+        value: Bits a step, or tr(QE).
+        bound: No causal rule at this regret tells fewer bits, or leaves a larger tr(QE).
+    """
+
+    law: ErrorLaw
+    regret: float
+    value: float
+    bound: float
+
+    @property
+    def gap(self) -> float:
+        """How far the value is from the bound, as a share of the larger."""
+        if self.value == self.bound:
+            return 0.0
+        return float(abs(self.value - self.bound) / max(abs(self.bound), abs(self.value)))
+
+
+class _Goal(NamedTuple):
+    moves: Moves
+    theta: Array
+    limit: float
+    weights: Array | None = None  # Q; None where bits count
+    unit: float = 1.0  # ε, what a nat costs in units of tr(QE)
+
+    def cost(self, price: float) -> Array:
+        """C + μΘ, in nats."""
+        found = price * self.theta
+        return found if self.weights is None else (found - self.weights) / self.unit
+
+
+class _State(NamedTuple):
+    """A fixed point at a price of regret."""
+
+    price: float
+    regret: float
+    error: Array
+    before: Array  # P
+    ahead: Array  # D
+    levels: Array  # λ
+    dual: Array  # U'P^{-1/2}
+
+    def turned(self, values: Array) -> Array:
+        """P^{-1/2} U diag(values) U' P^{-1/2}."""
+        return np.asarray((self.dual.T * values) @ self.dual)
+
+
+def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
+    """Return the stationary rule that tells the fewest bits a step at tr(ΘE) ≤ limit, limit > 0.
+
+    Raises:
+        SolverError: The iteration did not settle.
+
+    Cost: some thousand eigendecompositions of n×n matrices: some seconds for 100 signals.
+    """
+    goal = _Goal(moves, theta, limit)
+    before = _start(moves)
+    ahead = np.asarray(0.5 * np.linalg.inv(before))
+    low, high = _ends(goal, _first(goal, 0.5 * len(theta) / limit, before, ahead), 4.0)
+    law = _mixed(goal, low, high)
+    bound = max(
+        least_bits_bound(moves, theta, limit, each.error, each.price, each.turned(np.maximum(0.5 - each.levels, 0.0)))
+        for each in (low, high)
+    )
+    return LongRun(law, law.weighed(theta), law.bits, max(min(bound, law.bits), 0.0))
+
+
+def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
+    """Return the stationary rule that leaves the largest tr(QE) at tr(ΘE) ≤ limit, limit > 0.
+
+    It is the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a
+    millionth of the error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal. Where
+    that does not settle, which happens without a stationary law, few signals are left to a cone programme.
+
+    Raises:
+        SolverError: The iteration did not settle, and there are many signals or no solver of cone programmes.
+
+    Cost: some ten thousand eigendecompositions of n×n matrices.
+    """
+    found = failure = None
+    try:
+        found = _by_prices(moves, theta, weights, limit)
+    except SolverError as error:
+        failure = error
+    if found is not None and (found.gap <= tolerances.OVER_TIME_GAP or len(theta) > MOST_SIGNALS):
+        return found
+    if failure is not None and len(theta) > MOST_SIGNALS:
+        raise failure
+    try:
+        other = _by_cones(moves, theta, weights, limit)
+    except SolverError:
+        if found is None:
+            raise
+        return found
+    return other if found is None or other.gap < found.gap else found
+
+
+def _by_cones(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
+    error, price, multiplier = most_error_by_cones(moves, theta, weights, limit)
+    law = law_between(root_of(moves.predicted(error)[0]), error)
+    value = law.weighed(weights)
+    bound = most_error_bound(moves, theta, weights, limit, error, price, multiplier)
+    return LongRun(law, law.weighed(theta), value, max(bound, value))
+
+
+def _by_prices(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
+    before = _start(moves)
+    ahead = np.zeros_like(before)
+    error = float(np.trace(weights @ before))
+    price, factor = error / max(float(np.trace(theta @ before)), np.finfo(float).tiny), 4.0
+    for share in tolerances.ERROR_PRICES:
+        goal = _Goal(moves, theta, limit, weights, share * error / len(theta))
+        near = tolerances.REGRET_SPENT if share <= tolerances.ERROR_PRICES[-2] else tolerances.REGRET_NEARLY_SPENT
+        low, high = _ends(goal, _first(goal, price, before, ahead), factor, near)
+        error = float(np.trace(weights @ high.error))
+        price, before, ahead, factor = high.price, high.before, 0.1 * high.ahead, 1.05
+        if near == tolerances.REGRET_SPENT:
+            found = _with_error(goal, low, high)
+            if found.gap <= tolerances.ERROR_OVER_TIME_GAP:
+                break
+    return found
+
+
+def _with_error(goal: _Goal, low: _State, high: _State) -> LongRun:
+    """The mixture of two fixed points, and the better of their bounds."""
+    assert goal.weights is not None
+    law = _mixed(goal, low, high)
+    value, limit = law.weighed(goal.weights), goal.limit
+    bound = min(
+        most_error_bound(
+            goal.moves,
+            goal.theta,
+            goal.weights,
+            limit,
+            each.error,
+            each.price,
+            each.turned(goal.unit * np.maximum(-each.levels, 0.0)),
+        )
+        for each in (low, high)
+    )
+    return LongRun(law, law.weighed(goal.theta), value, max(bound, value))
+
+
+def told_exactly(moves: Moves, theta: Array, weights: Array | None = None) -> LongRun:
+    """Return the stationary rule that costs no regret: it shows all that Θ weighs, and nothing else of the belief."""
+    rows = root_of(theta)[0].T
+    before, law = moves.innovation, None
+    for _ in range(_MOST_STEPS):
+        law = after_sensor(root_of(before), rows, np.zeros(len(rows)))
+        after, _ = moves.predicted(law.covariance)
+        if np.abs(after - before).max() <= tolerances.SETTLED * np.abs(after).max():
+            value = law.bits if weights is None else law.weighed(weights)
+            return LongRun(law, 0.0, value, value)
+        before = after
+    raise SolverError(
+        f"the error of an observer who is shown the decisions' part did not settle in {_MOST_STEPS} steps"
+    )
+
+
+def _start(moves: Moves) -> Array:
+    size = np.trace(moves.innovation) / len(moves.innovation)
+    return np.asarray(moves.innovation + 0.1 * size * np.eye(len(moves.innovation)))
+
+
+def _unsettled(goal: _Goal) -> SolverError:
+    return SolverError(
+        f"the rule over time did not settle in {_MOST_STEPS} steps, for {len(goal.theta)} signals at a regret of {goal.limit:g}"
+    )
+
+
+def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) -> _State | None:
+    """The fixed point at a price, from P and D."""
+    cost, step, best = goal.cost(price), 1.0, np.inf
+    moved, most_size = goal.moves.predicted(before)[1], np.trace(before) / tolerances.NO_VARIANCE
+    for count in range(most):
+        values, vectors = np.linalg.eigh(before)
+        root = np.sqrt(np.maximum(values, tolerances.NO_VARIANCE * values[-1]))
+        half, inverse = (vectors * root) @ vectors.T, (vectors / root) @ vectors.T
+        levels, turn = np.linalg.eigh(half @ (cost + moved.T @ ahead @ moved) @ half)
+        basis, dual = half @ turn, turn.T @ inverse
+        shares = np.where(levels > 0.5, 0.5 / np.maximum(levels, 0.5), 1.0)
+        error = (basis * shares) @ basis.T
+        after, moved = goal.moves.predicted(error)
+        if not np.trace(after) < most_size:  # the price is too low for a belief that has no stationary law
+            return None
+        onwards = (dual.T * np.minimum(levels, 0.5)) @ dual
+        apart = np.abs(inverse @ (after - before) @ inverse).max() + np.abs(
+            half @ (onwards - ahead) @ half
+        ).max() / max(1.0, -levels[0])
+        if apart <= tolerances.SETTLED:
+            regret = float(np.sum(goal.theta * error))
+            return _State(price, regret, error, after, onwards, levels, dual)
+        if (count + 1) % _PATIENCE == 0:
+            # Two scales of time settle where one goes back and forth: values ahead then move more slowly than covariances.
+            step, best = (max(0.4 * step, _LEAST_STEP) if apart > 0.5 * best else step), min(best, apart)
+        before, ahead = after, ahead + step * (onwards - ahead)
+    return None  # it goes back and forth: the optimum nearly jumps at this price
+
+
+def _first(goal: _Goal, price: float, before: Array, ahead: Array) -> _State:
+    """A fixed point at a price or above: below some price there may be none, where the belief has no stationary law."""
+    for _ in range(_MOST_TRIALS):
+        found = _settled(goal, price, before, ahead, 50 * _PATIENCE)
+        if found is not None:
+            return found
+        price *= 2.0
+    raise _unsettled(goal)
+
+
+def _ends(goal: _Goal, first: _State, factor: float, near: float = tolerances.REGRET_SPENT) -> tuple[_State, _State]:
+    """Fixed points of regrets at or above and at or below the limit, as near to it as they come; one where it is met."""
+    low, high = (first, None) if first.regret > goal.limit else (None, first)
+    price, state, least = first.price, first, 0.0
+    for _ in range(_MOST_TRIALS):
+        if low is not None and high is not None:
+            break
+        if least > state.price * (1.0 - np.sqrt(tolerances.SAME_PRICE)):
+            break
+        price = price * factor if high is None else max(price / factor, np.sqrt(least * price))
+        found = _settled(goal, price, state.before, state.ahead, 50 * _PATIENCE)
+        if found is not None:
+            state = found
+            low, high = (state, high) if state.regret > goal.limit else (low, state)
+        elif goal.moves.radius >= 1.0 - tolerances.STABLE and high is not None:
+            least, price = price, state.price
+        factor = min(factor**1.5, 16.0)
+    if low is None or high is None:
+        raise _unsettled(goal)
+    for count in range(_MOST_TRIALS):
+        met = [each for each in (high, low) if abs(each.regret - goal.limit) <= near * goal.limit]
+        if met:
+            return met[0], met[0]
+        lost = (1.0 - low.price / high.price) * (low.regret - high.regret)  # what a mixture of the two may lose
+        if lost <= tolerances.MIXTURE_LOSS * goal.limit:
+            break
+        inner = _between(goal, low, high, count)
+        if inner is None:
+            break
+        low, high = (inner, high) if inner.regret > goal.limit else (low, inner)
+    return low, high
+
+
+def _between(goal: _Goal, low: _State, high: _State, count: int) -> _State | None:
+    """A fixed point at a price between two; None where prices that were tried have none."""
+    width = np.log(high.price / low.price)
+    apart = np.log(low.regret / goal.limit) / np.log(low.regret / max(high.regret, np.finfo(float).tiny))
+    first = 0.5 if count % 3 == 2 else float(np.clip(apart, 0.02, 0.98))
+    for share in (first, 0.1, 0.9):
+        start = high if share > 0.5 else low
+        found = _settled(goal, low.price * float(np.exp(share * width)), start.before, start.ahead, 50 * _PATIENCE)
+        if found is not None:
+            return found
+    return None
+
+
+def _mixed(goal: _Goal, low: _State, high: _State) -> ErrorLaw:
+    """The law of a mixture of two errors that spends the limit."""
+    apart = low.regret - high.regret
+    share = float(np.clip((goal.limit - high.regret) / apart, 0.0, 1.0)) if apart > 0 else 1.0
+    error = share * low.error + (1.0 - share) * high.error
+    return law_between(root_of(goal.moves.predicted(error)[0]), error)

@@ -1,0 +1,100 @@
+"""What a rule on private means leaves and costs: of one decision, or a step of many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.alphas.error_law import ErrorLaw, law_between, root_of
+from inscrutable.alphas.factored_law import FactoredErrorLaw
+from inscrutable.alphas.observed import Moves
+from inscrutable.alphas.one_decision import least_information, most_error
+from inscrutable.alphas.over_time import least_bits, most_error_over_time, told_exactly
+from inscrutable.saved import saved_choice
+from inscrutable.validation import Array
+
+
+@saved_choice
+class AlphaStatus(Enum):
+    """How far a rule on private means is from the best one.
+
+    Example:
+        >>> AlphaStatus.SILENT.value
+        'the budget pays for silence: the constant decision is played, and nothing is told'
+    """
+
+    OPTIMAL = "optimal: no rule does better at this regret, up to the gap"
+    BOUNDED = "its bound is further away than the gap: a rule that does a little better may exist"
+    SILENT = "the budget pays for silence: the constant decision is played, and nothing is told"
+    AT_MOST = "with inequalities: it costs and tells at most what is stated, and no ceiling is known"
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A rule's law and figures, a step.
+
+    Args:
+        law: Covariances before and after a decision.
+        regret: tr(ΘE).
+        bits: What a decision tells of m.
+        error: tr(QE).
+        ceiling: The fewest bits, or the largest error, of any rule at this regret.
+    """
+
+    law: ErrorLaw | FactoredErrorLaw
+    regret: float
+    bits: float
+    error: float
+    ceiling: float
+
+
+def plan_of_factors(law: FactoredErrorLaw, weights: Array | None) -> Plan:
+    """Return the plan of least information at one decision about many alphas."""
+    error = float(law.diagonal().sum()) if weights is None else float(np.sum(weights * law.covariance))
+    return Plan(law, law.regret, law.bits, error, law.bits)
+
+
+def plan_once(theta: Array, prior: Array, limit: float, weights: Array, is_error: bool) -> Plan:
+    """Return the best plan for one decision."""
+    law = most_error(theta, prior, weights, limit) if is_error else least_information(theta, prior, limit)
+    error = law.weighed(weights)
+    return Plan(law, max(law.weighed(theta), 0.0), law.bits, error, error if is_error else law.bits)
+
+
+def plan_over_time(moves: Moves, theta: Array, limit: float, weights: Array, is_error: bool) -> Plan:
+    """Return the best stationary plan, in the subspace that the belief can reach, at a limit below the regret of silence."""
+    basis = moves.reached()
+    inside, costs, gains = moves.within(basis), basis.T @ theta @ basis, basis.T @ weights @ basis
+    if not basis.shape[1]:
+        return silent_plan(np.zeros_like(theta), theta, weights, is_error)
+    if limit <= 0.0:
+        found = told_exactly(inside, costs, gains if is_error else None)
+    elif is_error:
+        found = most_error_over_time(inside, costs, gains, limit)
+    else:
+        found = least_bits(inside, costs, limit)
+    law = ErrorLaw(basis @ found.law.basis, found.law.dual @ basis.T, found.law.shares)
+    return Plan(law, found.regret, law.bits, law.weighed(weights), found.bound)
+
+
+def silent_plan(silence: Array, theta: Array, weights: Array, is_error: bool) -> Plan:
+    """Return the plan that tells nothing: E is the error of an observer who sees no decision."""
+    law = law_between(root_of(silence), silence)
+    error = law.weighed(weights)
+    return Plan(law, law.weighed(theta), 0.0, error, error if is_error else 0.0)
+
+
+def gap_of(plan: Plan, is_error: bool) -> float:
+    """Return how far a plan's figure is from its bound, as a share of the larger."""
+    value = plan.error if is_error else plan.bits
+    if value == plan.ceiling:
+        return 0.0
+    return float(abs(value - plan.ceiling) / max(abs(value), abs(plan.ceiling)))
+
+
+def is_met(gap: float) -> bool:
+    """Whether a gap counts as none."""
+    return gap <= tolerances.OVER_TIME_GAP

@@ -1,0 +1,337 @@
+"""Decisions about a private mean, one after the other, and the Kalman filter of an observer who knows the rule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.alphas.error_law import ErrorLaw, after_sensor, root_of
+from inscrutable.alphas.observed import Moves
+from inscrutable.alphas.plans import AlphaStatus, Plan
+from inscrutable.alphas.problem import AlphaProblem
+from inscrutable.alphas.sequence_state import AlphaState
+from inscrutable.alphas.trading import TradingPolicy
+from inscrutable.decision_makers.sequential.lock import KeptInFile
+from inscrutable.errors import InputError
+from inscrutable.files import PathLike
+from inscrutable.saved import Saved
+from inscrutable.validation import Array
+from inscrutable.worlds import LinearGaussianWorld
+
+
+@dataclass(frozen=True, eq=False)
+class AlphaDraw(Saved):
+    """A drawn decision about a private mean.
+
+    Args:
+        action: u, shape (n,), what to hold.
+        estimate: m̂, shape (k,), what an observer who knows the rule believes of the mean when he has seen the decision.
+        regret: What it costs beyond the best decision for the mean; with trading costs its part in the long run, (m̂ −
+            m)'Θ(m̂ − m).
+        status: How far the rule is from the best one.
+
+    Example:
+        >>> one = AlphaDraw(np.array([0.1]), np.array([0.02]), 0.0, AlphaStatus.OPTIMAL)
+        >>> print(one)
+        decision for an estimate of norm 0.02, regret 0
+    """
+
+    action: Array
+    estimate: Array
+    regret: float
+    status: AlphaStatus
+
+    def __str__(self) -> str:
+        return f"decision for an estimate of norm {np.linalg.norm(self.estimate):.4g}, regret {self.regret:.4g}"
+
+
+@dataclass(frozen=True, eq=False)
+class AlphaPath(Saved):
+    """Decisions along a path of private means.
+
+    Args:
+        actions: u_t, shape (T,n).
+        estimates: m̂_t, the observer's mean after each decision, shape (T,k).
+        predictions: m̂_t⁻, his mean before it, shape (T,k).
+        regrets: What each decision cost, shape (T,).
+        bits: What each told by the observer's law, shape (T,): the first ones differ from the long run.
+
+    Example:
+        >>> zero = np.zeros((2, 1))
+        >>> print(AlphaPath(zero, zero, zero, np.zeros(2), np.zeros(2)))
+        2 decisions: mean regret 0, 0.000000 bits each
+    """
+
+    actions: Array
+    estimates: Array
+    predictions: Array
+    regrets: Array
+    bits: Array
+
+    def __str__(self) -> str:
+        return f"{len(self.regrets)} decisions: mean regret {self.regrets.mean():.6g}, {self.bits.mean():.6f} bits each"
+
+
+class PreparedAlphas(Protocol):
+    """What a sequence needs of its decision maker."""
+
+    problem: AlphaProblem
+    world: LinearGaussianWorld | None
+    start_mean: Array
+    policy: TradingPolicy | None
+
+    @property
+    def plan(self) -> Plan:
+        """The rule's law and figures."""
+
+    @property
+    def status(self) -> AlphaStatus:
+        """How far the rule is from the best one."""
+
+    @property
+    def moves(self) -> Moves:
+        """How the mean moves."""
+
+    @property
+    def silence(self) -> Array | None:
+        """Covariance of the mean for who sees no decision."""
+
+    @property
+    def theta(self) -> Array:
+        """Θ."""
+
+
+class AlphaSequence(KeptInFile):
+    """Decisions about a private mean, one after the other; `AlphaDecisionMaker.begin` makes it.
+
+    At every step `decide` draws a decision, any number of times; `publish` records the one that was seen. Time passes with
+    `observe`, which takes what everybody read where the world has a public sensor, or with the next `decide`. The sensor that
+    the decisions are stays the same: from the law of the start, the covariance of silence where there is one and the rule's own
+    otherwise, the observer's covariance settles to the rule's.
+
+    Example:
+        >>> from inscrutable.alphas.decision_maker import AlphaDecisionMaker
+        >>> problem = AlphaProblem([[0.04]], risk_aversion=2.5)
+        >>> sequence = AlphaDecisionMaker(problem, 0.25, prior_covariance=[[4e-4]]).begin()
+        >>> drawn = sequence.decide([0.02], rng=np.random.default_rng(0))
+        >>> sequence.publish(drawn)
+        >>> round(sequence.total_bits, 6), bool(sequence.mean == drawn.estimate)
+        (1.0, True)
+    """
+
+    def __init__(self, maker: PreparedAlphas) -> None:
+        self._maker, self._plan, self._problem = maker, maker.plan, maker.problem
+        self.mean = np.array(maker.start_mean)
+        self._is_fresh = maker.world is None
+        self._law: Any = self._plan.law
+        self._sensor: tuple[Array, Array] | None = None
+        if not self._is_fresh:
+            assert isinstance(self._law, ErrorLaw)
+            self._sensor = self._law.sensor()
+            if maker.silence is not None:
+                self._law = after_sensor(root_of(maker.silence), *self._sensor)
+        self._published = False
+        self.latest: Array | None = None
+        self.n_published = self.n_steps = 0
+        self.total_regret = self.total_bits = 0.0
+
+    @property
+    def covariance(self) -> Array:
+        """What the observer's error covariance is now, (k,k): before the step's decision, or after it was published."""
+        return self._law.covariance if self._published else self._before
+
+    @property
+    def _before(self) -> Array:
+        return self._maker.moves.innovation if self._is_fresh else self._law.before
+
+    @property
+    def expected_regret(self) -> float:
+        """tr(ΘE_t), what this step's decision costs on average; with inequalities at most that."""
+        return self._plan.regret if self._is_settled else self._law.weighed(self._maker.theta)
+
+    @property
+    def expected_bits(self) -> float:
+        """What this step's decision tells on average."""
+        return self._plan.bits if self._is_settled else self._law.bits
+
+    def upcoming(self) -> tuple[float, float]:
+        """Return the mean regret and the bits of the next decision: this step's, or the next one's where it is published."""
+        if self._published and not len(self._public_rows):
+            self._pass(np.zeros(0))
+        return self.expected_regret, self.expected_bits
+
+    @property
+    def _public_rows(self) -> Array:
+        return np.zeros((0, 0)) if self._is_fresh else self._maker.moves.public_sensor
+
+    @property
+    def _is_settled(self) -> bool:
+        return self._law is self._plan.law
+
+    def decide(self, mean: ArrayLike, *, rng: np.random.Generator) -> AlphaDraw:
+        """Return a drawn decision of this step for a private mean (k,); nothing is recorded.
+
+        Raises:
+            InputError: The mean is malformed, or what everybody read comes first.
+        """
+        held = self._problem.check_mean(mean)
+        if held.ndim != 1:
+            raise InputError(
+                f"mean must be of one step, shape ({self._problem.n_signals},), got {held.shape}; see decide_path"
+            )
+        self._now()
+        estimate = self.mean + self._law.message(held - self.mean, validation.generator(rng))
+        policy = self._maker.policy
+        if policy is None:
+            action = self._problem.optimum(estimate)
+            regret = float(self._problem.regret(held, action))
+        else:
+            before = np.zeros(self._problem.n_assets) if self.latest is None else self.latest
+            centre = self._maker.start_mean if self._is_fresh else np.zeros(self._problem.n_signals)
+            action = before + policy.rate * (policy.aim(self._problem, estimate, centre) - before)
+            regret = float((estimate - held) @ self._maker.theta @ (estimate - held))
+        return AlphaDraw(action, estimate, regret, self._maker.status)
+
+    def publish(self, decision: AlphaDraw) -> None:
+        """Record the decision of this step, drawn by `decide`, which everybody now knows.
+
+        Raises:
+            InputError: It is no decision on this problem.
+        """
+        if not isinstance(decision, AlphaDraw):
+            raise InputError(f"publish takes what decide drew, an AlphaDraw, got {decision!r}")
+        estimate = self._problem.check_mean(decision.estimate, "estimate")
+        self._now()
+        self.total_regret += self.expected_regret
+        self.total_bits += self.expected_bits
+        self.mean, self.latest = np.array(estimate), self._problem.check_weights(decision.action)
+        self.n_published += 1
+        self._published = True
+
+    def observe(self, public: ArrayLike | None = None) -> None:
+        """Let one step pass, at whose end everybody read `public`, (q,): None where the world has no public sensor.
+
+        Without a decision before it the step passes untold.
+
+        Raises:
+            InputError: What everybody read is missing, not asked for or of another length.
+        """
+        count = len(self._public_rows)
+        if (public is None) != (count == 0):
+            wants = "None: nothing is public" if count == 0 else f"what everybody read, shape ({count},)"
+            raise InputError(f"public must be {wants}, got {public!r}")
+        read = np.zeros(0) if public is None else validation.finite_array(public, "public", ndim=1)
+        if len(read) != count:
+            raise InputError(f"public has {len(read)} entries, expected {count}")
+        self._pass(read)
+
+    def _pass(self, read: Array) -> None:
+        self.n_steps += 1
+        was_published, self._published = self._published, False
+        if self._is_fresh:
+            self.mean = np.array(self._maker.start_mean)
+            return
+        moves = self._maker.moves
+        error = self._law.covariance if was_published else self._law.before
+        gained = moves.gain(error) @ (read - moves.public_sensor @ self.mean)
+        self.mean = moves.transition @ self.mean + gained
+        if was_published and self._is_settled:
+            return
+        assert self._sensor is not None
+        before, _ = moves.predicted(error)
+        lasting = self._plan.law.before  # type: ignore[union-attr]
+        near = np.abs(before - lasting).max() <= tolerances.SETTLED * np.abs(lasting).max()
+        self._law = self._plan.law if near else after_sensor(root_of(before), *self._sensor)
+
+    def _now(self) -> None:
+        if self._published:
+            if len(self._public_rows):
+                raise InputError("what everybody read comes before the next decision: call observe(public)")
+            self._pass(np.zeros(0))
+
+    def follow(self, means: ArrayLike, public: ArrayLike | None, rng: np.random.Generator) -> AlphaPath:
+        """Decide and publish along a path; see `AlphaDecisionMaker.decide_path`."""
+        held = np.atleast_2d(self._problem.check_mean(means, "means"))
+        read = None if public is None else validation.finite_array(public, "public", ndim=2)
+        if read is not None and len(read) != len(held):
+            raise InputError(f"public has {len(read)} rows, expected one per mean: {len(held)}")
+        drawn, before, bits = [], [], []
+        for t, mean in enumerate(held):
+            if t:
+                self.observe(None if read is None else read[t])
+            before.append(self.mean)
+            bits.append(self.expected_bits)
+            drawn.append(self.decide(mean, rng=rng))
+            self.publish(drawn[-1])
+        return AlphaPath(
+            np.array([each.action for each in drawn]),
+            np.array([each.estimate for each in drawn]),
+            np.array(before),
+            np.array([each.regret for each in drawn]),
+            np.array(bits),
+        )
+
+    def save(self, path: PathLike) -> None:
+        """Write what everybody knows to `path`, whole or not at all, and keep other processes from it until `close`.
+
+        No private mean is written, and no generator or seed; the rule's own law is, so that it stays what it was.
+
+        Raises:
+            InputError: The file cannot be written, or another process uses it.
+        """
+        self._locked(path)
+        AlphaState(
+            self._signature(), self.mean, self._kept(), self._published, self.n_published, self.n_steps,
+            self.total_regret, self.total_bits, self.latest,
+        ).save(path)  # fmt: skip
+
+    def load(self, path: PathLike) -> Self:
+        """Go on where the sequence saved at `path` stood, and keep other processes from it until `close`.
+
+        Raises:
+            InputError: The file is missing, damaged or of another rule, or another process uses it; all stays as it is.
+        """
+        found = self._read(path, lambda: AlphaState.load(path).checked(self._signature(), path))
+        self.mean, self.latest, self._published = np.array(found.mean), found.latest, found.is_published
+        self.n_published, self.n_steps = found.n_published, found.n_steps
+        self.total_regret, self.total_bits = found.regret, found.bits
+        if found.before is not None and self._sensor is not None:
+            self._law = after_sensor(root_of(found.before), *self._sensor)
+        elif not self._is_fresh:
+            self._law = self._plan.law
+        return self
+
+    def _kept(self) -> Array | None:
+        """P before the step's decision where it is not the rule's own."""
+        return None if self._is_settled else self._law.before
+
+    def _signature(self) -> tuple[Array, ...]:
+        """What the rule is of: the law of the means, what errors cost, and what is spent and told."""
+        plan, figures = self._plan, np.array([self._plan.regret, self._plan.bits, self._plan.error])
+        if self._is_fresh and not isinstance(plan.law, ErrorLaw):
+            return self._maker.start_mean, plan.law.diagonal(before=True), plan.law.diagonal(), figures
+        moves = self._maker.moves
+        return (
+            self._maker.start_mean,
+            moves.transition,
+            moves.innovation,
+            self._maker.theta,
+            plan.law.covariance,
+            figures,
+        )
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        return (
+            f"{self.n_published} decisions published\n"
+            f"cost so far     {self.total_regret:.4g} of regret, {self.total_bits:.4f} bits told, by the observer's law\n"
+            f"this step       {self.expected_regret:.4g} of regret, {self.expected_bits:.4f} bits\n"
+            f"{self._maker.status.value}"
+        )

@@ -1,0 +1,155 @@
+"""The verb `inscrutable views`: which expected returns do my weights say?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from inscrutable.cli_console import Speech, replaced, show_table
+from inscrutable.cli_values import (
+    AT_LEAST_0,
+    DATA,
+    INVESTOR,
+    PRIVACY,
+    Out,
+    UsageError,
+    Whole,
+    amount_of,
+    writable_folder,
+)
+from inscrutable.labels import label_text
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from inscrutable.alphas import AlphaProblem
+
+Held = Literal["anything", "invested", "long-only"]
+_LONGEST_TABLE = 40
+
+
+def views(
+    *,
+    weights: Annotated[Path, Parameter(group=DATA)],
+    covariance: Annotated[Path | None, Parameter(group=DATA)] = None,
+    returns: Annotated[Path | None, Parameter(group=DATA)] = None,
+    factors: Annotated[Whole | None, Parameter(group=DATA), AT_LEAST_0] = None,
+    risk_aversion: Annotated[float, Parameter(group=INVESTOR)],
+    held: Annotated[Held, Parameter(group=INVESTOR)] = "anything",
+    cap: Annotated[float | None, Parameter(group=INVESTOR)] = None,
+    regret: Annotated[str | None, Parameter(group=PRIVACY)] = None,
+    digits: Annotated[Whole | None, Parameter(group=PRIVACY), AT_LEAST_0] = None,
+    reference: Annotated[str | None, Parameter(group=PRIVACY)] = None,
+    out: Out | None = None,
+    speech: Speech = Speech(),  # noqa: B008  # frozen
+) -> None:
+    """Say which expected returns make weights the best mean-variance portfolio: what do my holdings say of my views?
+
+    Example: inscrutable views --weights weights.csv --returns returns.csv --factors 3 --risk-aversion 5 --held long-only
+    --reference portfolio
+
+    Args:
+        weights: CSV of weights: dates or labels in the first column, one column per asset, one row per portfolio.
+        covariance: CSV of the covariance per period: the assets' names in the first row and column.
+        returns: CSV of returns, as for `backtest`, whose covariance is taken instead.
+        factors: With `--returns`: so many principal components and a variance of its own for each asset. Default: the sample
+            covariance.
+        risk_aversion: The investor's, per unit of return: the cost is γ u'Vu − m'u.
+        held: What may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
+        cap: Most that any weight may be.
+        regret: How much worse than the best the weights may be, such as 5bp or 0.0005 a period.
+        digits: Digits after the point that the weights were rounded to.
+        reference: Say expected returns less those of this asset, of the "portfolio", or of the "mean" asset. Without it,
+            weights that must sum to one say nothing: a common shift of all views changes none.
+        out: Folder for views.csv, summary.json and the figure; without it the results are only printed.
+    """
+    if (covariance is None) == (returns is None):
+        raise UsageError("give one of --covariance FILE and --returns FILE")
+    if factors is not None and returns is None:
+        raise UsageError("--factors belongs to --returns")
+    if regret is not None and digits is not None:
+        raise UsageError("give --regret or --digits, not both: the regret of rounded weights is not known")
+    allowed = None if regret is None else amount_of(regret, "--regret")
+
+    from inscrutable.alphas import implied_views
+    from inscrutable.reports.views import views_frame, views_summary, write_views
+
+    table = _numbers(weights, "--weights")
+    problem = _problem(table, covariance, returns, factors, risk_aversion, held, cap)
+    folder = None if out is None else writable_folder(out)
+    speech.log(f"{len(table)} portfolios of {problem.n_assets} assets, read with {problem.risk!r}")
+    read = {
+        label: implied_views(problem, row, regret=allowed, digits=digits, reference=reference)
+        for label, row in table.iterrows()
+    }
+    files = [] if folder is None else replaced(folder, "views", write_views(read, folder), speech)
+    if speech.json:
+        speech.summary(views_summary(read))
+        return
+    last, found = list(read.items())[-1]
+    said = "" if reference is None else f", less that of {reference}"
+    frame = views_frame({last: found}).set_index("asset").iloc[:_LONGEST_TABLE]
+    show_table(frame.map(lambda value: f"{value:.5g}"), f"Expected return a period that {label_text(last)} says{said}")
+    speech.sentence(f"{label_text(last)}: {found.status.value}.")
+    if problem.n_assets > _LONGEST_TABLE or len(read) > 1:
+        speech.sentence("All portfolios and assets: --out FOLDER" if folder is None else f"All: {folder / 'views.csv'}")
+    speech.files(files)
+
+
+def _numbers(path: Path, option: str) -> pd.DataFrame:
+    """A table of numbers without gaps."""
+    from inscrutable.datasets import read_records
+    from inscrutable.errors import InputError
+
+    table = read_records(path)
+    for name, column in table.items():
+        if column.dtype.kind not in "iuf":
+            raise InputError(f"{path}: column {name} of {option} holds words, expected numbers")
+        if column.isna().any():
+            row = label_text(column.index[int(column.isna().to_numpy().argmax())])
+            raise InputError(f"{path}: column {name} of {option} has nothing in row {row}, expected a number")
+    return table
+
+
+def _problem(
+    table: pd.DataFrame,
+    covariance: Path | None,
+    returns: Path | None,
+    factors: int | None,
+    risk_aversion: float,
+    held: Held,
+    cap: float | None,
+) -> AlphaProblem:
+    """The decision problem that the options say, in the order of the weights' columns."""
+    import numpy as np
+
+    from inscrutable.alphas import AlphaProblem, FactorRisk
+    from inscrutable.axes import Axis
+    from inscrutable.datasets import read_covariance, read_returns
+    from inscrutable.errors import InputError
+    from inscrutable.problems import Polyhedron, max_weights, simplex
+
+    assets = list(table.columns)
+    risk: Any
+    if covariance is not None:
+        given = read_covariance(covariance)
+        Axis("asset", tuple(assets)).order(tuple(given.columns), f"{covariance}")
+        risk = given.loc[assets, assets]
+    else:
+        assert returns is not None
+        history = read_returns(returns)
+        Axis("asset", tuple(assets)).order(tuple(history.columns), f"{returns}")
+        if len(history) < 2:
+            raise InputError(f"{returns}: {len(history)} rows of returns, expected at least 2")
+        risk = history[assets].cov() if factors is None else FactorRisk.from_returns(history[assets], factors)
+    n, region = len(assets), None
+    if held == "long-only":
+        region = simplex(n)
+    elif held == "invested":
+        region = Polyhedron(A_eq=np.ones((1, n)), b_eq=[1.0], names=["sum(u) = 1"])
+    if cap is not None:
+        capped = max_weights(assets, cap)
+        region = capped if region is None else region & capped
+    return AlphaProblem(risk, risk_aversion, region)

@@ -1,0 +1,164 @@
+"""What hiding alphas costs and what is taken by one who copies, month by month."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import validation
+from inscrutable.alphas import AlphaDecisionMaker
+from inscrutable.axes import Axis
+from inscrutable.errors import InputError
+from inscrutable.labels import label_text
+from inscrutable.validation import Array
+
+_POINTS = 1e4  # basis points
+_FIRST = 24  # months that a signal needs
+
+
+@dataclass(frozen=True, eq=False)
+class AlphaBacktest:
+    """What an agent's alphas are worth by its own belief, and where that goes, one row a month.
+
+    Args:
+        maker: The rule.
+        index: Labels of the months.
+        worth: What the optimum for the alphas is worth above the constant decision, shape (T,), per month.
+        given_up: What the published decision costs beyond the optimum, shape (T,).
+        taken: What one who plays the published decision at the same time gains above the constant one, shape (T,).
+        realised: Returns of the constant, the published and the optimal decision, shape (T,3); None without returns.
+        bits: What each decision told by the observer's law, shape (T,).
+    """
+
+    maker: AlphaDecisionMaker
+    index: tuple[Any, ...]
+    worth: Array
+    given_up: Array
+    taken: Array
+    realised: Array | None
+    bits: Array
+
+    def table(self) -> pd.DataFrame:
+        """Return one row a month, in basis points and bits."""
+        found = pd.DataFrame(
+            {"worth": self.worth, "given up": self.given_up, "taken": self.taken},
+            index=pd.Index([label_text(each) for each in self.index], name="month"),
+        )
+        if self.realised is not None:
+            found[["constant", "published", "optimal"]] = self.realised
+        return (_POINTS * found).assign(bits=self.bits)
+
+    def summary(self) -> str:
+        """Return a few lines: means a month beside what the law of the alphas says."""
+        worth, given, taken = (_POINTS * float(each.mean()) for each in (self.worth, self.given_up, self.taken))
+        maker = self.maker
+        silence = _POINTS * maker.silence_regret
+        lines = [
+            f"basis points a month, {len(self.worth)} months, by the agent's belief; in brackets by the law of the alphas",
+            f"the alphas are worth   {worth:.2f} ({silence:.2f})",
+            f"hiding gives up        {given:.2f} ({_POINTS * maker.regret:.2f}), {given / worth:.0%} of the worth",
+            f"one who copies takes   {taken:.2f} ({silence - _POINTS * maker.regret:.2f}), {taken / worth:.0%}",
+            f"decisions tell         {self.bits.mean():.3f} bits ({maker.bits:.3f})",
+        ]
+        if self.realised is not None:
+            constant, published, optimal = _POINTS * self.realised.mean(axis=0)
+            lines.append(
+                f"realised returns       {optimal:.2f} optimal, {published:.2f} published, {constant:.2f} constant"
+            )
+        return "\n".join(lines)
+
+    __str__ = summary
+
+
+def alpha_backtest(
+    maker: AlphaDecisionMaker, alphas: pd.DataFrame, returns: pd.DataFrame | None = None, *, rng: np.random.Generator
+) -> AlphaBacktest:
+    """Return what is given up and what is taken, month by month, where alphas are hidden by a rule.
+
+    Formula: with c(u) = γ u'Vu − m'u, the worth is c(u₀) − c(u*), u₀ the constant decision; given up is c(u) − c(u*), taken
+    c(u₀) − c(u). Their sum is the worth in every month: what hiding gives up is exactly what one who copies does not take.
+    On average, where the alphas follow the law, they are tr(ΘS), tr(ΘE) and the rest.
+
+    Args:
+        maker: The rule; without trading costs.
+        alphas: Private means, (T,k), one row a month, labelled by the problem's signals.
+        returns: What the assets earned in the month after each row's decision, (T,n), under the same labels; None: nothing.
+        rng: The source of the draws.
+
+    Raises:
+        InputError: Labels disagree, or the problem has trading costs.
+
+    Cost: O(k²) a month, and the rule's own.
+
+    Example:
+        >>> from inscrutable import AlphaProblem
+        >>> maker = AlphaDecisionMaker(AlphaProblem([[0.04]], 2.5), 0.25, prior_covariance=[[4e-4]])
+        >>> means = pd.DataFrame([[0.02], [-0.01]], index=["May", "June"])
+        >>> found = alpha_backtest(maker, means, rng=np.random.default_rng(0))
+        >>> np.allclose(found.given_up + found.taken, found.worth)
+        True
+    """
+    if not isinstance(maker, AlphaDecisionMaker):
+        raise InputError(f"maker must be an AlphaDecisionMaker, got {maker!r}")
+    problem = maker.problem
+    if problem.trading_cost:
+        raise InputError(
+            f"the problem has a trading cost of {problem.trading_cost:g}: a month's decision is then part of many"
+        )
+    means = np.atleast_2d(problem.check_mean(alphas, "alphas"))
+    earned = None
+    if returns is not None:
+        if not alphas.index.equals(returns.index):
+            raise InputError(
+                "returns have other rows than alphas; expected what was earned in the month after each of them"
+            )
+        axes = (None, Axis("asset", problem.asset_names))
+        earned = validation.finite_array(returns, "returns", ndim=2, axes=axes)
+        if earned.shape[1] != problem.n_assets:
+            raise InputError(f"returns have {earned.shape[1]} columns, expected one per asset: {problem.n_assets}")
+    path = maker.decide_path(means, rng=validation.generator(rng))
+    constant = problem.optimum(maker.start_mean)
+    worth = np.asarray(problem.regret(means, constant))
+    realised = None
+    if earned is not None:
+        best = problem.optimum(means)
+        realised = np.column_stack(
+            [earned @ constant, (earned * path.actions).sum(axis=1), (earned * best).sum(axis=1)]
+        )
+    risk, actions = problem.risk, path.actions
+    gained = ((actions - constant) * problem.alphas(means)).sum(axis=1)
+    taken = gained - problem.risk_aversion * (risk.quadratic(actions.T) - risk.quadratic(constant))
+    return AlphaBacktest(maker, tuple(alphas.index), worth, path.regrets, taken, realised, path.bits)
+
+
+def momentum_alphas(returns: pd.DataFrame, strength: float = 0.05) -> pd.DataFrame:
+    """Return alphas by momentum: the past year without its last month, standardised across assets.
+
+    Formula: m = strength · σ_i · z_i, with z_i the standard score of the mean return of rows t−12 … t−2 among the assets,
+    and σ_i the asset's standard deviation over all rows before t. A row uses earlier rows alone; the first 24 have none.
+
+    Args:
+        returns: Simple returns, one row a month, (T,n).
+        strength: The information coefficient that the signal is believed to have, above 0.
+
+    Raises:
+        InputError: There are no more than 24 rows, or the strength is not above 0.
+
+    Source: Jegadeesh and Titman, Journal of Finance 48 (1993); Grinold, Journal of Portfolio Management 20 (1994), for the
+        scale.
+
+    Example:
+        >>> from inscrutable.datasets import load_industry_returns
+        >>> momentum_alphas(load_industry_returns().returns).shape
+        (795, 12)
+    """
+    scale = validation.positive(strength, "strength")
+    if len(returns) <= _FIRST:
+        raise InputError(f"returns have {len(returns)} rows, expected more than {_FIRST}")
+    past = returns.shift(2).rolling(11).mean()
+    scores = past.sub(past.mean(axis=1), axis=0).div(past.std(axis=1), axis=0)
+    spread = returns.shift(1).expanding().std()
+    return (scale * spread * scores).iloc[_FIRST:]

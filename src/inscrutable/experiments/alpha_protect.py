@@ -1,0 +1,150 @@
+"""What to publish instead of the decisions that private means call for, month after month."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import validation
+from inscrutable.alphas import AlphaDecisionMaker, AlphaDraw
+from inscrutable.errors import InputError
+from inscrutable.labels import label_text
+
+LAW_IS_PUBLIC = (
+    "The law of the alphas (the prior covariance or the world) counts as public: if it was estimated from your own alphas, it "
+    "tells of them itself. With --state the first run fixes it, and any other is refused."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ProtectedAlphas:
+    """Decisions that were drawn for private means, and what the observer holds.
+
+    Args:
+        maker: The rule.
+        index: Labels of the means' rows.
+        decisions: One per row; none where nothing was drawn.
+        n_published: Decisions recorded so far.
+        spent: Regret of all recorded decisions, by the observer's law.
+        told: Bits that they told.
+        expected: Mean regret and bits of the next decision, by the observer's law.
+    """
+
+    maker: AlphaDecisionMaker
+    index: tuple[Any, ...]
+    decisions: tuple[AlphaDraw, ...]
+    n_published: int
+    spent: float
+    told: float
+    expected: tuple[float, float]
+
+    def table(self) -> pd.DataFrame:
+        """Return the drawn decisions, one row each, by the assets' names."""
+        names = self.maker.problem.asset_names
+        columns = [f"asset {j}" for j in range(self.maker.problem.n_assets)] if names is None else list(names)
+        rows = [label_text(each) for each in self.index[: len(self.decisions)]]
+        return pd.DataFrame([each.action for each in self.decisions], index=pd.Index(rows, name="row"), columns=columns)
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        maker = self.maker
+        return {
+            "decisions": self.table().to_dict("index"),
+            "regrets": [each.regret for each in self.decisions],
+            "regret_a_step": maker.regret,
+            "silence_regret": maker.silence_regret,
+            "bits_a_step": maker.bits,
+            "error_a_step": maker.error,
+            "ceiling": maker.ceiling,
+            "status": maker.status.value,
+            "n_published": self.n_published,
+            "regret_so_far": self.spent,
+            "bits_so_far": self.told,
+        }
+
+    def summary(self) -> str:
+        """Return a few sentences: what the rule costs and tells in the long run, now and so far."""
+        lines = [self.maker.summary()]
+        lines.append(
+            f"The next decision costs {self.expected[0]:.4g} on average and tells {self.expected[1]:.4f} bits."
+        )
+        if self.n_published:
+            count = "1 decision" if self.n_published == 1 else f"{self.n_published} decisions"
+            lines.append(
+                f"{count} published so far: {self.spent:.4g} of regret, {self.told:.4f} bits, by the observer's law."
+            )
+        if not self.decisions:
+            lines.append("Nothing was drawn or recorded: --publish draws once and records what it drew.")
+        return "\n".join(lines)
+
+
+def protect_alphas(
+    maker: AlphaDecisionMaker,
+    alphas: pd.DataFrame,
+    state: str | Path | None = None,
+    *,
+    publish: bool = False,
+    rng: np.random.Generator | None = None,
+) -> ProtectedAlphas:
+    """Return decisions for private means, drawn by a rule that an observer who remembers all of them knows.
+
+    Args:
+        maker: The rule.
+        alphas: Means, one row a step, labelled by the problem's signals.
+        state: The file that remembers the decisions so far; it is made where there is none, and takes one row a run. None: the
+            rows are a sequence of their own, and all are drawn.
+        publish: With `state`: draw once and record; otherwise nothing is drawn.
+        rng: The source of the draws; None: the operating system, because who knows a seed knows the draw.
+
+    Raises:
+        InputError: Labels disagree, there are many rows for one step, or the file is of another rule or in use.
+
+    Cost: the rule's own, once, and O(k²) a row.
+
+    Example:
+        >>> from inscrutable import AlphaProblem
+        >>> maker = AlphaDecisionMaker(AlphaProblem([[0.04]], 2.5), 0.25, prior_covariance=[[4e-4]])
+        >>> found = protect_alphas(maker, pd.DataFrame([[0.02]]), rng=np.random.default_rng(0))
+        >>> found.n_published, round(found.told, 6)
+        (1, 1.0)
+    """
+    source = np.random.default_rng() if rng is None else validation.generator(rng)
+    means = maker.problem.check_mean(alphas, "alphas").reshape(-1, maker.problem.n_signals)
+    if maker.world is not None and maker.world.public is not None:
+        raise InputError(
+            "the world has a public sensor: decide with AlphaDecisionMaker.begin(), and tell observe(public) what it said"
+        )
+    sequence = maker.begin()
+    drawn = []
+    if state is None:
+        for mean in means:
+            drawn.append(sequence.decide(mean, rng=source))
+            sequence.publish(drawn[-1])
+    else:
+        if len(means) != 1:
+            raise InputError(f"alphas have {len(means)} rows, expected one: with a state every run is one step")
+        try:
+            if Path(state).exists():
+                sequence.load(state)
+            else:
+                sequence.save(state)
+            if publish:
+                drawn.append(sequence.decide(means[0], rng=source))
+                sequence.publish(drawn[0])
+                sequence.save(state)
+        finally:
+            sequence.close()
+    expected = sequence.upcoming()
+    return ProtectedAlphas(
+        maker,
+        tuple(alphas.index),
+        tuple(drawn),
+        sequence.n_published,
+        sequence.total_regret,
+        sequence.total_bits,
+        expected,
+    )

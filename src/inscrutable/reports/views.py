@@ -1,0 +1,92 @@
+"""What implied views leave for a reader: a table, a summary and a picture of weights beside what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable.alphas import ImpliedViews
+from inscrutable.datasets import output_folder, write_json, write_table
+from inscrutable.labels import label_text
+from inscrutable.reports.style import BLUE, GREY, ORANGE, as_written, drawing, save_figure
+
+_MOST_ASSETS = 30
+_PAGE_WIDTH = 7.0
+_HEIGHT_OF_ASSET = 0.22
+
+
+def views_frame(read: Mapping[Any, ImpliedViews]) -> pd.DataFrame:
+    """Return weights and least and greatest expected returns, one row per portfolio and asset."""
+    tables = [views.frame().reset_index().assign(portfolio=label_text(label)) for label, views in read.items()]
+    joined: pd.DataFrame = pd.concat(tables)
+    return joined.set_index("portfolio")
+
+
+def views_summary(read: Mapping[Any, ImpliedViews]) -> dict[str, Any]:
+    """Return what was read of each portfolio as plain data."""
+    kept = ("status", "dimension", "regret", "digits", "reference")
+    portfolios = {
+        label_text(label): {
+            **{name: getattr(views, name) for name in kept},
+            "plausibility_gap": views.plausibility_gap,
+            "assets": {
+                str(name): {"least": low, "greatest": high} for name, _, low, high in views.frame().itertuples()
+            },
+        }
+        for label, views in read.items()
+    }
+    return {"portfolios": portfolios}
+
+
+def write_views(read: Mapping[Any, ImpliedViews], folder: Path) -> list[Path]:
+    """Write views.csv, summary.json and the picture of the last portfolio into a folder and return their paths.
+
+    Example:
+        >>> import tempfile
+        >>> from inscrutable import AlphaProblem, implied_views
+        >>> views = implied_views(AlphaProblem([[0.04, 0.0], [0.0, 0.01]], 2.5), [0.1, 0.2], regret=0.0001)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     sorted(path.name for path in write_views({"May": views}, Path(folder)))
+        ['summary.json', 'views.csv', 'views.png', 'views.svg']
+    """
+    target = output_folder(folder)
+    paths = [target / "views.csv", target / "summary.json"]
+    write_table(views_frame(read), paths[0])
+    write_json(views_summary(read), paths[1])
+    last = list(read.values())[-1]
+    shown = min(_MOST_ASSETS, last.problem.n_assets)
+    with drawing(_PAGE_WIDTH, 0.8 + _HEIGHT_OF_ASSET * shown, ncols=2, sharey=True) as (figure, axes):
+        draw_views(last, axes)
+        return paths + save_figure(figure, target, "views")
+
+
+def draw_views(views: ImpliedViews, axes: Any) -> None:
+    """Draw weights on the first of two panels and the intervals of expected returns on the second, largest weights first."""
+    frame = views.frame()
+    frame = frame.iloc[np.argsort(-np.abs(frame["weight"].to_numpy()), kind="stable")[:_MOST_ASSETS]]
+    places = np.arange(len(frame))[::-1]
+    axes[0].barh(places, frame["weight"], color=GREY, height=0.6)
+    axes[0].set_yticks(places, [as_written(str(name)) for name in frame.index])
+    axes[0].set_xlabel("weight")
+    ends = frame[["least", "greatest"]].to_numpy() * 100.0
+    known = ends[np.isfinite(ends)]
+    low, high = (known.min(), known.max()) if known.size else (-1.0, 1.0)
+    room = 0.15 * (high - low) or 1.0
+    for place, (least, greatest) in zip(places, ends, strict=True):
+        if np.isnan(least):
+            continue
+        first, last = max(least, low - room), min(greatest, high + room)
+        axes[1].plot([first, last], [place, place], color=BLUE, linewidth=2.5, solid_capstyle="butt")
+        for end, at, mark in ((least, first, "<"), (greatest, last, ">")):
+            axes[1].plot(at, place, mark if np.isinf(end) else "|", color=ORANGE if np.isinf(end) else BLUE)
+    told = (
+        "implied expected return"
+        if views.reference is None
+        else f"implied expected return less that of {views.reference}"
+    )
+    axes[1].set_xlabel(f"{told}, %")
+    axes[1].axvline(0.0, color=GREY, linewidth=0.5)

@@ -1,0 +1,173 @@
+"""Private means by command and by file, and what a backtest of them says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import (
+    AlphaDecisionMaker,
+    AlphaProblem,
+    FactorRisk,
+    InputError,
+    LinearGaussianWorld,
+    alpha_backtest,
+    cli,
+    momentum_alphas,
+)
+from inscrutable.datasets import load_industry_returns, read_covariance
+from inscrutable.experiments.alpha_files import read_linear_world
+
+NAMES = ["Oil", "Food", "Steel"]
+WORLD = {
+    "states": NAMES,
+    "transition": (0.9 * np.eye(3)).tolist(),
+    "process": (1e-4 * np.eye(3)).tolist(),
+    "sensor": np.eye(3).tolist(),
+    "noise": (1e-4 * np.eye(3)).tolist(),
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A risk, a prior with its rows in another order, a month of alphas, and a world."""
+    risk = pd.DataFrame(np.diag([0.04, 0.01, 0.02]), NAMES, NAMES)
+    risk.to_csv(tmp_path / "V.csv", index_label="asset")
+    (risk.loc[NAMES[::-1], NAMES[::-1]] / 100).to_csv(tmp_path / "S.csv", index_label="asset")
+    month = pd.DatetimeIndex(["2020-01-31"], name="date")
+    pd.DataFrame([[0.01, 0.02, 0.03]], month, NAMES[::-1]).to_csv(tmp_path / "A.csv")
+    (tmp_path / "W.json").write_text(json.dumps(WORLD), "utf-8")
+    return tmp_path
+
+
+def run(capsys: pytest.CaptureFixture[str], folder: Path, *options: object) -> tuple[int, str, str]:
+    """Protect the month's alphas."""
+    fixed = ["protect", "--alphas", folder / "A.csv", "--covariance", folder / "V.csv", "--risk-aversion", 2.5]
+    code = cli.main([str(each) for each in (*fixed, *options)])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_a_month_by_command(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    code, out, err = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--seed", 1, "--json")
+    assert code == 0, err
+    assert "if it was estimated from your own alphas" in err
+    found = json.loads(out)
+    assert found["bits_a_step"] == pytest.approx(1.5)  # equal costs of all directions: half a bit each
+    risk = np.diag([0.04, 0.01, 0.02])
+    maker = AlphaDecisionMaker(AlphaProblem(risk, 2.5), 0.5, prior_covariance=risk / 100)
+    drawn = maker.decide([0.03, 0.02, 0.01], rng=np.random.default_rng(1))
+    assert found["regrets"] == pytest.approx([drawn.regret])
+    assert found["decisions"]["2020-01-31"] == pytest.approx(dict(zip(NAMES, drawn.action.tolist(), strict=True)))
+
+
+def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    options = ["--world", folder / "W.json", "--state", folder / "state"]
+    for count in (1, 2):
+        code, out, err = run(capsys, folder, *options, "--publish", "--seed", count)
+        assert code == 0, err
+        assert f"{count} decision" in out
+    before = (folder / "state").read_bytes()
+    assert b"0.03" not in before
+    code, out, _ = run(capsys, folder, *options)
+    assert code == 0
+    assert "Nothing was drawn or recorded" in out
+    code, _, err = run(capsys, folder, *options, "--budget", 0.4)
+    assert code == 3
+    assert "of another rule" in err
+    assert (folder / "state").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "one of --prior-covariance and --world"),
+        (["--prior-covariance", "S.csv", "--world", "W.json"], "one of --prior-covariance and --world"),
+        (["--prior-covariance", "S.csv", "--belief", "0.5,0.5"], "takes no --belief"),
+        (["--prior-covariance", "S.csv", "--factors", "1"], "--factors are of the covariance"),
+        (["--prior-covariance", "S.csv", "--publish"], "give the file with --state"),
+    ],
+)
+def test_options_that_do_not_go_together(
+    capsys: pytest.CaptureFixture[str], folder: Path, options: list[str], said: str
+) -> None:
+    code, _, err = run(capsys, folder, *options)
+    assert code == 2
+    assert said in err
+
+
+def test_protect_without_anything_says_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["protect"]) == 2
+    assert "--model" in capsys.readouterr().err
+    assert cli.main(["protect", "--risk-aversion", "5"]) == 2
+    assert "--risk-aversion belongs to --alphas" in capsys.readouterr().err
+
+
+def test_alphas_of_other_names_are_refused(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    pd.DataFrame([[0.01, 0.02]], pd.DatetimeIndex(["2020-01-31"], name="date"), NAMES[:2]).to_csv(folder / "A.csv")
+    code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv")
+    assert code == 3
+    assert "Steel" in err
+
+
+def test_files_that_are_wrong_name_the_place(folder: Path) -> None:
+    path = folder / "V.csv"
+    path.write_text("asset,Oil,Food\nOil,1,0\nOil,0,1\n")
+    with pytest.raises(InputError, match="line 3: the row 'Oil' stands twice"):
+        read_covariance(path)
+    path.write_text("asset,Oil,Food\nOil,1,0\n")
+    with pytest.raises(InputError, match="no row for the column 'Food'"):
+        read_covariance(path)
+    file = folder / "W.json"
+    file.write_text(json.dumps({**WORLD, "noise": "none"}), "utf-8")
+    with pytest.raises(InputError, match="noise"):
+        read_linear_world(file)
+    file.write_text(json.dumps({**WORLD, "public_sensor": [[1.0, 0.0, 0.0]]}), "utf-8")
+    with pytest.raises(InputError, match="go together"):
+        read_linear_world(file)
+    file.write_text("{", "utf-8")
+    with pytest.raises(InputError, match="no JSON"):
+        read_linear_world(file)
+
+
+def test_a_risk_of_factors_from_returns(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    returns = load_industry_returns().returns.iloc[:60, :3].set_axis(NAMES, axis=1)
+    returns.to_csv(folder / "R.csv", index_label="date")
+    options = ["--returns", folder / "R.csv", "--factors", 1, "--risk-aversion", 2.5, "--seed", 1, "--json"]
+    fixed = ["protect", "--alphas", folder / "A.csv", "--prior-covariance", folder / "S.csv"]
+    code = cli.main([str(each) for each in (*fixed, *options)])
+    said = capsys.readouterr()
+    assert code == 0, said.err
+    problem = AlphaProblem(FactorRisk.from_returns(returns, 1), 2.5)
+    maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=np.diag([0.04, 0.01, 0.02]) / 100)
+    assert json.loads(said.out)["bits_a_step"] == pytest.approx(maker.bits, rel=1e-6)
+
+
+def test_momentum_looks_back_only() -> None:
+    returns = load_industry_returns().returns.iloc[:60]
+    whole, cut = momentum_alphas(returns), momentum_alphas(returns.iloc[:50])
+    pd.testing.assert_frame_equal(whole.iloc[: len(cut)], cut)
+    changed = returns.copy()
+    changed.iloc[49:] += 1.0
+    pd.testing.assert_frame_equal(momentum_alphas(changed).iloc[: len(cut)], cut)
+
+
+def test_given_up_and_taken_are_the_worth_on_embedded_returns() -> None:
+    data = load_industry_returns()
+    excess = data.returns.sub(data.riskless, axis=0)
+    alphas = momentum_alphas(excess).iloc[240:]
+    law = 0.05**2 * np.diag(excess.iloc[:240].var())
+    world = LinearGaussianWorld(11 / 12 * np.eye(12), (1 - (11 / 12) ** 2) * law, np.eye(12), np.zeros((12, 12)))
+    maker = AlphaDecisionMaker(AlphaProblem(excess.iloc[:240].cov(), 3.0), 0.5, world=world)
+    found = alpha_backtest(maker, alphas, excess.loc[alphas.index], rng=np.random.default_rng(0))
+    np.testing.assert_allclose(found.given_up + found.taken, found.worth, atol=1e-12)
+    assert found.given_up.min() >= 0.0
+    assert maker.status.name == "OPTIMAL"
+    assert "basis points a month, 555 months" in str(found)
+    assert list(found.table().columns[:3]) == ["worth", "given up", "taken"]
+    with pytest.raises(InputError, match="other rows"):
+        alpha_backtest(maker, alphas, excess, rng=np.random.default_rng(0))

@@ -1,0 +1,111 @@
+"""The verb views: what it prints and writes, and which errors have which exit code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import AlphaProblem, FactorRisk, implied_views
+from inscrutable.cli import main
+
+ASSETS = ["Food", "Oil", "Gas"]
+SPREAD = pd.DataFrame([[0.04, 0.01, 0.0], [0.01, 0.02, 0.005], [0.0, 0.005, 0.09]], ASSETS, ASSETS)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    SPREAD.to_csv(tmp_path / "covariance.csv")
+    SPREAD.loc[ASSETS[::-1], ASSETS[::-1]].to_csv(tmp_path / "turned.csv")
+    pd.DataFrame([[0.5, 0.3, 0.2], [0.6, 0.4, 0.0]], ["May", "June"], ASSETS).to_csv(tmp_path / "weights.csv")
+    rng = np.random.default_rng(0)
+    dates = pd.date_range("2001-01-31", periods=40, freq="ME")
+    pd.DataFrame(rng.normal(0.0, 0.05, size=(40, 3)), dates, ASSETS).to_csv(tmp_path / "returns.csv")
+    return tmp_path
+
+
+def asked(folder: Path, *more: str, weights: str = "weights.csv", risk: str = "covariance") -> list[str]:
+    return ["views", "--weights", str(folder / weights), f"--{risk}", str(folder / f"{risk}.csv"), *more]
+
+
+def test_the_table_and_the_files_say_what_the_library_says(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = folder / "said"
+    assert main(asked(folder, "--risk-aversion", "2", "--out", str(out))) == 0
+    printed = capsys.readouterr().out
+    assert "one view explains the weights" in printed
+    table = pd.read_csv(out / "views.csv")
+    told = 4.0 * SPREAD.to_numpy() @ [0.5, 0.3, 0.2]
+    np.testing.assert_allclose(table[table["portfolio"] == "May"]["least"], told, rtol=1e-12)
+    assert {path.name for path in out.iterdir()} == {
+        "views.csv",
+        "views.png",
+        "views.svg",
+        "summary.json",
+        "files.json",
+    }
+
+
+def test_json_and_other_orders_of_assets(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    more = ("--risk-aversion", "2", "--held", "long-only", "--reference", "Oil", "--regret", "5bp", "--json")
+    assert main(asked(folder, *more)) == 0
+    first = capsys.readouterr().out
+    (folder / "turned.csv").replace(folder / "covariance.csv")
+    assert main(asked(folder, *more)) == 0
+    assert capsys.readouterr().out == first
+    june = json.loads(first)["portfolios"]["June"]
+    assert june["status"] == "the views under which the weights are within the regret are a convex set"
+    assert june["regret"] == pytest.approx(0.0005)
+    assert june["assets"]["Oil"] == {"least": 0.0, "greatest": 0.0}
+    assert june["assets"]["Gas"]["least"] == "-Infinity"
+
+
+def test_factors_of_returns(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    more = ("--factors", "1", "--risk-aversion", "3", "--json")
+    assert main(asked(folder, *more, risk="returns")) == 0
+    told = json.loads(capsys.readouterr().out)["portfolios"]["May"]["assets"]
+    returns = pd.read_csv(folder / "returns.csv", index_col=0)
+    risk = FactorRisk.from_returns(returns, 1)
+    np.testing.assert_allclose(np.diag(risk.dense()), returns.var(), rtol=1e-12)
+    values, vectors = np.linalg.eigh(returns.cov())
+    common = values[-1] * np.outer(vectors[:, -1], vectors[:, -1])
+    off = ~np.eye(3, dtype=bool)
+    np.testing.assert_allclose(risk.dense()[off], common[off], rtol=1e-9)
+    views = implied_views(AlphaProblem(risk, 3.0), [0.5, 0.3, 0.2])
+    assert [told[name]["least"] for name in ASSETS] == pytest.approx(views.bounds[:, 0].tolist())
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "said"),
+    [
+        (("--risk-aversion", "0"), 3, "risk_aversion must be above 0"),
+        (("--risk-aversion", "1", "--reference", "Tin"), 3, "no asset is called 'Tin'"),
+        (("--risk-aversion", "1", "--regret", "5bp", "--digits", "2"), 2, "not both"),
+        (("--risk-aversion", "1", "--factors", "2"), 2, "--factors belongs to --returns"),
+        (("--risk-aversion", "1", "--regret", "few"), 2, "is not a number"),
+        (("--risk-aversion", "1", "--held", "long-only", "--cap", "0.3"), 4, "no decision satisfies all constraints"),
+        (("--risk-aversion", "1", "--held", "long-only", "--cap", "0.5"), 3, "outside the feasible set"),
+    ],
+)
+def test_bad_input_has_its_exit_code(
+    folder: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], code: int, said: str
+) -> None:
+    assert main(asked(folder, *more)) == code
+    assert said in capsys.readouterr().err
+
+
+def test_bad_files_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = SPREAD.rename(index={"Gas": "Tin"}, columns={"Gas": "Tin"})
+    other.to_csv(folder / "covariance.csv")
+    assert main(asked(folder, "--risk-aversion", "1")) == 3
+    assert "other asset labels than expected" in capsys.readouterr().err
+    bent = SPREAD.copy()
+    bent.loc["Food", "Oil"] = bent.loc["Oil", "Food"] = 0.5
+    bent.to_csv(folder / "covariance.csv")
+    assert main(asked(folder, "--risk-aversion", "1")) == 4
+    assert "smallest eigenvalue -0.4" in capsys.readouterr().err
+    (folder / "weights.csv").write_text("month,Food,Oil,Gas\nMay,0.5,,0.2\n")
+    assert main(asked(folder, "--risk-aversion", "1")) == 3
+    assert "has nothing in row May" in capsys.readouterr().err

@@ -142,6 +142,16 @@ def test_a_budget_leaves_a_common_shift_free() -> None:
     assert named.bounds[1].tolist() == [0.0, 0.0]
 
 
+def test_a_weight_near_its_limit_may_hide_a_view_far_beyond() -> None:
+    problem = AlphaProblem(np.eye(2), 0.5, box(np.zeros(2), np.ones(2)))
+    views = implied_views(problem, [0.01, 0.5], regret=0.1)
+    low, high = views.interval(0)
+    # For so low a view nothing is best, and 0.01 costs 0.5·0.01² − 0.01 m more.
+    assert low == pytest.approx(0.005 - 10.0, rel=1e-12)
+    assert problem.regret([low, 0.5], [0.01, 0.5]) == pytest.approx(0.1, rel=1e-12)
+    assert problem.regret([high, 0.5], [0.01, 0.5]) == pytest.approx(0.1, rel=1e-12)
+
+
 def test_weights_that_no_signal_explains() -> None:
     problem = AlphaProblem(np.eye(3), 0.5, loadings=[[1.0], [1.0], [0.0]])
     views = implied_views(problem, [1.0, 3.0, 0.0])

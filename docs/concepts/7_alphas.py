@@ -55,7 +55,8 @@ print(f"in the long run {steady_filter(world).covariance[0, 0]:.3f}")
 #
 # N_C(u) the cone of the constraints that are tight. Without constraints that is one point, which is Sharpe's reverse
 # optimisation and the prior of Black and Litterman. A budget row leaves a common shift free, so that only differences are told;
-# a weight at a limit tells one side. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
+# a weight at a limit tells one side. Differences are best taken from an asset off its limits: a portfolio that holds an asset at its
+# cap may have any expected return above a number. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
 
 rng = np.random.default_rng(3)
 names = ["Food", "Oil", "Chips", "Banks", "Drugs", "Cars", "Power", "Shops"]
@@ -64,14 +65,14 @@ risk = FactorRisk(exposures, np.diag([0.0016, 0.0004]), np.full(8, 0.002))
 problem = AlphaProblem(risk, 4.0, simplex(8) & box(np.zeros(8), np.full(8, 0.25)))
 mean = rng.normal(0.005, 0.002, size=8)
 weights = problem.optimum(mean)
-views = implied_views(problem, weights, reference="portfolio")
+views = implied_views(problem, weights, reference="Chips")
 print(views)
 
 # %%
 # The same weights, read as at most two basis points a month worse than the best. Assets that are not held tell an upper limit
 # alone: the arrows have no end.
 
-near = implied_views(problem, weights, regret=0.0002, reference="portfolio")
+near = implied_views(problem, weights, regret=0.0002, reference="Chips")
 with drawing(7.0, 2.8, ncols=2, sharey=True) as (figure, axes):
     draw_views(near, axes)
     figure.savefig("implied_views.png")

@@ -118,11 +118,7 @@ class AlphaProblem:
         if found.shape[-1] != self.n_assets:
             raise InputError(f"weights has {found.shape[-1]} entries, expected one per asset: {self.n_assets}")
         if self.constraints is not None:
-            wrong = np.flatnonzero(np.atleast_1d(self.constraints.violation(found)) > beyond)
-            if wrong.size:
-                row = np.atleast_2d(found)[wrong[0]]
-                where = "" if found.ndim == 1 else f" row {wrong[0]}"
-                raise InputError(f"weights{where} are outside the feasible set: {self.constraints.worst_row(row)}")
+            self.constraints.check_inside(found, "weights", beyond=beyond)
         return found
 
     def alphas(self, mean: Array) -> Array:

@@ -189,8 +189,8 @@ def implied_views(
     Raises:
         InputError: Weights of other names or outside C, both `regret` and `digits`, an unknown reference.
 
-    Cost: without loadings O(n k) for k factors, with any constraints; else a singular value decomposition of B and two linear
-    programmes for each signal and asset, made when bounds are asked for.
+    Cost: without loadings O(n k) for k factors, with any constraints, and O(n² log n) in blocks for rounded weights; else a
+    singular value decomposition of B and two linear programmes for each signal and asset, made when bounds are asked for.
 
     Source: Sharpe, Journal of Financial and Quantitative Analysis 9 (1974); Black and Litterman, Financial Analysts Journal 48
     (1992), of which the unconstrained point is the prior; inverse optimisation as in Theorem 1 of the paper.

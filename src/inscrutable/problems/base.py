@@ -162,12 +162,7 @@ class DecisionProblem(ABC):
         points = validation.finite_array(given, "action", ndim=(1, 2), axes=(rows, Axis("asset", self.asset_names)))
         if points.shape[-1] != self.n_actions:
             raise InputError(f"action has {points.shape[-1]} coordinates, expected {self.n_actions}")
-        violation = np.atleast_1d(self.constraints.violation(points))
-        bad = np.flatnonzero(violation > tolerances.FEASIBILITY)
-        if bad.size:
-            row = np.atleast_2d(points)[bad[0]]
-            where = "" if points.ndim == 1 else f" row {bad[0]}"
-            raise InputError(f"action{where} is outside the feasible set: {self.constraints.worst_row(row)}")
+        self.constraints.check_inside(points, "action")
         return points
 
     def check_action(self, action: ArrayLike) -> Array:

@@ -187,14 +187,19 @@ class Polyhedron:
         off = (np.abs(points @ self.A_eq.T - self.b_eq) / scale).max(axis=-1, initial=0.0)
         return np.asarray(np.maximum(np.maximum(beyond, off), 0.0) / _size(points))
 
-    def worst_row(self, action: Array) -> str:
-        """Return which row a decision (U,) violates most, and by how much."""
-        slack = self.slacks(action)
-        off = self.A_eq @ action - self.b_eq
+    def check_inside(self, points: Array, name: str, *, beyond: float = tolerances.FEASIBILITY) -> None:
+        """Raise `InputError` with the worst row of the first of decisions (U,) or (T,U) that violates one by too much."""
+        bad = np.flatnonzero(np.atleast_1d(self.violation(points)) > beyond)
+        if not bad.size:
+            return
+        action, where = np.atleast_2d(points)[bad[0]], "" if points.ndim == 1 else f" row {bad[0]}"
+        slack, off = self.slacks(action), self.A_eq @ action - self.b_eq
         if slack.size and -slack.min() >= np.abs(off).max(initial=0.0):
-            return f"{self.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
-        worst = int(np.abs(off).argmax())
-        return f"{self.names[len(self.b_ub) + worst]} is off by {off[worst]:.3g}"
+            said = f"{self.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
+        else:
+            worst = int(np.abs(off).argmax())
+            said = f"{self.names[len(self.b_ub) + worst]} is off by {off[worst]:.3g}"
+        raise InputError(f"{name}{where} is outside the feasible set: {said}")
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
         """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""

@@ -1,0 +1,136 @@
+"""Decisions of a private mean against CVXPY, factors against the matrix they stand for, and sets of bounds against rows."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from typing import Any
+
+import cvxpy
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import AlphaProblem, FactorRisk, InputError, ModelError, Polyhedron, box, max_weights, simplex
+
+N, GAMMA = 8, 2.0
+
+
+def risk_of(rng: np.random.Generator, n: int = N, k: int = 3) -> FactorRisk:
+    return FactorRisk(rng.normal(size=(n, k)), np.diag(rng.uniform(0.5, 2.0, k)), rng.uniform(0.5, 2.0, n))
+
+
+def test_factors_stand_for_their_matrix(fresh_rng: np.random.Generator) -> None:
+    risk = risk_of(fresh_rng)
+    matrix, columns = risk.dense(), fresh_rng.normal(size=(N, 3))
+    np.testing.assert_allclose(
+        matrix, risk.exposures @ risk.factor_covariance @ risk.exposures.T + np.diag(risk.specific)
+    )
+    np.testing.assert_allclose(risk.times(columns), matrix @ columns, rtol=1e-12)
+    np.testing.assert_allclose(risk.solve(columns), np.linalg.solve(matrix, columns), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(risk.solve(columns[:, 0]), np.linalg.solve(matrix, columns[:, 0]), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(risk.quadratic(columns), np.diag(columns.T @ matrix @ columns), rtol=1e-12)
+    assert risk.log_determinant == pytest.approx(np.linalg.slogdet(matrix)[1], abs=1e-10)
+    some = np.array([1, 4, 6])
+    np.testing.assert_allclose(risk.part(some).dense(), matrix[np.ix_(some, some)], rtol=1e-12)
+    np.testing.assert_allclose(risk.with_more(columns, 0.5).dense(), matrix + columns @ columns.T + 0.5 * np.eye(N))
+
+
+@pytest.mark.parametrize("kind", ["free", "budget", "caps", "rows", "fixed"])
+def test_decisions_are_those_of_cvxpy(kind: str, fresh_rng: np.random.Generator) -> None:
+    rng = fresh_rng
+    risk, mean = risk_of(rng), rng.normal(size=2)
+    loads = rng.normal(size=(N, 2))
+    neutral = Polyhedron(A_eq=np.vstack([np.ones(N), risk.exposures[:, 0]]), b_eq=[0.5, 0.05])
+    group = Polyhedron(A_ub=[[1.0] * 4 + [0.0] * 4, [0.0] * 3 + [-1.0] * 5], b_ub=[0.3, -0.2])
+    regions: dict[str, Polyhedron | None] = {
+        "free": None,
+        "budget": Polyhedron(A_eq=np.ones((1, N)), b_eq=[1.0]),
+        "caps": simplex(N) & box(np.zeros(N), np.full(N, 0.3)),
+        "rows": neutral & group & box(np.full(N, -0.3), np.full(N, 0.4)),
+        "fixed": simplex(N) & box(np.r_[0.1, np.zeros(N - 1)], np.r_[0.1, np.full(N - 1, 0.4)]),
+    }
+    region, held = regions[kind], cvxpy.Variable(N)
+    cost = GAMMA * cvxpy.sum_squares(np.linalg.cholesky(risk.dense()).T @ held) - (loads @ mean) @ held
+    rows: list[Any] = [] if region is None else [region.A_ub @ held <= region.b_ub, region.A_eq @ held == region.b_eq]
+    least = cvxpy.Problem(cvxpy.Minimize(cost), rows).solve(solver="CLARABEL")
+    for given in (risk, risk.dense()):
+        problem = AlphaProblem(given, GAMMA, region, loads)
+        found = problem.optimum(mean)
+        spent = GAMMA * found @ risk.dense() @ found - (loads @ mean) @ found
+        assert spent == pytest.approx(least, abs=1e-6)
+        assert region is None or region.violation(found) <= 1e-9
+        other = problem.optimum(mean + 0.3 * rng.normal(size=2))
+        lost = GAMMA * other @ risk.dense() @ other - (loads @ mean) @ other - spent
+        assert problem.regret(mean, other) == pytest.approx(lost, abs=1e-9)
+        np.testing.assert_allclose(problem.theta_times(np.eye(2)), problem.theta, rtol=0, atol=1e-12)
+
+
+def test_theta_is_what_deciding_for_another_mean_costs(fresh_rng: np.random.Generator) -> None:
+    rng = fresh_rng
+    risk, loads = risk_of(rng), rng.normal(size=(N, 3))
+    equalities = Polyhedron(A_eq=rng.normal(size=(2, N)), b_eq=rng.normal(size=2))
+    for region in (None, equalities):
+        for given in (risk, risk.dense()):
+            problem = AlphaProblem(given, GAMMA, region, loads)
+            mean, other = rng.normal(size=(2, 3))
+            lost = (other - mean) @ problem.theta @ (other - mean)
+            assert problem.regret(mean, problem.optimum(other)) == pytest.approx(lost, rel=1e-9)
+    capped = AlphaProblem(risk, GAMMA, equalities & box(np.full(N, -5.0), np.full(N, 5.0)), loads)
+    means = rng.normal(size=(20, 2, 3))
+    for mean, other in means:
+        assert capped.regret(mean, capped.optimum(other)) <= (other - mean) @ capped.theta @ (other - mean) + 1e-9
+
+
+def test_bad_problems_are_refused() -> None:
+    with pytest.raises(ModelError, match="risk is indefinite: smallest eigenvalue -1"):
+        AlphaProblem([[1.0, 2.0], [2.0, 1.0]], 1.0)
+    with pytest.raises(ModelError, match=r"specific is 0 at asset 1 \(Oil\)"):
+        FactorRisk(pd.DataFrame([[1.0], [2.0]], ["Food", "Oil"]), [[1.0]], [0.1, 0.0])
+    with pytest.raises(ModelError, match=r"factor_covariance is indefinite: smallest eigenvalue -0\.5"):
+        FactorRisk([[1.0], [2.0]], [[-0.5]], [0.1, 0.1])
+    with pytest.raises(ModelError, match="the risk is singular"):
+        AlphaProblem(np.ones((2, 2)), 1.0).optimum([1.0, 2.0])
+    with pytest.raises(InputError, match="n_factors is 3, expected at most 2"):
+        FactorRisk.from_returns(np.eye(3), 3)
+    with pytest.raises(InputError, match="mean has 3 entries, expected one per signal: 2"):
+        AlphaProblem(np.eye(2), 1.0).optimum([1.0, 2.0, 3.0])
+    with pytest.raises(InputError, match="other asset labels"):
+        AlphaProblem(pd.DataFrame(np.eye(2), ["A", "B"], ["A", "B"]), 1.0, max_weights(["A", "C"], 0.5))
+
+
+def test_a_singular_risk_decides_where_its_constraints_let_it() -> None:
+    # Two assets that are one: the budget alone leaves a tie, bounds do not change the cost.
+    problem = AlphaProblem(np.ones((2, 2)), 1.0, simplex(2))
+    found = problem.optimum([0.0, 0.1])
+    assert found.tolist() == [0.0, 1.0]
+    flat = AlphaProblem(np.diag([1.0, 0.0]), 0.5, Polyhedron(A_eq=[[0.0, 1.0]], b_eq=[2.0]))
+    np.testing.assert_allclose(flat.optimum([3.0, 7.0]), [3.0, 2.0])
+
+
+def test_bounds_are_the_rows_that_they_stand_for(fresh_rng: np.random.Generator) -> None:
+    low, high = -fresh_rng.uniform(size=5), fresh_rng.uniform(size=5)
+    high[2], low[4] = np.inf, -np.inf
+    names = list("edcba")
+    bounds = simplex(5) & box(pd.Series(low, names), pd.Series(high, names)) & max_weights(names, 0.6)
+    rows = Polyhedron(bounds.A_ub, bounds.b_ub, bounds.A_eq, bounds.b_eq, names=bounds.names, asset_names=names)
+    plain = Polyhedron(-np.eye(5), np.zeros(5), np.ones((1, 5)), [1.0], names=simplex(5).names)
+    caps = Polyhedron(np.vstack([-np.eye(5), np.eye(5)]), np.r_[-low, high], names=[f"r{i}" for i in range(10)])
+    whole = plain & caps & Polyhedron(np.eye(5), np.full(5, 0.6))
+    assert np.array_equal(whole.A_ub, bounds.A_ub)
+    assert np.array_equal(whole.b_ub, bounds.b_ub)
+    for copied in (pickle.loads(pickle.dumps(bounds)), copy.deepcopy(bounds)):
+        assert np.array_equal(copied.A_ub, rows.A_ub)
+    points = fresh_rng.normal(size=(20, 5))
+    np.testing.assert_array_equal(bounds.slacks(points), rows.slacks(points))
+    np.testing.assert_array_equal(bounds.coordinate_bounds, rows.coordinate_bounds)
+    np.testing.assert_array_equal(bounds.violation(points), rows.violation(points))
+    assert len(bounds.general_rows.sides) == len(rows.general_rows.sides) == 0
+    problem = AlphaProblem(pd.DataFrame(np.diag(np.arange(1.0, 6.0)), sorted(names), sorted(names)), 1.0, bounds)
+    assert problem.constraints is not None
+    np.testing.assert_array_equal(problem.constraints.A_ub, bounds.A_ub[:, ::-1])
+    tight = simplex(3) & box(np.zeros(3), np.full(3, 0.2))
+    with pytest.raises(ModelError, match="cannot hold together"):
+        tight.check_feasible()
+    with pytest.raises(AttributeError, match="no attribute 'b_lb'"):
+        _ = tight.b_lb  # type: ignore[attr-defined]

@@ -30,10 +30,11 @@ _NO_ROUNDS = whole(0)
 _STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
 
 
-class Scene(NamedTuple):
+class Aims(NamedTuple):
     """What T beliefs seek: sign·distance from a point, under a budget or at a price."""
 
     beliefs: Any  # (T,X)
+    optimal: Any  # (T,U) decisions of least cost
     points: Any  # (T,X)
     sign: float
     optimal_costs: Any  # (T,)
@@ -72,6 +73,7 @@ class ClimbRoom(NamedTuple):
     distance: Any
 
 
+@part
 def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
     """Return memory for climbs in a problem."""
     return ClimbRoom(
@@ -81,11 +83,11 @@ def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
 
 
 @woven
-def aim_of(scene: Any, t: int, rules: Any) -> Aim:
+def aim_of(aims: Any, t: int, rules: Any) -> Aim:
     """What belief t seeks."""
     return Aim(
-        scene.beliefs[t], scene.points[t], scene.sign, scene.optimal_costs[t], scene.limits[t] * rules.inside,
-        scene.prices[t],
+        aims.beliefs[t], aims.points[t], aims.sign, aims.optimal_costs[t], aims.limits[t] * rules.inside,
+        aims.prices[t],
     )  # fmt: skip
 
 

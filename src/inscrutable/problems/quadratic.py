@@ -22,6 +22,7 @@ from inscrutable.validation import Array
 
 _CHUNK = 256
 """Beliefs solved in one warm-started run; fixed, so that results do not depend on the number of threads."""
+_UNSORTED = 8  # beliefs that are not worth sorting: they are solved side by side
 _FEW = 16  # decisions whose costs are found in one product
 _LARGE = 32_768  # numbers in decisions from which on a kernel repays loading it
 _MOST_EQUALITIES = 8
@@ -202,7 +203,7 @@ class QuadraticProblem(DecisionProblem):
 
         actions = np.empty((len(held), self.n_actions))
         solved = np.zeros(len(held), dtype=np.bool_)
-        order = morton_order(held)
+        order = morton_order(held) if len(held) > _UNSORTED else np.arange(len(held))
         kernel: Any = solve_path
         arguments = self._path_arguments
 

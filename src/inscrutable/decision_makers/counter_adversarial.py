@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +14,7 @@ from inscrutable.decision_makers.arguments import checked_choice, checked_measur
 from inscrutable.decision_makers.candidates import Candidates, candidates_for
 from inscrutable.decision_makers.cheapest_distance import cheapest_at_distance, shortened_on_its_face
 from inscrutable.decision_makers.described import Described
-from inscrutable.decision_makers.indicated import Hiding, Met
+from inscrutable.decision_makers.indicated import Case, IndicatorResult, met
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
@@ -187,49 +186,40 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         return decision_for(self.problem, belief, action, measure, DecisionStatus.LOCAL_OPTIMUM)
 
 
-class Case(NamedTuple):
-    """All that the search for decisions needs besides the beliefs to hide."""
+def is_quadratic_distance(case: Case) -> bool:
+    """Whether kernels know the problem and the measure: costs of a quadratic form, and ± the distance to a belief."""
+    is_distance = type(case.measure) in (MaximalObfuscation, DesiredObfuscation) and case.on_empty == "exclude"
+    return is_distance and quadratic_problem(case.problem) is not None
 
-    problem: DecisionProblem
-    candidates: Candidates
-    measure: PrivacyMeasure
-    budget: Budget
-    on_empty: str
 
-    @property
-    def is_quadratic_distance(self) -> bool:
-        """Whether kernels know the problem and the measure: costs of a quadratic form, and ± the distance to a belief."""
-        is_distance = type(self.measure) in (MaximalObfuscation, DesiredObfuscation) and self.on_empty == "exclude"
-        return is_distance and quadratic_problem(self.problem) is not None
+def searched(case: Case, beliefs: Array) -> tuple[SearchSpace, Aims, Array]:
+    """Return where a measure that follows ± a distance is searched, what it seeks under beliefs (T,X), and optimal costs.
 
-    def searched(self, beliefs: Array) -> tuple[SearchSpace, Aims, Array]:
-        """Return where a measure that follows ± a distance is searched, what it seeks under beliefs (T,X), and optimal costs.
-
-        The aims' costs are those of the space's problem: what all decisions cost alike in a state is left out, and no digit
-        is lost to it.
-        """
-        space = space_of(self.problem, self.candidates)
-        # Copies, all of one layout: kernels would be compiled anew for one that is read-only.
-        held = np.array(beliefs, dtype=np.float64, order="C")
-        optimal = space.problem.solve_rows(held)
-        costs = (space.problem.state_costs(optimal) * held).sum(axis=1)
-        optimal_costs = (self.problem.state_costs(space.decisions(optimal)) * held).sum(axis=1)
-        points, sign = held, 1.0
-        if isinstance(self.measure, DesiredObfuscation):
-            points, sign = np.array(self.measure.targets_for(held), order="C"), -1.0
-        elif not isinstance(self.measure, MaximalObfuscation):
-            # A measure of the user's own, which may follow another distance under each belief.
-            (reference,) = (self.measure.reference(belief) for belief in held)
-            assert reference is not None, "only measures that follow a distance are searched"
-            points, sign = np.array(reference.point[None], order="C"), float(reference.sign)
-        limits = np.array(self.budget.limits(optimal_costs), dtype=np.float64)
-        return space, Aims(held, optimal, points, sign, costs, limits, np.zeros(len(held))), optimal_costs
+    The aims' costs are those of the space's problem: what all decisions cost alike in a state is left out, and no digit
+    is lost to it.
+    """
+    space = space_of(case.problem, case.candidates)
+    # Copies, all of one layout: kernels would be compiled anew for one that is read-only.
+    held = np.array(beliefs, dtype=np.float64, order="C")
+    optimal = space.problem.solve_rows(held)
+    costs = (space.problem.state_costs(optimal) * held).sum(axis=1)
+    optimal_costs = (case.problem.state_costs(space.decisions(optimal)) * held).sum(axis=1)
+    points, sign = held, 1.0
+    if isinstance(case.measure, DesiredObfuscation):
+        points, sign = np.array(case.measure.targets_for(held), order="C"), -1.0
+    elif not isinstance(case.measure, MaximalObfuscation):
+        # A measure of the user's own, which may follow another distance under each belief.
+        (reference,) = (case.measure.reference(belief) for belief in held)
+        assert reference is not None, "only measures that follow a distance are searched"
+        points, sign = np.array(reference.point[None], order="C"), float(reference.sign)
+    limits = np.array(case.budget.limits(optimal_costs), dtype=np.float64)
+    return space, Aims(held, optimal, points, sign, costs, limits, np.zeros(len(held))), optimal_costs
 
 
 def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief is searched by itself."""
     quadratic = quadratic_problem(case.problem)
-    if case.is_quadratic_distance and quadratic is not None and quadratic.bends:
+    if is_quadratic_distance(case) and quadratic is not None and quadratic.bends:
         return _searched(case, beliefs, progress)
     if is_streamed(case.measure):
         return hidden(case, beliefs, progress).decisions()
@@ -237,20 +227,19 @@ def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None)
     return stack([_best_at(case, step, belief) for step, belief in counted(beliefs, progress)], case.problem)
 
 
-def hidden(case: Case, beliefs: Array, progress: Progress | None = None) -> Met:
+def hidden(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:
     """Return how beliefs (T,X) meet a goal that is met or missed; a distance from the belief at the least regret found."""
     distance = case.measure.least_distance()
-    hiding = Hiding(case.problem, case.candidates, case.measure, case.budget, case.on_empty)
     if distance is None or quadratic_problem(case.problem) is None:
-        return hiding.met(beliefs, progress)
-    met = hiding.met(beliefs)
+        return met(case, beliefs, progress)
+    found = met(case, beliefs)
     for step, belief in counted(beliefs, progress):
-        if not met.is_optimal[step]:
-            most = met.regrets[step] if met.is_met[step] else case.budget.limit(met.optimal_costs[step])
-            found = _cheapest_at_distance(case, belief, float(most), distance)
-            if found is not None:
-                met.improve(step, found)
-    return met
+        if not found.is_optimal[step]:
+            most = found.regrets[step] if found.is_met[step] else case.budget.limit(found.optimal_costs[step])
+            cheaper = _cheapest_at_distance(case, belief, float(most), distance)
+            if cheaper is not None:
+                found.improve(step, cheaper)
+    return found
 
 
 def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: float) -> Decision | None:
@@ -278,7 +267,7 @@ def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: floa
 
 def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """The search over critical regions, for all beliefs at once."""
-    space, aims, optimal_costs = case.searched(beliefs)
+    space, aims, optimal_costs = searched(case, beliefs)
     found = best_in_regions(space, aims, progress)
     return Decisions(
         ResultTable(

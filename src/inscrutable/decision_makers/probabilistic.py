@@ -12,13 +12,15 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.counter_adversarial import (
-    Case,
     HidingDecisionMaker,
     best_decisions,
     hidden,
+    is_quadratic_distance,
+    searched,
     shows_nothing,
 )
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme
+from inscrutable.decision_makers.indicated import Case
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
@@ -137,7 +139,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
     def _found(self, beliefs: Array, progress: Progress | None) -> MixedDecisions:
         case = Case(self.problem, self.candidates, self.measure, self.budget, self.on_empty)
         envelope = isinstance(self.method, Envelope)
-        if envelope and case.is_quadratic_distance:
+        if envelope and is_quadratic_distance(case):
             return _searched(case, beliefs, progress)
         if envelope and is_streamed(self.measure):
             return hidden(case, beliefs, progress).lotteries()
@@ -222,7 +224,7 @@ _KINDS = np.array([_NOTHING, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDID
 
 def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> MixedDecisions:
     """Return the lotteries of beliefs (T,X), each searched by itself, the best single decision among its atoms."""
-    space, aims, optimal_costs = case.searched(beliefs)
+    space, aims, optimal_costs = searched(case, beliefs)
     singles = best_in_regions(space, aims) if space.problem.bends else _as_best(space, best_decisions(case, beliefs))
     found = best_lotteries(space, aims, singles, progress)
     alone = found.probabilities[:, 1] <= 0.0

@@ -21,7 +21,6 @@ from inscrutable.kernels.region_climb import (
     aim_of,
     climb_decoys,
     climb_room,
-    search_lines,
     search_sets,
 )
 from inscrutable.kernels.regions import (
@@ -487,7 +486,6 @@ def search_regions(
             if aim.sign > 0.0:
                 # No set is farther than its members: regions whose decoys are not worth as much are left out.
                 floor = _top(reached, t, 0)
-                search_lines(count, climbs, aim, floor, regions, rules, spots, turn.climb)
                 search_sets(count, climbs, aim, floor, regions, rules, spots, turn.climb)
             for j in range(count):
                 number = climbs.region[j]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from inscrutable import Polyhedron, QuadraticProblem, box, simplex, tolerances
-from inscrutable.decision_makers.search.faces import FaceProgramme, face_programme
+from inscrutable.decision_makers.search.partition import FaceProgramme, face_programme
 from inscrutable.decision_makers.search.region_search import rules_for
 from inscrutable.kernels.climb import Aim, climb
 from inscrutable.kernels.faces import (

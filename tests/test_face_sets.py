@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from inscrutable.adversaries import consistent_sets
-from inscrutable.decision_makers.search.faces import FaceProgramme, face_programme
+from inscrutable.decision_makers.search.partition import FaceProgramme, face_programme
 from inscrutable.decision_makers.search.region_search import rules_for
 from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.face_ascent import set_distance_model

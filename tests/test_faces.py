@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import null_space
 
 from inscrutable import Polyhedron, QuadraticProblem, box, simplex
-from inscrutable.decision_makers.search.faces import face_programme
+from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.geometry.cones import decomposed_rows, stationarity_rows
 from inscrutable.geometry.held_coordinates import held_coordinates
 from strategies import SEEDS

@@ -269,17 +269,27 @@ def test_projections_enclose_the_distance_of_a_set(seed):
 
 @pytest.mark.parametrize("n_states", [3, 4, 5])
 def test_no_random_decoy_keeps_the_distance_for_less(fresh_rng, n_states):
+    assert_no_random_decoy_costs_less(fresh_rng, n_states)
+
+
+@pytest.mark.parametrize(("seed", "n_states"), [(1, 4), (6, 3), (7, 4), (9, 3)])
+def test_no_random_decoy_keeps_the_distance_for_less_where_one_did(seed, n_states):
+    """Without a search for the least distance, or without directions around the belief, one did."""
+    assert_no_random_decoy_costs_less(np.random.default_rng([seed, n_states]), n_states)
+
+
+def assert_no_random_decoy_costs_less(rng, n_states):
     """Decoys in random directions at the margin and beyond it; ten times the least regret was paid at four states."""
     for n_assets in (5, 9):
-        market = markets.random_market(fresh_rng, n_states, n_assets)
+        market = markets.random_market(rng, n_states, n_assets)
         problem = MarkowitzProblem(market.means, market.covariances, market.risk_aversion)
-        belief = fresh_rng.dirichlet(np.ones(n_states))
+        belief = rng.dirichlet(np.ones(n_states))
         found = CounterAdversarialDecisionMaker(
             problem, NonExistence(), 0.5, candidates=decoy_grid(problem, {3: 30, 4: 12, 5: 8}[n_states])
         ).decide(belief)
-        away = fresh_rng.normal(size=(3000, n_states))
+        away = rng.normal(size=(3000, n_states))
         away -= away.mean(axis=1, keepdims=True)
-        lengths = 0.01 * np.exp(fresh_rng.exponential(size=(3000, 1)) * (fresh_rng.uniform(size=(3000, 1)) < 0.7))
+        lengths = 0.01 * np.exp(rng.exponential(size=(3000, 1)) * (rng.uniform(size=(3000, 1)) < 0.7))
         decoys = belief + lengths * away / np.linalg.norm(away, axis=1, keepdims=True)
         decoys = decoys[(decoys >= 0.0).all(axis=1)]
         actions = problem.solve(decoys)

@@ -16,7 +16,7 @@ from inscrutable import (
     simplex,
 )
 from inscrutable.decision_makers.search.edge_climbs import edge_decoys
-from inscrutable.decision_makers.search.faces import face_programme
+from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.decision_makers.search.rays import farthest_decoys
 from inscrutable.decision_makers.search.region_search import rules_for
 from inscrutable.kernels.climb import Aim

@@ -1,4 +1,4 @@
-"""What many decisions cost and which are admissible, in one kernel each, against the plain definitions."""
+"""What many decisions cost and which are admissible, against the plain definitions, one by one."""
 
 from __future__ import annotations
 
@@ -10,15 +10,8 @@ from hypothesis import given, settings
 
 from inscrutable import MarkowitzProblem, QuadraticProblem, box, simplex, simplex_grid
 from inscrutable.geometry.morton import morton_order
-from inscrutable.problems import constraints, quadratic
 from oracles import markets
 from strategies import SEEDS
-
-
-@pytest.fixture(autouse=True)
-def always_in_kernels(monkeypatch):
-    monkeypatch.setattr(quadratic, "_LARGE", 1)
-    monkeypatch.setattr(constraints, "_LARGE", 1)
 
 
 def sparse(rng: np.random.Generator, count: int, size: int) -> np.ndarray:

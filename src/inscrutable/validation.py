@@ -20,7 +20,7 @@ Axes = Sequence[Axis | None]
 
 def real_array(value: Any, name: str, axes: Axes | None = None) -> Array:
     """Return `value` as a float array of its own, labelled axes in the order that `axes` say (see `axes.ordered`)."""
-    plain = ordered(value, name, axes)
+    plain = value if type(value) is np.ndarray else ordered(value, name, axes)
     try:
         return np.array(plain, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -73,7 +73,8 @@ def beliefs(
     Raises `InputError` with the row, the entry and the amount for a wrong length, a negative entry
     or a sum that is not one.
     """
-    array = finite_array(value, name, ndim=(1, 2), axes=(rows, Axis("state", names)))
+    plain = value if type(value) is np.ndarray else ordered(value, name, (rows, Axis("state", names)))
+    array = finite_array(plain, name, ndim=(1, 2))
     if array.shape[-1] != n_states:
         which = f" ({few(names)})" if names else ""
         raise InputError(f"{name} has {array.shape[-1]} entries, expected one per state: {n_states}{which}")

@@ -8,12 +8,14 @@ from inscrutable.decision_makers.action_candidates import action_grid, random_ac
 from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
 from inscrutable.decision_makers.decoys import decoy_grid, default_decoys, near_decoys
 from inscrutable.errors import InputError
+from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 
 __all__ = [
     "Candidates",
     "action_grid",
     "as_candidates",
+    "candidates_for",
     "decoy_grid",
     "make_candidates",
     "near_decoys",
@@ -33,3 +35,12 @@ def as_candidates(problem: DecisionProblem, candidates: Candidates | ArrayLike |
             raise InputError("the candidates belong to another problem: their costs would be wrong for this one")
         return candidates
     return make_candidates(problem, candidates)
+
+
+def candidates_for(
+    problem: DecisionProblem, measure: PrivacyMeasure, given: Candidates | ArrayLike | None
+) -> Candidates:
+    """Return given candidates, or the default: decoys, and decisions beside them where unexplained ones can be best."""
+    if given is None and measure.searches_actions:
+        return near_decoys(problem)
+    return as_candidates(problem, given)

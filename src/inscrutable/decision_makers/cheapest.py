@@ -11,10 +11,10 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_measure
-from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.counter_adversarial import Case, best_decisions
+from inscrutable.decision_makers.candidates import Candidates, candidates_for
+from inscrutable.decision_makers.counter_adversarial import best_decisions
 from inscrutable.decision_makers.frontier import privacy_frontier
-from inscrutable.decision_makers.hiding import candidates_for
+from inscrutable.decision_makers.indicated import Case
 from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem

@@ -9,7 +9,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.results import Decision
-from inscrutable.decision_makers.search.faces import face_programme
+from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.problems import DecisionProblem, quadratic_problem
 from inscrutable.validation import Array
 

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.budgets import Budget
-from inscrutable.decision_makers.arguments import checked_choice
-from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.budgets import Budget, as_budget
+from inscrutable.decision_makers.arguments import checked_choice, checked_measure, checked_on_empty
+from inscrutable.decision_makers.candidates import Candidates, candidates_for
 from inscrutable.decision_makers.cheapest_distance import cheapest_at_distance, shortened_on_its_face
-from inscrutable.decision_makers.hiding import HidingDecisionMaker
-from inscrutable.decision_makers.indicated import Hiding, Met
+from inscrutable.decision_makers.described import Described
+from inscrutable.decision_makers.indicated import Case, IndicatorResult, met
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
@@ -24,16 +23,14 @@ from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, che
 from inscrutable.decision_makers.result_table import ResultTable, known
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.search.atlas import atlas_of, farthest_corners, scene_of
 from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.polish import Trial, polish
-from inscrutable.decision_makers.search.region_search import best_in_regions
+from inscrutable.decision_makers.search.region_search import SearchSpace, best_in_regions, farthest_corners, space_of
 from inscrutable.errors import InputError
-from inscrutable.kernels.climb import Aim
-from inscrutable.kernels.region_climb import Scene
+from inscrutable.kernels.region_climb import Aims
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
+from inscrutable.problems import DecisionProblem, checked_problem, quadratic_problem
 from inscrutable.validation import Array
 
 
@@ -66,6 +63,53 @@ class GlobalSearch:
     def __post_init__(self) -> None:
         object.__setattr__(self, "certify", checked_gap(self.certify))
         object.__setattr__(self, "max_oracle_calls", validation.count(self.max_oracle_calls, "max_oracle_calls"))
+
+
+DEFAULT_BUDGET = 0.1
+"""A share of |c*|, as in the paper."""
+
+
+class HidingDecisionMaker(Described):
+    """The common part of the CDM and the PDM; arguments as there."""
+
+    def __init__(
+        self,
+        problem: DecisionProblem,
+        measure: Any,
+        budget: Any,
+        candidates: Candidates | ArrayLike | None,
+        on_empty: str,
+    ) -> None:
+        self.problem = checked_problem(problem)
+        # The two have types that cannot be mistaken, so that either may come first.
+        if isinstance(measure, (Budget, float, int, str)) and not isinstance(measure, bool):
+            measure, budget = self._swapped(measure, budget)
+        self.measure = checked_measure(measure)
+        self.budget = as_budget(budget)
+        self.on_empty = checked_on_empty(on_empty)
+        self._given = candidates
+        self._candidates: Candidates | None = None
+
+    @staticmethod
+    def _swapped(budget: Any, measure: Any) -> tuple[Any, Any]:
+        """A measure, None where none was given, and a budget that came in its place."""
+        if isinstance(measure, PrivacyMeasure):
+            return measure, budget
+        if measure == DEFAULT_BUDGET:
+            return None, budget
+        raise InputError(f"two budgets were given, {budget!r} and {measure!r}; expected (problem, measure, budget)")
+
+    @property
+    def candidates(self) -> Candidates:
+        """The candidates, solved at first use and kept."""
+        if self._candidates is None:
+            self._candidates = candidates_for(self.problem, self.measure, self._given)
+        return self._candidates
+
+    @property
+    def between_choices(self) -> bool:
+        """Whether decisions between choices are allowed: unless they are whole numbers and so are all candidates."""
+        return not self.problem.is_discrete or bool(((self.candidates.actions % 1.0) != 0.0).any())
 
 
 class CounterAdversarialDecisionMaker(HidingDecisionMaker):
@@ -159,54 +203,60 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         return decision_for(self.problem, belief, action, measure, DecisionStatus.LOCAL_OPTIMUM)
 
 
-class Case(NamedTuple):
-    """All that the search for decisions needs besides the beliefs to hide."""
+def is_quadratic_distance(case: Case) -> bool:
+    """Whether kernels know the problem and the measure: costs of a quadratic form, and ± the distance to a belief."""
+    is_distance = type(case.measure) in (MaximalObfuscation, DesiredObfuscation) and case.on_empty == "exclude"
+    return is_distance and quadratic_problem(case.problem) is not None
 
-    problem: DecisionProblem
-    candidates: Candidates
-    measure: PrivacyMeasure
-    budget: Budget
-    on_empty: str
 
-    @property
-    def is_quadratic_distance(self) -> bool:
-        """Whether kernels know the problem and the measure: costs of a quadratic form, and ± the distance to a belief."""
-        is_distance = type(self.measure) in (MaximalObfuscation, DesiredObfuscation) and self.on_empty == "exclude"
-        return is_distance and quadratic_problem(self.problem) is not None
+def searched(case: Case, beliefs: Array) -> tuple[SearchSpace, Aims, Array]:
+    """Return where a measure that follows ± a distance is searched, what it seeks under beliefs (T,X), and optimal costs.
 
-    def scene(self, beliefs: Array, optimal_costs: Array) -> Scene:
-        """Return what a measure that is ± a distance seeks under beliefs (T,X) of optimal costs (T,)."""
-        problem, limits = atlas_of(self.problem, self.candidates).problem, self.budget.limits(optimal_costs)
-        if isinstance(self.measure, DesiredObfuscation):
-            return scene_of(problem, beliefs, self.measure.targets_for(beliefs), -1.0, limits)
-        return scene_of(problem, beliefs, beliefs, 1.0, limits)
+    The aims' costs are those of the space's problem: what all decisions cost alike in a state is left out, and no digit
+    is lost to it.
+    """
+    space = space_of(case.problem, case.candidates)
+    # Copies, all of one layout: kernels would be compiled anew for one that is read-only.
+    held = np.array(beliefs, dtype=np.float64, order="C")
+    optimal = space.problem.solve_rows(held)
+    costs = (space.problem.state_costs(optimal) * held).sum(axis=1)
+    optimal_costs = (case.problem.state_costs(space.decisions(optimal)) * held).sum(axis=1)
+    points, sign = held, 1.0
+    if isinstance(case.measure, DesiredObfuscation):
+        points, sign = np.array(case.measure.targets_for(held), order="C"), -1.0
+    elif not isinstance(case.measure, MaximalObfuscation):
+        # A measure of the user's own, which may follow another distance under each belief.
+        (reference,) = (case.measure.reference(belief) for belief in held)
+        assert reference is not None, "only measures that follow a distance are searched"
+        points, sign = np.array(reference.point[None], order="C"), float(reference.sign)
+    limits = np.array(case.budget.limits(optimal_costs), dtype=np.float64)
+    return space, Aims(held, optimal, points, sign, costs, limits, np.zeros(len(held))), optimal_costs
 
 
 def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief is searched by itself."""
+    quadratic = quadratic_problem(case.problem)
+    if is_quadratic_distance(case) and quadratic is not None and quadratic.bends:
+        return _searched(case, beliefs, progress)
     if is_streamed(case.measure):
         return hidden(case, beliefs, progress).decisions()
-    quadratic = quadratic_problem(case.problem)
-    if case.is_quadratic_distance and quadratic is not None and quadratic.bends:
-        return _searched(case, beliefs, progress)
     # A table of copies: what is kept for other decision makers is nobody's to change.
     return stack([_best_at(case, step, belief) for step, belief in counted(beliefs, progress)], case.problem)
 
 
-def hidden(case: Case, beliefs: Array, progress: Progress | None = None) -> Met:
+def hidden(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:
     """Return how beliefs (T,X) meet a goal that is met or missed; a distance from the belief at the least regret found."""
     distance = case.measure.least_distance()
-    hiding = Hiding(case.problem, case.candidates, case.measure, case.budget, case.on_empty)
     if distance is None or quadratic_problem(case.problem) is None:
-        return hiding.met(beliefs, progress)
-    met = hiding.met(beliefs)
+        return met(case, beliefs, progress)
+    found = met(case, beliefs)
     for step, belief in counted(beliefs, progress):
-        if not met.is_optimal[step]:
-            most = met.regrets[step] if met.is_met[step] else case.budget.limit(met.optimal_costs[step])
-            found = _cheapest_at_distance(case, belief, float(most), distance)
-            if found is not None:
-                met.improve(step, found)
-    return met
+        if not found.is_optimal[step]:
+            most = found.regrets[step] if found.is_met[step] else case.budget.limit(found.optimal_costs[step])
+            cheaper = _cheapest_at_distance(case, belief, float(most), distance)
+            if cheaper is not None:
+                found.improve(step, cheaper)
+    return found
 
 
 def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: float) -> Decision | None:
@@ -232,48 +282,27 @@ def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: floa
     return found if case.measure(belief, belief_set_of(problem, found.action)) == 0.0 else None
 
 
-def _searched(case: Case, beliefs: Array, progress: Progress | None) -> Decisions:
+def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """The search over critical regions, for all beliefs at once."""
-    optimal_costs = np.asarray(case.problem.optimal_cost(beliefs))
-    atlas, scene = atlas_of(case.problem, case.candidates), case.scene(beliefs, optimal_costs)
-    found = best_in_regions(atlas, scene, progress)
-    optimal = atlas.problem.solve_rows(scene.beliefs)
-    if scene.sign > 0:
-        # The true belief explains the optimal decision.
-        own, least = np.zeros(len(beliefs)), tolerances.NO_PRIVACY
-    else:
-        own, least = -_distances_at_rest(atlas.problem, scene.beliefs, optimal, scene.points), 0.0
-    better = found.privacies > own + least
-    codes = np.where(better, 0, 1 if scene.sign > 0 else 2)
+    space, aims, optimal_costs = searched(case, beliefs)
+    found = best_in_regions(space, aims, progress)
     return Decisions(
         ResultTable(
             case.problem,
-            known(atlas.decisions(np.where(better[:, None], found.actions, optimal))[:, None]),
+            known(space.decisions(found.actions)[:, None]),
             np.ones((len(beliefs), 1)),
-            np.where(better, found.regrets, 0.0)[:, None],
-            np.where(better, found.privacies, own)[:, None],
-            np.where(better[:, None], found.decoys, scene.beliefs)[:, None],
+            found.regrets[:, None],
+            found.privacies[:, None],
+            found.decoys[:, None],
             optimal_costs,
-            farthest_corners(scene.points) if scene.sign > 0 else np.zeros(len(beliefs)),
-            tuple(_KINDS[codes]),
-            np.where(better, found.prices, 0.0),
+            farthest_corners(aims.points) if aims.sign > 0 else np.zeros(len(beliefs)),
+            tuple(_KINDS[np.where(found.is_polished, 0, 1 if aims.sign > 0 else 2)]),
+            found.prices,
         )
     )
 
 
 _KINDS = np.array([DecisionStatus.POLISHED, DecisionStatus.NO_AFFORDABLE_PRIVACY, DecisionStatus.OPTIMAL], dtype=object)
-
-
-def _distances_at_rest(problem: QuadraticProblem, beliefs: Array, actions: Array, points: Array) -> Array:
-    """Distances of points (T,X) from the beliefs that explain the optimal decisions (T,U) of beliefs (T,X)."""
-    sets = consistent_sets(problem, actions, beliefs)
-    start, along = sets.start, sets.end - sets.start
-    square = (along**2).sum(axis=1)
-    share = np.clip(((points - start) * along).sum(axis=1) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    found = np.linalg.norm(points - start - share[:, None] * along, axis=1)
-    for step in np.flatnonzero(sets.dimension > 1):
-        found[step] = sets[int(step)].distance(points[step])
-    return np.asarray(found)
 
 
 def _best_at(case: Case, step: int, belief: Array) -> Decision:
@@ -294,48 +323,16 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
     if case.measure.is_indicator:
         return hidden(case, belief[None]).decisions()[0]
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
-        found = _search_faces(case, Aim(belief, *reference, optimal_cost, limit, 0.0), optimal)
+        found = _searched(case, belief[None])[0]
+        if type(case.measure) not in (MaximalObfuscation, DesiredObfuscation):
+            # It may follow a distance without being it.
+            privacy = float(case.measure(belief, found.belief_set))
+            found = replace(found, privacy=privacy, privacy_bound=max(case.measure.upper_bound(belief), privacy))
         if quadratic.bends or not _some_candidate_is_better(case, belief, found, limit):
             return found
         other = _search_candidates(case, belief, optimal, optimal_cost, limit)
         return other if other.privacy > found.privacy + tolerances.NO_PRIVACY else found
     return _search_candidates(case, belief, optimal, optimal_cost, limit)
-
-
-def _search_faces(case: Case, aim: Aim, optimal: Array) -> Decision:
-    """The search by kernels: distances from or to a belief, quadratic costs."""
-    problem, measure, belief = case.problem, case.measure, aim.belief
-    atlas = atlas_of(problem, case.candidates)
-    scene = scene_of(atlas.problem, belief[None], aim.point[None], aim.sign, np.array([aim.limit]))
-    found = best_in_regions(atlas, scene)
-    if aim.sign > 0:
-        # The true belief explains the optimal decision.
-        own, least = 0.0, tolerances.NO_PRIVACY
-    else:
-        own, least = measure(belief, belief_set_of(problem, optimal)), 0.0
-    bound = measure.upper_bound(belief)
-    if found.privacies[0] <= own + least:
-        status = DecisionStatus.NO_AFFORDABLE_PRIVACY if aim.sign > 0 else DecisionStatus.OPTIMAL
-        cost = aim.optimal_cost
-        return Decision(optimal, cost, cost, 0.0, own, max(bound, own), belief, status, problem, 0.0)
-    action = atlas.decisions(found.actions[0])
-    cost = float(problem.state_costs(action) @ belief)
-    privacy = float(found.privacies[0])
-    if type(measure) not in (MaximalObfuscation, DesiredObfuscation):
-        # A measure of the user's own may follow a distance without being it.
-        privacy = float(measure(belief, belief_set_of(problem, action)))
-    return Decision(
-        action,
-        cost,
-        aim.optimal_cost,
-        max(cost - aim.optimal_cost, 0.0),
-        privacy,
-        max(bound, privacy),
-        found.decoys[0],
-        DecisionStatus.POLISHED,
-        problem,
-        float(found.prices[0]),
-    )
 
 
 def _some_candidate_is_better(case: Case, belief: Array, found: Decision, limit: float) -> bool:

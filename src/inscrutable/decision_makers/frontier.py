@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.decision_makers.arguments import checked_measure
-from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.candidates import Candidates, candidates_for
 from inscrutable.decision_makers.frontier_points import FrontierPoints, distance_points, goal_points, scored_points
-from inscrutable.decision_makers.hiding import candidates_for
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.results import Decision, DecisionStatus

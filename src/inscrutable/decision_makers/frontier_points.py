@@ -14,7 +14,7 @@ from inscrutable.decision_makers.envelope import RatedPoints, concave_envelope, 
 from inscrutable.decision_makers.indicators import table_of
 from inscrutable.decision_makers.results import Decision
 from inscrutable.decision_makers.scores import score
-from inscrutable.decision_makers.search.faces import face_programme
+from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.decision_makers.search.region_search import rules_for
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.privacy import PrivacyMeasure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +34,7 @@ _OWN, _POLISHED, _CANDIDATE, _NOTHING = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class Met:
+class IndicatorResult:
     """How T beliefs are best hidden: `source` says whether by the optimal decision, a polished one, a candidate, or not."""
 
     problem: DecisionProblem
@@ -83,9 +84,8 @@ class Met:
         )
 
 
-@dataclass(frozen=True)
-class Hiding:
-    """What is to be met, from which candidates and at what price."""
+class Case(NamedTuple):
+    """All that a search for decisions needs besides the beliefs to hide."""
 
     problem: DecisionProblem
     candidates: Candidates
@@ -93,80 +93,83 @@ class Hiding:
     budget: Budget
     on_empty: str = "exclude"
 
-    def met(self, beliefs: Array, progress: Progress | None = None) -> Met:
-        """Return how beliefs (T,X) are best hidden; chunks of them in turn, on all cores."""
-        count, n_states = beliefs.shape
-        table = table_of(self.problem, self.measure, self.candidates, self.on_empty)
-        result = Met(
-            self.problem,
-            beliefs,
-            np.empty((count, self.problem.n_actions)),
-            np.empty(count),
-            np.empty(count),
-            np.empty((count, n_states)),
-            np.empty(count, dtype=np.int64),
-        )
 
-        def work(first: int, last: int) -> None:
-            self._fill(table, result, slice(first, last))
+def met(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:
+    """Return how beliefs (T,X) are best hidden; chunks of them in turn, on all cores."""
+    count, n_states = beliefs.shape
+    table = table_of(case.problem, case.measure, case.candidates, case.on_empty)
+    result = IndicatorResult(
+        case.problem,
+        beliefs,
+        np.empty((count, case.problem.n_actions)),
+        np.empty(count),
+        np.empty(count),
+        np.empty((count, n_states)),
+        np.empty(count, dtype=np.int64),
+    )
 
-        if not table.goal.compares_gaps:
-            in_chunks(work, count, _CHUNK, progress)
-            return result
-        # Comparing gaps holds the interpreter's lock: threads would only wait for one another.
-        for first in range(0, count, _CHUNK):
-            last = min(first + _CHUNK, count)
-            work(first, last)
-            if progress is not None:
-                progress(last, count)
+    def work(first: int, last: int) -> None:
+        _fill(case, table, result, slice(first, last))
+
+    if not table.goal.compares_gaps:
+        in_chunks(work, count, _CHUNK, progress)
         return result
+    # Comparing gaps holds the interpreter's lock: threads would only wait for one another.
+    for first in range(0, count, _CHUNK):
+        last = min(first + _CHUNK, count)
+        work(first, last)
+        if progress is not None:
+            progress(last, count)
+    return result
 
-    def _fill(self, table: IndicatorTable, result: Met, part: slice) -> None:
-        problem, goal, beliefs = self.problem, table.goal, np.ascontiguousarray(result.beliefs[part])
-        optimal = problem.solve_points(beliefs)
-        optimal_costs = (problem.state_costs(optimal) * beliefs).sum(axis=1)
-        limits = self.budget.limits(optimal_costs)
-        met = goal.met_by(beliefs, optimal, np.zeros(len(beliefs)))
-        if goal.compares_gaps:
-            met[:] = False
-        source = np.where(met, _OWN, _NOTHING)
-        actions, regrets = optimal.copy(), np.zeros(len(beliefs))
-        others = np.flatnonzero(~met)
-        cheapest = table.cheapest(beliefs[others], optimal_costs[others], limits[others])
-        found = np.flatnonzero(cheapest.found >= 0)
-        if found.size:
-            chosen, which = table.number[cheapest.found[found]], others[found]
-            sets, candidates = self.candidates.sets, self.candidates.actions[chosen]
-            block = Block(beliefs[which], optimal[which], optimal_costs[which], sets.start[chosen],
-                          sets.dimension[chosen] >= 0, candidates)  # fmt: skip
-            # Between choices there is nothing.
-            polished = candidates if problem.is_discrete else cheaper(goal, block, table.starts)
-            costs = (problem.state_costs(polished) * beliefs[which]).sum(axis=1)
-            reached = np.maximum(costs - optimal_costs[which], 0.0)
-            better = reached < cheapest.regrets[found]
-            source[which] = np.where(better, _POLISHED, _CANDIDATE)
-            actions[which] = np.where(better[:, None], polished, candidates)
-            regrets[which] = np.where(better, reached, cheapest.regrets[found])
-        linear = problem.linear_form()
-        if goal.compares_gaps and linear is not None and linear.lift is None and not problem.is_discrete:
-            for t in others:
-                exact = self._by_programme(goal, linear, beliefs[t], float(optimal_costs[t]))
-                best = limits[t] if source[t] == _NOTHING else min(limits[t], regrets[t])
-                if exact is not None and exact[1] <= best:
-                    actions[t], regrets[t], source[t] = *exact, _POLISHED
-        result.actions[part], result.regrets[part], result.source[part] = actions, regrets, source
-        result.optimal_costs[part], result.decoys[part] = optimal_costs, _centres(problem, actions)
 
-    def _by_programme(
-        self, goal: Indicator, form: LinearForm, belief: Array, optimal_cost: float
-    ) -> tuple[Array, float] | None:
-        """The cheapest unexplained decision of linear costs and its regret, where it is admissible."""
-        action = cheapest_unexplained(form, belief, goal.margin)
-        if action is None or not self.problem.constraints.is_admissible(action):
-            return None
-        if not LevelTest(self.problem, goal.margin).reaches(action):
-            return None
-        return action, max(float(self.problem.state_costs(action) @ belief) - optimal_cost, 0.0)
+def _fill(case: Case, table: IndicatorTable, result: IndicatorResult, part: slice) -> None:
+    problem, goal, beliefs = case.problem, table.goal, np.ascontiguousarray(result.beliefs[part])
+    optimal = problem.solve_points(beliefs)
+    optimal_costs = (problem.state_costs(optimal) * beliefs).sum(axis=1)
+    limits = case.budget.limits(optimal_costs)
+    met = goal.met_by(beliefs, optimal, np.zeros(len(beliefs)))
+    if goal.compares_gaps:
+        met[:] = False
+    source = np.where(met, _OWN, _NOTHING)
+    actions, regrets = optimal.copy(), np.zeros(len(beliefs))
+    others = np.flatnonzero(~met)
+    cheapest = table.cheapest(beliefs[others], optimal_costs[others], limits[others])
+    found = np.flatnonzero(cheapest.found >= 0)
+    if found.size:
+        chosen, which = table.number[cheapest.found[found]], others[found]
+        sets, candidates = case.candidates.sets, case.candidates.actions[chosen]
+        block = Block(beliefs[which], optimal[which], optimal_costs[which], sets.start[chosen],
+                      sets.dimension[chosen] >= 0, candidates)  # fmt: skip
+        # Between choices there is nothing.
+        polished = candidates if problem.is_discrete else cheaper(goal, block, table.starts)
+        costs = (problem.state_costs(polished) * beliefs[which]).sum(axis=1)
+        reached = np.maximum(costs - optimal_costs[which], 0.0)
+        better = reached < cheapest.regrets[found]
+        source[which] = np.where(better, _POLISHED, _CANDIDATE)
+        actions[which] = np.where(better[:, None], polished, candidates)
+        regrets[which] = np.where(better, reached, cheapest.regrets[found])
+    linear = problem.linear_form()
+    if goal.compares_gaps and linear is not None and linear.lift is None and not problem.is_discrete:
+        for t in others:
+            exact = _by_programme(case, goal, linear, beliefs[t], float(optimal_costs[t]))
+            best = limits[t] if source[t] == _NOTHING else min(limits[t], regrets[t])
+            if exact is not None and exact[1] <= best:
+                actions[t], regrets[t], source[t] = *exact, _POLISHED
+    result.actions[part], result.regrets[part], result.source[part] = actions, regrets, source
+    result.optimal_costs[part], result.decoys[part] = optimal_costs, _centres(problem, actions)
+
+
+def _by_programme(
+    case: Case, goal: Indicator, form: LinearForm, belief: Array, optimal_cost: float
+) -> tuple[Array, float] | None:
+    """The cheapest unexplained decision of linear costs and its regret, where it is admissible."""
+    action = cheapest_unexplained(form, belief, goal.margin)
+    if action is None or not case.problem.constraints.is_admissible(action):
+        return None
+    if not LevelTest(case.problem, goal.margin).reaches(action):
+        return None
+    return action, max(float(case.problem.state_costs(action) @ belief) - optimal_cost, 0.0)
 
 
 def _centres(problem: DecisionProblem, actions: Array) -> Array:

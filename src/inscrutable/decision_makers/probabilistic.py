@@ -11,15 +11,23 @@ from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.counter_adversarial import Case, best_decisions, hidden, shows_nothing
+from inscrutable.decision_makers.counter_adversarial import (
+    HidingDecisionMaker,
+    best_decisions,
+    hidden,
+    is_quadratic_distance,
+    searched,
+    shows_nothing,
+)
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme
-from inscrutable.decision_makers.hiding import HidingDecisionMaker
+from inscrutable.decision_makers.indicated import Case
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
 from inscrutable.decision_makers.result_table import ResultTable, known
 from inscrutable.decision_makers.results import (
     Decision,
+    Decisions,
     DecisionStatus,
     MixedDecision,
     MixedDecisions,
@@ -28,8 +36,9 @@ from inscrutable.decision_makers.results import (
     stack_mixed,
 )
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.search.atlas import atlas_of, farthest_corners
 from inscrutable.decision_makers.search.lottery_search import best_lotteries
+from inscrutable.decision_makers.search.region_search import Best, SearchSpace, best_in_regions, farthest_corners
+from inscrutable.kernels.regions import UNKNOWN
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
@@ -130,7 +139,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
     def _found(self, beliefs: Array, progress: Progress | None) -> MixedDecisions:
         case = Case(self.problem, self.candidates, self.measure, self.budget, self.on_empty)
         envelope = isinstance(self.method, Envelope)
-        if envelope and case.is_quadratic_distance:
+        if envelope and is_quadratic_distance(case):
             return _searched(case, beliefs, progress)
         if envelope and is_streamed(self.measure):
             return hidden(case, beliefs, progress).lotteries()
@@ -215,27 +224,35 @@ _KINDS = np.array([_NOTHING, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDID
 
 def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> MixedDecisions:
     """Return the lotteries of beliefs (T,X), each searched by itself, the best single decision among its atoms."""
-    optimal_costs = np.asarray(case.problem.optimal_cost(beliefs))
-    atlas, scene = atlas_of(case.problem, case.candidates), case.scene(beliefs, optimal_costs)
-    singles = best_decisions(case, beliefs)
-    found = best_lotteries(atlas, scene, singles, progress)
+    space, aims, optimal_costs = searched(case, beliefs)
+    singles = best_in_regions(space, aims) if space.problem.bends else _as_best(space, best_decisions(case, beliefs))
+    found = best_lotteries(space, aims, singles, progress)
     alone = found.probabilities[:, 1] <= 0.0
     best = np.where(alone, found.privacies[:, 0], found.privacies.max(axis=1))
-    nothing = best <= tolerances.NO_PRIVACY if scene.sign > 0 else np.isneginf(best)
+    nothing = best <= tolerances.NO_PRIVACY if aims.sign > 0 else np.isneginf(best)
     return MixedDecisions(
         ResultTable(
             case.problem,
-            known(atlas.decisions(found.actions)),
+            known(space.decisions(found.actions)),
             found.probabilities,
             found.regrets,
             found.privacies,
             found.decoys,
             optimal_costs,
-            farthest_corners(scene.points) if scene.sign > 0 else np.zeros(len(beliefs)),
+            farthest_corners(aims.points) if aims.sign > 0 else np.zeros(len(beliefs)),
             tuple(_KINDS[np.where(nothing, 0, np.where(found.polished, 1, 2))]),
             found.prices,
         )
     )
+
+
+def _as_best(space: SearchSpace, singles: Decisions) -> Best:
+    """Single decisions as the search over regions gives them."""
+    table = singles.table
+    actions = space.form.variables(table.points_at(slice(None))[:, 0])
+    polished = np.array([status is DecisionStatus.POLISHED for status in singles.status])
+    nowhere = np.full(len(polished), UNKNOWN)
+    return Best(actions, singles.decoy, singles.privacy, singles.regret, table.price, polished, nowhere)
 
 
 def with_extra(scores: Scores, extra: list[Decision]) -> Scores:

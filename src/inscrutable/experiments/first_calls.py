@@ -38,7 +38,6 @@ from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel, fit_gauss
 
 _STATES, _ASSETS = 4, 3
 _BELIEFS = 32
-_MANY = 50_000
 _GAP = 0.05
 _STAYS, _BUDGET = 0.8, 0.1
 _NOTICE = "inscrutable.kernels"
@@ -116,9 +115,6 @@ def _decisions() -> None:
 def _proofs() -> None:
     rng = np.random.default_rng(0)
     problem, beliefs = _market(rng)
-    many = rng.dirichlet(np.ones(_ASSETS), _MANY)
-    problem.state_costs(many)
-    problem.constraints.is_admissible(many)
     CounterAdversarialDecisionMaker(problem, method=LocalSearch()).decide(beliefs[0])
     CounterAdversarialDecisionMaker(problem, method=GlobalSearch(certify=_GAP)).decide(beliefs[0])
     ProbabilisticDecisionMaker(problem, certify=_GAP).decide(beliefs[0])

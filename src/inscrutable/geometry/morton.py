@@ -8,20 +8,18 @@ from inscrutable.validation import Array
 
 _MOST_BITS = 10
 _CODE_BITS = 63
-_FEW = 8  # points that are not worth sorting
 
 
 def morton_order(points: Array) -> np.ndarray:
     """Return the indices (T,) that sort points (T,X) of the simplex along Morton's curve.
 
     The curve visits the cells of ever finer grids one after the other: the bits of the first X − 1 coordinates (the last
-    follows from them), most significant first, are those of a point's place. Equal places keep their order,
-    and so do eight points or fewer.
+    follows from them), most significant first, are those of a point's place. Equal places keep their order.
 
     Source: G. M. Morton, A computer oriented geodetic data base and a new technique in file sequencing, IBM (1966).
     """
     n_points, n = len(points), min(points.shape[1] - 1, _CODE_BITS)
-    if n == 0 or n_points <= _FEW:
+    if n == 0:
         return np.arange(n_points)
     bits = min(_MOST_BITS, _CODE_BITS // n)
     cells = np.minimum((points[:, :n] * 2**bits).astype(np.int64), 2**bits - 1)

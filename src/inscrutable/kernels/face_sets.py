@@ -10,10 +10,10 @@ import numpy as np
 from inscrutable.kernels.climb import quadratic_step, step_room
 from inscrutable.kernels.copies import put, put_shifted
 from inscrutable.kernels.face_ascent import cost_model
-from inscrutable.kernels.face_lines import decision_value, interval
 from inscrutable.kernels.faces import cholesky
 from inscrutable.kernels.options import bare, part, woven
 from inscrutable.kernels.projection import NO_EQUALITIES
+from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _FARTHEST = 1.5  # more than any two beliefs are apart
 _FLAT = 1e-13  # a row that no free coordinate moves
@@ -51,6 +51,63 @@ def dearest(aim: Any, best: float) -> float:
     if aim.price > 0.0:
         return float(min(aim.limit, (_FARTHEST - best) / aim.price))
     return float(aim.limit)
+
+
+@bare
+def interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: float) -> tuple[float, float]:
+    """The steps along `direction` (k,) that all slacks and the budget allow; empty where the first exceeds the second.
+
+    Along v + t d the regret is a quadratic of t and every slack is affine: one interval.
+    """
+    k, curves = direction.size, face.curves
+    low, high = -1e6, 1e6
+    for r in range(face.n_set_rows, face.rows.shape[0]):
+        value, speed = face.rows[r, 0, k], 0.0
+        for a in range(k):
+            value += face.rows[r, 0, a] * w[a]
+            speed += face.rows[r, 0, a] * direction[a]
+        if abs(speed) <= 1e-13:
+            if value < -near:
+                return 1.0, -1.0
+        elif speed > 0.0:
+            low = max(low, -value / speed)
+        else:
+            high = min(high, -value / speed)
+    if limit < np.inf:
+        bend, lean = 0.0, 0.0
+        for i in range(aim.belief.size):
+            for a in range(k):
+                inner, along = 0.0, 0.0
+                for c in range(k + 1):
+                    inner += curves[i, a, c] * w[c]
+                for c in range(k):
+                    along += curves[i, a, c] * direction[c]
+                bend += 0.5 * aim.belief[i] * direction[a] * along
+                lean += aim.belief[i] * direction[a] * inner
+        excess = cost_at(curves, aim.belief, w) - aim.optimal_cost - limit
+        if bend > 0.0:
+            root = lean * lean - 4.0 * bend * excess
+            if root < 0.0:
+                return 1.0, -1.0
+            # The two roots without cancellation.
+            root = np.sqrt(root)
+            q = -0.5 * (lean + root) if lean > 0.0 else -0.5 * (lean - root)
+            first = q / bend
+            second = excess / q if q != 0.0 else 0.0
+            low, high = max(low, min(first, second)), min(high, max(first, second))
+    return low, high
+
+
+@bare
+def decision_value(face: Any, aim: Any, rules: Any, trial: Any, nearest: Any, room: Any) -> float:
+    """sign·distance − price·regret of the decision at `trial`; −∞ where no belief explains it."""
+    distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
+    if not distance < np.inf:
+        return -np.inf
+    value = aim.sign * distance
+    if aim.price > 0.0:
+        value -= aim.price * (cost_at(face.curves, aim.belief, trial) - aim.optimal_cost)
+    return float(value)
 
 
 @woven

@@ -1,7 +1,7 @@
 """The best decisions of critical regions, uphill from their starts; many climbs in one call, each by itself.
 
 Where the consistent sets of a region are single beliefs the decision is climbed through its decoy. Where they are larger the
-decoy's climb leads to a decision that some belief explains; from there the search goes along the line or by the set's own
+decoy's climb leads to a decision that some belief explains; from there the search goes by the set's own
 slopes, for the privacy is the least distance of all beliefs of the set. Toward a point the decoy's climb is enough: the least
 distance to a set is the least to any of its members.
 """
@@ -15,25 +15,23 @@ import numpy as np
 from inscrutable.kernels.climb import Aim, Rules, climb
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.face_ascent import ascend
-from inscrutable.kernels.face_lines import SAMPLES, best_place, decision_value, interval, line_weight
-from inscrutable.kernels.face_sets import dearest, look_around, move_to_cheapest
+from inscrutable.kernels.face_sets import decision_value, look_around, move_to_cheapest
 from inscrutable.kernels.options import bare, part, whole, woven
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
 
-_ROUNDS = whole(
-    30
-)  # of a climb, and golden sections on a line; a few times what the slowest of the kept instances took
+_ROUNDS = whole(30)  # of a climb; a few times what the slowest of the kept instances took
 _HALVINGS = 12  # to where borders cross; with 20 no privacy is larger by 1e-5 of itself
 _IMPOSSIBLE = 1e-5  # a probability that counts as zero on a border: what climbs leave of it is larger than rounding
 _NO_ROUNDS = whole(0)
 _STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
 
 
-class Scene(NamedTuple):
+class Aims(NamedTuple):
     """What T beliefs seek: sign·distance from a point, under a budget or at a price."""
 
     beliefs: Any  # (T,X)
+    optimal: Any  # (T,U) decisions of least cost
     points: Any  # (T,X)
     sign: float
     optimal_costs: Any  # (T,)
@@ -67,25 +65,24 @@ class ClimbRoom(NamedTuple):
     place: Any  # (M,)
     decoy: Any  # (X,)
     member: Any  # (X,)
-    along: Any  # (1,) the direction of a line
-    values: Any  # (S,) samples on it
     distance: Any
 
 
+@part
 def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
     """Return memory for climbs in a problem."""
     return ClimbRoom(
-        np.empty(n_actions + 1), np.empty(n_states), np.empty(n_states), np.ones(1), np.empty(SAMPLES),
+        np.empty(n_actions + 1), np.empty(n_states), np.empty(n_states),
         distance_room(n_states, n_actions, n_states + n_rows),
     )  # fmt: skip
 
 
 @woven
-def aim_of(scene: Any, t: int, rules: Any) -> Aim:
+def aim_of(aims: Any, t: int, rules: Any) -> Aim:
     """What belief t seeks."""
     return Aim(
-        scene.beliefs[t], scene.points[t], scene.sign, scene.optimal_costs[t], scene.limits[t] * rules.inside,
-        scene.prices[t],
+        aims.beliefs[t], aims.points[t], aims.sign, aims.optimal_costs[t], aims.limits[t] * rules.inside,
+        aims.prices[t],
     )  # fmt: skip
 
 
@@ -157,38 +154,6 @@ def _is_hopeless(spots: Any, floor: float, rules: Any, s: int) -> bool:
     Where it is worth as much it may be what is known, and the region has other peaks.
     """
     return bool(-np.inf < spots.numbers[s, 3] < floor - rules.near)
-
-
-@bare
-def search_lines(
-    count: int, climbs: Any, aim: Any, floor: float, regions: Any, rules: Any, spots: Any, room: Any
-) -> None:
-    """Improve the spots of `count` climbs in regions of at most one free coordinate with sets larger than points.
-
-    `floor` is the best value known: where no decoy of a region reaches it, its sets are not looked at.
-    """
-    n_states = rules.basis.shape[0]
-    work = (room.place[:2], room.member, room.values, room.distance)
-    for s in range(count):
-        number = climbs.region[s]
-        k, w = regions.size[number], room.place[: regions.size[number] + 1]
-        if regions.is_point[number] or k > 1 or _is_hopeless(spots, floor, rules, s):
-            continue
-        face = face_of(regions, number, n_states)
-        w[k], weight = 1.0, 0.0
-        if k == 1:
-            locate(regions, number, climbs.actions[s], w)
-            _keep(face, aim, rules, w, weight, spots, s, room)
-            if spots.numbers[s, 0] > -np.inf:
-                put(spots.place[s, : k + 1], w)
-            known = max(spots.numbers[s, 0], floor)
-            first, last = interval(face, aim, w, room.along, dearest(aim, known), rules.near)
-            if first > last:
-                continue
-            line = (w[0] + first, w[0], w[0] + last)
-            w[0] = best_place(face, aim, rules, line, known, _ROUNDS, work)
-            weight = line_weight(face, aim, rules, w, (line[0], line[2]), work)
-        _keep(face, aim, rules, w, weight, spots, s, room)
 
 
 @bare
@@ -273,20 +238,23 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
 def search_sets(
     count: int, climbs: Any, aim: Any, floor: float, regions: Any, rules: Any, spots: Any, room: Any
 ) -> None:
-    """Improve the spots of `count` climbs in regions of more coordinates with sets larger than points; `floor` as for lines.
+    """Improve the spots of `count` climbs in regions with sets larger than points.
 
-    The slopes of the set are followed from the best ends of lines through the cheapest decision, from the decision that the
-    climb was given, and from the best so far. The lines are the same for all climbs in a region: one looks at them.
+    `floor` is the best value known: where no decoy of a region reaches it, its sets are not looked at. The slopes of the set
+    are followed from the best ends of lines through the cheapest decision, from the decision that the climb was given, and
+    from the best so far. The lines are the same for all climbs in a region: one looks at them.
     """
     n_states = rules.basis.shape[0]
     for s in range(count):
         number = climbs.region[s]
         k = regions.size[number]
-        if regions.is_point[number] or k < 2 or _is_hopeless(spots, floor, rules, s):
+        if regions.is_point[number] or _is_hopeless(spots, floor, rules, s):
             continue
         face, best, given = face_of(regions, number, n_states), np.empty(k + 1), np.empty(k + 1)
         locate(regions, number, climbs.actions[s], given)
         _keep(face, aim, rules, given, 0.0, spots, s, room)
+        if k == 0:
+            continue
         put(given, best)
         member = climbs.decoys[s].copy()
         if spots.numbers[s, 0] > -np.inf:

@@ -13,7 +13,7 @@ import numpy as np
 
 from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
-from inscrutable.kernels.options import bare, bare_kernel, kernel, woven
+from inscrutable.kernels.options import bare, bare_kernel, kernel, part, woven
 from inscrutable.kernels.region_climb import (
     ClimbRoom,
     Climbs,
@@ -21,7 +21,6 @@ from inscrutable.kernels.region_climb import (
     aim_of,
     climb_decoys,
     climb_room,
-    search_lines,
     search_sets,
 )
 from inscrutable.kernels.regions import (
@@ -112,11 +111,12 @@ class Turn(NamedTuple):
     climb: ClimbRoom
 
 
-def turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
+@part
+def _turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
     """Return memory for searches in a problem with turns of at most so many climbs."""
-    size, whole = n_actions + 1, np.int64
+    size, number = n_actions + 1, np.int64
     climbs = Climbs(
-        np.empty(most, dtype=whole), np.empty((most, n_states)), np.empty((most, n_actions)),
+        np.empty(most, dtype=number), np.empty((most, n_states)), np.empty((most, n_actions)),
         np.empty(most, dtype=np.bool_),
     )  # fmt: skip
     spots = Spots(
@@ -124,9 +124,9 @@ def turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
         np.empty((most, size)), np.empty(most, dtype=np.bool_),
     )  # fmt: skip
     return Turn(
-        np.zeros(1, dtype=whole), np.empty(most, dtype=whole), np.empty(most, dtype=whole),
+        np.zeros(1, dtype=number), np.empty(most, dtype=number), np.empty(most, dtype=number),
         np.empty((FAR + 1 + n_states, n_states)), np.empty((FAR + 1, n_actions)), climbs, spots, np.empty(n_rows),
-        np.empty(n_rows, dtype=whole), np.empty((n_rows, n_states)), climb_room(n_states, n_actions, n_rows),
+        np.empty(n_rows, dtype=number), np.empty((n_rows, n_states)), climb_room(n_states, n_actions, n_rows),
     )  # fmt: skip
 
 
@@ -468,16 +468,14 @@ def _begin_climbs(starts: Any, belief: Any, t: int, search: Any) -> None:
 
 @deferred(kernel)
 def search_regions(
-    steps: Any, scene: Any, regions: Any, starts: Any, rules: Any, limits: Any, search: tuple[Any, Any]
+    steps: Any, aims: Any, regions: Any, starts: Any, rules: Any, limits: Any, reached: Any, most: int
 ) -> None:
-    """Search for beliefs `steps` (n,), each until it has ended or asks for regions that are missing.
-
-    search: (`Explored`, `Turn`).
-    """
-    reached, turn = search
+    """Search for beliefs `steps` (n,), each until it has ended or asks for regions that are missing; `most` climbs a turn."""
+    turn = _turn_room(rules.basis.shape[0], regions.bounds[0].size, regions.tight.shape[1], most)
+    search = (reached, turn)
     climbs, spots = turn.climbs, turn.spots
     for t in steps:
-        aim = aim_of(scene, t, rules)
+        aim = aim_of(aims, t, rules)
         while True:
             _plan(aim, regions, starts, rules, limits, t, search)
             count = turn.n_climbs[0]
@@ -488,7 +486,6 @@ def search_regions(
             if aim.sign > 0.0:
                 # No set is farther than its members: regions whose decoys are not worth as much are left out.
                 floor = _top(reached, t, 0)
-                search_lines(count, climbs, aim, floor, regions, rules, spots, turn.climb)
                 search_sets(count, climbs, aim, floor, regions, rules, spots, turn.climb)
             for j in range(count):
                 number = climbs.region[j]
@@ -497,7 +494,7 @@ def search_regions(
 
 
 @deferred(kernel)
-def best_starts(low: int, high: int, scene: Any, table: Any, axes: Any, n_regions: int, chosen: Any, ends: Any) -> None:
+def best_starts(low: int, high: int, aims: Any, table: Any, axes: Any, n_regions: int, chosen: Any, ends: Any) -> None:
     """Fill, for beliefs low..high, the candidates `chosen` (index (T,S), value (T,S), n (T,)) that are the best of their region
     and orthant, in order, −1 behind the last; how many are affordable, or at a price worth more than nothing; and the best
     `ends` (T,Q,X) of the budget, one an orthant, NaN where there is none.
@@ -507,16 +504,16 @@ def best_starts(low: int, high: int, scene: Any, table: Any, axes: Any, n_region
     """
     index, values, n_worth = chosen
     costs, decoys, region, places = table.costs, table.decoys, table.region, table.places
-    n_states, n_orthants = scene.beliefs.shape[1], ends.shape[1]
+    n_states, n_orthants = aims.beliefs.shape[1], ends.shape[1]
     best, which = np.empty((n_regions, n_orthants)), np.empty((n_regions, n_orthants), dtype=np.int64)
     far, n_signs = np.empty(n_orthants), int(np.log2(n_orthants))
     origin, home = np.empty(axes.shape[1]), np.empty(axes.shape[1])
     for t in range(low, high):
-        belief, sign, limit, price = scene.beliefs[t], scene.sign, scene.limits[t], scene.prices[t]
+        belief, sign, limit, price = aims.beliefs[t], aims.sign, aims.limits[t], aims.prices[t]
         for c in range(origin.size):
             origin[c], home[c] = 0.0, 0.0
             for i in range(n_states):
-                origin[c] += scene.points[t, i] * axes[i, c]
+                origin[c] += aims.points[t, i] * axes[i, c]
                 home[c] += belief[i] * axes[i, c]
         best[:] = -np.inf
         which[:] = -1
@@ -524,7 +521,7 @@ def best_starts(low: int, high: int, scene: Any, table: Any, axes: Any, n_region
         ends[t] = np.nan
         n_worth[t] = 0
         for d in range(costs.shape[0]):
-            regret = -scene.optimal_costs[t]
+            regret = -aims.optimal_costs[t]
             for i in range(n_states):
                 regret += belief[i] * costs[d, i]
             orthant = 0

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, whole, woven
-from inscrutable.kernels.projection import ProjectionRoom, project_in
+from inscrutable.kernels.options import bare, bare_kernel, kernel, whole, woven
+from inscrutable.kernels.projection import project_in, room_for
 
 _FLAT = 1e-13  # a row that no belief of the simplex moves
 NO_ROW = whole(-1)
@@ -41,17 +41,14 @@ class DistanceRoom(NamedTuple):
     projection: Any
 
 
+@kernel
 def distance_room(n_states: int, n_free: int, n_rows: int) -> DistanceRoom:
     """Return memory for faces of at most so many free coordinates and rows."""
     n, most = n_states - 1, n_states + n_rows
-    projection = ProjectionRoom(
-        np.empty(n + 1, dtype=np.int64), np.empty(most, dtype=np.bool_), np.empty(n + 1), np.empty((n + 1, n)),
-        np.empty((n + 1, n + 1)), np.empty(n), np.empty(n + 1), np.empty(n),
-    )  # fmt: skip
     return DistanceRoom(
         np.zeros(n_free + n_rows, dtype=np.bool_), np.empty((most, n)), np.empty(most), np.empty(most),
         np.empty(most, dtype=np.int64), np.empty((n_free, n)), np.empty(n_free), np.empty(n_states), np.empty(n),
-        projection,
+        room_for(n, most),
     )  # fmt: skip
 
 

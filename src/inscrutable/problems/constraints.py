@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,9 +20,6 @@ from inscrutable.validation import Array
 _MOST_PATTERNS = 4096
 _MOST_ENTRIES = 8_000_000
 """Bounds on the patterns of tight rows that a set remembers; one takes about U by U entries, so 64 MB."""
-
-_LARGE = 32_768  # numbers in decisions from which on a kernel repays loading it
-_CHUNK = 256
 
 
 class Polyhedron:
@@ -204,29 +200,11 @@ class Polyhedron:
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
         """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""
         points = self._points(actions)
-        if self._bounds[0] is not None and points.ndim == 2 and points.size >= _LARGE:
-            return self._admissible_of_many(np.ascontiguousarray(points))
         slack = self.slacks(points)
         tight = np.abs(slack) <= tolerances.FEASIBILITY * _size(points)[..., None]
         return np.asarray(np.all(tight | (slack >= self.min_slack), axis=-1)) & (
             self._beyond(points, slack) <= tolerances.FEASIBILITY
         )
-
-    def _admissible_of_many(self, actions: Array) -> np.ndarray:
-        from inscrutable.kernels.many_decisions import admissible
-        from inscrutable.kernels.threads import in_chunks
-
-        column, factor = self._bounds
-        bounds = (np.arange(self.n_actions)[column], factor, self.b_ub)
-        equalities = (self.A_eq, self.b_eq, np.abs(self.A_eq).max(axis=1, initial=0.0))
-        limits, kernel = (tolerances.FEASIBILITY, self.min_slack), cast(Any, admissible)
-        found = np.empty(len(actions), dtype=np.bool_)
-
-        def work(first: int, last: int) -> None:
-            kernel(actions[first:last], bounds, equalities, limits, found[first:last])
-
-        in_chunks(work, len(actions), _CHUNK)
-        return found
 
     def __and__(self, other: Polyhedron) -> Polyhedron:
         """Return the intersection; names are kept, coordinates aligned by them, the larger `min_slack` is used.

@@ -24,8 +24,8 @@ from inscrutable.validation import Array
 
 _CHUNK = 256
 """Beliefs solved in one warm-started run; fixed, so that results do not depend on the number of threads."""
+_UNSORTED = 8  # beliefs that are not worth sorting: they are solved side by side
 _FEW = 16  # decisions whose costs are found in one product
-_LARGE = 32_768  # numbers in decisions from which on a kernel repays loading it
 _MOST_EQUALITIES = 8
 _BLOCK_ENTRIES = 4_000_000
 
@@ -202,28 +202,21 @@ class QuadraticProblem(DecisionProblem):
         return not len(self._layout.sides) and len(self._layout.equality_sides) <= _MOST_EQUALITIES
 
     @cached_property
-    def _cost_entries(self) -> tuple[Array, Array]:
-        """Hessians and linear costs as the kernels read them: the states' entries side by side, and room behind."""
-        from inscrutable.kernels.many_decisions import SIDE_BY_SIDE
-
-        room = np.zeros(SIDE_BY_SIDE)
-        return np.append(self.hessians.transpose(1, 2, 0), room), np.append(self.linear.T, room)
-
-    @cached_property
     def _path_arguments(self) -> tuple[Any, ...]:
         """What the bulk kernel takes besides the beliefs, in its own memory order."""
         layout = self._layout
         rows = np.ascontiguousarray(layout.equalities, dtype=np.float64)
+        costs = (np.ascontiguousarray(self.hessians.transpose(1, 2, 0)).ravel(), self.linear.T.ravel())
         region = (layout.lower, layout.upper, rows, layout.equality_sides, rows.ravel(), rows.T.ravel())
         start = self._one_by_one(np.full((1, self.n_states), 1.0 / self.n_states))[0]
-        return self._cost_entries, region, (tolerances.PIVOT, 0.1 * tolerances.STATIONARITY), start
+        return costs, region, (tolerances.PIVOT, 0.1 * tolerances.STATIONARITY), start
 
     def _along_path(self, held: Array) -> Array:
         from inscrutable.kernels.active_set import solve_path
 
         actions = np.empty((len(held), self.n_actions))
         solved = np.zeros(len(held), dtype=np.bool_)
-        order = morton_order(held)
+        order = morton_order(held) if len(held) > _UNSORTED else np.arange(len(held))
         kernel: Any = solve_path
         arguments = self._path_arguments
 
@@ -257,26 +250,11 @@ class QuadraticProblem(DecisionProblem):
         if points.ndim == 2 and len(points) <= _FEW:
             curved = np.einsum("xmu,mu->mx", points @ self.hessians, points)
             return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
-        if points.ndim == 2 and points.size >= _LARGE:
-            return self._costs_of_many(np.ascontiguousarray(points))
         # Coordinates that are zero in all decisions take no part; a portfolio of many assets holds few.
         held = np.flatnonzero(points.reshape(-1, points.shape[-1]).any(axis=0))
         some, hessians = points[..., held], self.hessians[:, held[:, None], held]
         curved = np.stack([np.einsum("...u,...u->...", some @ hessian, some) for hessian in hessians], axis=-1)
         return np.asarray(0.5 * curved + points @ self.linear.T + self.constants)
-
-    def _costs_of_many(self, actions: Array) -> Array:
-        from inscrutable.kernels.many_decisions import quadratic_costs
-        from inscrutable.kernels.threads import in_chunks
-
-        found = np.empty((len(actions), self.n_states))
-        costs, kernel = self._cost_entries, cast(Any, quadratic_costs)
-
-        def work(first: int, last: int) -> None:
-            kernel(actions[first:last], costs, self.constants, found[first:last])
-
-        in_chunks(work, len(actions), _CHUNK)
-        return found
 
     def cost_gradients(self, action: ArrayLike) -> Array:
         """Return H_i u + g_i for decisions (…,U): shape (…,X,U)."""

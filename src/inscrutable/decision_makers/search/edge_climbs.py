@@ -75,7 +75,7 @@ class _Edge:
         self.floor = aim.optimal_cost - float(belief @ problem.constants)
 
     def regrets(self, decoys: Array) -> Array:
-        actions = self.problem.solve(decoys)
+        actions = self.problem.solve_rows(decoys)
         # Most coordinates are zero throughout where few assets are held.
         used = np.flatnonzero(actions.any(axis=0))
         held = actions[:, used]

@@ -17,6 +17,7 @@ from inscrutable.validation import Array
 
 _NEAR = 8.0 * tolerances.POLISH
 _DIRECTIONS = 300
+"""Looked at around a belief: without them 2 of 120 decisions that keep a distance of .01 pay up to 50 % more."""
 
 
 class Block(NamedTuple):

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.results import Decisions, DecisionStatus, Progress
-from inscrutable.decision_makers.search.atlas import Atlas, costs_at
+from inscrutable.decision_makers.results import Progress
 from inscrutable.decision_makers.search.region_search import (
     Best,
+    SearchSpace,
     SomeStarts,
     cut,
     read,
@@ -26,7 +26,7 @@ from inscrutable.decision_makers.search.region_search import (
     together,
     values_of,
 )
-from inscrutable.kernels.region_climb import Scene
+from inscrutable.kernels.region_climb import Aims
 from inscrutable.validation import Array
 
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
@@ -55,16 +55,16 @@ class Lotteries:
     polished: np.ndarray  # (T,) whether an atom was found by a search over regions
 
 
-def best_lotteries(atlas: Atlas, scene: Scene, singles: Decisions, progress: Progress | None = None) -> Lotteries:
-    """Return the lotteries of a scene, the optimal and the best single decisions among their atoms.
+def best_lotteries(space: SearchSpace, aims: Aims, singles: Best, progress: Progress | None = None) -> Lotteries:
+    """Return the best lotteries, the optimal and the best single decisions among their atoms.
 
     Cost: some three searches a belief, at a price each; memory besides the result is that of a block.
     """
-    count, parts = len(scene.beliefs), []
+    count, parts = len(aims.beliefs), []
     for first in range(0, count, _BLOCK):
         part = slice(first, min(first + _BLOCK, count))
-        with atlas.partition.searched(atlas.patterns):
-            block = _Block(atlas, cut(scene, part), singles, part)
+        with space.partition.searched(space.patterns):
+            block = _Block(space, cut(aims, part), Best(*(column[part] for column in singles)))
             block.close()
             parts.append(block.lotteries())
         if progress is not None:
@@ -76,44 +76,42 @@ def best_lotteries(atlas: Atlas, scene: Scene, singles: Decisions, progress: Pro
 class _Block:
     """The chords of some beliefs and the decisions that they are drawn between."""
 
-    def __init__(self, atlas: Atlas, scene: Scene, singles: Decisions, part: slice) -> None:
-        self.atlas, self.scene = atlas, scene
-        count, n_states = scene.beliefs.shape
-        problem = atlas.problem
+    def __init__(self, space: SearchSpace, aims: Aims, singles: Best) -> None:
+        self.space, self.aims = space, aims
+        count, n_states = aims.beliefs.shape
+        problem = space.problem
         self.regrets, self.privacies = np.zeros((count, _KNOWN)), np.full((count, _KNOWN), -np.inf)
         self.actions = np.zeros((count, _KNOWN, problem.n_actions))
         self.decoys = np.full((count, _KNOWN, n_states), np.nan)
         self.regions = np.zeros((count, _KNOWN), dtype=np.int64)
         self.polished = np.zeros((count, _KNOWN), dtype=np.bool_)
-        self.polished[:, _SINGLE] = [status is DecisionStatus.POLISHED for status in singles.status[part]]
+        self.polished[:, _SINGLE] = singles.is_polished
         self.used = np.full(count, _SINGLE + 1)
-        own, single = problem.solve_rows(scene.beliefs), atlas.form.variables(singles.table.points_at(part)[:, 0])
-        least = -np.linalg.norm(scene.points - scene.beliefs, axis=1) if scene.sign < 0 else np.zeros(count)
-        self._keep(_OWN, own, scene.beliefs, np.zeros(count), least)
-        if scene.sign < 0:
+        least = -np.linalg.norm(aims.points - aims.beliefs, axis=1) if aims.sign < 0 else np.zeros(count)
+        self._keep(_OWN, aims.optimal, aims.beliefs, np.zeros(count), least)
+        if aims.sign < 0:
             # Nothing is nearer to a target than the decision that the target itself makes optimal.
-            costs, allowed = costs_at(problem, scene.points, scene.beliefs)
-            regrets = np.maximum(costs - scene.optimal_costs, 0.0)
-            target = problem.solve_rows(scene.points)
-            self._keep(_TARGET, target, scene.points, regrets, np.where(allowed, 0.0, -np.inf))
+            target = problem.solve_rows(aims.points)
+            regrets = (problem.state_costs(target) * aims.beliefs).sum(axis=1) - aims.optimal_costs
+            allowed = problem.constraints.is_admissible(target)
+            self._keep(_TARGET, target, aims.points, np.maximum(regrets, 0.0), np.where(allowed, 0.0, -np.inf))
         # It was found affordable: its regret, computed again, may differ by a rounding.
-        regrets = np.minimum(singles.regret[part], scene.limits)
-        self._keep(_SINGLE, single, singles.decoy[part], regrets, singles.privacy[part])
-        self.price = np.nan_to_num(singles.table.price[part])
-        corners = np.eye(n_states)
-        self.corners = starts_at(atlas, np.arange(n_states), corners, problem.solve(corners))
+        regrets = np.minimum(singles.regrets, aims.limits)
+        self._keep(_SINGLE, singles.actions, singles.decoys, regrets, singles.privacies)
+        self.price = np.nan_to_num(singles.prices)
+        self.corners = starts_at(space, np.arange(n_states), *space.corners)
         self.left, self.right = np.full(count, _OWN), np.full(count, _NONE)
 
     def _keep(self, place: int, actions: Array, decoys: Array, regrets: Array, privacies: Array) -> None:
         self.actions[:, place], self.decoys[:, place] = actions, decoys
         self.regrets[:, place], self.privacies[:, place] = regrets, privacies
-        region = self.atlas.problem.constraints
-        self.regions[:, place] = self.atlas.partition.numbers(region.slacks(actions) < region.observed_slack)
+        region = self.space.problem.constraints
+        self.regions[:, place] = self.space.partition.numbers(region.slacks(actions) < region.observed_slack)
 
     def close(self) -> None:
         """Search at the slopes of the chords until nothing lies above them."""
-        steps = np.flatnonzero(self.scene.limits > 0.0)
-        self._draw(np.arange(len(self.scene.beliefs)))
+        steps = np.flatnonzero(self.aims.limits > 0.0)
+        self._draw(np.arange(len(self.aims.beliefs)))
         for turn in range(_ROUNDS):
             if not steps.size:
                 break
@@ -132,23 +130,23 @@ class _Block:
                 return
             rows, prices = np.concatenate([steps, steps]), np.tile(self._slopes(steps), 2)
             ends = np.concatenate([self.left[steps], self.right[steps]])
-            scene = self._scene_at(rows, prices)
+            aims = self._aims_at(rows, prices)
             start = self._starts(np.arange(len(rows)), (rows, ends))
-            reached = search(self.atlas, scene, together(scene, [start]), goes_on=False)
+            reached = search(self.space, aims, together(aims, [start]), goes_on=False)
             levels = np.tile(self._levels(steps, prices[: len(steps)]), 2)
             best = values_of(reached).argmax(axis=1)
             better = values_of(reached)[np.arange(len(rows)), best] > levels + tolerances.CHORD_GAIN
             for half in (slice(0, len(steps)), slice(len(steps), None)):
                 which = np.arange(len(rows))[half][better[half]]
                 if which.size:
-                    self._take(read(self.atlas, scene, reached, which, best[which]), rows[which])
+                    self._take(read(self.space, aims, reached, which, best[which]), rows[which])
             steps = steps[better.reshape(2, -1).any(axis=0)]
             if steps.size:
                 self._draw(steps)
 
-    def _scene_at(self, rows: np.ndarray, prices: Array) -> Scene:
-        """The scene of some beliefs at prices instead of their budgets."""
-        return cut(self.scene, rows)._replace(limits=np.full(len(rows), np.inf), prices=prices)
+    def _aims_at(self, rows: np.ndarray, prices: Array) -> Aims:
+        """The aims of some beliefs at prices instead of their budgets."""
+        return cut(self.aims, rows)._replace(limits=np.full(len(rows), np.inf), prices=prices)
 
     def _levels(self, steps: np.ndarray, prices: Array) -> Array:
         """What each chord is worth at a price."""
@@ -166,7 +164,7 @@ class _Block:
 
     def _draw(self, steps: np.ndarray) -> None:
         """Draw the best chord at the budget between the decisions known: A affordable, B not, or A alone."""
-        known, limits = int(self.used.max()), self.scene.limits[steps, None]
+        known, limits = int(self.used.max()), self.aims.limits[steps, None]
         regrets, privacies = self.regrets[steps, :known], self.privacies[steps, :known]
         fits, rows = regrets <= limits, np.arange(len(steps))
         alone = np.where(fits, privacies, -np.inf)
@@ -204,30 +202,30 @@ class _Block:
         high = np.where(known & (run < 0.0), slopes, np.inf).min(axis=1)
         middle = np.where(high < np.inf, 0.5 * (low + high), 2.0 * low)
         middle = np.where((own > low) & (own < high), own, middle)
-        spends = self.regrets[left] >= self.scene.limits[steps] * (1.0 - tolerances.ROW_IN_REACH)
+        spends = self.regrets[left] >= self.aims.limits[steps] * (1.0 - tolerances.ROW_IN_REACH)
         return np.where(self.right[steps] != _NONE, self._slopes(steps), np.where(spends, middle, 0.0))
 
     def _add(self, steps: np.ndarray, prices: Array) -> np.ndarray:
         """Search at a price; keep what lies above the line of that slope through A, and return which beliefs gained."""
-        levels, scene = self._levels(steps, prices), self._scene_at(steps, prices)
-        reached = search(self.atlas, scene, starts_of(self.atlas, scene, _STARTS, self._ends(scene, steps)))
+        levels, aims = self._levels(steps, prices), self._aims_at(steps, prices)
+        reached = search(self.space, aims, starts_of(self.space, aims, _STARTS, self._ends(aims, steps)))
         values = values_of(reached)
         entries = np.argsort(-values, axis=1)[:, :_NEW]
         which, place = np.nonzero(np.take_along_axis(values, entries, axis=1) > levels[:, None] + tolerances.CHORD_GAIN)
         if which.size:
-            self._take(read(self.atlas, scene, reached, which, entries[which, place]), steps[which])
+            self._take(read(self.space, aims, reached, which, entries[which, place]), steps[which])
         gained = np.zeros(len(steps), dtype=np.bool_)
         gained[which] = True
         return gained
 
     def _starts(self, rows: np.ndarray, known: tuple[np.ndarray, np.ndarray], added: float = 0.0) -> SomeStarts:
-        """Starts of the rows (n,) of a scene at decisions known of beliefs, `known` (belief (n,), place (n,))."""
+        """Starts of the rows (n,) of a search at decisions known of beliefs, `known` (belief (n,), place (n,))."""
         return starts_in(rows, self.regions[known], self.decoys[known], self.actions[known], added)
 
-    def _ends(self, scene: Scene, steps: np.ndarray) -> list[SomeStarts]:
+    def _ends(self, aims: Aims, steps: np.ndarray) -> list[SomeStarts]:
         """Starts at A, at B, and where nothing is as far: at the decisions of the simplex's corners."""
         parts = []
-        if scene.sign > 0.0:
+        if aims.sign > 0.0:
             rows, corner = (each.reshape(-1) for each in np.indices((len(steps), len(self.corners.belief))))
             _, regions, decoys, actions, _ = self.corners
             parts.append(starts_in(rows, regions[corner], decoys[corner], actions[corner]))
@@ -244,7 +242,7 @@ class _Block:
         at = (steps[:, None], ends)
         regrets = self.regrets[at]
         # Rounding must not carry the expected regret over the budget.
-        spare = np.maximum(self.scene.limits * (1.0 - tolerances.BUDGET_SAFETY) - regrets[:, 0], 0.0)
+        spare = np.maximum(self.aims.limits * (1.0 - tolerances.BUDGET_SAFETY) - regrets[:, 0], 0.0)
         share = np.where(double, spare / np.where(double, regrets[:, 1] - regrets[:, 0], 1.0), 0.0)
         drawn = np.column_stack([share < 1.0, share > 0.0])
         return Lotteries(

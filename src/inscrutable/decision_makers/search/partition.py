@@ -1,16 +1,26 @@
-"""The critical regions of a problem with quadratic costs: numbered as they are met, their programmes made when asked for."""
+"""The critical regions of a problem with quadratic costs: numbered as they are met, their programmes made when asked for.
+
+A region is the face of the feasible set on which the same rows are tight; its programme has costs and rows in the face's own
+coordinates, as kernels want them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import RLock
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import null_space
 
-from inscrutable.decision_makers.search.faces import FaceProgramme, face_programme
+from inscrutable import tolerances
+from inscrutable.geometry.held_coordinates import held_coordinates
+from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.kernels.faces import place_on_face
 from inscrutable.kernels.regions import UNKNOWN, Regions
-from inscrutable.problems import QuadraticProblem
+from inscrutable.kernels.set_distance import Face
+from inscrutable.problems import Polyhedron, QuadraticProblem
 from inscrutable.validation import Array
 
 _MOST_FLOATS = 1 << 26
@@ -145,3 +155,123 @@ class _Flat:
 
 def _longer(values: np.ndarray, more: int, fill: float) -> np.ndarray:
     return np.concatenate([values, np.full((more, *values.shape[1:]), fill, dtype=values.dtype)])
+
+
+class FaceProgramme(NamedTuple):
+    """Everything on the decisions u = origin + span v of a face; rows are ≥ 0, shape (m, X, k+1)."""
+
+    tight: np.ndarray  # (n,) which inequality rows are tight
+    origin: Array  # (U,)
+    span: Array  # (U, k)
+    curves: Array  # (X, k+1, k+1)
+    rows: Array  # probabilities, multipliers, then slacks
+    n_set_rows: int  # how many of them describe the consistent set
+    scale: float  # size of the gradients
+    bounds: tuple[Array, Array]  # (U,) values that single rows leave to coordinates
+    told: np.ndarray  # numbers of the tight rows that say something of the set: not those of mere copies
+
+    @property
+    def place(self) -> Array:
+        """Coordinates (k,) of the origin."""
+        return np.zeros(self.span.shape[1])
+
+    @property
+    def arrays(self) -> Face:
+        """Costs and rows as kernels read them."""
+        return Face(self.curves, self.rows, self.n_set_rows, self.scale)
+
+    @property
+    def has_single_beliefs(self) -> bool:
+        """Whether almost every decision of the face is optimal for one belief: gradients of X states have rank X − 1."""
+        n_states, k = len(self.curves), len(self.place)
+        if k < n_states - 1:
+            return False
+        somewhere = np.append(np.random.default_rng(0).normal(size=k), 1.0)
+        apart = sum_zero_basis(n_states).T @ (self.curves[:, :k] @ somewhere)
+        return bool(np.linalg.matrix_rank(apart, tol=tolerances.RANK * self.scale) == n_states - 1)
+
+    def w(self, action: Array) -> Array:
+        """Return (v, 1) for the coordinates v of the face's decision nearest to `action`."""
+        return np.append(self.span.T @ (action - self.origin), 1.0)
+
+    def action(self, place: Array) -> Array:
+        """Return the decision (U,) at coordinates (k,); rounding beside a tight bound is removed."""
+        found = np.empty(len(self.origin))
+        place_on_face(self.origin, self.span, self.bounds, tolerances.STATIONARITY, place, found)
+        return found
+
+
+def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramme:
+    """Return the face on which the inequality rows `tight` hold with equality.
+
+    Cost: where tight rows are bounds and few others, products with the Hessians' rows of the free coordinates.
+    """
+    region, size, n_states = problem.constraints, problem.n_actions, problem.n_states
+    chart = _chart(region, tight)
+    origin, k = chart.origin, chart.span.shape[1]
+    support = np.flatnonzero(origin)
+    gradients = problem.linear + origin[support] @ problem.hessians[:, support]  # (X, U)
+    field = np.empty((n_states, k + 1, size))  # gradients in the face's coordinates: the last row is the origin's
+    field[:, :k], field[:, k] = chart.along(problem.hessians), gradients
+    curves = np.empty((n_states, k + 1, k + 1))
+    curves[:, :, :k] = chart.project(field)
+    curves[:, :k, k] = curves[:, k, :k]
+    curves[:, k, k] = (gradients + problem.linear) @ origin + 2.0 * problem.constants
+    scale = max(float(np.abs(gradients).max()), np.finfo(float).tiny)
+    multipliers = chart.multipliers(field).transpose(2, 0, 1)
+    idle = problem.idle_rows[tight]
+    if idle.any() and len(multipliers) == len(idle):
+        multipliers = multipliers[~idle]
+    loose = ~tight
+    falling, lengths = region.A_ub[loose], region.row_scale[loose]
+    n_set_rows = n_states + len(multipliers)
+    rows = np.zeros((n_set_rows + len(falling), n_states, k + 1))
+    rows[np.arange(n_states), np.arange(n_states), k] = 1.0
+    np.divide(multipliers, scale, out=rows[n_states:n_set_rows])
+    slacks = rows[n_set_rows:]
+    slacks[:, :, :k] = -(chart.project(falling) / lengths[:, None])[:, None]
+    slacks[:, :, k] = ((region.b_ub[loose] - falling @ origin) / lengths - region.played_slack)[:, None]
+    if _contradict(region, tight, origin):  # opposite bounds, met halfway: the face is empty, so no row of it holds
+        rows[:, :, :k], rows[:, :, k] = 0.0, -1.0
+    told = np.flatnonzero(tight & ~problem.idle_rows)
+    return FaceProgramme(tight, origin, chart.span, curves, rows, n_set_rows, scale, region.coordinate_bounds, told)
+
+
+def _contradict(region: Polyhedron, tight: np.ndarray, origin: Array) -> bool:
+    """Whether not even the point of least squares has the rows `tight` tight and the equalities met."""
+    off = [region.slacks(origin)[tight], (region.A_eq @ origin - region.b_eq) / np.abs(region.A_eq).max(axis=1)]
+    return bool(np.abs(np.concatenate(off)).max(initial=0.0) > tolerances.FEASIBILITY * max(1.0, np.abs(origin).max()))
+
+
+class _Chart(NamedTuple):
+    """Coordinates of a face and what is read in them."""
+
+    origin: Array  # (U,) the point of least norm among those with the held coordinates
+    span: Array  # (U, k) orthonormal
+    along: Callable[[Array], Array]  # (…,U,n) -> (…,k,n)
+    project: Callable[[Array], Array]  # (…,U) -> (…,k)
+    multipliers: Callable[[Array], Array]  # gradients (…,U) -> multipliers (…,m)
+
+
+def _chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
+    active = region.A_ub[tight]
+    face = held_coordinates(active, region.A_eq)
+    if face is None:
+        return _decomposed_chart(region, tight)
+    lower, upper = region.coordinate_bounds
+    point = np.zeros(region.n_actions)
+    point[face.held] = np.where(face.signs > 0, upper[face.held], lower[face.held])
+    point[face.fixed] = 0.5 * (lower[face.fixed] + upper[face.fixed])
+    sides = np.concatenate([region.b_ub[tight][face.active], region.b_eq])
+    return _Chart(face.nearest_point(point, sides), face.span(), face.along, face.project, face.multipliers)
+
+
+def _decomposed_chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
+    """The chart for any rows, by singular value decompositions."""
+    normals = np.vstack([region.A_ub[tight], region.A_eq])
+    span = np.ascontiguousarray(null_space(normals, rcond=tolerances.ON_FACE))
+    origin = np.linalg.lstsq(normals, np.concatenate([region.b_ub[tight], region.b_eq]), rcond=None)[0]
+    inequalities = region.stationarity(tight).inequalities
+    return _Chart(
+        origin, span, lambda M: span.T @ M, lambda stack: stack @ span, lambda gradients: gradients @ inequalities.T
+    )

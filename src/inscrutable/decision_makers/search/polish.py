@@ -47,23 +47,14 @@ class Start(NamedTuple):
 
 
 def polish(goal: Goal, scores: Scores) -> Trial | None:
-    """Return the best decision reached from the most promising faces and their neighbours."""
-    tried: set[bytes] = set()
+    """Return the best decision reached from the most promising faces."""
     best: Trial | None = None
     starts, count = _starts(goal, scores), 1
     while starts:
         some, starts, count = starts[:count], starts[count:], _MORE * count
         promising = [start for start in some if best is None or start.promise > best.privacy + tolerances.POLISH]
-        tried |= {start.tight.tobytes() for start in promising}
         best = _improved(goal, promising, best)
-    while best is not None:
-        before = best
-        untried = [start for start in _neighbours(goal, best) if start.tight.tobytes() not in tried]
-        tried |= {start.tight.tobytes() for start in untried}
-        best = _improved(goal, untried, best)
-        if best is before:
-            return best
-    return None
+    return best
 
 
 def _improved(goal: Goal, starts: list[Start], best: Trial | None) -> Trial | None:
@@ -118,7 +109,10 @@ def _starts(goal: Goal, scores: Scores) -> list[Start]:
 
 
 def _leaving(goal: Goal) -> list[Start]:
-    """Where many beliefs share the optimal decision, the edges on which another decision begins: each tight row freed."""
+    """Where many beliefs share the optimal decision, the edges on which another decision begins: each tight row freed.
+
+    Without them 2 of 30 decisions of growth problems lose up to .3 %.
+    """
     region = goal.problem.constraints
     optimal = goal.problem.solve(goal.belief)
     tight = region.tight_rows(optimal)
@@ -138,21 +132,6 @@ def _leaving(goal: Goal) -> list[Start]:
         step = region.played_slack * region.row_scale[row] / speed
         starts.append(Start(others, goal.belief, np.asarray(optimal + step * inward), np.inf))
     return starts
-
-
-def _neighbours(goal: Goal, trial: Trial) -> list[Start]:
-    """Faces that differ in one row from the one a decision lies on: a tight row freed, a barely slack one tightened."""
-    region = goal.problem.constraints
-    slack = region.slacks(trial.action)
-    tight = region.tight_rows(trial.action)
-    barely = ~tight & (slack <= 2.0 * region.observed_slack)
-    decoy = consistent_sets(goal.problem, trial.action[None])[0].nearest(goal.reference.point)
-    found = []
-    for row in np.flatnonzero(tight | barely):
-        other = tight.copy()
-        other[row] = not tight[row]
-        found.append(Start(other, decoy, trial.action, 0.0))
-    return found
 
 
 def _free_directions(goal: Goal, start: Start) -> Array:

@@ -7,34 +7,43 @@ dear; with more than four states also where climbs along the budget's edge end.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.adversaries import consistent_sets
+from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.decoys import decided_by
 from inscrutable.decision_makers.results import Progress
-from inscrutable.decision_makers.search.atlas import Atlas
 from inscrutable.decision_makers.search.edge_climbs import edge_decoys
+from inscrutable.decision_makers.search.partition import Partition, face_programme
+from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import sum_zero_basis
+from inscrutable.geometry.low_discrepancy import simplex_cover
 from inscrutable.kernels.climb import Aim, Rules
-from inscrutable.kernels.region_climb import Scene
+from inscrutable.kernels.region_climb import Aims
 from inscrutable.kernels.region_search import (
     ENDED,
     NOT_BEGUN,
     Explored,
     Starts,
+    Table,
     Tolerances,
     best_starts,
     read_actions,
     search_regions,
-    turn_room,
 )
-from inscrutable.kernels.regions import Regions
+from inscrutable.kernels.regions import UNKNOWN, Regions
 from inscrutable.kernels.threads import in_chunks
-from inscrutable.problems import QuadraticProblem
+from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
 
+_ON_EDGE = 50
+"""Beliefs on an edge of the simplex; with 12, 2 of 40 lotteries over six states and three assets lose 28 %."""
+_ENOUGH = 1000
+"""Candidates to start from: with the 66 of a grid of tenths alone 1 of 60 decisions over three states loses 70 %."""
 _BLOCK = 1024  # beliefs whose searches are kept in memory at once
 _CHUNK, _FEW_BELIEFS = 32, 4  # beliefs that a thread takes at a time, to choose starts and to search
 _STARTS, _SIGNS = 24, 5  # candidates that a search starts from; directions whose signs make an orthant
@@ -57,15 +66,100 @@ _PATIENCE, _PATIENCE_IN_PLANE = 10, 4
 of 200 lotteries over four to seven states lose up to 15 %."""
 
 
+class Decided(NamedTuple):
+    """E beliefs and their decisions."""
+
+    decoys: Array  # (E,X)
+    actions: Array  # (E,U)
+
+
+class SearchSpace:
+    """What a search is given: candidates by critical region, distinct, plausible and admissible."""
+
+    def __init__(self, problem: DecisionProblem, candidates: Candidates) -> None:
+        form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
+        assert form is not None, "a search space is of quadratic costs"
+        assert quadratic is not None
+        self.form = form
+        self.problem = quadratic.without_common_costs
+        """The quadratic problem in the form's variables, which are what is called decisions here; no constants."""
+        sets = candidates.sets
+        first = sets.distinct == np.arange(len(candidates))
+        variables = self.form.variables(candidates.actions)
+        usable = candidates.usable
+        if self.form.lift is not None:
+            usable = usable & quadratic.constraints.is_admissible(variables)
+        chosen = np.flatnonzero(first & usable & (sets.dimension >= 0))
+        decoys = sets.start if candidates.decoys is None else candidates.decoys
+        self.actions = variables[chosen]
+        self.patterns, region = distinct_patterns(quadratic.constraints.tight_rows(self.actions))
+        self.axes = _seen_directions(quadratic)
+        self.partition = Partition(self.problem)
+        self.partition.numbers(self.patterns)
+        self.table = Table(
+            np.ascontiguousarray(self.problem.state_costs(self.actions)),
+            np.ascontiguousarray(decoys[chosen]),
+            region.reshape(-1).astype(np.int64),
+            np.ascontiguousarray(decoys[chosen] @ self.axes),
+        )
+
+    @cached_property
+    def pairs(self) -> Decided:
+        """Beliefs in two states only whose decisions no other belief explains, a few for each pair of states.
+
+        Where other sets are larger than points, such decisions are the border of those that some belief explains.
+        """
+        n_states = self.problem.n_states
+        first, second = np.triu_indices(n_states, 1)
+        share = (np.arange(_ON_EDGE) + 0.5) / _ON_EDGE
+        corners = np.eye(n_states)
+        decoys = share[:, None] * corners[first][:, None] + (1.0 - share)[:, None] * corners[second][:, None]
+        decoys = decoys.reshape(-1, n_states)
+        actions = self.problem.solve_rows(decoys)
+        alone = consistent_sets(self.problem, actions).dimension == 0
+        return Decided(decoys[alone], actions[alone])
+
+    @cached_property
+    def corners(self) -> Decided:
+        """The beliefs that are certain of a state."""
+        corners = np.eye(self.problem.n_states)
+        return Decided(corners, self.problem.solve_rows(corners))
+
+    def decisions(self, variables: Array) -> Array:
+        """Return the decisions (…,U) of the problem that was asked for from those (…,V) of its form."""
+        return self.form.decisions(variables)
+
+
+def _seen_directions(problem: QuadraticProblem) -> Array:
+    """Orthonormal directions (X,A) of beliefs that decisions can tell: where states cost alike some cannot be told."""
+    curves = face_programme(problem, np.zeros(len(problem.constraints.b_ub), dtype=bool)).curves[:, :-1]
+    basis = sum_zero_basis(problem.n_states)
+    directions, sizes, _ = np.linalg.svd(basis.T @ curves.reshape(len(curves), -1), full_matrices=False)
+    seen = sizes > tolerances.RANK * max(float(sizes.max(initial=0.0)), float(np.abs(problem.linear).max()))
+    return np.array(basis if seen.sum() == basis.shape[1] else basis @ directions[:, seen], order="C")
+
+
+def space_of(problem: DecisionProblem, candidates: Candidates) -> SearchSpace:
+    """Return the space of candidates, made at first use and kept with them; few are joined by decoys of the search's own."""
+
+    def made() -> SearchSpace:
+        if len(candidates) >= _ENOUGH:
+            return SearchSpace(problem, candidates)
+        return SearchSpace(problem, candidates.joined(decided_by(problem, simplex_cover(problem.n_states, _ENOUGH))))
+
+    return candidates.once("space", made)
+
+
 class Best(NamedTuple):
-    """The best decision found for each of T beliefs; where there is none its privacy is −∞."""
+    """The best decision known for each of T beliefs."""
 
     actions: Array  # (T,U) in the variables of the problem's quadratic form
     decoys: Array  # (T,X) the consistent belief nearest to the aim's point
     privacies: Array  # (T,)
     regrets: Array  # (T,)
     prices: Array  # (T,) derivative of the privacy in the budget
-    regions: np.ndarray  # (T,) where it lies; nothing is said where there is none
+    is_polished: np.ndarray  # (T,) whether the search found it; else it is the optimal decision
+    regions: np.ndarray  # (T,) where it was found
 
 
 @cache
@@ -88,28 +182,34 @@ def rules_for(n_states: int) -> Rules:
 _LIMITS = Tolerances(tolerances.POLISH, tolerances.ROW_IN_REACH, tolerances.STATIONARITY, _PATIENCE)
 
 
-def best_in_regions(atlas: Atlas, scene: Scene, progress: Progress | None = None) -> Best:
-    """Return the best decisions of a scene.
+def best_in_regions(space: SearchSpace, aims: Aims, progress: Progress | None = None) -> Best:
+    """Return the best decisions: the optimal ones where nothing better was found.
 
     Cost: one look at all candidates a belief and some dozen climbs; memory besides the result is that of a block.
     """
-    count = len(scene.beliefs)
-    parts = []
+    count, parts = len(aims.beliefs), []
     for first in range(0, count, _BLOCK):
-        some = cut(scene, slice(first, min(first + _BLOCK, count)))
+        some = cut(aims, slice(first, min(first + _BLOCK, count)))
         seen = None if progress is None else partial(_report, progress, first, count)
-        with atlas.partition.searched(atlas.patterns):
-            reached = search(atlas, some, starts_of(atlas, some, _STARTS), seen)
-            parts.append(read(atlas, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
-    return _on_simplex(Best(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), scene)
+        with space.partition.searched(space.patterns):
+            reached = search(space, some, starts_of(space, some, _STARTS), seen)
+            parts.append(read(space, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
+    found = Best(*map(np.concatenate, zip(*parts, strict=True)))
+    own = _optimal(space.problem, aims)
+    better = found.privacies > own.privacies + (tolerances.NO_PRIVACY if aims.sign > 0 else 0.0)
+    return Best(*(np.where(better[:, None] if a.ndim > 1 else better, a, b) for a, b in zip(found, own, strict=True)))
 
 
-def _on_simplex(found: Best, scene: Scene) -> Best:
-    """The same with beliefs that left the simplex by a billionth put back: an observer finds them there."""
-    for i in np.flatnonzero((found.decoys < -tolerances.EXPLAINED).any(axis=1)):
-        found.decoys[i] = np.maximum(found.decoys[i], 0.0) / np.maximum(found.decoys[i], 0.0).sum()
-        found.privacies[i] = scene.sign * np.linalg.norm(found.decoys[i] - scene.points[i])
-    return found
+def _optimal(problem: QuadraticProblem, aims: Aims) -> Best:
+    """The decisions of least cost."""
+    nothing = np.zeros(len(aims.beliefs))
+    privacies = nothing
+    if aims.sign < 0:  # else the true belief, which explains the optimal decision, is the point itself
+        sets = consistent_sets(problem, aims.optimal, aims.beliefs)
+        privacies = -sets.bounds(aims.points)
+        for t in np.flatnonzero(sets.dimension > 1):
+            privacies[t] = -sets[int(t)].distance(aims.points[t])
+    return Best(aims.optimal, aims.beliefs, privacies, nothing, nothing, nothing > 0.0, np.full(len(nothing), UNKNOWN))
 
 
 def values_of(reached: Explored) -> Array:
@@ -117,42 +217,46 @@ def values_of(reached: Explored) -> Array:
     return np.where(np.arange(reached.region.shape[1]) < reached.count[:, None], reached.numbers[:, :, 0], -np.inf)
 
 
-def read(atlas: Atlas, scene: Scene, reached: Explored, steps: np.ndarray, entries: np.ndarray) -> Best:
-    """Return some entries (n,) of what beliefs `steps` (n,) reached."""
+def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, entries: np.ndarray) -> Best:
+    """Return some entries (n,) of what beliefs `steps` (n,) reached; a privacy is −∞ where nothing was."""
     privacies = values_of(reached)[steps, entries]
-    actions = np.zeros((len(steps), atlas.problem.n_actions))
+    actions = np.zeros((len(steps), space.problem.n_actions))
     found = np.flatnonzero(privacies > -np.inf)
     at, placed = (steps[found], entries[found]), actions[found]
-    read_actions(*at, atlas.partition.arrays, _LIMITS, reached, placed)
+    read_actions(*at, space.partition.arrays, _LIMITS, reached, placed)
     actions[found] = placed
-    decoys, numbers = np.full((len(steps), scene.beliefs.shape[1]), np.nan), np.zeros((3, len(steps)))
+    decoys, numbers = np.full((len(steps), aims.beliefs.shape[1]), np.nan), np.zeros((3, len(steps)))
     decoys[found], numbers[:, found] = reached.nearest[at], reached.numbers[at][:, [1, 2, 4]].T
     privacies[found] = numbers[0, found]
-    return Best(actions, decoys, privacies, numbers[1], numbers[2], reached.region[steps, entries])
+    # A belief that left the simplex by a billionth is put back: an observer finds it there.
+    for i in np.flatnonzero((decoys < -tolerances.EXPLAINED).any(axis=1)):
+        decoys[i] = np.maximum(decoys[i], 0.0) / np.maximum(decoys[i], 0.0).sum()
+        privacies[i] = aims.sign * np.linalg.norm(decoys[i] - aims.points[steps[i]])
+    return Best(actions, decoys, privacies, numbers[1], numbers[2], privacies > -np.inf, reached.region[steps, entries])
 
 
 def _report(progress: Progress, before: int, count: int, done: int, _: int) -> None:
     progress(before + done, count)
 
 
-def cut(scene: Scene, rows: slice | np.ndarray) -> Scene:
-    """Return some beliefs of a scene."""
-    return Scene._make(field[rows] if isinstance(field, np.ndarray) else field for field in scene)
+def cut(aims: Aims, rows: slice | np.ndarray) -> Aims:
+    """Return what some of the beliefs seek."""
+    return Aims._make(field[rows] if isinstance(field, np.ndarray) else field for field in aims)
 
 
 def search(
-    atlas: Atlas, scene: Scene, starts: Starts, progress: Progress | None = None, goes_on: bool = True
+    space: SearchSpace, aims: Aims, starts: Starts, progress: Progress | None = None, goes_on: bool = True
 ) -> Explored:
     """Return what the searches of a block reach from their starts; where it does not go on, in the starts' regions alone."""
-    count, n_states = scene.beliefs.shape
-    rules, partition = rules_for(n_states), atlas.partition
+    count, n_states = aims.beliefs.shape
+    rules, partition = rules_for(n_states), space.partition
     patience = _PATIENCE if n_states > 3 else _PATIENCE_IN_PLANE
     limits = _LIMITS._replace(patience=patience if goes_on else 0)
     partition.make(starts.region)
     # Climbs of a turn: all starts; every row from the best and from the farthest decision, freed ones, and those of a corner.
-    around = 2 * (len(atlas.problem.constraints.b_ub) + n_states)
+    around = 2 * (len(space.problem.constraints.b_ub) + n_states)
     most = max(int(np.diff(starts.first).max(initial=0)), around)
-    reached, left = _explored(atlas, count, around), np.arange(count)
+    reached, left = _explored(space, count, around), np.arange(count)
 
     def ended(*_: int) -> None:
         if progress is not None:
@@ -162,8 +266,7 @@ def search(
         regions, steps = partition.arrays, left
 
         def work(low: int, high: int, regions: Regions = regions, steps: np.ndarray = steps) -> None:
-            room = turn_room(*atlas.size, most)
-            search_regions(steps[low:high], scene, regions, starts, rules, limits, (reached, room))
+            search_regions(steps[low:high], aims, regions, starts, rules, limits, reached, most)
 
         in_chunks(work, left.size, _FEW_BELIEFS, ended)
         left = np.flatnonzero(reached.stage != ENDED)
@@ -172,8 +275,8 @@ def search(
     return reached
 
 
-def _explored(atlas: Atlas, count: int, most_missing: int) -> Explored:
-    n_states, size = atlas.problem.n_states, atlas.problem.n_actions + 1
+def _explored(space: SearchSpace, count: int, most_missing: int) -> Explored:
+    n_states, size = space.problem.n_states, space.problem.n_actions + 1
     return Explored(
         np.full(count, NOT_BEGUN), np.zeros(count, dtype=np.int64), np.empty((count, most_missing, 2), dtype=np.int64),
         np.zeros(count, dtype=np.int64), np.full((count, 2), -np.inf), np.zeros(count, dtype=np.int64),
@@ -186,37 +289,37 @@ def _explored(atlas: Atlas, count: int, most_missing: int) -> Explored:
     )  # fmt: skip
 
 
-def starts_of(atlas: Atlas, scene: Scene, n_starts: int, others: list[SomeStarts] | None = None) -> Starts:
+def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeStarts] | None = None) -> Starts:
     """Return where the searches of a block begin: `n_starts` candidates each, and the rest."""
-    count, n_states = scene.beliefs.shape
+    count, n_states = aims.beliefs.shape
     n_worth = np.empty(count, dtype=np.int64)
     chosen = (np.empty((count, n_starts), dtype=np.int64), np.empty((count, n_starts)), n_worth)
-    ends = np.empty((count, 2 ** min(_SIGNS, atlas.axes.shape[1]), n_states))
+    ends = np.empty((count, 2 ** min(_SIGNS, space.axes.shape[1]), n_states))
 
     def look(low: int, high: int) -> None:
-        best_starts(low, high, scene, atlas.table, atlas.axes, len(atlas.patterns), chosen, ends)
+        best_starts(low, high, aims, space.table, space.axes, len(space.patterns), chosen, ends)
 
     in_chunks(look, count, _CHUNK)
     steps, places = np.nonzero(chosen[0] >= 0)
     index = chosen[0][steps, places]
-    parts = [starts_in(steps, atlas.table.region[index], atlas.table.decoys[index], atlas.actions[index])]
-    parts += _end_starts(atlas, scene, ends)
-    if scene.sign > 0.0 and atlas.axes.shape[1] > atlas.problem.n_actions - len(atlas.problem.constraints.b_eq):
-        parts.append(_pair_starts(atlas, scene))
+    parts = [starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index])]
+    parts += _end_starts(space, aims, ends)
+    if aims.sign > 0.0 and space.axes.shape[1] > space.problem.n_actions - len(space.problem.constraints.b_eq):
+        parts.append(_pair_starts(space, aims))
     elif n_states >= _EDGE_STATES:
-        parts += _edge_starts(atlas, scene)
-    starts = together(scene, [*parts, *(others or ())])
+        parts += _edge_starts(space, aims)
+    starts = together(aims, [*parts, *(others or ())])
     # Few candidates say little of how far climbs from them come: then no start is skipped.
     starts.promise[np.repeat(n_worth < _FEW, np.diff(starts.first))] += _FARTHEST
     return starts
 
 
-def together(scene: Scene, parts: list[SomeStarts]) -> Starts:
+def together(aims: Aims, parts: list[SomeStarts]) -> Starts:
     """Return the starts of each belief that has anything to spend."""
     belief, region, decoys, actions, promise = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    searched = np.flatnonzero(scene.limits[belief] > 0.0)
+    searched = np.flatnonzero(aims.limits[belief] > 0.0)
     order = searched[np.argsort(belief[searched], kind="stable")]
-    first = np.searchsorted(belief[order], np.arange(len(scene.beliefs) + 1))
+    first = np.searchsorted(belief[order], np.arange(len(aims.beliefs) + 1))
     return Starts(
         first, region[order], decoys[order], actions[order], promise[order], np.empty(len(order), dtype=np.int64)
     )
@@ -237,53 +340,51 @@ def starts_in(steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Ar
     return SomeStarts(steps, numbers, decoys, actions, np.full(len(steps), added))
 
 
-def _pair_starts(atlas: Atlas, scene: Scene) -> SomeStarts:
+def _pair_starts(space: SearchSpace, aims: Aims) -> SomeStarts:
     """The best beliefs in two states only whose decisions no other belief explains, at most a few."""
-    pairs = atlas.pairs
-    regrets = scene.beliefs @ atlas.problem.state_costs(pairs.actions).T - scene.optimal_costs[:, None]
-    far = np.linalg.norm(pairs.decoys - scene.points[:, None], axis=2)
-    values = np.where(regrets <= scene.limits[:, None], far - scene.prices[:, None] * regrets, -np.inf)
+    pairs = space.pairs
+    regrets = aims.beliefs @ space.problem.state_costs(pairs.actions).T - aims.optimal_costs[:, None]
+    far = np.linalg.norm(pairs.decoys - aims.points[:, None], axis=2)
+    values = np.where(regrets <= aims.limits[:, None], far - aims.prices[:, None] * regrets, -np.inf)
     chosen = np.argsort(-values, axis=1)[:, :_PAIRS]
     steps, places = np.nonzero(np.take_along_axis(values, chosen, axis=1) > -np.inf)
     index = chosen[steps, places]
-    return starts_at(atlas, steps, pairs.decoys[index], pairs.actions[index])
+    return starts_at(space, steps, pairs.decoys[index], pairs.actions[index])
 
 
-def _edge_starts(atlas: Atlas, scene: Scene) -> Iterator[SomeStarts]:
+def _edge_starts(space: SearchSpace, aims: Aims) -> Iterator[SomeStarts]:
     """Where climbs along the budget's edge end."""
-    for t in np.flatnonzero((scene.limits > 0.0) & (scene.limits < np.inf)):
-        aim = Aim(
-            scene.beliefs[t], scene.points[t], scene.sign, float(scene.optimal_costs[t]), float(scene.limits[t]), 0.0
-        )
-        decoys = edge_decoys(atlas.problem, aim, atlas.table.decoys, atlas.table.costs)[:_STARTS]
-        yield starts_at(atlas, np.full(len(decoys), t), decoys, atlas.problem.solve(decoys))
+    for t in np.flatnonzero((aims.limits > 0.0) & (aims.limits < np.inf)):
+        aim = Aim(aims.beliefs[t], aims.points[t], aims.sign, float(aims.optimal_costs[t]), float(aims.limits[t]), 0.0)
+        decoys = edge_decoys(space.problem, aim, space.table.decoys, space.table.costs)[:_STARTS]
+        yield starts_at(space, np.full(len(decoys), t), decoys, space.problem.solve_rows(decoys))
 
 
-def _end_starts(atlas: Atlas, scene: Scene, ends: Array) -> Iterator[SomeStarts]:
+def _end_starts(space: SearchSpace, aims: Aims, ends: Array) -> Iterator[SomeStarts]:
     """One start for every region on which ends of the budget (T,Q,X) lie."""
     steps, places = np.nonzero(~np.isnan(ends[:, :, 0]))
     if not steps.size:
         return
     decoys = ends[steps, places]
-    actions = _moved_to_the_budget(atlas.problem, scene, steps, decoys)
-    yield starts_at(atlas, steps, decoys, actions)
+    actions = _moved_to_the_budget(space.problem, aims, steps, decoys)
+    yield starts_at(space, steps, decoys, actions)
 
 
-def _moved_to_the_budget(problem: QuadraticProblem, scene: Scene, steps: np.ndarray, decoys: Array) -> Array:
+def _moved_to_the_budget(problem: QuadraticProblem, aims: Aims, steps: np.ndarray, decoys: Array) -> Array:
     """Move decoys (n,X) on their rays to just before the budget ends, and return their decisions (n,U).
 
     The regret grows along a ray, and its root is linear within a region: each step takes it as linear from the belief on, and
     halves what is left where that leads out of the shares known to be affordable and not, or back too slowly.
     """
-    beliefs, limits, best = scene.beliefs[steps], scene.limits[steps], scene.optimal_costs[steps]
+    beliefs, limits, best = aims.beliefs[steps], aims.limits[steps], aims.optimal_costs[steps]
     away, share = decoys - beliefs, np.ones(len(steps))
     with np.errstate(divide="ignore", invalid="ignore"):
         # Not out of the simplex: there a probability is zero.
         room = np.where(away < 0.0, beliefs / -away, np.inf).min(axis=1)
     low, high = np.zeros(len(steps)), np.maximum(room, 1.0)
-    actions, left = problem.solve(beliefs), np.arange(len(steps))
+    actions, left = aims.optimal[steps], np.arange(len(steps))
     for turn in range(_RAY_STEPS):
-        tried = problem.solve(np.maximum(beliefs[left] + share[left, None] * away[left], 0.0))
+        tried = problem.solve_rows(np.maximum(beliefs[left] + share[left, None] * away[left], 0.0))
         regrets = (problem.state_costs(tried) * beliefs[left]).sum(axis=1) - best[left]
         fits = regrets <= limits[left]
         low[left[fits]], high[left[~fits]] = share[left[fits]], share[left[~fits]]
@@ -304,13 +405,18 @@ def _moved_to_the_budget(problem: QuadraticProblem, scene: Scene, steps: np.ndar
     return np.asarray(actions)
 
 
-def starts_at(atlas: Atlas, steps: np.ndarray, decoys: Array, actions: Array) -> SomeStarts:
+def starts_at(space: SearchSpace, steps: np.ndarray, decoys: Array, actions: Array) -> SomeStarts:
     """Return starts of beliefs `steps` (n,) at decoys (n,X) and their decisions (n,U), in the regions where these lie."""
-    region = atlas.problem.constraints
+    region = space.problem.constraints
     slack = region.slacks(actions)
     # The region an observer sees; and, where rows are slack by less than the least, the one with those rows loose.
     seen, exact = slack < region.observed_slack, slack <= tolerances.FEASIBILITY
     other = np.flatnonzero((seen != exact).any(axis=1))
     which = np.concatenate([np.arange(len(steps)), other])
-    numbers = atlas.partition.numbers(np.concatenate([seen, exact[other]]))
+    numbers = space.partition.numbers(np.concatenate([seen, exact[other]]))
     return starts_in(steps[which], numbers, decoys[which], actions[which])
+
+
+def farthest_corners(points: Array) -> Array:
+    """Return the distances of points (T,X) from the corners of the simplex that are farthest: ‖p‖² − 2 min p_i + 1."""
+    return np.asarray(np.sqrt((points**2).sum(axis=1) - 2.0 * points.min(axis=1) + 1.0))

@@ -8,6 +8,10 @@ z_b = Σ_m q_m e^{a_bm}, at the saddle point of
 
 which is convex in μ. c_m = Σ_b p_b e^{a_bm} / z_b is 1 where q_m > 0 and at most 1 elsewhere, for the estimate that makes it
 least. Without coordinates (d = 0, v = −s ρ, λ = 1) the step is the one of least information. A value of −inf forbids a place.
+
+Where the observer has a few answers of its own, μ is how it mixes them, less the last share; x_b are half of what the last one
+costs it more than each other under b, and in the place of |μ|² stands h(μ) = −τ Σ log of all shares, τ > 0 small: μ stays a
+mixture, and is one alone. What is lost by that is at most τ for every answer.
 """
 
 from __future__ import annotations
@@ -28,6 +32,7 @@ _FULL_STEPS = 2  # taken at the end, where rounding hides the gain
 _REFRESHED = 3  # Newton steps of an estimate after a decision that is not played
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
+_INSIDE = 0.95  # share of the way to a mixture without one of its answers that a step may go
 _TINY = 1e-300
 _SMALLEST, _STEEPEST = 1e-290, 700.0  # e^-700 has full precision, and thousands of e^700 add up to a number
 _TURN, _HIGH, _LOW = (
@@ -47,6 +52,8 @@ class StepData(NamedTuple):
     slopes: Any  # (M,d): gradient of s ρ_m in the points' coordinates
     price: float  # λ
     first_price: float  # where the way to a small λ begins; at most λ: nowhere
+    width: int  # coordinates that a mixture of answers has; 0 where estimates are means of the points
+    barrier: float  # τ
 
 
 class Point(NamedTuple):
@@ -181,15 +188,83 @@ def _powers(values: Any) -> None:
         values[b] = (low + r4 * (middle + r4 * (high + last))) * scale if x > -_STEEPEST else 0.0
 
 
+@part
+def own_cost(data: StepData, estimate: Any) -> float:
+    """h(μ): |μ|², or −τ Σ log of the shares of every mixture; inf where one of them is not positive."""
+    total = 0.0
+    if data.width == 0:
+        for i in range(estimate.size):
+            total += estimate[i] * estimate[i]
+        return total
+    for start in range(0, estimate.size, data.width):
+        rest = 1.0
+        for i in range(start, start + data.width):
+            if not estimate[i] > 0.0:
+                return np.inf
+            total -= np.log(estimate[i])
+            rest -= estimate[i]
+        if not rest > 0.0:
+            return np.inf
+        total -= np.log(rest)
+    return data.barrier * total
+
+
+@part
+def own_slope(data: StepData, estimate: Any, slope: Any) -> None:
+    """∇h, shape (d,)."""
+    if data.width == 0:
+        slope[:] = 2.0 * estimate
+        return
+    for start in range(0, estimate.size, data.width):
+        rest = 1.0
+        for i in range(start, start + data.width):
+            rest -= estimate[i]
+        for i in range(start, start + data.width):
+            slope[i] = data.barrier * (1.0 / rest - 1.0 / estimate[i])
+
+
+@part
+def own_curve(data: StepData, estimate: Any, curve: Any) -> None:
+    """∇²h, shape (d,d)."""
+    curve[:] = 0.0
+    if data.width == 0:
+        for i in range(estimate.size):
+            curve[i, i] = 2.0
+        return
+    for start in range(0, estimate.size, data.width):
+        rest = 1.0
+        for i in range(start, start + data.width):
+            rest -= estimate[i]
+        for i in range(start, start + data.width):
+            for j in range(start, start + data.width):
+                curve[i, j] = data.barrier / rest**2
+            curve[i, i] += data.barrier / estimate[i] ** 2
+
+
+@part
+def longest(data: StepData, estimate: Any, step: Any) -> float:
+    """How far an estimate can go along a step, a whole one at most, and keep some of each share."""
+    length = 1.0
+    if data.width > 0:
+        for start in range(0, estimate.size, data.width):
+            rest, lost = 1.0, 0.0
+            for i in range(start, start + data.width):
+                rest -= estimate[i]
+                lost += step[i]
+                if step[i] < 0.0:
+                    length = min(length, -_INSIDE * estimate[i] / step[i])
+            if lost > 0.0:
+                length = min(length, _INSIDE * rest / lost)
+    return length
+
+
 @summed
 def _offers(data: StepData, m: int, scale: float, estimate: Any, found: Any) -> None:
-    """(v_bm − 2 x_b·μ + |μ|²) · scale."""
+    """(v_bm − 2 x_b·μ + h(μ)) · scale."""
     d, count = data.points.shape
-    square, values = 0.0, data.values[m]
-    for i in range(d):
-        square += estimate[i] * estimate[i]
+    own, values = own_cost(data, estimate), data.values[m]
     for b in range(count):
-        found[b] = (values[b] + square) * scale
+        found[b] = (values[b] + own) * scale
     for i in range(d):
         turn, line = 2.0 * scale * estimate[i], data.points[i]
         for b in range(count):
@@ -375,28 +450,30 @@ def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, m
     """log c_m, least over the estimate by Newton's steps, or until it is at most `floor`."""
     d, count = data.points.shape
     powers, mean, slope, step, trial = np.empty(count), np.empty(d), np.empty(d), np.empty(d), np.empty(d)
-    hessian, factor = np.empty((d, d)), np.empty((d, d))
+    hessian, factor, curve = np.empty((d, d)), np.empty((d, d)), np.empty((d, d))
     gain = gain_at(logs, data, price, m, estimate, powers)
     for _ in range(most):
         if gain <= floor or d == 0:
             return gain
         moments(powers, data.points, mean, hessian)
+        own_slope(data, estimate, slope)
+        own_curve(data, estimate, curve)
         fall = 0.0
         for i in range(d):
             for j in range(i + 1):
-                hessian[i, j] *= 4.0 / price**2
-            hessian[i, i] += 2.0 / price
-            slope[i] = step[i] = 2.0 / price * (estimate[i] - mean[i])
+                hessian[i, j] = 4.0 / price**2 * hessian[i, j] + curve[i, j] / price
+            slope[i] = step[i] = (slope[i] - 2.0 * mean[i]) / price
         factored(hessian, factor, d)
         solve_factored(factor, d, step)
         for i in range(d):
             fall += slope[i] * step[i]
         if fall <= _SOLVED * max(min(gain, 1.0), 1e-3 * _SOLVED):
             return gain
-        length, reached = 1.0, np.inf
+        step *= -1.0
+        length, reached = longest(data, estimate, step), np.inf
         while length > _SHORTEST:
             for i in range(d):
-                trial[i] = estimate[i] - length * step[i]
+                trial[i] = estimate[i] + length * step[i]
             reached = gain_at(logs, data, price, m, trial, powers)
             if reached <= gain - _ARMIJO * length * fall:
                 break
@@ -442,10 +519,12 @@ def _model(weights: Any, data: StepData, price: float, point: Point) -> SaddleMo
     played = np.flatnonzero(point.law > 0.0)
     size, ones = played.size * d, np.ones(count)
     turns, moves = np.empty((size, count)), np.empty((size, count))  # ∂a/∂μ, and K of it
+    slope, curve = np.empty(d), np.empty((d, d))
     for a in range(played.size):
         m = played[a]
+        own_slope(data, point.estimates[m], slope)
         for i in range(d):
-            turns[a * d + i] = 2.0 / price * (point.estimates[m, i] - data.points[i])
+            turns[a * d + i] = (slope[i] - 2.0 * data.points[i]) / price
             moves[a * d + i] = point.law[m] * point.ratios[m] * turns[a * d + i]
     gradient, hessian, mixed = np.zeros(size), np.zeros((size, size)), np.zeros((n, size))
     law, gains = np.zeros((n, n)), np.zeros(n)
@@ -459,13 +538,14 @@ def _model(weights: Any, data: StepData, price: float, point: Point) -> SaddleMo
             hessian[r, s] = -_sum_of(weights, moves[r], moves[s])
     for a in range(played.size):
         m = played[a]
+        own_curve(data, point.estimates[m], curve)
         for i in range(d):
             r = a * d + i
             gradient[r] = _sum_of(weights, moves[r], ones)
             for j in range(i + 1):
                 hessian[r, a * d + j] += _sum_of(weights, moves[r], turns[a * d + j])
+                hessian[r, a * d + j] += curve[i, j] / price * point.law[m] * gains[m]
             mixed[m, r] += gradient[r] / point.law[m]
-            hessian[r, r] += 2.0 / price * point.law[m] * gains[m]
     return SaddleModel(played, gradient, hessian, mixed, law, gains)
 
 
@@ -499,12 +579,15 @@ def _saddle_step(model: SaddleModel, law: Any, found: Any) -> Any:
 def _first_length(weights: Any, data: StepData, price: float, point: Point, played: Any, step: Any) -> float:
     """How far log K may move, on average over the decisions of rows that count, for the model to be believed."""
     d, most, turns = data.points.shape[0], 0.0, np.empty(played.size)
+    slopes = np.empty((played.size, d))
+    for a in range(played.size):
+        own_slope(data, point.estimates[played[a]], slopes[a])
     for b in np.flatnonzero(weights > 0.0):
         mean, moved = 0.0, 0.0
         for a in range(played.size):
             m, turns[a] = played[a], 0.0
             for i in range(d):
-                turns[a] += 2.0 / price * (point.estimates[m, i] - data.points[i, b]) * step[a * d + i]
+                turns[a] += (slopes[a, i] - 2.0 * data.points[i, b]) / price * step[a * d + i]
             mean += point.law[m] * point.ratios[m, b] * turns[a]
         for a in range(played.size):
             moved += point.law[played[a]] * point.ratios[played[a], b] * abs(turns[a] - mean)
@@ -533,6 +616,8 @@ def settled(weights: Any, data: StepData, price: float, columns: Any, point: Poi
         last = slope > -_ROUNDING * max(1.0, abs(value))
         full += 1 if last else 0
         length = 1.0 if last else _first_length(weights, data, price, point, model.played, step)
+        for a in range(model.played.size):
+            length = min(length, longest(data, point.estimates[model.played[a]], step[a * d : (a + 1) * d]))
         reached = np.inf
         while length > _SHORTEST:
             ahead.estimates[:] = point.estimates

@@ -263,6 +263,7 @@ def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]], col
         rows,
         Rows(SPARSE.hstack([sums, SPARSE.csr_array((n_beliefs, extra.shape[1]))]).tocsr(), np.ones(n_beliefs)),
         (0.0, 1.0),
+        interior=n_columns < game.shape[1],
     )
     shares = np.zeros(game.shape)
     shares[:, columns] = np.maximum(found.x[:size].reshape(n_beliefs, n_columns), 0.0)

@@ -22,6 +22,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.kernels.options import fused, part, summed
+from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
 _ROUNDING, _BACK = tolerances.SADDLE_ROUNDING, tolerances.RETURNING_LAW
@@ -32,7 +33,6 @@ _FULL_STEPS = 2  # taken at the end, where rounding hides the gain
 _REFRESHED = 3  # Newton steps of an estimate after a decision that is not played
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
-_INSIDE = 0.95  # share of the way to a mixture without one of its answers that a step may go
 _TINY = 1e-300
 _SMALLEST, _STEEPEST = 1e-290, 700.0  # e^-700 has full precision, and thousands of e^700 add up to a number
 _TURN, _HIGH, _LOW = (
@@ -42,18 +42,6 @@ _TURN, _HIGH, _LOW = (
 )  # 1 / log 2, log 2 in two parts
 _SHIFT = 6755399441055744.0  # 3 · 2^51: what is added to it is rounded to a whole number, in its last digits
 _BIAS, _EXPONENT = np.int64(1023), np.int64(52)  # of a float's bits
-
-
-class StepData(NamedTuple):
-    """What stays the same from step to step."""
-
-    points: Any  # (d,B)
-    values: Any  # (M,B)
-    slopes: Any  # (M,d): gradient of s ρ_m in the points' coordinates
-    price: float  # λ
-    first_price: float  # where the way to a small λ begins; at most λ: nowhere
-    width: int  # coordinates that a mixture of answers has; 0 where estimates are means of the points
-    barrier: float  # τ
 
 
 class Point(NamedTuple):
@@ -186,76 +174,6 @@ def _powers(values: Any) -> None:
         last = r4 * (1.0 / 479001600.0 + r * (1.0 / 6227020800.0))
         scale = np.int64((np.float64(shifted).view(np.int64) + _BIAS) << _EXPONENT).view(np.float64)
         values[b] = (low + r4 * (middle + r4 * (high + last))) * scale if x > -_STEEPEST else 0.0
-
-
-@part
-def own_cost(data: StepData, estimate: Any) -> float:
-    """h(μ): |μ|², or −τ Σ log of the shares of every mixture; inf where one of them is not positive."""
-    total = 0.0
-    if data.width == 0:
-        for i in range(estimate.size):
-            total += estimate[i] * estimate[i]
-        return total
-    for start in range(0, estimate.size, data.width):
-        rest = 1.0
-        for i in range(start, start + data.width):
-            if not estimate[i] > 0.0:
-                return np.inf
-            total -= np.log(estimate[i])
-            rest -= estimate[i]
-        if not rest > 0.0:
-            return np.inf
-        total -= np.log(rest)
-    return data.barrier * total
-
-
-@part
-def own_slope(data: StepData, estimate: Any, slope: Any) -> None:
-    """∇h, shape (d,)."""
-    if data.width == 0:
-        slope[:] = 2.0 * estimate
-        return
-    for start in range(0, estimate.size, data.width):
-        rest = 1.0
-        for i in range(start, start + data.width):
-            rest -= estimate[i]
-        for i in range(start, start + data.width):
-            slope[i] = data.barrier * (1.0 / rest - 1.0 / estimate[i])
-
-
-@part
-def own_curve(data: StepData, estimate: Any, curve: Any) -> None:
-    """∇²h, shape (d,d)."""
-    curve[:] = 0.0
-    if data.width == 0:
-        for i in range(estimate.size):
-            curve[i, i] = 2.0
-        return
-    for start in range(0, estimate.size, data.width):
-        rest = 1.0
-        for i in range(start, start + data.width):
-            rest -= estimate[i]
-        for i in range(start, start + data.width):
-            for j in range(start, start + data.width):
-                curve[i, j] = data.barrier / rest**2
-            curve[i, i] += data.barrier / estimate[i] ** 2
-
-
-@part
-def longest(data: StepData, estimate: Any, step: Any) -> float:
-    """How far an estimate can go along a step, a whole one at most, and keep some of each share."""
-    length = 1.0
-    if data.width > 0:
-        for start in range(0, estimate.size, data.width):
-            rest, lost = 1.0, 0.0
-            for i in range(start, start + data.width):
-                rest -= estimate[i]
-                lost += step[i]
-                if step[i] < 0.0:
-                    length = min(length, -_INSIDE * estimate[i] / step[i])
-            if lost > 0.0:
-                length = min(length, _INSIDE * rest / lost)
-    return length
 
 
 @summed

@@ -12,15 +12,13 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.sequential_estimates import StepData, longest, own_curve
 from inscrutable.kernels.sequential_saddle import (
     Point,
-    StepData,
     factored,
     gain_at,
     least_gain,
-    longest,
     moments,
-    own_curve,
     remaining_logs,
     room_for_point,
     saddle_value,

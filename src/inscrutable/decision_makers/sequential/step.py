@@ -225,7 +225,7 @@ class StepRule:
 
     def _solved(self, law: Array, kept: int, near: Step | None) -> tuple[np.ndarray, Array, Array, float]:
         """Decisions, their law, the estimates after them, and by how much any other tempts at most."""
-        from inscrutable.kernels.sequential_saddle import StepData
+        from inscrutable.kernels.sequential_estimates import StepData
         from inscrutable.kernels.sequential_step import solved_step
 
         if near is None:

@@ -417,7 +417,7 @@ def test_decisions_that_join_as_they_are_needed_come_to_the_same(seed: int, monk
 @pytest.mark.audit
 @pytest.mark.parametrize("kind", ["pointwise", "naming"])
 def test_the_prior_of_the_embedded_returns_is_done_in_a_minute(kind: str) -> None:
-    """491 beliefs, 547 decisions: 35 and 15 s of one core when written."""
+    """491 beliefs, 547 decisions: 30 and 15 s of one core when written."""
     market = market_of("returns", 30, 0)
     floor = NamingErrorFloor(0.7 * (1.0 - market.prior.mean.max()))
     begun = time.process_time()

@@ -175,7 +175,7 @@ def least_regret(
 
     Cost: a linear programme in beliefs times candidates, solved again for every round of cuts and, where guarantees contradict
     each other, for each of them: 1 s for 90 times 90 with a pointwise cap, half a minute for 66 times 67 with a floor on square
-    errors. Beyond 15,000 pairs decisions join as they are needed: 491 times 547 takes 35 s with a pointwise cap and 15 s with a
+    errors. Beyond 15,000 pairs decisions join as they are needed: 491 times 547 takes 30 s with a pointwise cap and 15 s with a
     floor on the naming error. Source: mechanisms of least distortion as linear programmes, as in Saeidian et al.
     (2023); cutting planes: Kelley (J. SIAM 8, 1960).
 

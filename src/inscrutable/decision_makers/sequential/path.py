@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from inscrutable import validation
 from inscrutable.decision_makers.sequential.prices import PriceStatus, loss_text
 from inscrutable.saved import Saved
@@ -64,7 +66,7 @@ class PathDecisions(Saved):
         lines = [
             f"{len(self)} decisions",
             f"regret            mean {self.regrets.mean():.4g}, expected by the observer {self.expected_regrets.mean():.4g}",
-            f"observer's        {loss_text(float(self.losses.mean()), self.lost)}",
+            f"observer's        {loss_text(float(np.mean(self.losses)), self.lost)}",
             f"information       {self.bits.mean():.4f} bits a step",
         ]
         if self.n_off_grid:

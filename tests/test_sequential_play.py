@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from inscrutable import (
+    Disclosure,
     MarkowitzProblem,
     Prior,
     decoy_grid,
@@ -127,3 +129,30 @@ def test_the_sequential_rule_stands_beside_the_others(tmp_path: Path, monkeypatc
     )
     assert not alone.ceilings
     assert "sequential" not in makers_of(["ODM", "sequential"], Setting.of(held.problem, held.prior, held.candidates))
+
+
+@pytest.mark.parametrize("shown", ["every(2)|delayed(1)", "rounded(1)", "every(3)"])
+def test_under_a_disclosure_the_rule_goes_by_it(shown: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What one holds who sees so much is what `path_leakage` finds of the rule; fewer and later decisions hide more."""
+    held = setting()
+    monkeypatch.setattr(sequential_play, "LONG_PATHS", (4, 40))
+    monkeypatch.setattr(sequential_play, "OTHER_PATHS", (2, 25))
+    settings = ComparisonSettings(budgets=(0.25,), repeats=(1, 4), draws=20, disclosure=shown)
+    found = compare(
+        held.problem,
+        held.chain,
+        settings,
+        makers=makers_of(["sequential", "rate-distortion", "delay"]),
+        candidates=held.candidates,
+        rng=np.random.default_rng(0),
+    )
+    assert found.left_out == ("delay",)
+    row, seed = found.of("sequential")[0], lambda: np.random.default_rng(0)
+    maker = sequential(replace(held, disclosure=Disclosure.of(shown)), row.budget, seed, float("inf")).play.maker
+    sampled = path_leakage(held.chain, maker, 24, rng=np.random.default_rng(1), n_draws=60, disclosure=shown)
+    window = slice(-6, None)
+    error = float(np.sqrt(np.mean(sampled.bayes_error[window] ** 2)))
+    assert row.path_error == pytest.approx(error, abs=0.03 + 4 * float(np.mean(sampled.error_se[window])))
+    assert row.path_bits == pytest.approx(float(sampled.added[window].mean()), abs=0.05)
+    assert row.path_error <= row.path_ceiling + 4 * row.path_error_se + 1e-9
+    assert row.expected_regret == pytest.approx(row.budget, rel=0.08)

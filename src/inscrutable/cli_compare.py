@@ -41,7 +41,8 @@ def compare(
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
         pairs: Such as 100,1000: beside them a rival who knows nothing but so many pairs of belief and decision.
         disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
-            `inscrutable disclose` compares such schedules. Rules with a memory are then left out.
+            `inscrutable disclose` compares such schedules. The sequential rule goes by it; the two that trade late or in part
+            are then left out.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also

@@ -49,12 +49,17 @@ def minimise(
     below: Rows | None = None,
     equal: Rows | None = None,
     bounds: Bound | Sequence[Bound] = _FREE,
+    *,
+    interior: bool = False,
 ) -> LinearAnswer:
-    """Return min objective'x over rows `below` and `equal`; variables are free unless bounded."""
+    """Return min objective'x over rows `below` and `equal`; variables are free unless bounded.
+
+    `interior` tries the interior point method first, which large programmes of many tied answers are solved by sooner.
+    """
     upper = None if below is None or not len(below.sides) else below
     exact = None if equal is None or not len(equal.sides) else equal
     solve: Any = linprog  # its overloads are too many for a type checker
-    for method, options in _WAYS:
+    for method, options in (_WAYS[1], _WAYS[0], _WAYS[2]) if interior else _WAYS:
         answer = solve(
             objective,
             A_ub=None if upper is None else upper.matrix,
@@ -79,10 +84,15 @@ def minimise(
 
 
 def minimum(
-    objective: Array, below: Rows | None = None, equal: Rows | None = None, bounds: Bound | Sequence[Bound] = _FREE
+    objective: Array,
+    below: Rows | None = None,
+    equal: Rows | None = None,
+    bounds: Bound | Sequence[Bound] = _FREE,
+    *,
+    interior: bool = False,
 ) -> LinearAnswer:
     """Return the answer of a programme known to have one; raise `SolverError` where HiGHS finds none."""
-    answer = minimise(objective, below, equal, bounds)
+    answer = minimise(objective, below, equal, bounds, interior=interior)
     if answer.status != OPTIMAL:
         raise SolverError(f"HiGHS found no optimum of a linear programme that has one: {answer.message}")
     return answer

@@ -392,6 +392,14 @@ UNHEARD_BELIEF = 1e-10
 decisions makes of it. A decision that it alone plays would have a tenth of the digits of the others, and Newton's steps stall.
 It changes a value by less than the weight times some hundred nats, that is less than `KEPT_DECISION`."""
 
+ANSWER_BARRIER = 1e-6
+"""Height of the barrier that keeps a rival's mixed answers inside, as a share of the prior loss over all answers together. A
+step is then optimal for another loss, and has one mixture after every decision, as it has one estimate. Against cone programmes
+it falls short by up to eight of it; ten times less, and certainty is not told from what is next to it."""
+
+BARRIER_GAP = 20
+"""By how many barriers the bound of a step's value, made with their help, can lie above it: −log of shares down to 1e-9."""
+
 LEAST_INFORMATION_PRICE = 1e-3
 """Least price of information, as a share of the prior loss per nat, at which a step is solved. A price of 0 is played as this
 one, the limit from above: what it costs in loss is at most a thousandth of the prior's for every nat that is told, and ties

@@ -47,8 +47,8 @@ class ComparisonSettings(Section):
         pairs: Numbers of pairs of belief and decision, each at least 10, rising, that an observer has seen who knows nothing
             else; none leaves it out. It needs the extra `inscrutable[audit]`.
         disclosure: What observers are shown of decisions, how often and how late, such as "every(3)|delayed(2)"; "exact" is
-            all, at once. Of single and of repeated decisions those that are shown are meant. Rules with a memory, which are
-            read from all decisions as they are, are then left out.
+            all, at once. Of single and of repeated decisions those that are shown are meant. The sequential rule goes by it;
+            late and partial trades, which are read from all decisions as they are, are then left out.
         rival: What a rival wants the belief for, as the section [problem] of a study file, such as {"kind": "own"}, the agent's
             own problem, {"kind": "finite", "costs": [[-1, 0], [1, 0]]} or {"kind": "naming"}; None: nothing but the belief.
 
@@ -328,7 +328,8 @@ class ComparisonTasks:
     makers: Mapping[str, Maker]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "setting", wanting(self.setting, self.settings.rival))
+        shown = Disclosure.of(self.settings.disclosure)
+        object.__setattr__(self, "setting", replace(wanting(self.setting, self.settings.rival), disclosure=shown))
 
     @cached_property
     def budgets(self) -> tuple[float, ...]:
@@ -344,10 +345,8 @@ class ComparisonTasks:
     def row(self, name: str, budget: float, *, rng: np.random.Generator) -> ComparisonRow | None:
         """Return the figures of one task; None where the decision maker does not suit the problem."""
         behaviour = self.makers[name](self.setting, budget)
-        shown = Disclosure.of(self.settings.disclosure)
-        if behaviour is None:
-            return None
-        if not shown.is_exact and (behaviour.memory is not None or behaviour.play is not None):
+        shown = self.setting.disclosure
+        if behaviour is None or (behaviour.memory is not None and not shown.is_exact):
             return None
         observed = Observed(self.setting, behaviour._replace(asked=budget), detects=True)
         row = measured(name, observed, (self.settings.repeats, self.settings.draws), shown, rng=rng)

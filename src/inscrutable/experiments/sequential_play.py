@@ -5,11 +5,13 @@ observer knows K_t, and its law of the belief is followed exactly, so that chanc
 long run the rule amounts to K̄(u|π) = E[K_t(u|π) | π_t = π], which one knows who sees a single decision and none before it.
 
 The observer always knows how the belief really moves. The rule may be wrong about it: `truth` is then another chain than its
-own.
+own. Where decisions are disclosed late, in part or not all, the rule goes by that: K̄ is then of the steps whose decisions are
+shown, and so many repeated decisions are so many shown.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -103,20 +105,21 @@ class SequentialPlay:
         prior = self.setting.prior
         still = resting_chain(prior, 1.0)
         maker = self._knowing(still) if told else self.maker
-        found, _ = self._followed(maker, still, (STILL_PATHS, steps[-1]))
-        at = np.array(steps) - 1
+        schedule = maker.disclosure.schedule
+        made = schedule.offset + (np.array(steps) - 1) * schedule.period
+        at = made + schedule.lag  # when they are seen
+        found, _ = self._followed(maker, still, (STILL_PATHS, int(at[-1]) + 1))
         # The error after the first decision is known, and paths say how much it falls from there. A slope fitted to a dozen
         # paths in place of one would be luck.
-        since = found.squared[at] - found.squared[0]
-        squared, spread = (
-            since.mean(axis=1) + maker.begin().expected.loss,
-            since.std(axis=1, ddof=1) / np.sqrt(STILL_PATHS),
-        )
+        since, before = found.squared[at], 0.0
+        if schedule.is_immediate:
+            since, before = since - found.squared[0], maker.begin().expected.loss
+        squared, spread = since.mean(axis=1) + before, since.std(axis=1, ddof=1) / np.sqrt(STILL_PATHS)
         errors = np.sqrt(np.maximum(squared, 0.0))
         return Repeated(
             errors,
             np.divide(spread, 2.0 * errors, out=np.zeros_like(errors), where=errors > 0),
-            found.bits.cumsum(axis=0)[at].mean(axis=1),
+            found.bits.cumsum(axis=0)[made].mean(axis=1),
             np.minimum(found.named[at].mean(axis=1), 1.0),
             float(found.regret.mean()),
         )
@@ -136,6 +139,7 @@ class SequentialPlay:
             chain=chain,
             candidates=self.setting.candidates,
             information_price=maker.information_price,
+            disclosure=maker.disclosure,
             calibration=maker.calibration,
             rng=self.seed(),
         )
@@ -151,27 +155,37 @@ class SequentialPlay:
         squares, top = (points**2).sum(axis=1), top_states(prior.beliefs)
         found = np.empty((4, n_steps, n_paths))
         weighed, seen, last = None, np.zeros(len(prior)), None
+        lag, place_of = maker.disclosure.schedule.lag, maker.table.classes.place
+        merging = sparse.csr_array((np.ones(len(place_of)), (np.arange(len(place_of)), place_of)))
         for d in range(n_paths):
             sequence, law = maker.begin(), prior.weights
+            held = deque([law] * (lag + 1), maxlen=lag + 1)
             for t, place in enumerate(places[:, d]):
                 played = sequence.mechanism
                 table = sparse.csr_array(played.probabilities)
                 law = law if t == 0 else np.asarray(law @ truth.transition)
-                joint = table.copy()
-                joint.data *= np.repeat(law, np.diff(table.indptr))
-                if t >= WATCHED_FIRST:
+                if t >= WATCHED_FIRST and sequence.is_shown:
                     seen = seen + law
+                    joint = _weighed(table, law)
                     weighed = joint if weighed is None else weighed + joint
                 own = table[[place]].toarray()[0]
                 column = int(rng.choice(len(own), p=own / own.sum()))
-                chances = np.asarray(joint.sum(axis=0), dtype=np.float64).reshape(-1)
-                found[2, t, d] = _information(table, joint, chances)
                 found[3, t, d] = own @ played.regrets[place]
-                law = np.asarray(joint[:, [column]].toarray()).reshape(-1)
-                law = law / law.sum()
-                mean = law @ points
-                found[0, t, d] = max(float(law @ squares - mean @ mean), 0.0)
-                found[1, t, d] = float((law @ top).max())
+                found[2, t, d] = 0.0
+                if sequence.is_shown:
+                    table = table if not maker.disclosure.maps else sparse.csr_array(table @ merging)
+                    joint = _weighed(table, law)
+                    chances = np.asarray(joint.sum(axis=0), dtype=np.float64).reshape(-1)
+                    found[2, t, d] = _information(table, joint, chances)
+                    law = np.asarray(joint[:, [place_of[column]]].toarray()).reshape(-1)
+                    law = law / law.sum()
+                held.append(law)
+                present = held[0]
+                for _ in range(lag):
+                    present = np.asarray(present @ truth.transition)
+                mean = present @ points
+                found[0, t, d] = max(float(present @ squares - mean @ mean), 0.0)
+                found[1, t, d] = float((present @ top).max())
                 sequence.publish(played.actions[column])
                 last = played
         assert last is not None
@@ -190,6 +204,7 @@ def sequential(setting: Setting, regret: float, seed: Seed, information_price: f
         chain=setting.chain,
         candidates=setting.candidates,
         information_price=information_price,
+        disclosure=setting.disclosure,
         rng=seed(),
     )
     play = SequentialPlay(setting, maker, seed)
@@ -202,6 +217,13 @@ def staying(chain: BeliefChain, longer: float) -> BeliefChain:
     if longer < 1:
         return BeliefChain(chain.prior, sparse.csr_array(step @ step))
     return BeliefChain(chain.prior, sparse.csr_array(0.5 * (sparse.eye_array(len(chain.prior)) + step)))
+
+
+def _weighed(table: Any, law: Array) -> Any:
+    """The joint law of belief and decision."""
+    joint = table.copy()
+    joint.data *= np.repeat(law, np.diff(table.indptr))
+    return joint
 
 
 def _information(table: Any, joint: Any, chances: Array) -> float:

@@ -14,7 +14,7 @@ from inscrutable.decision_makers import Candidates, OriginalDecisionMaker, decoy
 from inscrutable.decision_makers.baselines.calibration import spending
 from inscrutable.errors import InputError
 from inscrutable.geometry.grids import grid_size
-from inscrutable.mechanisms import Mechanism, Prior, mechanism
+from inscrutable.mechanisms import Disclosure, Mechanism, Prior, mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.privacy import Loss
@@ -33,7 +33,8 @@ Seed = Callable[[], np.random.Generator]
 class Setting:
     """A problem, the law of the private belief, decisions to choose from, and how the belief moves where that is known.
 
-    `loss` is what a rival wants the belief for; None is the square error.
+    `loss` is what a rival wants the belief for; None is the square error. `disclosure` is how decisions become public, for
+    rules that go by it.
     """
 
     problem: DecisionProblem
@@ -41,6 +42,7 @@ class Setting:
     candidates: Candidates
     chain: BeliefChain | None = None
     loss: Loss | None = None
+    disclosure: Disclosure = Disclosure()  # noqa: RUF009  # frozen
     kept: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     @classmethod

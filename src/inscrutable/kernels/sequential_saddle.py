@@ -8,6 +8,10 @@ z_b = Σ_m q_m e^{a_bm}, at the saddle point of
 
 which is convex in μ. c_m = Σ_b p_b e^{a_bm} / z_b is 1 where q_m > 0 and at most 1 elsewhere, for the estimate that makes it
 least. Without coordinates (d = 0, v = −s ρ, λ = 1) the step is the one of least information. A value of −inf forbids a place.
+
+Where the observer has a few answers of its own, μ is how it mixes them, less the last share; x_b are half of what the last one
+costs it more than each other under b, and in the place of |μ|² stands h(μ) = −τ Σ log of all shares, τ > 0 small: μ stays a
+mixture, and is one alone. What is lost by that is at most τ for every answer.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.kernels.options import fused, part, summed
+from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
 _ROUNDING, _BACK = tolerances.SADDLE_ROUNDING, tolerances.RETURNING_LAW
@@ -37,16 +42,6 @@ _TURN, _HIGH, _LOW = (
 )  # 1 / log 2, log 2 in two parts
 _SHIFT = 6755399441055744.0  # 3 · 2^51: what is added to it is rounded to a whole number, in its last digits
 _BIAS, _EXPONENT = np.int64(1023), np.int64(52)  # of a float's bits
-
-
-class StepData(NamedTuple):
-    """What stays the same from step to step."""
-
-    points: Any  # (d,B)
-    values: Any  # (M,B)
-    slopes: Any  # (M,d): gradient of s ρ_m in the points' coordinates
-    price: float  # λ
-    first_price: float  # where the way to a small λ begins; at most λ: nowhere
 
 
 class Point(NamedTuple):
@@ -183,13 +178,11 @@ def _powers(values: Any) -> None:
 
 @summed
 def _offers(data: StepData, m: int, scale: float, estimate: Any, found: Any) -> None:
-    """(v_bm − 2 x_b·μ + |μ|²) · scale."""
+    """(v_bm − 2 x_b·μ + h(μ)) · scale."""
     d, count = data.points.shape
-    square, values = 0.0, data.values[m]
-    for i in range(d):
-        square += estimate[i] * estimate[i]
+    own, values = own_cost(data, estimate), data.values[m]
     for b in range(count):
-        found[b] = (values[b] + square) * scale
+        found[b] = (values[b] + own) * scale
     for i in range(d):
         turn, line = 2.0 * scale * estimate[i], data.points[i]
         for b in range(count):
@@ -375,28 +368,30 @@ def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, m
     """log c_m, least over the estimate by Newton's steps, or until it is at most `floor`."""
     d, count = data.points.shape
     powers, mean, slope, step, trial = np.empty(count), np.empty(d), np.empty(d), np.empty(d), np.empty(d)
-    hessian, factor = np.empty((d, d)), np.empty((d, d))
+    hessian, factor, curve = np.empty((d, d)), np.empty((d, d)), np.empty((d, d))
     gain = gain_at(logs, data, price, m, estimate, powers)
     for _ in range(most):
         if gain <= floor or d == 0:
             return gain
         moments(powers, data.points, mean, hessian)
+        own_slope(data, estimate, slope)
+        own_curve(data, estimate, curve)
         fall = 0.0
         for i in range(d):
             for j in range(i + 1):
-                hessian[i, j] *= 4.0 / price**2
-            hessian[i, i] += 2.0 / price
-            slope[i] = step[i] = 2.0 / price * (estimate[i] - mean[i])
+                hessian[i, j] = 4.0 / price**2 * hessian[i, j] + curve[i, j] / price
+            slope[i] = step[i] = (slope[i] - 2.0 * mean[i]) / price
         factored(hessian, factor, d)
         solve_factored(factor, d, step)
         for i in range(d):
             fall += slope[i] * step[i]
         if fall <= _SOLVED * max(min(gain, 1.0), 1e-3 * _SOLVED):
             return gain
-        length, reached = 1.0, np.inf
+        step *= -1.0
+        length, reached = longest(data, estimate, step), np.inf
         while length > _SHORTEST:
             for i in range(d):
-                trial[i] = estimate[i] - length * step[i]
+                trial[i] = estimate[i] + length * step[i]
             reached = gain_at(logs, data, price, m, trial, powers)
             if reached <= gain - _ARMIJO * length * fall:
                 break
@@ -442,10 +437,12 @@ def _model(weights: Any, data: StepData, price: float, point: Point) -> SaddleMo
     played = np.flatnonzero(point.law > 0.0)
     size, ones = played.size * d, np.ones(count)
     turns, moves = np.empty((size, count)), np.empty((size, count))  # ∂a/∂μ, and K of it
+    slope, curve = np.empty(d), np.empty((d, d))
     for a in range(played.size):
         m = played[a]
+        own_slope(data, point.estimates[m], slope)
         for i in range(d):
-            turns[a * d + i] = 2.0 / price * (point.estimates[m, i] - data.points[i])
+            turns[a * d + i] = (slope[i] - 2.0 * data.points[i]) / price
             moves[a * d + i] = point.law[m] * point.ratios[m] * turns[a * d + i]
     gradient, hessian, mixed = np.zeros(size), np.zeros((size, size)), np.zeros((n, size))
     law, gains = np.zeros((n, n)), np.zeros(n)
@@ -459,13 +456,14 @@ def _model(weights: Any, data: StepData, price: float, point: Point) -> SaddleMo
             hessian[r, s] = -_sum_of(weights, moves[r], moves[s])
     for a in range(played.size):
         m = played[a]
+        own_curve(data, point.estimates[m], curve)
         for i in range(d):
             r = a * d + i
             gradient[r] = _sum_of(weights, moves[r], ones)
             for j in range(i + 1):
                 hessian[r, a * d + j] += _sum_of(weights, moves[r], turns[a * d + j])
+                hessian[r, a * d + j] += curve[i, j] / price * point.law[m] * gains[m]
             mixed[m, r] += gradient[r] / point.law[m]
-            hessian[r, r] += 2.0 / price * point.law[m] * gains[m]
     return SaddleModel(played, gradient, hessian, mixed, law, gains)
 
 
@@ -499,12 +497,15 @@ def _saddle_step(model: SaddleModel, law: Any, found: Any) -> Any:
 def _first_length(weights: Any, data: StepData, price: float, point: Point, played: Any, step: Any) -> float:
     """How far log K may move, on average over the decisions of rows that count, for the model to be believed."""
     d, most, turns = data.points.shape[0], 0.0, np.empty(played.size)
+    slopes = np.empty((played.size, d))
+    for a in range(played.size):
+        own_slope(data, point.estimates[played[a]], slopes[a])
     for b in np.flatnonzero(weights > 0.0):
         mean, moved = 0.0, 0.0
         for a in range(played.size):
             m, turns[a] = played[a], 0.0
             for i in range(d):
-                turns[a] += 2.0 / price * (point.estimates[m, i] - data.points[i, b]) * step[a * d + i]
+                turns[a] += (slopes[a, i] - 2.0 * data.points[i, b]) / price * step[a * d + i]
             mean += point.law[m] * point.ratios[m, b] * turns[a]
         for a in range(played.size):
             moved += point.law[played[a]] * point.ratios[played[a], b] * abs(turns[a] - mean)
@@ -533,6 +534,8 @@ def settled(weights: Any, data: StepData, price: float, columns: Any, point: Poi
         last = slope > -_ROUNDING * max(1.0, abs(value))
         full += 1 if last else 0
         length = 1.0 if last else _first_length(weights, data, price, point, model.played, step)
+        for a in range(model.played.size):
+            length = min(length, longest(data, point.estimates[model.played[a]], step[a * d : (a + 1) * d]))
         reached = np.inf
         while length > _SHORTEST:
             ahead.estimates[:] = point.estimates

@@ -12,9 +12,9 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.sequential_estimates import StepData, longest, own_curve
 from inscrutable.kernels.sequential_saddle import (
     Point,
-    StepData,
     factored,
     gain_at,
     least_gain,
@@ -32,6 +32,7 @@ _ROUNDS, _PRICING_STEPS = 60, 30  # three to six, and three are usual
 _MOST_ADDED = 3  # decisions that join at once; a fourth one costs more in Newton's steps than it spares in rounds
 _APART = 0.01  # share of the law's variance by which estimates of decisions that join at once must differ
 _RATIO = 0.25  # from one price of information to the next on the way to a small one
+_LOWER = 0.1  # from one barrier of mixed answers to the next
 _WAYS = 4  # begun from ever larger prices of information, where Newton's steps stall: one step in a thousand small ones
 
 
@@ -39,11 +40,12 @@ _WAYS = 4  # begun from ever larger prices of information, where Newton's steps 
 def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Point, estimates: Any) -> None:
     """Estimates after every decision, to first order from the played one of the nearest slopes.
 
-    The least log c_m is Λ(θ) + λ|μ|², with Λ the cumulants of p/z and θ = (2 μ + slope)/λ, so that μ = −∇Λ(θ).
+    The least log c_m is Λ(θ) + h(μ)/λ, with Λ the cumulants of p/z and θ = (2 μ + slope)/λ, so that ∇h(μ) = −2 ∇Λ(θ).
     """
     n, count = point.ratios.shape
     d = data.points.shape[0]
     factors, mean, spread, right = np.empty((n, d, d)), np.empty(d), np.empty((d, d)), np.empty(d)
+    curves, turn, step = np.empty((n, d, d)), np.empty(d), np.empty(d)
     farthest = 0.0
     for b in range(count):
         square = 0.0
@@ -52,8 +54,11 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
         farthest = max(farthest, square)
     for k in range(n):
         moments(weights * point.ratios[k] / (weights @ point.ratios[k]), data.points, mean, spread)
+        own_curve(data, point.estimates[k], curves[k])
+        curves[k] *= 0.25 * price
         for i in range(d):
-            spread[i, i] += 0.5 * price
+            for j in range(i + 1):
+                spread[i, j] += curves[k, i, j]
         factored(spread, factors[k], d)
     for m in range(len(estimates)):
         nearest, least = 0, np.inf
@@ -64,16 +69,19 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
             if apart < least:
                 nearest, least = k, apart
         for i in range(d):
-            right[i] = 0.5 * (data.slopes[m, i] - data.slopes[columns[nearest], i])
+            turn[i] = right[i] = 0.5 * (data.slopes[m, i] - data.slopes[columns[nearest], i])
         solve_factored(factors[nearest], d, right)
-        length, square = 1.0, 0.0
+        square = 0.0
         for i in range(d):
-            right[i] = 0.5 * (price * right[i] - data.slopes[m, i] + data.slopes[columns[nearest], i])
-            square += (point.estimates[nearest, i] + right[i]) ** 2
-        if square > farthest:  # estimates are means of the points
+            step[i] = -turn[i]
+            for j in range(d):
+                step[i] += curves[nearest, i, j] * right[j]
+            square += (point.estimates[nearest, i] + step[i]) ** 2
+        length = longest(data, point.estimates[nearest], step)
+        if square > farthest and data.width == 0:  # estimates are means of the points
             length = 0.0
         for i in range(d):
-            estimates[m, i] = point.estimates[nearest, i] + length * right[i]
+            estimates[m, i] = point.estimates[nearest, i] + length * step[i]
 
 
 @part
@@ -116,6 +124,8 @@ def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Poi
             apart += weights[b] * data.points[i, b] ** 2
     for i in range(d):
         apart -= mean[i] ** 2
+    if data.width > 0:  # of shares, which add up to one
+        apart = 1.0
     _guesses(weights, data, price, columns, point, estimates)
     for whole in range(2):
         for m in range(gains.size):
@@ -218,6 +228,35 @@ def _copied(point: Point) -> Point:
     )
 
 
+@part
+def _eased(data: StepData, barrier: float) -> StepData:
+    """The data with another barrier."""
+    return StepData(data.points, data.values, data.slopes, data.price, data.first_price, data.width, barrier)
+
+
+@part
+def _begun(weights: Any, data: StepData, columns: Any) -> Point:
+    """Some decisions, equally likely, with the prior's estimate after each; of mixtures of answers, the one that is best."""
+    d, count = data.points.shape
+    point = room_for_point(columns.size, d, count)
+    point.law[:] = 1.0 / columns.size
+    if data.width > 0:
+        point.estimates[:] = 1.0 / (data.width + 1.0)
+        if columns.size == 1:
+            barrier = max(data.price, data.barrier)
+            while True:
+                point = settled(weights, _eased(data, barrier), data.price, columns, point)
+                if barrier <= data.barrier:
+                    return point
+                barrier = max(_LOWER * barrier, data.barrier)
+        return point
+    for m in range(columns.size):
+        for b in range(count):
+            for i in range(d):
+                point.estimates[m, i] += weights[b] * data.points[i, b]
+    return point
+
+
 @kernel
 def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: Any, near_estimates: Any) -> Any:
     """Return the decisions (n,) that are played, their law, the estimates after them, and the largest log c.
@@ -228,15 +267,10 @@ def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: An
     d, count = data.points.shape
     gains, estimates = np.full(len(data.values), -np.inf), np.empty((len(data.values), d))
     columns = _covering(weights, data)
-    point = room_for_point(columns.size, d, count)
-    point.law[:] = 1.0 / columns.size
-    for m in range(columns.size):
-        for b in range(count):
-            for i in range(d):
-                point.estimates[m, i] += weights[b] * data.points[i, b]
+    if columns.size == 1 and kept >= 0 and _is_tied(weights, data, kept, columns[0]):
+        columns[0] = kept
+    point = _begun(weights, data, columns)
     if columns.size == 1:
-        if kept >= 0 and _is_tied(weights, data, kept, columns[0]):
-            columns[0] = kept
         saddle_value(weights, data, data.price, columns, point)
         _priced(weights, data, data.price, columns, point, gains, estimates)
         if gains.max() <= _KEPT:
@@ -250,14 +284,18 @@ def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: An
                 return start, begun.law / begun.law.sum(), begun.estimates, worst
     above = max(data.first_price / data.price, 1.0)
     for _ in range(_WAYS):
-        price = above * data.price
+        price, barrier = above * data.price, data.barrier
         start, begun = columns, _copied(point)
+        if data.width > 0:
+            barrier = max(barrier, _LOWER * price)
+            begun.estimates[:] = 1.0 / (data.width + 1.0)
         while True:
-            begun = settled(weights, data, price, start, begun)
-            start, begun, worst = _at_price(weights, data, price, start, begun, gains, estimates)
-            if price <= data.price:
+            eased = _eased(data, barrier)
+            begun = settled(weights, eased, price, start, begun)
+            start, begun, worst = _at_price(weights, eased, price, start, begun, gains, estimates)
+            if price <= data.price and barrier <= data.barrier:
                 break
-            price = max(_RATIO * price, data.price)
+            price, barrier = max(_RATIO * price, data.price), max(_LOWER * barrier, data.barrier)
         if worst <= _KEPT or d == 0:
             break
         above /= _RATIO**2  # a step that was lost on the way: from farther above

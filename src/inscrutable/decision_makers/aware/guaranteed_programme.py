@@ -8,6 +8,11 @@ of next to nothing. The bound needs no exact solution: with any prices y ≥ 0 o
     least regret ≥ Σ_b min_m (c + A'y)_bm + Σ_j min(0, (A'y)_j) − b'y,
 
 where z_j are what rows need beside K, each between 0 and 1.
+
+Large programmes begin with a few decisions. Others join that cost those less who play one of these; then those that tempt even
+where they keep the rows of their own, at the prices α_b = min_m (c + A'y)_bm of the beliefs and at those of the rows that all
+decisions share. Where the least of these programmes, each for Σ_b w_b K_b = 1, is v, the bound is by −min(0, v) too high at
+most. That is done for guarantees which need no cuts and are not compared with the optimal rule.
 """
 
 from __future__ import annotations
@@ -26,8 +31,15 @@ from inscrutable.validation import Array
 SPARSE: Any = sparse
 """Its stubs are too many for a type checker."""
 
+NO_COLUMN, SHARED = -1, -2
+"""In the place of a row's column: its guarantee gives way alike whatever is played; and it is besides one for all decisions."""
+
 _MOST_ROUNDS = 100
 _NEAR = 4
+_WHOLE = 15_000
+"""Pairs of belief and decision up to which all decisions are there from the first: a programme takes about a second then."""
+_FIRST, _PREFERRED, _TEMPTING = 24, 6, 12  # decisions at first, and how many join at a time
+_FRESH = 3  # rounds that a decision stays in without being played, unless it was there for its prices
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +87,14 @@ class RowBlock(NamedTuple):
     extra: Any  # sparse (n, k)
     sides: Array  # (n,)
     slopes: Array  # (n,): how fast a row gives way where its guarantee does, times p(u) of its column
-    columns: np.ndarray  # (n,): the row's column; −1 where it has none
+    columns: np.ndarray  # (n,): the row's column; NO_COLUMN or SHARED where it has none
 
 
 class RowsAndCuts(Protocol):
     """A guarantee as the programme reads it."""
+
+    is_by_decision: bool
+    """Whether a decision that is left out can be priced: no cuts are to be found, and nothing is compared with another law."""
 
     def rows(self, game: PlayedGame) -> RowBlock:
         """Rows that are there from the start."""
@@ -105,31 +120,109 @@ class Solved(NamedTuple):
 
 def cheapest_table(game: PlayedGame, regrets: Array, rules: tuple[RowsAndCuts, ...], goal: float) -> Solved:
     """Return the cheapest table that gives all the guarantees; its regret and bound differ by at most `goal` if it can be."""
-    unit = max(float(regrets.max()), tolerances.TINY)
-    objective = (game.weights[:, None] * regrets / unit).ravel()
-    blocks = [[rule.rows(game)] for rule in rules]
-    silent = np.zeros(game.shape)
-    silent[:, int((game.weights @ regrets).argmin())] = 1.0
-    best = _repaired(game, silent, rules)
-    value, bound = _regret(game, regrets, best), 0.0
-    prices: tuple[float, ...] = (0.0,) * len(rules)
-    for _ in range(_MOST_ROUNDS):
-        table, low, prices_now = _solve(game, objective, blocks)
-        if low * unit >= bound:
-            bound, prices = low * unit, tuple(unit * price for price in prices_now)
-        repaired = _repaired(game, table, rules)
-        regret = _regret(game, regrets, repaired)
-        if regret < value:
-            best, value = repaired, regret
-        if value - bound <= goal:
-            break
-        added = [rule.cuts(game, table) for rule in rules]
-        if all(cut is None for cut in added):
-            break
-        for block, cut in zip(blocks, added, strict=True):
+    return _Search(game, regrets, rules, goal).run()
+
+
+class _Search:
+    """The decisions and rows that are there, as they grow, and the best table so far."""
+
+    def __init__(self, game: PlayedGame, regrets: Array, rules: tuple[RowsAndCuts, ...], goal: float) -> None:
+        self.game, self.regrets, self.rules, self.goal = game, regrets, rules, goal
+        self.unit = max(float(regrets.max()), tolerances.TINY)
+        self.objective = game.weights[:, None] * regrets / self.unit
+        self.blocks = [[rule.rows(game)] for rule in rules]
+        silent = np.zeros(game.shape)
+        silent[:, int((game.weights @ regrets).argmin())] = 1.0
+        self.best = _repaired(game, silent, rules)
+        self.value, self.bound = _regret(game, regrets, self.best), 0.0
+        self.prices: tuple[float, ...] = (0.0,) * len(rules)
+        self.age = np.full(game.shape[1], _FRESH)  # rounds since a decision was played
+        self.age[self._first()] = 0
+
+    def _first(self) -> np.ndarray:
+        if self.regrets.size <= _WHOLE or not self.rules or not all(rule.is_by_decision for rule in self.rules):
+            return np.arange(self.game.shape[1])
+        chosen = [int((self.game.weights @ self.regrets).argmin())]
+        least = self.regrets[:, chosen[0]]
+        while len(chosen) < _FIRST:
+            spared = self.game.weights @ np.maximum(least[:, None] - self.regrets, 0.0)
+            chosen.append(int(spared.argmax()))
+            least = np.minimum(least, self.regrets[:, chosen[-1]])
+        return np.array(chosen)
+
+    def run(self) -> Solved:
+        """Solve, and add rows and decisions, until regret and bound meet or nothing is left to add."""
+        for _ in range(_MOST_ROUNDS):
+            columns = np.flatnonzero(self.age < _FRESH)
+            found = _solve(self.game, self.objective, self.blocks, columns)
+            self._keep(found.table)
+            self.age += 1
+            is_played = self.game.played(found.table) > 0
+            self.age[is_played] = np.minimum(self.age[is_played], 0)
+            has_cuts, is_whole = self._cut(found.table), len(columns) == len(self.age)
+            added = np.empty(0, np.int64) if is_whole else self._preferred(found.table, columns)
+            if is_whole:
+                self.age[:] = 0
+                self._bounded(found, 0.0)
+            elif not has_cuts and not added.size:
+                added, least = self._tempting(found, columns)
+                self.age[columns] = self.age[added] = -_MOST_ROUNDS
+                self._bounded(found, min(least, 0.0))
+            if self.value - self.bound <= self.goal or not (has_cuts or added.size):
+                break
+            self.age[added] = np.minimum(self.age[added], 0)
+        return Solved(self.best, self.value, min(self.bound, self.value), self.prices)
+
+    def _keep(self, table: Array) -> None:
+        """Keep a table if its repaired one is the best so far."""
+        repaired = _repaired(self.game, table, self.rules)
+        regret = _regret(self.game, self.regrets, repaired)
+        if regret < self.value:
+            self.best, self.value = repaired, regret
+
+    def _bounded(self, found: _Found, least: float) -> None:
+        if self.unit * (found.low + least) >= self.bound:
+            self.bound = self.unit * (found.low + least)
+            self.prices = tuple(self.unit * price for price in found.prices)
+
+    def _cut(self, table: Array) -> bool:
+        """Add the rows that a table breaks, and say whether there are any."""
+        added = [rule.cuts(self.game, table) for rule in self.rules]
+        for block, cut in zip(self.blocks, added, strict=True):
             if cut is not None:
                 block.append(cut)
-    return Solved(best, value, min(bound, value), prices)
+        return any(cut is not None for cut in added)
+
+    def _preferred(self, table: Array, columns: np.ndarray) -> np.ndarray:
+        """Decisions that cost those less, on average, who play one that is there; the most first."""
+        played = self.game.played(table)
+        joint = self.game.weights[:, None] * table[:, played > 0]
+        saved = (joint * self.regrets[:, played > 0]).sum(axis=0)[:, None] - joint.T @ self.regrets
+        most = saved.max(axis=0)
+        most[columns] = 0.0
+        order = np.argsort(-most)[:_PREFERRED]
+        return np.asarray(order[most[order] > 0.1 * self.goal])
+
+    def _tempting(self, found: _Found, columns: np.ndarray) -> tuple[np.ndarray, float]:
+        """Decisions left out that tempt at these prices, and the least of their programmes; −∞ where not all were tried."""
+        others = np.setdiff1d(np.arange(self.game.shape[1]), columns)
+        wide = [_stacked(group) for group in self.blocks]
+        likely = self._likely(found, others)
+        tempting, values = [], []
+        for m in others[np.argsort(likely)]:
+            values.append(_least_of(self.game, self.objective[:, m] - found.levels, (wide, found.duals), int(m)))
+            if self.unit * values[-1] < -0.5 * self.goal:
+                tempting.append(int(m))
+                if len(tempting) == _TEMPTING:
+                    return np.array(tempting), -np.inf
+        return np.array(tempting, dtype=np.int64), min(values, default=0.0)
+
+    def _likely(self, found: _Found, others: np.ndarray) -> Array:
+        """How much dearer each of others is, at least, to those who play one that is there."""
+        played = self.game.played(found.table)
+        laws = self.game.weights[:, None] * found.table[:, played > 0] / played[played > 0]
+        own = (laws * self.regrets[:, played > 0]).sum(axis=0)[:, None]
+        return np.asarray((laws.T @ self.regrets[:, others] - own).min(axis=0))
 
 
 def nearest_columns(regrets: Array) -> np.ndarray:
@@ -144,33 +237,81 @@ def _regret(game: PlayedGame, regrets: Array, table: Array) -> float:
     return float(game.weights @ (table * regrets).sum(axis=1))
 
 
-def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]]) -> tuple[Array, float, list[float]]:
-    """A table that solves the programme of these rows, a lower bound of its value, and the guarantees' prices."""
-    n_beliefs, n_columns = game.shape
+class _Found(NamedTuple):
+    """A table that solves a programme on some decisions, a lower bound of its value on these, and prices."""
+
+    table: Array  # (B,M)
+    low: float
+    prices: list[float]  # of the guarantees
+    levels: Array  # α (B,)
+    duals: list[Array]  # of every guarantee's rows
+
+
+def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]], columns: np.ndarray) -> _Found:
+    """The solution of the programme of these rows on some of the decisions."""
+    n_beliefs, n_columns = len(game.weights), len(columns)
     size = n_beliefs * n_columns
     wide = [_stacked(group) for group in blocks]
-    table = SPARSE.vstack([block.table for block in wide]).tocsr() if wide else SPARSE.csr_array((0, size))
-    extra = SPARSE.block_diag([block.extra for block in wide]).tocsr() if wide else SPARSE.csr_array((0, 0))
-    sides = np.concatenate([np.zeros(0), *(block.sides for block in wide)])
+    parts, kept = zip(*(_on_columns(block, game.shape, columns) for block in wide), strict=True) if wide else ((), ())
+    table = SPARSE.vstack([part.table for part in parts]).tocsr() if wide else SPARSE.csr_array((0, size))
+    extra = SPARSE.block_diag([part.extra for part in parts]).tocsr() if wide else SPARSE.csr_array((0, 0))
+    rows = Rows(SPARSE.hstack([table, extra]).tocsr(), np.concatenate([np.zeros(0), *(part.sides for part in parts)]))
     sums = SPARSE.kron(SPARSE.identity(n_beliefs), np.ones((1, n_columns)))
+    costs = objective[:, columns].ravel()
     found = minimum(
-        np.concatenate([objective, np.zeros(extra.shape[1])]),
-        Rows(SPARSE.hstack([table, extra]).tocsr(), sides),
+        np.concatenate([costs, np.zeros(extra.shape[1])]),
+        rows,
         Rows(SPARSE.hstack([sums, SPARSE.csr_array((n_beliefs, extra.shape[1]))]).tocsr(), np.ones(n_beliefs)),
         (0.0, 1.0),
+        interior=n_columns < game.shape[1],
     )
-    shares = np.maximum(found.x[:size].reshape(n_beliefs, n_columns), 0.0)
+    shares = np.zeros(game.shape)
+    shares[:, columns] = np.maximum(found.x[:size].reshape(n_beliefs, n_columns), 0.0)
     shares[:, game.played(shares) < tolerances.RARELY_PLAYED] = 0.0
     shares /= shares.sum(axis=1, keepdims=True)
     duals = np.maximum(-found.duals, 0.0)
-    low = lower_bound(game.shape, objective, Rows(SPARSE.hstack([table, extra]).tocsr(), sides), duals)
-    played, prices, start = game.played(shares), [], 0
-    for block in wide:
-        here = duals[start : start + len(block.sides)]
-        factors = np.where(block.columns >= 0, played[block.columns], 1.0)
-        prices.append(float(here @ (block.slopes * factors)))
-        start += len(block.sides)
-    return shares, low, prices
+    paid = (costs + rows.matrix[:, :size].T @ duals).reshape(n_beliefs, n_columns)
+    low = lower_bound((n_beliefs, n_columns), costs, rows, duals)
+    played, prices, every, start = game.played(shares), [], [], 0
+    for block, part, some in zip(wide, parts, kept, strict=True):
+        here = duals[start : start + len(part.sides)]
+        factors = np.where(part.columns >= 0, played[part.columns], 1.0)
+        prices.append(float(here @ (part.slopes * factors)))
+        every.append(np.zeros(len(block.sides)))
+        every[-1][some] = here
+        start += len(part.sides)
+    return _Found(shares, low, prices, paid.min(axis=1), every)
+
+
+def _on_columns(block: RowBlock, shape: tuple[int, int], columns: np.ndarray) -> tuple[RowBlock, np.ndarray]:
+    """The rows on some of the decisions, without those that have nothing to do with them, and which are left."""
+    if len(columns) == shape[1]:
+        return block, np.arange(len(block.sides))
+    places = (np.arange(shape[0])[:, None] * shape[1] + columns).ravel()
+    table = block.table.tocsc()[:, places].tocsr()
+    extra = block.extra.tocsc()[:, columns].tocsr() if block.extra.shape[1] else block.extra
+    some = np.flatnonzero((np.diff(table.indptr) > 0) | (np.diff(extra.tocsr().indptr) > 0))
+    return RowBlock(table[some], extra.tocsr()[some], *(part[some] for part in block[2:])), some
+
+
+def _least_of(game: PlayedGame, costs: Array, known: tuple[list[RowBlock], list[Array]], column: int) -> float:
+    """The least Σ_b K_b costs_b of one decision that keeps its own rows, Σ_b w_b K_b = 1, with the shared rows at their prices.
+
+    Rows that allow for something without being paid are left out, and nothing is at most 1: that lowers it, if anything.
+    """
+    tables, extras, added = [], [], []
+    for block, duals in zip(*known, strict=True):
+        part, some = _on_columns(block, game.shape, np.array([column]))
+        shared = part.columns == SHARED
+        own = ~shared & (part.sides <= 0.0)
+        tables.append(part.table[own])
+        extras.append(part.extra[own])
+        added.append(np.asarray(part.extra[shared].T @ duals[some][shared]).reshape(-1))
+    table, extra = SPARSE.vstack(tables), SPARSE.block_diag(extras)
+    rows = SPARSE.hstack([table, extra]).tocsr()
+    whole = np.append(game.weights, np.zeros(extra.shape[1]))[None]
+    below = Rows(rows, np.zeros(rows.shape[0]))
+    return minimum(np.concatenate([costs, *added]), below, Rows(whole, np.ones(1)), (0.0, None)).value
 
 
 def lower_bound(shape: tuple[int, int], objective: Array, rows: Rows, prices: Array) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable import tolerances, validation
-from inscrutable.decision_makers.aware.guaranteed_programme import SPARSE, PlayedGame, RowBlock
+from inscrutable.decision_makers.aware.guaranteed_programme import NO_COLUMN, SHARED, SPARSE, PlayedGame, RowBlock
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
@@ -39,6 +39,9 @@ class Guarantee(ABC):
 
     is_floor = False
     """Whether the limit is a least value; otherwise it is a largest one."""
+
+    is_by_decision = False
+    """Whether its rows are all there from the start and none compares with the optimal rule: see `guaranteed_programme`."""
 
     @abstractmethod
     def level(self, game: PlayedGame, table: Array) -> float:
@@ -106,6 +109,7 @@ class PointwiseLeakageCap(Guarantee):
     """
 
     nats: float
+    is_by_decision = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "nats", validation.non_negative(self.nats, "nats"))
@@ -165,6 +169,7 @@ class MaximalLeakageCap(Guarantee):
     """
 
     nats: float
+    is_by_decision = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "nats", validation.non_negative(self.nats, "nats"))
@@ -191,7 +196,7 @@ class MaximalLeakageCap(Guarantee):
             SPARSE.vstack([-of_column, np.ones((1, n_columns))]).tocsr(),
             np.append(np.zeros(size), most),
             np.append(np.zeros(size), most),
-            np.full(size + 1, -1),
+            np.append(np.full(size, NO_COLUMN), SHARED),
         )
 
     def toward_honest(self, game: PlayedGame, table: Array) -> float:
@@ -247,7 +252,7 @@ class DetectabilityCap(Guarantee):
             SPARSE.vstack([-SPARSE.identity(n_columns), np.ones((1, n_columns))]).tocsr(),
             np.append(game.honest, self.total_variation),
             np.append(np.zeros(n_columns), 1.0),
-            np.full(n_columns + 1, -1),
+            np.append(np.full(n_columns, NO_COLUMN), SHARED),
         )
 
     def toward_honest(self, game: PlayedGame, table: Array) -> float:
@@ -278,6 +283,7 @@ class NamingErrorFloor(Guarantee):
 
     least: float
     is_floor = True
+    is_by_decision = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "least", _share(self.least, "least"))
@@ -430,7 +436,7 @@ class MeanSquaredErrorFloor(_SquareErrors):
             SPARSE.vstack([np.ones((1, n_columns)), cuts.extra]).tocsr(),
             np.append(most - self.least, cuts.sides),
             np.append(1.0, cuts.slopes),
-            np.append(-1, cuts.columns),
+            np.append(SHARED, cuts.columns),
         )
 
     def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
@@ -452,7 +458,7 @@ class MeanSquaredErrorFloor(_SquareErrors):
         gains = game.weights[:, None] * (2.0 * (game.beliefs - middle) @ apart.T - (apart**2).sum(axis=1))
         own = SPARSE.csr_array((np.ones(count), (np.arange(count), which)), shape=(count, game.shape[1]))
         return RowBlock(
-            _of_columns(gains, which, game.shape[1]), -own, np.zeros(count), np.zeros(count), np.full(count, -1)
+            _of_columns(gains, which, game.shape[1]), -own, np.zeros(count), np.zeros(count), np.full(count, NO_COLUMN)
         )
 
 

@@ -270,11 +270,11 @@ class _Search:
         others = np.setdiff1d(np.arange(n_columns), columns)
         if others.size:
             pool = np.unique(np.vstack([self.mixed[columns], self.game.rival.state_costs(self.points)]), axis=0)
-            worst, which = _least_tempting(game.gains(pool) / self.spread, paid[:, others])
+            worst, which = least_tempting_answer(game.gains(pool) / self.spread, paid[:, others])
             self.mixed[others] = pool[which]
             order = np.argsort(-worst)
             for k in order[worst[order] > near][: 2 * _ADDED]:
-                share, worth = _matrix_game(self.known, paid[:, others[k]])
+                share, worth = matrix_game(self.known, paid[:, others[k]])
                 self.mixed[others[k]] = self._costs_of(np.arange(len(self.points)), share)
                 if worth > near:
                     tempted[int(others[k])] = np.flatnonzero(share > tolerances.PROBABILITY)
@@ -309,7 +309,7 @@ class _Search:
         self.there[:, self.columns] = kept & allowed
 
 
-def _least_tempting(gains: Array, paid: Array) -> tuple[Array, np.ndarray]:
+def least_tempting_answer(gains: Array, paid: Array) -> tuple[Array, np.ndarray]:
     """Return min_k max_b (gains_bk − paid_bm) of every decision m, and which k: shapes (M,)."""
     worst, which = np.full(paid.shape[1], np.inf), np.zeros(paid.shape[1], dtype=np.intp)
     for k, gain in enumerate(gains.T):
@@ -319,7 +319,7 @@ def _least_tempting(gains: Array, paid: Array) -> tuple[Array, np.ndarray]:
     return worst, which
 
 
-def _matrix_game(gains: Array, paid: Array) -> tuple[Array, float]:
+def matrix_game(gains: Array, paid: Array) -> tuple[Array, float]:
     """Return the mixed answer y of least max_b (gains y − paid)_b, and that."""
     some = np.isfinite(paid)
     rows = np.hstack([gains[some], -np.ones((int(some.sum()), 1))])

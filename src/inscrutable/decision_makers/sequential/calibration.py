@@ -40,7 +40,7 @@ _DOUBLINGS = 24
 
 
 class PriceTrial(NamedTuple):
-    """Long-run means at one price of regret."""
+    """Long-run means at one price of regret; the loss is counted from the table's floor."""
 
     price: float
     regret: float
@@ -66,14 +66,13 @@ def calibrated(
     """Return the prices of largest simulated loss whose simulated mean regret is the limit."""
     draws = rng.random((_PATHS, _LAST))
     market = _Market(table, law, limit, draws, None if law.n_public is None else rng.random(draws.shape))
-    silence = _silence(table)
-    unit = table.prior_loss
+    silence, unit = _silence(table), table.unit
     if silence <= limit or not unit > 0:
         told = float("inf") if asked is None else asked
         price = (
             tolerances.SILENT_PRICE / max(silence, np.finfo(float).tiny) * (1.0 if np.isinf(told) else max(unit, 1.0))
         )
-        loss = (unit, 0.0, 0.0)
+        loss = (table.prior_loss, 0.0, 0.0)
         return PriceCalibration(
             np.array([price]), told, np.ones(1), min(silence, limit), 0.0, *loss, limit, PriceStatus.SILENT
         )
@@ -95,7 +94,8 @@ def calibrated(
     while True:
         told, *ends = found.pop()
         try:
-            return _refined(market, told, (ends[0], ends[1]))
+            long = _refined(market, told, (ends[0], ends[1]))
+            return replace(long, loss=long.loss + table.floor)
         except SolverError as error:  # longer simulations meet laws that short ones did not
             if not found:
                 raise
@@ -114,7 +114,8 @@ def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
     rule = StepRule(market.table, prices)
     if market.law.is_still:  # nothing is told after the first step
         step = rule.step(market.law.weights(market.law.start()))
-        return PriceTrial(prices.regret, step.regret / market.table.period, 0.0, step.loss, 0.0, 0.0)
+        lost = step.loss - market.table.floor
+        return PriceTrial(prices.regret, step.regret / market.table.period, 0.0, lost, 0.0, 0.0)
     with ThreadPoolExecutor(len(market.draws)) as pool:
         reads: Any = [None] * len(market.draws) if market.reads is None else market.reads[:, :n_steps]
         paths = list(pool.map(lambda *drawn: _followed(rule, market.law, *drawn), market.draws[:, :n_steps], reads))
@@ -138,9 +139,10 @@ def _slopes(controls: Array, values: Array) -> Array:
 def _controls(table: StepTable) -> Array:
     """Functions of the belief of mean 0 and variance 1 under the prior, shape (C,B): coordinates, their products, and regrets
     of three decisions."""
-    first, second = np.triu_indices(table.points.shape[1])
+    points = table.stakes.points
+    first, second = np.triu_indices(points.shape[1])
     some = np.unique(np.linspace(0, table.n_values - 1, 3).astype(int))
-    found = np.hstack([table.points, table.points[:, first] * table.points[:, second], table.regrets[:, some]])
+    found = np.hstack([points, points[:, first] * points[:, second], table.regrets[:, some]])
     found = found - table.prior.weights @ found
     spread = np.sqrt(table.prior.weights @ found**2)
     return np.asarray((found / np.where(spread > 0.0, spread, 1.0)).T)
@@ -149,14 +151,18 @@ def _controls(table: StepTable) -> Array:
 def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) -> Array:
     """Mean regret, mean loss and bits, a step each, of all decisions shown along the observer's path, and the control
     variates, shape (3+C,T)."""
-    controls = _controls(rule.table)
+    controls, stakes = _controls(rule.table), rule.table.stakes
     found = np.empty((3 + len(controls), len(draws)))
     state, kept, step = law.start(), -1, None
     if reads is not None:
         state = law.moved(state, law.drawn(state, float(reads[0])))
     for t, draw in enumerate(draws):
         step = rule.step(law.weights(state), kept, step)
-        found[:3, t] = step.regret / rule.table.period, step.loss, step.bits / rule.table.period
+        found[:3, t] = (
+            step.regret / rule.table.period,
+            step.loss - stakes.floor(law.weights(state)),
+            step.bits / rule.table.period,
+        )
         found[3:, t] = controls @ law.weights(state)
         order = np.argsort(step.numbers)  # near laws then draw alike
         levels = step.played[order].cumsum()
@@ -172,7 +178,7 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
 
 def _bracket(market: _Market, told: float, silence: float, n_steps: int) -> tuple[PriceTrial, PriceTrial]:
     """Trials of regrets above and below the limit, as near as they come; equal where one is near enough."""
-    unit = 1.0 if np.isinf(told) else market.table.prior_loss + told
+    unit = 1.0 if np.isinf(told) else market.table.unit + told
     price = unit / silence if np.isfinite(silence) else unit / market.limit
     low = high = None
     for _ in range(_DOUBLINGS):
@@ -292,8 +298,10 @@ def _made(limit: float, told: float, trials: Sequence[PriceTrial]) -> PriceCalib
     else:
         share = _share(limit, *trials)
         shares, status = np.array([share, 1.0 - share]), PriceStatus.MIXED_PRICE
-    means = {name: float(shares @ [getattr(each, name) for each in trials]) for name in ("regret", "loss", "bits")}
-    errors = {
+    means: dict[str, Any] = {
+        name: float(shares @ [getattr(each, name) for each in trials]) for name in ("regret", "loss", "bits")
+    }
+    errors: dict[str, Any] = {
         name: float(np.sqrt(((shares * [getattr(each, name) for each in trials]) ** 2).sum()))
         for name in ("regret_se", "loss_se")
     }

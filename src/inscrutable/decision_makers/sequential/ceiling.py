@@ -3,7 +3,9 @@
 V1(r) = max_K {E L : E ρ ≤ r} is concave in r and in the prior together, so that the mean loss of any rule whose decisions are
 seen exactly and at once is at most V1 of its mean regret. Any price s and estimates μ bound it:
 
-    V1(r) ≤ Σ_b p_b max_m (|x_b − μ_m|² − s ρ_bm) + s r.
+    V1(r) ≤ Σ_b p_b max_m (g_b(μ_m) − s ρ_bm) + s r,
+
+g_b(μ) = |x_b − μ|², or what mixed answers cost a rival.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
+from inscrutable.decision_makers.aware.stackelberg_answers import least_tempting_answer, matrix_game
+from inscrutable.decision_makers.sequential.stakes import Stakes
 from inscrutable.decision_makers.sequential.step import Prices, StepRule, StepTable
 from inscrutable.errors import SolverError
 from inscrutable.validation import Array
@@ -42,10 +46,10 @@ def ceiling_of(table: StepTable, limit: float) -> float:
     """Return a bound on the mean loss at a mean regret, for rules on the table's decisions."""
     law = table.prior.weights
     silence = float((law @ table.regrets).min())
-    unit = table.prior_loss
+    unit = table.unit
     if silence <= limit or not unit > 0:
-        return unit
-    best, price = unit, unit / silence
+        return table.prior_loss
+    best, price = table.prior_loss, unit / silence
     low: _Bound | None = None
     high: _Bound | None = None
     for _ in range(_MOST_PRICES):
@@ -68,31 +72,42 @@ def ceiling_of(table: StepTable, limit: float) -> float:
 
 def _bound(table: StepTable, price: float, limit: float) -> _Bound | None:
     """The bound at a price, with the estimates of the step of the least price of information; None where it fails."""
-    law, points = table.prior.weights, table.points
+    law = table.prior.weights
     try:
         step = StepRule(table, Prices(price, 0.0)).step(law)
     except SolverError:
         return None
     estimates = _all_estimates(table, step.numbers, step.estimates, price)
-    squares = (points**2).sum(axis=1)[:, None] - 2.0 * points @ estimates.T + (estimates**2).sum(axis=1)
-    worth = squares - price * table.regrets
+    worth = table.stakes.gains(estimates) - price * table.regrets
     if table.allowed is not None:
         worth = np.where(table.allowed, worth, -np.inf)
-    value = float(law @ (worth.max(axis=1) + table.spare)) + price * limit
+    value = float(law @ (worth.max(axis=1) + table.stakes.spare)) + price * limit
     return _Bound(price, value, limit - step.regret)
 
 
 def _all_estimates(table: StepTable, numbers: np.ndarray, estimates: Array, price: float) -> Array:
     """Estimates after all decisions: of those that are not played the ones that tempt least."""
-    from inscrutable.decision_makers.aware.stackelberg_solver import least_tempting
-
-    points = table.points
-    squares = (points**2).sum(axis=1)[:, None]
-    played = squares - 2.0 * points @ estimates.T + (estimates**2).sum(axis=1) - price * table.regrets[:, numbers]
-    levels = played.max(axis=1)
-    offers = squares - price * table.regrets - levels[:, None]
+    stakes = table.stakes
+    levels = (stakes.gains(estimates) - price * table.regrets[:, numbers]).max(axis=1)
+    offers = stakes.base[:, None] - price * table.regrets - levels[:, None]
     if table.allowed is not None:
-        offers = np.where(table.allowed, offers, -_FORBIDDEN * table.prior_loss)
-    found = least_tempting(points, offers, tolerances.LEAST_TEMPTING * table.prior_loss)
+        offers = np.where(table.allowed, offers, -_FORBIDDEN * table.unit)
+    if stakes.width:
+        found = _mixed_answers(stakes, np.vstack([estimates, stakes.pure]), -offers)
+    else:
+        from inscrutable.decision_makers.aware.stackelberg_solver import least_tempting
+
+        found = least_tempting(stakes.points, offers, tolerances.LEAST_TEMPTING * table.unit)
     found[numbers] = estimates
     return np.asarray(found)
+
+
+def _mixed_answers(stakes: Stakes, some: Array, paid: Array) -> Array:
+    """The mixed answers (M,d) to every decision that tempt least: of some (n,d), or of all where these tempt."""
+    pool = np.unique(some, axis=0)
+    gains = stakes.gains(pool) - stakes.base[:, None]
+    worst, which = least_tempting_answer(gains, paid)
+    found: Array = pool[which]
+    for m in np.flatnonzero(worst > 0.0):
+        found[m] = matrix_game(gains, paid[:, m])[0] @ pool
+    return found

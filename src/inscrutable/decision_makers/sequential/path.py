@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable import validation
-from inscrutable.decision_makers.sequential.prices import PriceStatus
+from inscrutable.decision_makers.sequential.prices import PriceStatus, loss_text
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
@@ -21,13 +21,14 @@ class PathDecisions(Saved):
         actions: u_t, shape (T,U); (T,) whole numbers where decisions are finite choices.
         regrets: ρ(π_t,u_t), what they cost, shape (T,), in the cost's unit.
         observer_means: The observer's estimates E[π_t | what is seen by step t], shape (T,X).
-        losses: The mean square error that the observer expects of them, shape (T,): E[‖π_t − mean_t‖² | what is seen].
+        losses: The loss that the observer expects then, shape (T,): E[‖π_t − mean_t‖² | what is seen], or another.
         bits: I(π_t; u_t | u_0..u_{t−1}) of the step under the observer's law before it, shape (T,).
         status: Where the prices come from.
         expected_regrets: Mean regret of the step under the observer's law before it, shape (T,).
         own_regrets: The same under the belief itself, shape (T,).
         n_off_grid: Steps whose belief is none of the law's: the observer's law then misses it, and the calibration does not
             cover its regret.
+        lost: What the observer loses: the loss in words.
 
     Source: Bayes' rule at every step.
 
@@ -47,6 +48,7 @@ class PathDecisions(Saved):
     expected_regrets: Array
     own_regrets: Array
     n_off_grid: int
+    lost: str = "SquaredError()"
 
     def __post_init__(self) -> None:
         validation.read_only(
@@ -64,7 +66,7 @@ class PathDecisions(Saved):
         lines = [
             f"{len(self)} decisions",
             f"regret            mean {self.regrets.mean():.4g}, expected by the observer {self.expected_regrets.mean():.4g}",
-            f"observer's error  {np.sqrt(self.losses.mean()):.4f}, root mean square",
+            f"observer's        {loss_text(float(np.mean(self.losses)), self.lost)}",
             f"information       {self.bits.mean():.4f} bits a step",
         ]
         if self.n_off_grid:

@@ -13,6 +13,13 @@ from inscrutable.errors import InputError
 from inscrutable.saved import Saved, saved_choice
 from inscrutable.validation import Array
 
+_SQUARED = "SquaredError()"
+
+
+def loss_text(loss: float, lost: str) -> str:
+    """Return a mean loss in words: of a square error its root, in units of belief."""
+    return f"error {np.sqrt(loss):.4f}" if lost == _SQUARED else f"loss {loss:.4g} ({lost})"
+
 
 @saved_choice
 class PriceStatus(Enum):
@@ -44,11 +51,12 @@ class PriceCalibration(Saved):
         shares: Probabilities of the prices, shape (n,).
         regret: Simulated long-run mean regret under the observer's law, in the cost's unit; NaN where it was not simulated.
         regret_se: Its standard error.
-        loss: Simulated long-run mean loss (square error) of the observer.
+        loss: Simulated long-run mean loss of the observer.
         loss_se: Its standard error.
         bits: Simulated information a step.
         budget: The regret asked for.
         status: How the prices came about.
+        lost: What the observer loses: the loss in words.
 
     Raises:
         InputError: A price is negative, or the shares do not sum to one.
@@ -70,6 +78,7 @@ class PriceCalibration(Saved):
     bits: float = float("nan")
     budget: float = float("nan")
     status: PriceStatus = PriceStatus.GIVEN
+    lost: str = _SQUARED
 
     def __post_init__(self) -> None:
         prices = validation.finite_array(self.regret_prices, "regret_prices", ndim=1)
@@ -105,7 +114,7 @@ class PriceCalibration(Saved):
                 f"price of regret       {listed}",
                 f"price of information  {alone}",
                 f"long-run regret       {self.regret:.4g} ± {self.regret_se:.2g} of {self.budget:.4g}",
-                f"observer's error      {np.sqrt(self.loss):.4f}, {self.bits:.4f} bits a step",
+                f"observer's            {loss_text(self.loss, self.lost)}, {self.bits:.4f} bits a step",
                 f"status                {self.status.value}",
             ]
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +19,7 @@ from inscrutable.decision_makers.sequential.ceiling import ceiling_of
 from inscrutable.decision_makers.sequential.finite import FiniteRule, finite_rule
 from inscrutable.decision_makers.sequential.laws import ChainLaw
 from inscrutable.decision_makers.sequential.path import PathDecisions
-from inscrutable.decision_makers.sequential.prices import PriceCalibration
+from inscrutable.decision_makers.sequential.prices import PriceCalibration, loss_text
 from inscrutable.decision_makers.sequential.seen import Knowledge
 from inscrutable.decision_makers.sequential.sequence import DecisionSequence
 from inscrutable.decision_makers.sequential.step import StepTable, step_table
@@ -27,7 +28,8 @@ from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 from inscrutable.mechanisms.disclosures import Disclosure
-from inscrutable.privacy import SquaredError
+from inscrutable.privacy import Loss
+from inscrutable.privacy.losses import checked_loss
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
@@ -41,10 +43,11 @@ twice as long (three states, twelve assets)."""
 class SequentialDecisionMaker(Described):
     """The decision maker that hides a belief that moves, and takes into account what its decisions have told already.
 
-    Formula: at every step K_t = argmax_K E[‖π − μ_u‖²] − s E[ρ(π,u)] − λ I(π;u) under the law p_t of the belief that an
-    observer of all earlier decisions holds; then p_{t+1} is p_t after Bayes' rule with K_t(u_t|·), one step later. Where one
-    decision for certain is optimal, it is played and tells nothing. The prices s and λ are fixed, and such that the long-run
-    mean regret is the budget. With `information_price` infinite, K_t = argmax_K −s E[ρ(π,u)] − I(π;u).
+    Formula: at every step K_t = argmax_K E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u) under the law p_t of the belief that an observer of
+    all earlier decisions holds, with L(p_u) = E[‖π − E[π|u]‖² | u] or another `loss` of its law after u; then p_{t+1} is p_t
+    after Bayes' rule with K_t(u_t|·), one step later. Where one decision for certain is optimal, it is played and tells
+    nothing. The prices s and λ are fixed, and such that the long-run mean regret is the budget. With `information_price`
+    infinite, K_t = argmax_K −s E[ρ(π,u)] − I(π;u).
 
     K_t depends on p_t alone, so that an observer can know it. As long as the belief moves as the chain says, repeated
     decisions do not reveal anew what they have revealed: on a belief that stays, by a chain that says so, only the first
@@ -59,8 +62,9 @@ class SequentialDecisionMaker(Described):
             grid of at most 500 beliefs. What is public in it must be symbols; of a real number make the chain, with `cuts`.
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
             meet the budget or the cap, the optimal decisions of the chain's beliefs join them.
-        loss: What the observer loses: the square error of its estimate of the belief, `SquaredError()` or None. For other
-            losses `path_leakage(..., loss=)` says what the rule's decisions are worth to a rival.
+        loss: What the observer loses: the square error of its estimate of the belief, `SquaredError()` or None; or that of a
+            rival with finitely many answers, `NamingError()` or `RivalProblem(FiniteProblem(costs))`. For others
+            `path_leakage(..., loss=)` says what the rule's decisions are worth to them.
         information_price: λ, in loss per nat; infinite where information alone counts; None: the best of several. A price
             below a thousandth of the prior loss is taken as that.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
@@ -72,6 +76,7 @@ class SequentialDecisionMaker(Described):
 
     Raises:
         InputError: An argument is malformed, or the chain has another number of states.
+        InputError: At first use: the rival's answers are not finitely many, or the best one is the same under every belief.
         SolverError: At first use: no price was found at which the budget is met, or a step was not solved to its gap.
 
     Cost: some milliseconds a step for 500 beliefs and 500 candidates. The calibration simulates some thousand steps: half a
@@ -106,7 +111,7 @@ class SequentialDecisionMaker(Described):
         chain: BeliefChain | None = None,
         world: Any = None,
         candidates: Candidates | ArrayLike | None = None,
-        loss: SquaredError | None = None,
+        loss: Loss | None = None,
         information_price: float | None = None,
         worst_regret: Budget | float | None = None,
         disclosure: Disclosure | str | None = None,
@@ -117,11 +122,7 @@ class SequentialDecisionMaker(Described):
         self.budget = as_budget(budget)
         self._rng = validation.generator(rng)
         self.chain = _checked_chain(chain, _chain_of(world, self._rng), self.problem)
-        if loss is not None and not isinstance(loss, SquaredError):
-            raise InputError(
-                f"loss must be SquaredError() or None, the same: no other is known to this rule, got {loss!r}; single "
-                "decisions hide from other rivals by StackelbergDecisionMaker(..., loss=)"
-            )
+        self.loss = checked_loss(loss, self.problem.n_states, self.problem)
         self.disclosure = _checked_disclosure(disclosure, self.chain)
         if information_price is not None and not (
             isinstance(information_price, (int, float)) and information_price >= 0
@@ -144,11 +145,12 @@ class SequentialDecisionMaker(Described):
         """Beliefs, decisions and their regrets, made at first use."""
         prior = self.chain.prior
         columns = _columns(self.problem, self._given, prior)
-        table = step_table(self.chain, columns, self.worst_regret, self.disclosure)
+        asked = self.worst_regret, self.disclosure, self.loss
+        table = step_table(self.chain, columns, *asked)
         regrets = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
         least, limit = regrets.min(axis=1), float(prior.weights @ self.budget.limits(table.optimal_costs))
         if not (np.isfinite(least).all() and float(prior.weights @ least) <= limit * table.period):
-            table = step_table(self.chain, columns.joined(prior.beliefs), self.worst_regret, self.disclosure)
+            table = step_table(self.chain, columns.joined(prior.beliefs), *asked)
         return table
 
     @property
@@ -163,7 +165,8 @@ class SequentialDecisionMaker(Described):
             from threadpoolctl import threadpool_limits
 
             with threadpool_limits(limits=1, user_api="blas"):  # the simulated paths have a thread each
-                self._calibration = calibrated(self.table, self.law, self.limit, self.information_price, self._rng)
+                found = calibrated(self.table, self.law, self.limit, self.information_price, self._rng)
+            self._calibration = replace(found, lost=str(self.loss))
         return self._calibration
 
     @cached_property
@@ -254,7 +257,7 @@ class SequentialDecisionMaker(Described):
         read = None if public is None else self._symbols(public, len(held))
         if read is None:
             sequence.observe()
-        knowledge = Knowledge(self.chain, self.disclosure.schedule.lag)
+        knowledge = Knowledge(self.law, self.disclosure.schedule.lag, self.loss)
         regrets, losses, bits, expected, own = np.empty((5, len(held)))
         means, points = np.empty((len(held), held.shape[1])), []
         for t, belief in enumerate(held):
@@ -269,7 +272,16 @@ class SequentialDecisionMaker(Described):
             points.append(lottery.actions[atom])
             means[t], losses[t] = knowledge.after(sequence.observer.weights)
         return PathDecisions(
-            np.array(points), regrets, means, losses, bits, self.calibration.status, expected, own, sequence.n_off_grid
+            np.array(points),
+            regrets,
+            means,
+            losses,
+            bits,
+            self.calibration.status,
+            expected,
+            own,
+            sequence.n_off_grid,
+            str(self.loss),
         )
 
     def _symbols(self, public: ArrayLike, n_steps: int) -> np.ndarray:
@@ -282,17 +294,18 @@ class SequentialDecisionMaker(Described):
 
     def summary(self) -> str:
         """Return a few lines for a person to read; the prices are found where they are not known yet."""
-        error, most = np.sqrt(self.calibration.loss), np.sqrt(self.ceiling)
+        most = loss_text(self.ceiling, str(self.loss))
         return (
             f"{self.calibration.summary()}\n"
-            f"ceiling               error {error:.4f} of at most {most:.4f}, on a grid of {len(self.beliefs)} beliefs, on "
-            f"these {len(self.table.columns)} candidates"
+            f"ceiling               {most}, on a grid of {len(self.beliefs)} beliefs, on these {len(self.table.columns)} "
+            "candidates"
         )
 
 
 def _columns(problem: DecisionProblem, given: Any, prior: Prior) -> Columns:
     if given is not None or problem.is_discrete:
-        return columns_of(problem, as_candidates(problem, given), True)
+        found = columns_of(problem, as_candidates(problem, given), True)
+        return found if len(found) else found.joined(prior.beliefs)
     return columns_of(problem, decoy_grid(problem, _finest(problem.n_states)), True).joined(prior.mean[None])
 
 

@@ -28,8 +28,8 @@ class StepFigures(NamedTuple):
     regret: Mean regret under the observer's law, which knows nothing of the belief, in the cost's unit.
     own_regret: The same under the belief itself; NaN before `decide`.
     bits: I(π;u) under the law.
-    loss: The observer's mean square error after the decision, under the law; where decisions are shown late or not all, on
-        average over the steps in which it is the latest known.
+    loss: The observer's mean loss after the decision, under the law, such as the square error; where decisions are shown late
+        or not all, on average over the steps in which it is the latest known.
     """
 
     regret: float

@@ -32,6 +32,7 @@ class SequenceProblem(Saved):
     cap: Array  # (2,): amount and whether it is relative; −1 for none
     limit: float
     disclosure: str = EXACT
+    rival: Array | None = None  # (A,X): what its answers cost it; None for the square error
 
     def check(self, other: SequenceProblem) -> None:
         """Raise `InputError` where another differs by more than rounding."""
@@ -43,6 +44,7 @@ class SequenceProblem(Saved):
             "state_costs": "other costs",
             "cap": "another cap on the regret",
             "limit": "another budget",
+            "rival": "another loss of the observer",
         }
         if self.disclosure != other.disclosure:
             raise InputError(
@@ -58,6 +60,8 @@ _SAME = tolerances.SAME_BELIEF
 
 
 def _plain(value: Any) -> Array:
+    if value is None:
+        return np.empty(0)
     return np.asarray(value.toarray() if hasattr(value, "toarray") else value, dtype=np.float64)
 
 
@@ -73,7 +77,9 @@ def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem
     moves = law.chain.transition
     if law.chain.public is not None:
         moves = sparse.csr_array(sparse.hstack(list(law.chain.public)))
-    return SequenceProblem(prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown)
+    # Points of beliefs follow from what they cost a rival but for what its last answer costs, which moves nothing.
+    rival = table.stakes.directions if table.stakes.width else None
+    return SequenceProblem(prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown, rival)
 
 
 @dataclass(frozen=True, eq=False)

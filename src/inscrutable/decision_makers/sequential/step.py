@@ -13,11 +13,13 @@ from scipy.spatial import cKDTree
 from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places
-from inscrutable.decision_makers.sequential.seen import Classes, ahead, classes_of
+from inscrutable.decision_makers.sequential.seen import Classes, classes_of
+from inscrutable.decision_makers.sequential.stakes import Stakes, stakes_of
 from inscrutable.errors import SolverError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosures import Disclosure
+from inscrutable.privacy import Loss
 from inscrutable.validation import Array
 
 _SMALL_PRICE = 0.03
@@ -48,9 +50,7 @@ class StepTable:
     allowed: np.ndarray | None  # (B,C)
     cheapest: np.ndarray  # (B,C): the decision that a belief plays as a value
     cap: Budget | None
-    basis: Array  # (X−1,X): orthonormal directions in which beliefs differ
-    points: Array  # (B,d): beliefs less the prior's mean in these directions, as expected when the decision is seen
-    spare: Array  # (B,): square error that no decision of now can spare the observer
+    stakes: Stakes
 
     @property
     def n_values(self) -> int:
@@ -86,35 +86,38 @@ class StepTable:
     def points_of(self, beliefs: Array) -> Array:
         """Return the points of beliefs (T,X), on the grid or not; those of the nearest belief where time passes until then."""
         if self.disclosure.schedule.is_immediate:
-            return np.asarray((beliefs - self.prior.mean) @ self.basis.T)
-        return np.asarray(self.points[self._tree.query(beliefs)[1]])
+            return np.asarray((beliefs - self.stakes.centre) @ self.stakes.directions.T)
+        return np.asarray(self.stakes.points[self._tree.query(beliefs)[1]])
 
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.prior.beliefs)
 
-    @property
+    @cached_property
     def prior_loss(self) -> float:
-        """The prior's mean square error: the unit of the price of information."""
-        return float(self.prior.weights @ ((self.points**2).sum(axis=1) + self.spare))
+        """The observer's mean loss where nothing is told."""
+        return self.stakes.loss_of(self.prior.weights)
 
-    def loss_of(self, law: Array) -> float:
-        """Return L(p) = Σ p |π − mean|²; the mean of the steps in which a decision of now is the latest known."""
-        mean = law @ self.points
-        return max(float(law @ ((self.points**2).sum(axis=1) + self.spare) - mean @ mean), 0.0)
+    @property
+    def floor(self) -> float:
+        """What losses are counted from."""
+        return self.stakes.floor(self.prior.weights)
+
+    @property
+    def unit(self) -> float:
+        """The prior's loss above the floor: the unit of the price of information."""
+        return self.prior_loss - self.floor
 
 
 def step_table(
-    chain: BeliefChain, columns: Columns, cap: Budget | None, disclosure: Disclosure | None = None
+    chain: BeliefChain, columns: Columns, cap: Budget | None, disclosure: Disclosure | None, loss: Loss
 ) -> StepTable:
     """Return what steps at any prices are made from."""
     prior, shown = chain.prior, Disclosure.of(disclosure)
     costs = np.asarray(columns.problem.optimal_cost(prior.beliefs))
     classes = classes_of(columns, shown)
     found = _cheapest(columns, classes, cap, (prior.beliefs, costs))
-    basis = np.linalg.svd(np.ones((1, prior.beliefs.shape[1])))[2][1:]
-    points = ahead((prior.beliefs - prior.mean) @ basis.T, chain.transition, shown.schedule)
-    return StepTable(prior, columns, shown, classes, costs, *found, cap, basis, *points)
+    return StepTable(prior, columns, shown, classes, costs, *found, cap, stakes_of(loss, chain, shown.schedule))
 
 
 def _cheapest(
@@ -142,9 +145,8 @@ class Step:
     estimates: Array
     gap: float
     played: Array  # Σ p K, (n,)
-    means: Array  # (n,d) posterior means after the decisions, in the table's directions
     regret: float  # Σ p K ρ
-    loss: float  # Σ p K |π − mean|²
+    loss: float  # what the observer loses on average
     bits: float  # I(π;u)
     is_hidden: bool = False  # whether the decision is never shown, so that every belief plays its own best
 
@@ -154,27 +156,30 @@ class StepRule:
 
     def __init__(self, table: StepTable, prices: Prices) -> None:
         self.table, self.prices = table, prices
-        unit = table.prior_loss
+        stakes, unit = table.stakes, table.unit
         s, asked = prices
         self._informs_only = bool(np.isinf(asked))
         self.price = 1.0 if self._informs_only else max(asked, tolerances.LEAST_INFORMATION_PRICE * unit)
+        self._barrier = tolerances.ANSWER_BARRIER * unit / (stakes.points.shape[1] + 1)
         first = 1.0 if self._informs_only else _SMALL_PRICE * unit
-        found = self._values(table.points, table.regrets, table.allowed)
+        found = self._values(table.regrets, table.allowed)
+        if not self._informs_only:
+            found = found + stakes.base[:, None]
         slopes = s * _slopes(table)
         n_columns = table.n_values
         self._kernel_parts = (
-            np.ascontiguousarray(table.points.T) if not self._informs_only else np.empty((0, len(table.points))),
+            np.ascontiguousarray(stakes.points.T) if not self._informs_only else np.empty((0, len(stakes.points))),
             np.ascontiguousarray(found.T),
             np.ascontiguousarray(slopes) if not self._informs_only else np.empty((n_columns, 0)),
             float(self.price),
             float(first),
+            0 if self._informs_only else stakes.width,
+            float(self._barrier),
         )
 
-    def _values(self, points: Array, regrets: Array, allowed: np.ndarray | None) -> Array:
-        """|x|² − s ρ, or −s ρ; −∞ where a cap forbids the decision. Shape (B,M)."""
+    def _values(self, regrets: Array, allowed: np.ndarray | None) -> Array:
+        """−s ρ; −∞ where a cap forbids the decision. Shape (B,M)."""
         values = -self.prices.regret * regrets
-        if not self._informs_only:
-            values = values + (points**2).sum(axis=1)[:, None]
         return values if allowed is None else np.where(allowed, values, -np.inf)
 
     def step(self, law: Array, kept: int = -1, near: Step | None = None) -> Step:
@@ -185,18 +190,20 @@ class StepRule:
         table = self.table
         heard = np.where(np.asarray(law) >= tolerances.UNHEARD_BELIEF, law, 0.0)
         heard /= heard.sum()
-        unit = 1.0 if self._informs_only else table.prior_loss
-        for start in (near, None) if near is not None and table.allowed is None else (None,):
+        most = self._largest_gap
+        is_near = (
+            near is not None and table.allowed is None and not table.stakes.width
+        )  # a barrier begins in the middle
+        for start in (near, None) if is_near else (None,):
             found = self._solved(heard, kept, start)
             numbers, shares, estimates, _ = found
-            rows = self._rows(table.points, *self._at(numbers), (shares, estimates))
+            rows = self._rows(table.stakes.points, *self._at(numbers), (shares, estimates))
             gap = self._gap(heard, rows, found[1:])
-            if gap <= tolerances.STEP_GAP * unit:
+            if gap <= most:
                 break
         else:
             raise SolverError(
-                f"a step was solved to {gap:g} of its value, expected {tolerances.STEP_GAP * unit:g} at most: take a larger "
-                "information_price"
+                f"a step was solved to {gap:g} of its value, expected {most:g} at most: take a larger information_price"
             )
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
         if lost.size:  # next to no weight, and allowed nothing that is played: each plays its own best decision
@@ -204,12 +211,21 @@ class StepRule:
             rows = np.hstack([rows, np.zeros((len(rows), len(own)))])
             rows[lost, len(numbers) + which] = 1.0
             numbers, shares = np.append(numbers, own), np.append(shares, np.zeros(len(own)))
-            estimates = np.vstack([estimates, table.points[lost[first], : estimates.shape[1]]])
+            estimates = np.vstack(
+                [estimates, table.stakes.best(table.stakes.points[lost[first]])[:, : estimates.shape[1]]]
+            )
         return _measured(table, law, rows, (numbers, shares, estimates, gap))
+
+    @property
+    def _largest_gap(self) -> float:
+        if self._informs_only:
+            return tolerances.STEP_GAP
+        barrier = tolerances.BARRIER_GAP * tolerances.ANSWER_BARRIER if self.table.stakes.width else 0.0
+        return (tolerances.STEP_GAP + barrier) * self.table.unit
 
     def _solved(self, law: Array, kept: int, near: Step | None) -> tuple[np.ndarray, Array, Array, float]:
         """Decisions, their law, the estimates after them, and by how much any other tempts at most."""
-        from inscrutable.kernels.sequential_saddle import StepData
+        from inscrutable.kernels.sequential_estimates import StepData
         from inscrutable.kernels.sequential_step import solved_step
 
         if near is None:
@@ -217,17 +233,27 @@ class StepRule:
         else:
             begun = near.numbers, near.law, near.estimates
         numbers, shares, estimates, excess = solved_step(law, StepData(*self._kernel_parts), int(kept), *begun)
+        # The barrier is the same under all beliefs, so that the law can take it over.
+        shares = shares * np.exp(self.table.stakes.barriers(estimates, self._barrier) / self.price)
         return numbers, shares, estimates, float(excess)
 
     def _gap(self, law: Array, rows: Array, found: tuple[Array, Array, float]) -> float:
-        """How far the value is from the optimum at most: Σ_m (p_m |mean_m − μ_m|² − λ p_m log(p_m/q_m)) + λ max log c."""
+        """How far the value is from the optimum at most.
+
+        Σ_m (p_m (worth(mean_m) − 2 mean_m·μ_m + h(μ_m)) − λ p_m log(p_m/q_m)) + λ max log c.
+        """
         shares, estimates, excess = found
+        stakes = self.table.stakes
         played = law @ rows
         ratios = np.log(np.divide(played, shares, out=np.ones_like(played), where=played > 0))
         gap = self.price * (max(excess, float(ratios.max())) - float(played @ ratios))
         if not self._informs_only:
-            moved = rows.T @ (law[:, None] * self.table.points) - played[:, None] * estimates
-            gap += float((moved**2).sum(axis=1) @ np.divide(1.0, played, out=np.zeros_like(played), where=played > 0))
+            sums = rows.T @ (law[:, None] * stakes.points)
+            means = sums / np.where(played > 0, played, 1.0)[:, None]
+            apart = stakes.worth(means - estimates)  # a square
+            if stakes.width:
+                apart = stakes.worth(means) - 2.0 * (means * estimates).sum(axis=1)
+            gap += float(played @ apart)
         return max(gap, 0.0)
 
     def _at(self, numbers: np.ndarray) -> tuple[Array, np.ndarray | None]:
@@ -237,9 +263,9 @@ class StepRule:
 
     def _rows(self, points: Array, regrets: Array, allowed: np.ndarray | None, played: tuple[Array, Array]) -> Array:
         law, estimates = played
-        logs = self._values(points, regrets, allowed) / self.price
+        logs = self._values(regrets, allowed) / self.price
         if not self._informs_only:
-            logs = logs + ((estimates**2).sum(axis=1) - 2.0 * points @ estimates.T) / self.price
+            logs = logs + (self.table.stakes.own(estimates) - 2.0 * points @ estimates.T) / self.price
         top = np.where(law > 0, logs, -np.inf).max(axis=1, keepdims=True)
         with np.errstate(invalid="ignore", over="ignore"):
             rows = np.where(law > 0, np.exp(logs - top), 0.0) * law
@@ -298,26 +324,28 @@ def hidden_step(table: StepTable, law: Array) -> Step:
     own = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
     numbers, which = np.unique(own.argmin(axis=1), return_inverse=True)
     rows = np.eye(len(numbers))[which]
-    played, estimates = law @ rows, np.zeros((len(numbers), table.points.shape[1]))
-    return Step(numbers, rows, played, estimates, 0.0, played, estimates, 0.0, table.loss_of(law), 0.0, is_hidden=True)
+    played, estimates = law @ rows, np.zeros((len(numbers), table.stakes.points.shape[1]))
+    return Step(numbers, rows, played, estimates, 0.0, played, 0.0, table.stakes.loss_of(law), 0.0, is_hidden=True)
 
 
 def _slopes(table: StepTable) -> Array:
     """Gradients (C,d) of the regrets of values in the points' coordinates; of a value that several decisions are shown as, and
-    of points ahead, by least squares: they are first guesses of estimates."""
-    if not table.disclosure.maps and table.disclosure.schedule.is_immediate:
-        return np.asarray(table.columns.found.costs @ table.basis.T)
-    return np.asarray(np.linalg.lstsq(table.points, table.regrets - table.regrets.mean(axis=0), rcond=None)[0].T)
+    of other points, by least squares: they are first guesses of estimates."""
+    stakes = table.stakes
+    if not stakes.width and not table.disclosure.maps and table.disclosure.schedule.is_immediate:
+        return np.asarray(table.columns.found.costs @ stakes.directions.T)
+    return np.asarray(np.linalg.lstsq(stakes.points, table.regrets - table.regrets.mean(axis=0), rcond=None)[0].T)
 
 
 def _measured(table: StepTable, law: Array, rows: Array, found: tuple[np.ndarray, Array, Array, float]) -> Step:
     numbers, shares, estimates, gap = found
     joint = law[:, None] * rows
     played = joint.sum(axis=0)
-    means = (joint.T @ table.points) / np.where(played > 0, played, 1.0)[:, None]
+    stakes = table.stakes
+    means = (joint.T @ stakes.points) / np.where(played > 0, played, 1.0)[:, None]
     some = joint > 0
     ratios = np.log2(np.divide(rows, played, out=np.ones_like(rows), where=some))
-    loss = float(law @ ((table.points**2).sum(axis=1) + table.spare) - played @ (means**2).sum(axis=1))
+    loss = float(law @ (stakes.base + stakes.spare) - played @ stakes.worth(means))
     regret = float((joint * table.regrets[:, numbers]).sum())
     bits = max(float((joint * ratios).sum()), 0.0)
-    return Step(numbers, rows, shares, estimates, gap, played, means, regret, max(loss, 0.0), bits)
+    return Step(numbers, rows, shares, estimates, gap, played, regret, max(loss, stakes.floor(law)), bits)

@@ -62,7 +62,7 @@ def audit_pairs(
 
     Returns:
         A `PairsAudit`: for each secret the error and its limit, the error without decisions, the p-value, what would have been
-        found with a power of 80 %, since when, and what each column and lag tells alone.
+        found with a power of about 80 % where all rows tell alike, since when, and what each column and lag tells alone.
 
     Raises:
         InputError: Tables have other rows, fewer than 60 with nothing missing, text among numbers, nothing that varies; or
@@ -151,7 +151,7 @@ def _judged(explained: Array) -> tuple[Array, Array]:
 
     Formula: of the shares explained (K,S,B) of K secrets, in units of their spread over shifts, the largest of all secrets is
     compared. Found with power 1 − β is a share of: the least that is significant, less what a shift explains on average (what
-    it costs to learn), and z_{1−β} spreads.
+    it costs to learn), and z_{1−β} spreads: those of shifts, which a leak in few rows exceeds, so that its power is less.
     """
     centre, spread = explained.mean(axis=1, keepdims=True), explained.std(axis=1, keepdims=True)
     unit = np.where(spread > 0, spread, 1.0)

@@ -1,0 +1,150 @@
+"""What the observer loses, as a step reads it: points of the beliefs, and an estimate after every decision.
+
+With points x_b and an estimate μ the observer loses g_b(μ) = |x_b|² − 2 x_b·μ + h(μ), h(μ) = |μ|², where it is the square error
+that counts. A rival with answers 0 … A that each cost π·s(a) loses the same with h = 0, where μ are the shares of all answers
+but the last, x_ba = (π_b·s(A) − π_b·s(a))/2, and g_b(0) what the last costs beyond its best one: g_b is linear in the shares.
+
+A decision u_t that is shown at step t + d, the next one n steps later, is the latest that the observer knows of in steps
+t + d … t + d + n − 1. Its mean loss in these, as a function of the law p of π_t after the decision, is
+
+    L(p) = (1/n) Σ_j L_0(T'^j p),   j = d … d + n − 1:
+
+again a loss of the same kind. Of a square error the points are y_b = (E[x_{t+j} | b])_j / √n, and there is besides what is
+uncertain whatever is known of b; a rival has an answer for each j, with points (E[x_{t+j} | b])_j / n.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from inscrutable import tolerances
+from inscrutable.errors import InputError
+from inscrutable.mechanisms.chains import BeliefChain
+from inscrutable.mechanisms.disclosures import Schedule
+from inscrutable.privacy import Loss, SquaredError
+from inscrutable.privacy.losses import DecisionLoss
+from inscrutable.problems import FiniteProblem
+from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Stakes:
+    """Points of the beliefs and what goes with them."""
+
+    points: Array  # x (B,d)
+    base: Array  # g_b(0), (B,)
+    spare: Array  # (B,): what no decision of now can spare the observer
+    width: int  # shares of a rival's answers less one; 0 for the square error
+    directions: Array  # (k,X): points are (π − centre)·directions where decisions are seen at once
+    centre: Array  # (X,)
+
+    def worth(self, means: Array) -> Array:
+        """Return how much less than by the estimate 0 is lost by the best ones, of means (n,d) of the points: shape (n,)."""
+        if not self.width:
+            return np.asarray((means**2).sum(axis=-1))
+        return np.asarray(np.maximum(2.0 * self._blocks(means).max(axis=-1), 0.0).sum(axis=-1))
+
+    def own(self, estimates: Array) -> Array:
+        """Return h of estimates (n,d), shape (n,)."""
+        return np.zeros(len(estimates)) if self.width else np.asarray((estimates**2).sum(axis=1))
+
+    def gains(self, estimates: Array) -> Array:
+        """Return g_b(μ) of estimates (n,d): shape (B,n)."""
+        return np.asarray(self.base[:, None] - 2.0 * self.points @ estimates.T + self.own(estimates))
+
+    def best(self, means: Array) -> Array:
+        """Return the best estimates (n,d) for means (n,d) of the points."""
+        if not self.width:
+            return means
+        blocks = self._blocks(means)
+        chosen = (blocks == blocks.max(axis=-1, keepdims=True)) & (blocks > 0.0)
+        first = chosen & (chosen.cumsum(axis=-1) == 1)
+        return np.asarray(first.reshape(means.shape), dtype=np.float64)
+
+    def barriers(self, estimates: Array, height: float) -> Array:
+        """Return −height Σ log of the shares in estimates (n,d), shape (n,); 0 where there are none."""
+        if not self.width or not estimates.shape[1]:
+            return np.zeros(len(estimates))
+        shares = self._blocks(estimates)
+        shares = np.maximum(
+            np.concatenate([shares, 1.0 - shares.sum(axis=-1, keepdims=True)], axis=-1), tolerances.TINY
+        )
+        return np.asarray(-height * np.log(shares).sum(axis=(-2, -1)))
+
+    def loss_of(self, law: Array) -> float:
+        """Return L(p) of a law (B,)."""
+        return float(law @ (self.base + self.spare) - self.worth(law @ self.points))
+
+    def floor(self, law: Array) -> float:
+        """Return what is lost under any decisions, from which a rival's loss is counted; 0 of a square error."""
+        return float(law @ self.spare) if self.width else 0.0
+
+    @property
+    def pure(self) -> Array:
+        """Each of a rival's answers, given whenever it is to answer: shape (A+1,d)."""
+        single = np.vstack([np.zeros(self.width), np.eye(self.width)])
+        return np.tile(single, (1, self.points.shape[1] // self.width))
+
+    def _blocks(self, values: Array) -> Array:
+        return values.reshape(*values.shape[:-1], -1, self.width)
+
+
+def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
+    """Return what the observer's loss makes of a chain's beliefs where decisions are seen by a schedule.
+
+    Raises:
+        InputError: The loss is that of a rival whose answers are not finitely many, or whose best one is always the same.
+    """
+    prior = chain.prior
+    if isinstance(loss, SquaredError):
+        basis = np.linalg.svd(np.ones((1, prior.beliefs.shape[1])))[2][1:]  # orthonormal, in which beliefs differ
+        points = (prior.beliefs - prior.mean) @ basis.T
+        expected = _expected(np.hstack([points, (points**2).sum(axis=1)[:, None]]), chain, schedule)
+        found = np.hstack([each[:, :-1] for each in expected]) / np.sqrt(len(expected))
+        base = (found**2).sum(axis=1)
+        spare = np.mean([each[:, -1] for each in expected], axis=0) - base
+        if schedule.is_immediate:
+            spare = np.zeros(len(points))
+        return Stakes(found, base, np.maximum(spare, 0.0), 0, basis, prior.mean)
+    costs = _answers(loss, prior.beliefs.shape[1])
+    directions = 0.5 * (costs[:, -1:] - costs[:, :-1]).T
+    expected = _expected(prior.beliefs @ np.vstack([directions, costs[:, -1]]).T, chain, schedule)
+    found = np.hstack([each[:, :-1] for each in expected]) / len(expected)
+    width = len(directions)
+    base = np.maximum(2.0 * found.reshape(len(found), -1, width).max(axis=-1), 0.0).sum(axis=-1)
+    spare = np.mean([each[:, -1] for each in expected], axis=0) - base
+    made = Stakes(found, base, spare, width, directions, np.zeros(len(costs)))
+    if not made.loss_of(prior.weights) - made.floor(prior.weights) > 0.0:
+        raise InputError(
+            "the rival's best answer is the same whatever it knows of the belief: nothing is hidden from it"
+        )
+    return made
+
+
+def _expected(values: Array, chain: BeliefChain, schedule: Schedule) -> list[Array]:
+    """Return what functions (B,k) of the belief are expected to be at each step whose latest known decision is that of now."""
+    found, step = [], values
+    forward = sparse.csr_array(chain.transition)
+    for number in range(schedule.lag + schedule.period):
+        if number:
+            step = forward @ step
+        if number >= schedule.lag:
+            found.append(step)
+    return found
+
+
+def _answers(loss: Loss, n_states: int) -> Array:
+    """What the rival's answers cost it in each state, shape (X,A)."""
+    assert isinstance(loss, DecisionLoss)
+    rival = loss.rival(n_states)
+    if not isinstance(rival, FiniteProblem):
+        raise InputError(
+            f"loss must be that of a rival with finitely many answers, NamingError() or RivalProblem(FiniteProblem(costs)), "
+            f"got {loss!r}; single decisions hide from other rivals by StackelbergDecisionMaker(..., loss=)"
+        )
+    if rival.n_choices < 2:
+        raise InputError(f"{loss!r} has one answer whatever it knows of the belief: nothing is hidden from it")
+    return rival.costs

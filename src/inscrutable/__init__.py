@@ -47,6 +47,8 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import infer_weights as infer_weights
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
+    from inscrutable.alphas import AlphaProblem as AlphaProblem
+    from inscrutable.alphas import FactorRisk as FactorRisk
     from inscrutable.budgets import Budget as Budget
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
     from inscrutable.decision_makers import Candidates as Candidates
@@ -199,9 +201,14 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.worlds import FittedWorld as FittedWorld
     from inscrutable.worlds import GaussianEmission as GaussianEmission
     from inscrutable.worlds import HiddenMarkovModel as HiddenMarkovModel
+    from inscrutable.worlds import KalmanResult as KalmanResult
+    from inscrutable.worlds import LinearGaussianWorld as LinearGaussianWorld
     from inscrutable.worlds import PublicPart as PublicPart
+    from inscrutable.worlds import SteadyFilter as SteadyFilter
     from inscrutable.worlds import Trajectory as Trajectory
     from inscrutable.worlds import fit_gaussian_hmm as fit_gaussian_hmm
+    from inscrutable.worlds import kalman_filter as kalman_filter
+    from inscrutable.worlds import steady_filter as steady_filter
 else:  # hidden from type checkers, which would otherwise accept any misspelt name
     _START = f"    from {__name__}."
     _EXPORTS = {

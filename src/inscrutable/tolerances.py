@@ -429,3 +429,14 @@ DEAREST_REPAIR = 1e-3
 
 LEAST_REGRET_GAP = 1e-4
 """Gap between a least regret and its bound, as a share of the silence regret, that counts as none unless less is asked for."""
+
+STABLE = 1e-12
+"""Distance of an eigenvalue's modulus from one below which a stationary law is not computed: rounding decides of it."""
+
+RICCATI = 1e-12
+"""Residual of a steady covariance, relative to its largest entry, to which the Riccati equation is solved: its inverse is how
+large a covariance may grow beside its noises before it counts as one that does not settle."""
+
+INTERIOR = 1e-11
+"""Where an interior-point method for alphas ends, relative to the expected returns: near enough to tell which rows are tight;
+on these the decision is then solved to `STATIONARITY`."""

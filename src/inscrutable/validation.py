@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inscrutable import tolerances
 from inscrutable.axes import Axis, Names, few, ordered
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, ModelError
 
 Array = NDArray[np.float64]
 
@@ -113,6 +113,22 @@ def _on_simplex(array: Array, name: str, tolerance: float) -> Array:
         return clipped
     total = clipped.sum(axis=-1, keepdims=True)
     return np.asarray(np.where(np.abs(total - 1.0) <= tolerances.SUM_ROUNDING, clipped, clipped / total))
+
+
+def check_positive_semidefinite(matrix: Array, name: str, why: str) -> None:
+    """Raise `InputError` for an asymmetric and `ModelError` for an indefinite matrix, with its smallest eigenvalue."""
+    largest = np.abs(matrix).max(initial=0.0)
+    skew = np.abs(matrix - matrix.T)
+    if skew.max(initial=0.0) > tolerances.SYMMETRY * largest:
+        row, column = np.unravel_index(int(skew.argmax()), skew.shape)
+        raise InputError(f"{name} is not symmetric: entries [{row}, {column}] differ by {skew.max():.3g}")
+    eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    if eigenvalues[0] < -tolerances.CURVATURE * max(eigenvalues[-1], 0.0) or eigenvalues[-1] < 0:
+        condition = abs(eigenvalues[-1] / eigenvalues[0])
+        raise ModelError(
+            f"{name} is indefinite: smallest eigenvalue {eigenvalues[0]:.3g}, largest {eigenvalues[-1]:.3g} "
+            f"(ratio {condition:.3g}); {why}"
+        )
 
 
 def points(value: ArrayLike, n_actions: int, names: Names | None = None) -> Array:

@@ -167,7 +167,7 @@ class DecisionProblem(ABC):
         if bad.size:
             row = np.atleast_2d(points)[bad[0]]
             where = "" if points.ndim == 1 else f" row {bad[0]}"
-            raise InputError(f"action{where} is outside the feasible set: {self._worst_row(row)}")
+            raise InputError(f"action{where} is outside the feasible set: {self.constraints.worst_row(row)}")
         return points
 
     def check_action(self, action: ArrayLike) -> Array:
@@ -176,15 +176,6 @@ class DecisionProblem(ABC):
         if point.ndim != 1:
             raise InputError(f"action must be one decision of shape ({self.n_actions},), got shape {point.shape}")
         return point
-
-    def _worst_row(self, action: Array) -> str:
-        region = self.constraints
-        slack = region.slacks(action)
-        off = region.A_eq @ action - region.b_eq
-        if slack.size and -slack.min() >= np.abs(off).max(initial=0.0):
-            return f"{region.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
-        worst = int(np.abs(off).argmax())
-        return f"{region.names[len(region.b_ub) + worst]} is off by {off[worst]:.3g}"
 
 
 def _plain(values: Array) -> Array:

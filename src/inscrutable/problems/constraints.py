@@ -117,14 +117,15 @@ class Polyhedron:
     @cached_property
     def coordinate_bounds(self) -> tuple[Array, Array]:
         """Least and greatest value (U,) that rows with one coefficient leave to each coordinate; infinite where none."""
-        lower, upper = np.full(self.n_actions, -np.inf), np.full(self.n_actions, np.inf)
         single = np.flatnonzero((self.A_ub != 0).sum(axis=1) == 1)
         column = (self.A_ub[single] != 0).argmax(axis=1)
-        coefficient = self.A_ub[single, column]
-        value = self.b_ub[single] / coefficient + 0.0  # -0.0 would be published as a weight
-        np.maximum.at(lower, column[coefficient < 0], value[coefficient < 0])
-        np.minimum.at(upper, column[coefficient > 0], value[coefficient > 0])
-        return lower, upper
+        return _limits(self.n_actions, column, self.A_ub[single, column], self.b_ub[single])
+
+    @property
+    def general_rows(self) -> Rows:
+        """The inequality rows with more than one coefficient: all that is not among `coordinate_bounds`."""
+        several = (self.A_ub != 0).sum(axis=1) != 1
+        return Rows(self.A_ub[several], self.b_ub[several])
 
     def slacks(self, actions: ArrayLike) -> Array:
         """Return (b_ub − A_ub u) per unit of the row's largest coefficient, shape (…, n)."""
@@ -181,6 +182,15 @@ class Polyhedron:
         scale = np.abs(self.A_eq).max(axis=1, initial=0.0)
         off = (np.abs(points @ self.A_eq.T - self.b_eq) / scale).max(axis=-1, initial=0.0)
         return np.asarray(np.maximum(np.maximum(beyond, off), 0.0) / _size(points))
+
+    def worst_row(self, action: Array) -> str:
+        """Return which row a decision (U,) violates most, and by how much."""
+        slack = self.slacks(action)
+        off = self.A_eq @ action - self.b_eq
+        if slack.size and -slack.min() >= np.abs(off).max(initial=0.0):
+            return f"{self.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
+        worst = int(np.abs(off).argmax())
+        return f"{self.names[len(self.b_ub) + worst]} is off by {off[worst]:.3g}"
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
         """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""
@@ -283,6 +293,123 @@ class Polyhedron:
         return limits
 
 
+class Bounds(Polyhedron):
+    """A feasible set whose inequalities bound one coordinate each; as rows they are written out only when asked for.
+
+    Formula: f_r u_{j(r)} ≤ s_r for each r, and A_eq u = b_eq: memory is linear in the coordinates. It is what `box`, `simplex`,
+    `min_weights` and `max_weights` return, and their intersections.
+
+    Args:
+        n: Number of coordinates.
+        columns, factors, sides: j, f and s of the inequalities, shape (r,) each; s may be inf, then the row is dropped.
+        names: One name per inequality and equality.
+        equalities: A_eq and b_eq, or None.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        inequalities: tuple[np.ndarray, Array, Array],
+        names: Sequence[str],
+        equalities: tuple[Array, Array] | None = None,
+        *,
+        min_slack: float = tolerances.MIN_SLACK,
+        asset_names: Names | None = None,
+    ) -> None:
+        columns, factors, sides = inequalities
+        rows = (np.zeros((0, n)), np.zeros(0)) if equalities is None else equalities
+        super().__init__(None, None, *rows, names=names[len(sides) :], min_slack=min_slack, asset_names=asset_names)
+        never = np.flatnonzero(np.isneginf(sides))
+        if never.size:
+            raise ModelError(f"no decision satisfies {names[never[0]]}: it asks that a finite number <= -inf")
+        kept = np.flatnonzero(~np.isposinf(sides))
+        self.b_ub, self._held = sides[kept], (columns[kept], factors[kept])
+        self.names = (*(names[row] for row in kept), *self.names)
+        del self.A_ub  # made when it is asked for
+
+    def __getattr__(self, name: str) -> Any:
+        if name != "A_ub" or "_held" not in vars(self):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
+        columns, factors = self._held
+        self.A_ub = np.zeros((len(columns), self.n_actions))
+        self.A_ub[np.arange(len(columns)), columns] = factors
+        return self.A_ub
+
+    @property
+    def n_actions(self) -> int:
+        """Number of coordinates U of a decision."""
+        return int(self.A_eq.shape[1])
+
+    @cached_property
+    def row_scale(self) -> Array:
+        """Coefficient of each inequality, without its sign."""
+        return np.asarray(np.abs(self._held[1]))
+
+    @cached_property
+    def coordinate_bounds(self) -> tuple[Array, Array]:
+        """Least and greatest value (U,) of each coordinate; infinite where there is no bound."""
+        return _limits(self.n_actions, *self._held, self.b_ub)
+
+    @property
+    def general_rows(self) -> Rows:
+        """None."""
+        return Rows(np.zeros((0, self.n_actions)), np.zeros(0))
+
+    @cached_property
+    def _bounds(self) -> tuple[np.ndarray | slice | None, Array]:
+        columns, factors = self._held
+        return (slice(None) if np.array_equal(columns, np.arange(self.n_actions)) else columns), factors
+
+    def __and__(self, other: Polyhedron) -> Polyhedron:
+        """Return the intersection, bounds as well where both are."""
+        if not isinstance(other, Bounds) or other.n_actions != self.n_actions:
+            return super().__and__(other)
+        other = other.in_order(Axis("asset", self.asset_names, learns=True), "the second set")
+        n, m = len(self.b_ub), len(other.b_ub)
+        columns, factors = (np.concatenate(pair) for pair in zip(self._held, other._held, strict=True))
+        sides, names = np.concatenate([self.b_ub, other.b_ub]), self.names[:n] + other.names[:m]
+        kept = _first_of_least(sides / np.abs(factors), 2 * columns + (factors > 0), axis=None)
+        return Bounds(
+            self.n_actions,
+            (columns[kept], factors[kept], sides[kept]),
+            [*(names[row] for row in kept), *self.names[n:], *other.names[m:]],
+            (np.vstack([self.A_eq, other.A_eq]), np.concatenate([self.b_eq, other.b_eq])),
+            min_slack=max(self.min_slack, other.min_slack),
+            asset_names=other.asset_names,
+        )
+
+    def in_order(self, assets: Axis, name: str = "constraints") -> Bounds:
+        """Return this set with its coordinates in the order of `assets`, as `Polyhedron.in_order`."""
+        order = None if self.asset_names is None else assets.order(self.asset_names, name)
+        if order is None and assets.names in (None, self.asset_names):
+            return self
+        columns = np.arange(self.n_actions) if order is None else np.array(order)
+        places, (held, factors) = np.argsort(columns), self._held
+        return Bounds(
+            self.n_actions,
+            (places[held], factors, self.b_ub),
+            self.names,
+            (self.A_eq[:, columns], self.b_eq),
+            min_slack=self.min_slack,
+            asset_names=assets.names,
+        )
+
+    def conflict(self) -> RowConflict | None:
+        """Return rows that no decision satisfies together, as `Polyhedron.conflict`; seen at once for one equality at most."""
+        if not self._is_feasible and len(self.b_eq) <= 1:
+            lower, upper = self.coordinate_bounds
+            row = self.A_eq[0] if len(self.b_eq) else np.zeros(self.n_actions)
+            side = float(self.b_eq.sum())
+            with np.errstate(invalid="ignore"):
+                ends = np.where(row == 0.0, 0.0, row * lower), np.where(row == 0.0, 0.0, row * upper)
+            least, most = np.minimum(*ends).sum(), np.maximum(*ends).sum()
+            self._is_feasible = bool((lower <= upper).all() and least <= side <= most)
+        return super().conflict()
+
+    def __repr__(self) -> str:
+        return f"Polyhedron({self.n_actions} coordinates, {len(self.b_ub)} inequalities, {len(self.b_eq)} equalities)"
+
+
 def checked_region(constraints: Polyhedron, n_actions: int, assets: Axis | None = None) -> Polyhedron:
     """Return a feasible set in `n_actions` coordinates that is not empty, or raise `InputError` or `ModelError`.
 
@@ -319,11 +446,25 @@ def _rows(
     return rows, sides
 
 
+def _limits(n: int, column: np.ndarray, coefficient: Array, sides: Array) -> tuple[Array, Array]:
+    """Least and greatest value (n,) that rows with one coefficient each leave."""
+    lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
+    value = sides / coefficient + 0.0  # -0.0 would be published as a weight
+    np.maximum.at(lower, column[coefficient < 0], value[coefficient < 0])
+    np.minimum.at(upper, column[coefficient > 0], value[coefficient > 0])
+    return lower, upper
+
+
 def _tightest(rows: Array, sides: Array) -> np.ndarray:
     """The numbers, in order, of rows (m,U) that are the first tightest of their direction."""
     scale = np.abs(rows).max(axis=1, initial=0.0)
-    order = np.lexsort((np.arange(len(sides)), sides / scale))
-    _, first = np.unique((rows / scale[:, None] + 0.0)[order], axis=0, return_index=True)
+    return _first_of_least(sides / scale, rows / scale[:, None] + 0.0, axis=0)
+
+
+def _first_of_least(values: Array, kinds: np.ndarray, axis: int | None) -> np.ndarray:
+    """The places, in order, of the first of the least values of each kind."""
+    order = np.lexsort((np.arange(len(values)), values))
+    _, first = np.unique(kinds[order], axis=axis, return_index=True)
     return np.sort(order[first])
 
 
@@ -352,7 +493,8 @@ def simplex(n: int, *, min_slack: float = tolerances.MIN_SLACK) -> Polyhedron:
     """
     validation.count(n, "n")
     names = [f"u[{j}] >= 0" for j in range(n)] + ["sum(u) = 1"]
-    return Polyhedron(-np.eye(n), np.zeros(n), np.ones((1, n)), np.ones(1), names=names, min_slack=min_slack)
+    signs = np.arange(n), -np.ones(n), np.zeros(n)
+    return Bounds(n, signs, names, (np.ones((1, n)), np.ones(1)), min_slack=min_slack)
 
 
 def box(lower: ArrayLike, upper: ArrayLike, *, min_slack: float = tolerances.MIN_SLACK) -> Polyhedron:
@@ -384,9 +526,9 @@ def box(lower: ArrayLike, upper: ArrayLike, *, min_slack: float = tolerances.MIN
         raise ModelError(f"lower bound {low[j]:g} is above upper bound {high[j]:g} at coordinate {j}")
     if np.isneginf(low).all() and np.isposinf(high).all():
         raise InputError("a box needs at least one finite bound")
-    unit = np.eye(low.size)
     own = [f"u[{j}]" for j in range(low.size)] if assets.names is None else assets.names
     names = [f"{name} >= {least:g}" for name, least in zip(own, low, strict=True)]
     names += [f"{name} <= {most:g}" for name, most in zip(own, high, strict=True)]
-    rows, sides = np.vstack([-unit, unit]), np.concatenate([-low, high])
-    return Polyhedron(rows, sides, names=names, min_slack=min_slack, asset_names=assets.names)
+    signs = np.repeat([-1.0, 1.0], low.size)
+    rows = np.tile(np.arange(low.size), 2), signs, np.concatenate([-low, high])
+    return Bounds(low.size, rows, names, min_slack=min_slack, asset_names=assets.names)

@@ -8,7 +8,7 @@ from inscrutable import validation
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.problems.constraints import Polyhedron, checked_region, simplex
-from inscrutable.problems.quadratic import QuadraticProblem, check_positive_semidefinite
+from inscrutable.problems.quadratic import QuadraticProblem
 
 
 class MarkowitzProblem(QuadraticProblem):
@@ -56,7 +56,7 @@ class MarkowitzProblem(QuadraticProblem):
                 f"for means of shape {self.means.shape}"
             )
         for i, covariance in enumerate(self.covariances):
-            check_positive_semidefinite(covariance, f"covariances[{i}]")
+            validation.check_positive_semidefinite(covariance, f"covariances[{i}]", "a cost must be convex")
         self.risk_aversion = validation.positive(risk_aversion, "risk_aversion")
         super().__init__(
             2.0 * self.risk_aversion * self.covariances,

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis, Names, axis_labels
 from inscrutable.errors import InputError, ModelError
-from inscrutable.problems.constraints import Polyhedron
+from inscrutable.problems.constraints import Bounds, Polyhedron
 from inscrutable.validation import Array
 
 Assets = int | Sequence[str]
@@ -308,8 +308,9 @@ def _single_rows(
 ) -> Polyhedron:
     relation = "<=" if sign > 0 else ">="
     labels = [f"{name} {relation} {value:g}" for name, value in zip(names, values, strict=True)]
-    rows = sign * np.eye(len(names))
-    return Polyhedron(rows, sign * values, names=labels, min_slack=min_slack, asset_names=assets)
+    n = len(names)
+    rows = np.arange(n), np.full(n, sign), sign * values
+    return Bounds(n, rows, labels, min_slack=min_slack, asset_names=assets)
 
 
 def _range(net: float | tuple[float, float]) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis
-from inscrutable.errors import InputError, ModelError
+from inscrutable.errors import InputError
 from inscrutable.geometry.morton import morton_order
 from inscrutable.problems.base import DecisionProblem
 from inscrutable.problems.constraints import Polyhedron, checked_region
@@ -305,21 +305,5 @@ def _checked_hessians(value: ArrayLike, name: str, axes: tuple[Axis, ...]) -> Ar
     if rows != columns or n_states < 1 or rows < 1:
         raise InputError(f"{name} has shape {matrices.shape}, expected (X, U, U)")
     for i, matrix in enumerate(matrices):
-        check_positive_semidefinite(matrix, f"{name}[{i}]")
+        validation.check_positive_semidefinite(matrix, f"{name}[{i}]", "a cost must be convex")
     return np.asarray(0.5 * (matrices + matrices.transpose(0, 2, 1)))
-
-
-def check_positive_semidefinite(matrix: Array, name: str) -> None:
-    """Raise `InputError` for an asymmetric and `ModelError` for an indefinite matrix, with its smallest eigenvalue."""
-    largest = np.abs(matrix).max()
-    skew = np.abs(matrix - matrix.T)
-    if skew.max() > tolerances.SYMMETRY * largest:
-        row, column = np.unravel_index(int(skew.argmax()), skew.shape)
-        raise InputError(f"{name} is not symmetric: entries [{row}, {column}] differ by {skew.max():.3g}")
-    eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
-    if eigenvalues[0] < -tolerances.CURVATURE * max(eigenvalues[-1], 0.0) or eigenvalues[-1] < 0:
-        condition = abs(eigenvalues[-1] / eigenvalues[0])
-        raise ModelError(
-            f"{name} is indefinite: smallest eigenvalue {eigenvalues[0]:.3g}, largest {eigenvalues[-1]:.3g} "
-            f"(ratio {condition:.3g}); a cost must be convex"
-        )

@@ -66,9 +66,8 @@ class _Asked(NamedTuple):
 
 def layout_of(region: Polyhedron) -> Layout:
     """Split the rows of a polyhedron into bounds on one coordinate, general rows and equalities."""
-    single = (region.A_ub != 0).sum(axis=1) == 1
     lower, upper = region.coordinate_bounds
-    return Layout(lower, upper, region.A_ub[~single], region.b_ub[~single], region.A_eq, region.b_eq)
+    return Layout(lower, upper, *region.general_rows, region.A_eq, region.b_eq)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ class Trajectory:
     """A sampled path.
 
     Args:
-        states: (T,) states x_0..x_{T-1}, counted from 0.
+        states: (T,) states x_0..x_{T-1}, counted from 0, or (T,n) real vectors.
         observations: (T,) symbols or (T,D) real vectors; row t was reported in state x_t.
         public: What everybody read at each step, (T,) or (T,Z); None where the world has nothing public.
 
@@ -35,7 +35,7 @@ class Trajectory:
         ([0, 1, 0, 1], [0, 1, 0, 1])
     """
 
-    states: NDArray[np.int64]
+    states: NDArray[Any]
     observations: NDArray[Any]
     public: NDArray[Any] | None = None
 

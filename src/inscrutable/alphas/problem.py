@@ -1,0 +1,230 @@
+"""The decision of one whose private belief is numbers: expected returns, signals, set points."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import tolerances, validation
+from inscrutable.alphas.programmes import Programme
+from inscrutable.alphas.risk import FactorRisk, Risk, as_risk
+from inscrutable.axes import Axis, Names
+from inscrutable.errors import InputError
+from inscrutable.problems.constraints import Polyhedron, checked_region
+from inscrutable.problems.quadratic_programme import Layout, layout_of, solve_programmes
+from inscrutable.validation import Array
+
+
+class AlphaProblem:
+    """A decision driven by a private mean m, all else known: how much of each of n assets to hold.
+
+    Formula: min_u γ u'V u − (B m)'u over u ∈ C.
+
+    Args:
+        risk: V, a covariance (n,n), squared return per period, or a `FactorRisk`.
+        risk_aversion: γ > 0, per unit of return.
+        constraints: C; None is everything.
+        loadings: B, shape (n,k), of assets to signals, return per unit of a signal; None is the identity, m expected returns.
+        trading_cost: κ ≥ 0: trading u − u₋ costs κ (u − u₋)'V (u − u₋). Only rules over time use it; None is none.
+
+    Labelled tables are aligned with each other and with what is asked later: assets by their names, signals by the columns
+    of `loadings`.
+
+    Raises:
+        InputError: Shapes or labels disagree, an entry is not finite, γ is not above zero.
+        ModelError: The risk is indefinite (its smallest eigenvalue is named) or C is empty (its rows are named).
+
+    Cost: O(n k²) for factors, O(n³) for a matrix, once. Source: Markowitz, Journal of Finance 7 (1952).
+
+    Example:
+        >>> problem = AlphaProblem([[0.04, 0.0], [0.0, 0.01]], risk_aversion=2.5)
+        >>> problem.optimum([0.02, 0.01]).round(6).tolist(), problem.theta.round(6).tolist()
+        ([0.1, 0.2], [[2.5, 0.0], [0.0, 10.0]])
+    """
+
+    def __init__(
+        self,
+        risk: ArrayLike | Risk,
+        risk_aversion: float,
+        constraints: Polyhedron | None = None,
+        loadings: ArrayLike | None = None,
+        trading_cost: float | None = None,
+    ) -> None:
+        self.risk = as_risk(risk)
+        self.risk_aversion = validation.positive(risk_aversion, "risk_aversion")
+        self.trading_cost = None if trading_cost is None else validation.non_negative(trading_cost, "trading_cost")
+        n, assets = self.risk.n_assets, Axis("asset", self.risk.names, learns=True)
+        self.constraints = None if constraints is None else checked_region(constraints, n, assets)
+        signals = Axis("signal", learns=True)
+        if loadings is None:
+            self.loadings = None
+        else:
+            self.loadings = validation.finite_array(loadings, "loadings", ndim=2, axes=(assets, signals))
+            if self.loadings.shape[0] != n or not self.loadings.shape[1]:
+                raise InputError(f"loadings has shape {self.loadings.shape}, expected one row per asset: {n}")
+        self.asset_names: Names | None = assets.names
+        self.signal_names: Names | None = assets.names if loadings is None else signals.names
+
+    @property
+    def n_assets(self) -> int:
+        """Number of assets n."""
+        return self.risk.n_assets
+
+    @property
+    def n_signals(self) -> int:
+        """Number of entries k of the private mean."""
+        return self.n_assets if self.loadings is None else int(self.loadings.shape[1])
+
+    @cached_property
+    def layout(self) -> Layout | None:
+        """Bounds, general rows and equalities of C; None where there are no constraints."""
+        return None if self.constraints is None else layout_of(self.constraints)
+
+    @property
+    def equalities(self) -> tuple[Array, Array]:
+        """H and b of the equalities H u = b, shapes (e,n) and (e,)."""
+        if self.constraints is None:
+            return np.zeros((0, self.n_assets)), np.zeros(0)
+        return self.constraints.A_eq, self.constraints.b_eq
+
+    @cached_property
+    def has_inequalities(self) -> bool:
+        """Whether C limits more than linear combinations to one value."""
+        rows = self.layout
+        return rows is not None and bool(
+            len(rows.sides) or np.isfinite(rows.lower).any() or np.isfinite(rows.upper).any()
+        )
+
+    def check_mean(self, mean: ArrayLike, name: str = "mean") -> Array:
+        """Return a private mean (k,) or many (T,k) as floats in the order of the signals' labels, or raise `InputError`."""
+        found = validation.finite_array(mean, name, ndim=(1, 2), axes=(None, Axis("signal", self.signal_names)))
+        if found.shape[-1] != self.n_signals:
+            raise InputError(f"{name} has {found.shape[-1]} entries, expected one per signal: {self.n_signals}")
+        return found
+
+    def check_weights(self, weights: ArrayLike, *, beyond: float = tolerances.FEASIBILITY) -> Array:
+        """Return a decision (n,) or many (T,n) as floats in the order of the assets' labels.
+
+        Raises:
+            InputError: Another length, other labels, or a row of C violated by more than `beyond`; it is named.
+        """
+        found = validation.finite_array(weights, "weights", ndim=(1, 2), axes=(None, Axis("asset", self.asset_names)))
+        if found.shape[-1] != self.n_assets:
+            raise InputError(f"weights has {found.shape[-1]} entries, expected one per asset: {self.n_assets}")
+        if self.constraints is not None:
+            wrong = np.flatnonzero(np.atleast_1d(self.constraints.violation(found)) > beyond)
+            if wrong.size:
+                row = np.atleast_2d(found)[wrong[0]]
+                where = "" if found.ndim == 1 else f" row {wrong[0]}"
+                raise InputError(f"weights{where} are outside the feasible set: {self.constraints.worst_row(row)}")
+        return found
+
+    def alphas(self, mean: Array) -> Array:
+        """Return B m, the assets' expected returns, for means (…,k): shape (…,n)."""
+        return mean if self.loadings is None else np.asarray(mean @ self.loadings.T)
+
+    def optimum(self, mean: ArrayLike) -> Array:
+        """Return u*(m) for one mean (k,) or many (T,k): shape (n,) or (T,n).
+
+        Raises:
+            ModelError: The cost has no minimum: something that C allows without end costs no risk.
+        """
+        held = self.check_mean(mean)
+        alphas = np.atleast_2d(self.alphas(held))
+        if not self.has_inequalities:
+            solved = self._least_risk + self.response(alphas.T).T / (2.0 * self.risk_aversion)
+        elif isinstance(self.risk, FactorRisk):
+            solved = np.array([self._programme.solve(row) for row in alphas])
+        else:
+            assert self.layout is not None
+            hessian = 2.0 * self.risk_aversion * self.risk.dense()
+            solved = solve_programmes(np.broadcast_to(hessian, (len(alphas), *hessian.shape)), -alphas, self.layout)
+        return np.asarray(solved[0] if held.ndim == 1 else solved)
+
+    def regret(self, mean: ArrayLike, weights: ArrayLike) -> Any:
+        """Return what a decision costs beyond the best one for a mean; rows of both are paired, a single one is for all.
+
+        Formula: γ d'V d + (2γ V u* − B m)'d with d = u − u*: no difference of two nearly equal costs.
+        """
+        held, given = self.check_mean(mean), self.check_weights(weights)
+        best = self.optimum(held)
+        apart = np.asarray(given - best)
+        lost = self.risk_aversion * self.risk.quadratic(apart.T)
+        if self.has_inequalities:
+            slope = 2.0 * self.risk_aversion * self.risk.times(best.T).T - self.alphas(held)
+            lost = lost + (slope * apart).sum(axis=-1)
+        return np.maximum(lost, 0.0)[()]
+
+    def response(self, values: Array) -> Array:
+        """Return M x for x (n,) or (n,m): how optimal weights move with expected returns, times 2γ, along H u = b.
+
+        Formula: M = V⁻¹ − V⁻¹H'(H V⁻¹H')⁻¹H V⁻¹, or Z (Z'VZ)⁻¹Z' with Z a basis of what H maps to zero.
+        """
+        if isinstance(self.risk, FactorRisk):
+            rows, solved, inner = self._equality_solves
+            first = self.risk.solve(values)
+            return np.asarray(first - solved @ (inner @ (rows @ first))) if len(rows) else first
+        if not len(self.equalities[0]):
+            return self.risk.solve(values)
+        basis, inside = self._inside
+        return np.asarray(basis @ inside.solve(basis.T @ values))
+
+    @cached_property
+    def _equality_solves(self) -> tuple[Array, Array, Array]:
+        rows = self.equalities[0]
+        solved = self.risk.solve(rows.T)
+        inner = np.linalg.pinv(rows @ solved, rcond=tolerances.CURVATURE, hermitian=True)
+        return rows, solved, np.asarray(inner, dtype=np.float64)
+
+    @cached_property
+    def _inside(self) -> tuple[Array, Risk]:
+        """An orthonormal basis of the decisions that H maps to zero, and the risk in it."""
+        rows = self.equalities[0]
+        _, sizes, axes = np.linalg.svd(rows, full_matrices=True)
+        basis = axes[int((sizes > tolerances.CURVATURE * sizes.max(initial=0.0)).sum()) :].T
+        return basis, as_risk(basis.T @ self.risk.dense() @ basis) if basis.shape[1] else self.risk
+
+    @cached_property
+    def _least_risk(self) -> Array:
+        """The decision (n,) of least risk on H u = b."""
+        rows, sides = self.equalities
+        if not len(rows):
+            return np.zeros(self.n_assets)
+        if isinstance(self.risk, FactorRisk):
+            _, solved, inner = self._equality_solves
+            return np.asarray(solved @ (inner @ sides))
+        some = np.asarray(np.linalg.lstsq(rows, sides, rcond=None)[0], dtype=np.float64)
+        return np.asarray(some - self.response(self.risk.times(some)))
+
+    @cached_property
+    def _programme(self) -> Programme:
+        assert self.layout is not None
+        return Programme(self.risk, self.risk_aversion, self.layout)
+
+    @cached_property
+    def theta(self) -> Array:
+        """Θ = B'M B/(4γ), shape (k,k): deciding for m̂ costs (m̂−m)'Θ(m̂−m) where C is equalities at most, and no more than
+        that where there are inequalities too."""
+        loads = np.eye(self.n_assets) if self.loadings is None else self.loadings
+        found = loads.T @ self.response(loads) / (4.0 * self.risk_aversion)
+        return np.asarray(0.5 * (found + found.T))
+
+    def theta_times(self, values: Array) -> Array:
+        """Return Θ x for x (k,) or (k,m) without forming Θ."""
+        loaded = values if self.loadings is None else self.loadings @ values
+        moved = self.response(loaded) / (4.0 * self.risk_aversion)
+        return np.asarray(moved if self.loadings is None else self.loadings.T @ moved)
+
+    def __repr__(self) -> str:
+        what = "" if self.loadings is None else f", {self.n_signals} signals"
+        return f"AlphaProblem({self.risk!r}{what}, risk aversion {self.risk_aversion:g}, {self.constraints!r})"
+
+
+def checked_alpha_problem(problem: Any) -> AlphaProblem:
+    """Return an `AlphaProblem`, or raise `InputError`."""
+    if not isinstance(problem, AlphaProblem):
+        raise InputError(f"problem must be an AlphaProblem, got {problem!r}")
+    return problem

@@ -1,0 +1,286 @@
+"""Covariances of assets: a matrix, or factors whose product is never formed."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import cho_factor, cho_solve
+
+from inscrutable import tolerances, validation
+from inscrutable.axes import Axis, Names, few
+from inscrutable.errors import InputError, ModelError
+from inscrutable.validation import Array
+
+_COVARIANCE = "a covariance has no negative eigenvalue"
+
+
+class Risk(ABC):
+    """A covariance V (n,n) of assets by what is done with it; columns of (n,m) arrays are taken one by one."""
+
+    names: Names | None
+    """Labels of the assets where known."""
+
+    @property
+    @abstractmethod
+    def diagonal(self) -> Array:
+        """Variances of the assets, shape (n,)."""
+
+    @abstractmethod
+    def times(self, values: Array) -> Array:
+        """Return V x for x (n,) or (n,m)."""
+
+    @abstractmethod
+    def solve(self, values: Array) -> Array:
+        """Return V⁻¹ x for x (n,) or (n,m); raise `ModelError` where V is singular."""
+
+    @abstractmethod
+    def quadratic(self, values: Array) -> Array:
+        """Return x'V x for x (n,), or for each column of (n,m)."""
+
+    @property
+    @abstractmethod
+    def log_determinant(self) -> float:
+        """log det V; −∞ where V is singular."""
+
+    @abstractmethod
+    def part(self, assets: np.ndarray) -> Risk:
+        """Return the covariance of some of the assets, given by their numbers."""
+
+    @abstractmethod
+    def with_more(self, columns: Array, variances: float | Array = 0.0) -> Risk:
+        """Return V + G G' + diag(d) for columns G (n,m) and d ≥ 0, a number or (n,)."""
+
+    @abstractmethod
+    def dense(self) -> Array:
+        """Return V as a matrix (n,n)."""
+
+    @property
+    def n_assets(self) -> int:
+        """Number of assets n."""
+        return int(self.diagonal.size)
+
+
+class DenseRisk(Risk):
+    """A covariance that is given as a matrix.
+
+    Args:
+        covariance: V, shape (n,n), squared return per period.
+        names: Labels of the assets.
+    """
+
+    def __init__(self, covariance: Array, names: Names | None = None) -> None:
+        self._matrix, self.names = covariance, names
+
+    @property
+    def diagonal(self) -> Array:
+        """Variances of the assets, shape (n,)."""
+        return np.diag(self._matrix)
+
+    @cached_property
+    def _factor(self) -> Any:
+        try:
+            return cho_factor(self._matrix, lower=True)
+        except np.linalg.LinAlgError:
+            pass
+        smallest = float(np.linalg.eigvalsh(self._matrix)[0])
+        raise ModelError(
+            f"the risk is singular: its smallest eigenvalue is {smallest:.3g}, and something costs no risk at all; add "
+            "specific variances, or leave out assets that others make up"
+        )
+
+    def times(self, values: Array) -> Array:
+        """Return V x."""
+        return np.asarray(self._matrix @ values)
+
+    def solve(self, values: Array) -> Array:
+        """Return V⁻¹ x, refined once."""
+        found = cho_solve(self._factor, values)
+        return np.asarray(found + cho_solve(self._factor, values - self._matrix @ found))
+
+    def quadratic(self, values: Array) -> Array:
+        """Return x'V x."""
+        return np.asarray((values * (self._matrix @ values)).sum(axis=0))
+
+    @property
+    def log_determinant(self) -> float:
+        """log det V."""
+        sign, size = np.linalg.slogdet(self._matrix)
+        return float(size) if sign > 0 else -np.inf
+
+    def part(self, assets: np.ndarray) -> Risk:
+        """Return the covariance of some of the assets."""
+        return DenseRisk(self._matrix[np.ix_(assets, assets)])
+
+    def with_more(self, columns: Array, variances: float | Array = 0.0) -> Risk:
+        """Return V + G G' + diag(d)."""
+        more = self._matrix + columns @ columns.T
+        more[np.diag_indices(len(more))] += variances
+        return DenseRisk(more)
+
+    def dense(self) -> Array:
+        """Return V."""
+        return self._matrix
+
+    def __repr__(self) -> str:
+        return f"DenseRisk({self.n_assets} assets)"
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class FactorRisk(Risk):
+    """The covariance of n assets that k factors and specific variances make, never formed.
+
+    Formula: V = F Ω F' + D; V⁻¹ = D⁻¹ − D⁻¹L (I + L'D⁻¹L)⁻¹ L'D⁻¹ with L = F Ω^{1/2}.
+
+    Args:
+        exposures: F, shape (n,k), of assets to factors.
+        factor_covariance: Ω, shape (k,k), squared return per period; may be singular.
+        specific: Diagonal of D, shape (n,), squared return per period, above zero.
+
+    Labelled tables are aligned with each other: assets by the rows of `exposures`, factors by its columns.
+
+    Raises:
+        InputError: Shapes or labels disagree, an entry is not finite, Ω is not symmetric.
+        ModelError: Ω is indefinite (its smallest eigenvalue is named), or a specific variance is not above zero.
+
+    Cost: O(n k²) time once, O(n k) memory; each product or solve O(n k). Source: Woodbury's identity.
+
+    Example:
+        >>> risk = FactorRisk([[1.0], [0.5]], [[0.04]], [0.01, 0.02])
+        >>> risk.dense().round(3).tolist(), risk.solve(risk.times(np.array([1.0, -1.0]))).round(12).tolist()
+        ([[0.05, 0.02], [0.02, 0.03]], [1.0, -1.0])
+    """
+
+    exposures: Array
+    factor_covariance: Array
+    specific: Array
+    names: Names | None
+    factor_names: Names | None
+
+    def __init__(self, exposures: ArrayLike, factor_covariance: ArrayLike, specific: ArrayLike) -> None:
+        assets, factors = Axis("asset", learns=True), Axis("factor", learns=True)
+        loads = validation.finite_array(exposures, "exposures", ndim=2, axes=(assets, factors))
+        n, k = loads.shape
+        if not n:
+            raise InputError(f"exposures has shape {loads.shape}, expected at least one asset")
+        between = validation.finite_array(factor_covariance, "factor_covariance", ndim=2, axes=(factors, factors))
+        if between.shape != (k, k):
+            raise InputError(f"factor_covariance has shape {between.shape}, expected {(k, k)} for {k} factors")
+        if k:
+            validation.check_positive_semidefinite(between, "factor_covariance", _COVARIANCE)
+        own = validation.finite_array(specific, "specific", ndim=1, axes=(assets,))
+        if own.shape != (n,):
+            raise InputError(f"specific has {own.size} entries, expected one per asset: {n}")
+        if own.min() <= 0:
+            j = int(own.argmin())
+            name = "" if assets.names is None else f" ({assets.names[j]})"
+            raise ModelError(
+                f"specific is {own[j]:.3g} at asset {j}{name}; every asset needs a variance of its own above 0"
+            )
+        object.__setattr__(self, "exposures", loads)
+        object.__setattr__(self, "factor_covariance", 0.5 * (between + between.T))
+        object.__setattr__(self, "specific", own)
+        object.__setattr__(self, "names", assets.names)
+        object.__setattr__(self, "factor_names", factors.names)
+        validation.read_only(self, "exposures", "factor_covariance", "specific")
+
+    @cached_property
+    def root(self) -> Array:
+        """L = F Ω^{1/2}, shape (n,k): V = L L' + D."""
+        values, vectors = np.linalg.eigh(self.factor_covariance)
+        return np.asarray(self.exposures @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+
+    @cached_property
+    def _inner(self) -> tuple[Array, Any]:
+        scaled = self.root / self.specific[:, None]
+        inner = self.root.T @ scaled
+        inner[np.diag_indices(len(inner))] += 1.0
+        return scaled, cho_factor(inner, lower=True) if len(inner) else None
+
+    @property
+    def diagonal(self) -> Array:
+        """Variances of the assets, shape (n,)."""
+        return np.asarray((self.root**2).sum(axis=1) + self.specific)
+
+    def times(self, values: Array) -> Array:
+        """Return V x."""
+        return np.asarray(self.root @ (self.root.T @ values) + (self.specific * values.T).T)
+
+    def solve(self, values: Array) -> Array:
+        """Return V⁻¹ x, refined once."""
+        found = self._solve(values)
+        return np.asarray(found + self._solve(values - self.times(found)))
+
+    def _solve(self, values: Array) -> Array:
+        scaled, factor = self._inner
+        first = (values.T / self.specific).T
+        return first if factor is None else np.asarray(first - scaled @ cho_solve(factor, scaled.T @ values))
+
+    def quadratic(self, values: Array) -> Array:
+        """Return x'V x."""
+        common = self.root.T @ values
+        return np.asarray((common**2).sum(axis=0) + self.specific @ values**2)
+
+    @property
+    def log_determinant(self) -> float:
+        """log det V."""
+        factor = self._inner[1]
+        common = 0.0 if factor is None else 2.0 * float(np.log(np.diag(factor[0])).sum())
+        return common + float(np.log(self.specific).sum())
+
+    def part(self, assets: np.ndarray) -> Risk:
+        """Return the covariance of some of the assets."""
+        return _of(self.root[assets], self.specific[assets])
+
+    def with_more(self, columns: Array, variances: float | Array = 0.0) -> Risk:
+        """Return V + G G' + diag(d)."""
+        return _of(np.hstack([self.root, columns]), self.specific + variances)
+
+    def dense(self) -> Array:
+        """Return V as a matrix (n,n); nothing else forms it."""
+        return np.asarray(self.root @ self.root.T + np.diag(self.specific))
+
+    def __repr__(self) -> str:
+        return f"FactorRisk({self.n_assets} assets, {self.exposures.shape[1]} factors)"
+
+
+def _of(root: Array, specific: Array) -> FactorRisk:
+    """The covariance L L' + D, from arrays that are known to be right."""
+    found = object.__new__(FactorRisk)
+    kept = {"exposures": root, "factor_covariance": np.eye(root.shape[1]), "specific": specific, "root": root}
+    vars(found).update(kept, names=None, factor_names=None)
+    return found
+
+
+def as_risk(given: Any) -> Risk:
+    """Return a covariance of assets from a matrix or a `FactorRisk`.
+
+    Raises:
+        InputError: It is no square matrix of finite numbers, or not symmetric.
+        ModelError: It is indefinite; its smallest eigenvalue is named.
+    """
+    if isinstance(given, Risk):
+        return given
+    assets = Axis("asset", learns=True)
+    matrix = validation.finite_array(given, "risk", ndim=2, axes=(assets, assets))
+    if matrix.shape[0] != matrix.shape[1] or not matrix.size:
+        said = "" if assets.names is None else f" ({few(assets.names)})"
+        raise InputError(f"risk has shape {matrix.shape}, expected a covariance (n,n) of assets{said}")
+    validation.check_positive_semidefinite(matrix, "risk", _COVARIANCE)
+    if not np.diag(matrix).any():
+        raise ModelError("risk is zero: nothing limits a decision")
+    symmetric = 0.5 * (matrix + matrix.T)
+    symmetric.flags.writeable = False
+    return DenseRisk(symmetric, assets.names)
+
+
+def is_definite(risk: Risk) -> bool:
+    """Whether no combination of assets is without risk."""
+    if isinstance(risk, FactorRisk):
+        return True
+    eigenvalues = np.linalg.eigvalsh(risk.dense())
+    return bool(eigenvalues[0] > tolerances.CURVATURE * eigenvalues[-1])

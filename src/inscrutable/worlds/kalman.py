@@ -1,0 +1,288 @@
+"""The private belief of a linear Gaussian world: its mean and covariance from what was read so far, and nothing later."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import cho_factor, cho_solve, solve_discrete_are
+
+from inscrutable import tolerances, validation
+from inscrutable.axes import Axis
+from inscrutable.errors import InputError, ModelError
+from inscrutable.validation import Array
+from inscrutable.worlds.linear_gaussian import LinearGaussianWorld, at
+from inscrutable.worlds.observations import Labels, in_rows, is_labelled, row_name
+from inscrutable.worlds.public import PublicPart
+
+_MOST_STEPS = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class KalmanResult:
+    """Beliefs N(m_t, P_t) over time, each from what was read up to its own row.
+
+    Unpacks as (means, covariances, log_likelihood).
+
+    Args:
+        means: (T,n), m_t = E[x_t | y_0..t, z_0..t]; a DataFrame where the observations have labels.
+        covariances: (T,n,n), P_t. They depend on the matrices and on which observations are missing, not on their values.
+        log_likelihood: Natural logarithm of the density of all that was read.
+
+    Example:
+        >>> world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
+        >>> means, covariances, log_likelihood = kalman_filter(world, [1.0, np.nan])
+        >>> means.ravel().tolist()
+        [0.5, 0.45]
+    """
+
+    means: Any
+    covariances: Array
+    log_likelihood: float
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.means, self.covariances, self.log_likelihood))
+
+    def __str__(self) -> str:
+        steps, n = np.shape(self.means)
+        return f"Kalman filter: {steps} steps, {n} states, log-likelihood {self.log_likelihood:.6g}"
+
+
+def kalman_filter(
+    world: LinearGaussianWorld, observations: Any, *, public: Any = None, gaps: ArrayLike | None = None
+) -> KalmanResult:
+    """Return the beliefs N(m_t, P_t) of an agent that reads `observations`, and `public` ones, row by row.
+
+    Formula: P⁻ = A P A' + Q, S = C P⁻ C' + R, K = P⁻ C' S⁻¹, m = A m + K (y − C A m), P = (I − K C) P⁻ (I − K C)' + K R K',
+    with the rows of C that were read. More rows never change an earlier one.
+
+    Args:
+        world: The world; the law of x_0 holds before the first row.
+        observations: (T,p), or (T,) where p is 1; NaN is missing. Labelled columns are aligned with the sensor's.
+        public: (T,q), what the world's public sensor reported; NaN is missing. None where it has none, or a `PublicPart`.
+        gaps: Which observations everybody knows to be missing, (T,) rows or (T,p) entries, True where missing. An observation
+            that is missing and not so there is refused: then P_t would be private as well. None: all that is missing is known.
+
+    Returns:
+        A `KalmanResult`.
+
+    Raises:
+        InputError: Shapes or labels disagree, an entry is infinite, a gap is not among the known ones (its row is named).
+        ModelError: What is read has no density (S is singular; the step is named), or there is no law of x_0.
+
+    Cost: O(T (n³ + p³)). Source: Kalman, Journal of Basic Engineering 82 (1960).
+
+    Example:
+        >>> world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
+        >>> kalman_filter(world, [1.0, np.nan]).covariances.ravel().round(4).tolist()
+        [0.5, 0.595]
+    """
+    if not isinstance(world, LinearGaussianWorld):
+        raise InputError(f"world must be a LinearGaussianWorld, got {world!r}")
+    values = _rows(observations, world.sensor.shape[-2], world.observation_names, "observations")
+    _check_gaps(values, gaps, observations)
+    if world.n_steps is not None and len(values) > world.n_steps:
+        raise InputError(f"observations have {len(values)} rows, but the world's matrices say {world.n_steps} steps")
+    read = np.column_stack([values, _public_rows(world, observations, len(values), public)])
+    means, covariances = np.empty((len(read), world.n_states)), np.empty((len(read), *(2 * (world.n_states,))))
+    (mean, spread), total = world.initial, 0.0
+    for t, row in enumerate(read):
+        if t:
+            move = at(world.transition, t - 1)
+            mean, spread = move @ mean, _symmetric(move @ spread @ move.T + at(world.process, t - 1))
+        there = ~np.isnan(row)
+        if there.any():
+            sensor, noise = world.agents_sensor(t)
+            told = sensor[there], noise[np.ix_(there, there)]
+            try:
+                mean, spread, gained = _updated(mean, spread, row[there], *told)
+            except np.linalg.LinAlgError:
+                raise ModelError(
+                    f"what is read at row {row_name(observations, t)} has no density: C P C' + R is singular, so that a "
+                    "column says without noise what is known already"
+                ) from None
+            total += gained
+        means[t], covariances[t] = mean, spread
+    if is_labelled(observations):
+        import pandas as pd
+
+        columns = None if world.names is None else list(world.names)
+        return KalmanResult(pd.DataFrame(means, index=observations.index, columns=columns), covariances, float(total))
+    return KalmanResult(means, covariances, float(total))
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyFilter:
+    """What the agent's filter settles to in a world that does not change: m_{t+1} = A m_t + K ν_t with ν ~ N(0, S).
+
+    Args:
+        predicted_covariance: P⁻, error of the prediction of x_t, shape (n,n).
+        covariance: P⁺, error of m_t, shape (n,n).
+        gain: K, shape (n,p), or (n,p+q) where a public sensor stands beside the private one.
+        innovation_covariance: W = K S K' = P⁻ − P⁺, the covariance of m_{t+1} − A m_t, shape (n,n).
+        public_sensor: H = C_z A, what everybody's reading predicts of m_t, shape (q,n); q is 0 where nothing is public.
+        cross_covariance: N = cov(K ν, ν_z), shape (n,q), ν_z = z_{t+1} − H m_t.
+        public_covariance: R = cov(ν_z), shape (q,q).
+
+    Example:
+        >>> steady = steady_filter(LinearGaussianWorld([[1.0]], [[1.0]], [[1.0]], [[1.0]]))
+        >>> round(float(steady.covariance[0, 0]), 6)
+        0.618034
+    """
+
+    predicted_covariance: Array
+    covariance: Array
+    gain: Array
+    innovation_covariance: Array
+    public_sensor: Array
+    cross_covariance: Array
+    public_covariance: Array
+
+    def __str__(self) -> str:
+        n, q = self.cross_covariance.shape
+        return f"Steady filter: {n} states, {q} public columns, variance {np.trace(self.covariance):.6g} left in all"
+
+
+def steady_filter(world: LinearGaussianWorld) -> SteadyFilter:
+    """Return the steady Kalman filter of an agent in a world that does not change with time.
+
+    Formula: P⁻ = A (P⁻ − P⁻C'S⁻¹CP⁻) A' + Q, P⁺ = P⁻ − P⁻C'S⁻¹CP⁻, W = P⁻ − P⁺, S = C P⁻ C' + R.
+
+    Args:
+        world: The world; it need not be stable where what is read shows all that is not.
+
+    Raises:
+        ModelError: Matrices change with time, or no filter settles: something grows that is not read.
+
+    Cost: O(n³). Source: Anderson and Moore, Optimal Filtering (1979), chapter 4.
+
+    Example:
+        >>> steady_filter(LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1e9]])).predicted_covariance.round(6).tolist()
+        [[1.0]]
+    """
+    world.check_constant("a steady filter")
+    (sensor, noise), move = world.agents_sensor(0), world.transition
+    predicted = _riccati(move, world.process, sensor, noise)
+    read = _symmetric(sensor @ predicted @ sensor.T + noise)
+    gain = _gain(predicted, sensor, noise)
+    covariance = _joseph(predicted, gain, sensor, noise)
+    if world.public is None:
+        seen = np.zeros((0, len(sensor)))
+    elif isinstance(world.public, PublicPart):
+        seen = world.public.matrix
+    else:
+        seen = np.eye(len(sensor))[-len(world.public[0]) :]
+    return SteadyFilter(
+        predicted,
+        covariance,
+        gain,
+        _symmetric(gain @ read @ gain.T),
+        seen @ sensor @ move,
+        gain @ read @ seen.T,
+        _symmetric(seen @ read @ seen.T),
+    )
+
+
+def _riccati(move: Array, process: Array, sensor: Array, noise: Array) -> Array:
+    """The P⁻ to which predictions settle."""
+    try:
+        found = _symmetric(np.asarray(solve_discrete_are(move.T, sensor.T, process, noise)))
+        residual = np.abs(_predicted(found, move, process, sensor, noise) - found).max()
+        if residual <= tolerances.RICCATI * np.abs(found).max() and np.isfinite(residual):
+            return found
+    except (np.linalg.LinAlgError, ValueError):
+        pass  # a noise that is singular, or eigenvalues on the circle that nothing moves: steps settle all the same
+    found, last = process + np.eye(len(process)) * np.abs(process).max(), np.inf
+    for _ in range(_MOST_STEPS):
+        after = _predicted(found, move, process, sensor, noise)
+        change, size = float(np.abs(after - found).max()), float(np.abs(after).max())
+        if not np.isfinite(size) or size > 1.0 / tolerances.RICCATI * max(np.abs(process).max(), np.abs(noise).max()):
+            raise ModelError("no filter settles in this world: something grows without end that is not read")
+        if change <= tolerances.RICCATI * size and change >= last:  # down to rounding
+            return after
+        found, last = after, change if change else -1.0
+    raise ModelError(
+        f"no filter settles in this world: after {_MOST_STEPS} steps its covariance still moves by {last:.1e}"
+    )
+
+
+def _predicted(before: Array, move: Array, process: Array, sensor: Array, noise: Array) -> Array:
+    return _symmetric(move @ _joseph(before, _gain(before, sensor, noise), sensor, noise) @ move.T + process)
+
+
+def _gain(before: Array, sensor: Array, noise: Array) -> Array:
+    """P⁻ C' S⁺: also where columns say without noise what others say."""
+    return np.asarray(
+        np.linalg.lstsq(sensor @ before @ sensor.T + noise, sensor @ before, rcond=None)[0].T, dtype=np.float64
+    )
+
+
+def _joseph(before: Array, gain: Array, sensor: Array, noise: Array) -> Array:
+    """The covariance after reading, without a difference of large numbers."""
+    left = np.eye(len(before)) - gain @ sensor
+    return _symmetric(left @ before @ left.T + gain @ noise @ gain.T)
+
+
+def _updated(mean: Array, spread: Array, row: Array, sensor: Array, noise: Array) -> tuple[Array, Array, float]:
+    factor = cho_factor(_symmetric(sensor @ spread @ sensor.T + noise), lower=True)
+    gain = cho_solve(factor, sensor @ spread).T
+    missed = row - sensor @ mean
+    log_size = 2.0 * float(np.log(np.diag(factor[0])).sum()) + len(row) * float(np.log(2.0 * np.pi))
+    gained = -0.5 * (log_size + float(missed @ cho_solve(factor, missed)))
+    return mean + gain @ missed, _joseph(spread, gain, sensor, noise), gained
+
+
+def _symmetric(matrix: Array) -> Array:
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _rows(given: Any, n_columns: int, names: Labels | None, name: str) -> Array:
+    """Rows (T, n_columns), NaN where something is missing."""
+    axes = (None, Axis("column", names)) if np.ndim(given) > 1 else (None,)
+    values = validation.real_array(given, name, axes)
+    rows = values[:, None] if values.ndim == 1 else values
+    if rows.ndim != 2 or not len(rows) or rows.shape[1] != n_columns:
+        raise InputError(f"{name} have shape {values.shape}, expected (T,{n_columns}) with T >= 1")
+    bad = np.argwhere(np.isinf(rows))
+    if bad.size:
+        t, column = (int(k) for k in bad[0])
+        raise InputError(f"{name} have {rows[t, column]} in row {row_name(given, t)}, column {column}; NaN is missing")
+    return rows
+
+
+def _public_rows(world: LinearGaussianWorld, observations: Any, n_rows: int, public: Any) -> Array:
+    if world.public is None or isinstance(world.public, PublicPart):
+        if public is not None:
+            raise InputError(
+                "public observations were given, but the world has no public sensor beside the private one"
+            )
+        return np.zeros((n_rows, 0))
+    if public is None:
+        raise InputError("the world has a public sensor: pass what it reported as `public`")
+    steps = Axis("row", learns=True)
+    if is_labelled(observations):
+        steps.order(tuple(observations.index), "observations")
+    rows = _rows(in_rows(public, steps, "public"), len(world.public[0]), world.public_names, "public")
+    if len(rows) != n_rows:
+        raise InputError(f"public has {len(rows)} rows, expected one per observation: {n_rows}")
+    return rows
+
+
+def _check_gaps(values: Array, gaps: Any, observations: Any) -> None:
+    if gaps is None:
+        return
+    known = np.asarray(gaps)
+    if known.dtype != np.bool_ or known.shape not in (values.shape, values.shape[:1]):
+        raise InputError(f"gaps must be True or False of shape {values.shape[:1]} or {values.shape}, got {known.shape}")
+    missing, told = np.isnan(values), known.reshape(len(values), -1) & np.ones(values.shape, dtype=np.bool_)
+    wrong = np.argwhere(missing != told)
+    if wrong.size:
+        t, column = (int(k) for k in wrong[0])
+        what = "is missing, which nobody else knows" if missing[t, column] else "is there, but gaps say it is missing"
+        raise InputError(
+            f"the observation in row {row_name(observations, t)}, column {column} {what}: the covariance of the belief would "
+            "be private; everybody must know which observations are missing"
+        )

@@ -14,9 +14,9 @@ from inscrutable.adversaries.near_optimal import NearOptimalBeliefs, near_optima
 from inscrutable.adversaries.observers import BudgetAwareAdversary, NaiveAdversary, NearOptimalAdversary
 from inscrutable.adversaries.sensor import (
     CalibratedSensor,
-    LikelihoodStatus,
     EstimatedSensor,
     EstimatedWorld,
+    LikelihoodStatus,
     ProbeRanking,
     SensorFamily,
     SensorStatus,

@@ -10,9 +10,9 @@ from inscrutable.adversaries.sensor.world_estimation import estimate_world
 
 __all__ = [
     "CalibratedSensor",
-    "LikelihoodStatus",
     "EstimatedSensor",
     "EstimatedWorld",
+    "LikelihoodStatus",
     "ProbeRanking",
     "SensorFamily",
     "SensorStatus",

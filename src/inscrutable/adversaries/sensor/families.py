@@ -14,6 +14,7 @@ from inscrutable import validation
 from inscrutable.errors import InputError
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, Emission, GaussianEmission
+from inscrutable.worlds.linear_gaussian import LinearGaussianWorld
 
 _INSIDE = 1e-6
 """How far a probability stays away from 0 and 1: there the agent's own filter would rule states out for good."""
@@ -24,7 +25,7 @@ class SensorFamily:
     """Sensors with K parameters, each in an interval.
 
     Args:
-        make: (θ_1, …, θ_K) -> `Emission`, called with K numbers.
+        make: (θ_1, …, θ_K) -> `Emission`, or a `LinearGaussianWorld` with that sensor, called with K numbers.
         bounds: Least and greatest value of each, shape (K,2), finite.
         names: Of the parameters, in messages and pictures.
 
@@ -32,15 +33,17 @@ class SensorFamily:
         InputError: Bounds are no intervals, or of another number than names.
 
     Example:
-        >>> SensorFamily.accuracy(2)(0.8).probabilities.tolist()
-        [[0.8, 0.2], [0.2, 0.8]]
+        >>> SensorFamily.accuracy(2)(0.75).probabilities.tolist()
+        [[0.75, 0.25], [0.25, 0.75]]
     """
 
-    make: Callable[..., Emission]
+    make: Callable[..., Emission | LinearGaussianWorld]
     bounds: Array
     names: tuple[str, ...]
 
-    def __init__(self, make: Callable[..., Emission], bounds: ArrayLike, names: Sequence[str]) -> None:
+    def __init__(
+        self, make: Callable[..., Emission | LinearGaussianWorld], bounds: ArrayLike, names: Sequence[str]
+    ) -> None:
         limits = np.atleast_2d(validation.finite_array(bounds, "bounds", ndim=(1, 2)))
         if limits.shape != (len(names), 2) or (limits[:, 0] >= limits[:, 1]).any():
             raise InputError(
@@ -50,11 +53,13 @@ class SensorFamily:
         object.__setattr__(self, "bounds", limits)
         object.__setattr__(self, "names", tuple(names))
 
-    def __call__(self, *parameters: float) -> Emission:
+    def __call__(self, *parameters: float) -> Any:
         """Return the sensor of K parameters."""
         found = self.make(*(float(each) for each in parameters))
-        if not isinstance(found, Emission):
-            raise InputError(f"a family must return an Emission such as CategoricalEmission(rows), got {found!r}")
+        if not isinstance(found, (Emission, LinearGaussianWorld)):
+            raise InputError(
+                f"a family must return an Emission such as CategoricalEmission(rows), or a LinearGaussianWorld, got {found!r}"
+            )
         return found
 
     def __len__(self) -> int:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import InferredWeights as InferredWeights
     from inscrutable.adversaries import LearnedCost as LearnedCost
     from inscrutable.adversaries import LikelihoodStatus as LikelihoodStatus
+    from inscrutable.adversaries import LinearView as LinearView
     from inscrutable.adversaries import NaiveAdversary as NaiveAdversary
     from inscrutable.adversaries import NearOptimalAdversary as NearOptimalAdversary
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
@@ -45,6 +46,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import estimate_world as estimate_world
     from inscrutable.adversaries import explain_action as explain_action
     from inscrutable.adversaries import infer_weights as infer_weights
+    from inscrutable.adversaries import inverse_kalman_filter as inverse_kalman_filter
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.alphas import AlphaProblem as AlphaProblem

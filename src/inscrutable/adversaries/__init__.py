@@ -17,6 +17,7 @@ from inscrutable.adversaries.sensor import (
     EstimatedSensor,
     EstimatedWorld,
     LikelihoodStatus,
+    LinearView,
     ProbeRanking,
     SensorFamily,
     SensorStatus,
@@ -24,6 +25,7 @@ from inscrutable.adversaries.sensor import (
     calibrate_sensor,
     estimate_sensor,
     estimate_world,
+    inverse_kalman_filter,
 )
 from inscrutable.adversaries.sequence_results import InferredBeliefs, SequenceStatus
 from inscrutable.adversaries.sequential import SequentialAdversary
@@ -46,6 +48,7 @@ __all__ = [
     "InferredWeights",
     "LearnedCost",
     "LikelihoodStatus",
+    "LinearView",
     "NaiveAdversary",
     "NearOptimalAdversary",
     "NearOptimalBeliefs",
@@ -67,6 +70,7 @@ __all__ = [
     "estimate_world",
     "explain_action",
     "infer_weights",
+    "inverse_kalman_filter",
     "near_optimal_beliefs",
     "plausibility_gap",
 ]

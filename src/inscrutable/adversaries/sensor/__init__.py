@@ -4,6 +4,7 @@ from inscrutable.adversaries.sensor.calibration import calibrate_sensor
 from inscrutable.adversaries.sensor.calibration_results import CalibratedSensor, LikelihoodStatus, ProbeRanking
 from inscrutable.adversaries.sensor.estimation import estimate_sensor
 from inscrutable.adversaries.sensor.families import SensorFamily
+from inscrutable.adversaries.sensor.inverse_kalman import LinearView, inverse_kalman_filter
 from inscrutable.adversaries.sensor.probes import best_probe
 from inscrutable.adversaries.sensor.results import EstimatedSensor, EstimatedWorld, SensorStatus
 from inscrutable.adversaries.sensor.world_estimation import estimate_world
@@ -13,6 +14,7 @@ __all__ = [
     "EstimatedSensor",
     "EstimatedWorld",
     "LikelihoodStatus",
+    "LinearView",
     "ProbeRanking",
     "SensorFamily",
     "SensorStatus",
@@ -20,4 +22,5 @@ __all__ = [
     "calibrate_sensor",
     "estimate_sensor",
     "estimate_world",
+    "inverse_kalman_filter",
 ]

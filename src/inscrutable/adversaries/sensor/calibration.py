@@ -13,6 +13,7 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.sensor.calibration_results import CalibratedSensor, LikelihoodStatus
 from inscrutable.adversaries.sensor.estimation import QUANTILE
 from inscrutable.adversaries.sensor.families import SensorFamily
+from inscrutable.adversaries.sensor.inverse_kalman import LinearView, inverse_kalman_filter
 from inscrutable.adversaries.sensor.known_states import KnownStates, is_simple, plays_in
 from inscrutable.adversaries.sequential import SequentialAdversary
 from inscrutable.errors import InputError, ModelError
@@ -20,6 +21,7 @@ from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
+from inscrutable.worlds.linear_gaussian import LinearGaussianWorld
 from inscrutable.worlds.observations import symbols
 
 _POINTS = 17
@@ -31,7 +33,7 @@ _DROP = 0.5 * QUANTILE**2
 _LEAST = -1e12
 """Stands for the logarithm of zero where a maximum is looked for."""
 
-KnownMechanism = Mechanism | MemoryMechanism | MechanismRule | Callable[[HiddenMarkovModel], Any]
+KnownMechanism = Mechanism | MemoryMechanism | MechanismRule | LinearView | Callable[[HiddenMarkovModel], Any]
 
 
 def calibrate_sensor(
@@ -40,7 +42,7 @@ def calibrate_sensor(
     mechanism: KnownMechanism,
     family: SensorFamily | Callable[..., Any],
     *,
-    world: HiddenMarkovModel,
+    world: HiddenMarkovModel | LinearGaussianWorld,
     n_particles: int = 0,
     rng: np.random.Generator | None = None,
 ) -> CalibratedSensor:
@@ -56,7 +58,7 @@ def calibrate_sensor(
             their cell. Or a function of a world that returns one, such as one on `reachable_beliefs`, which makes the
             likelihood exact whatever the sensor.
         family: The sensors considered; a plain function of K probabilities is one with K parameters between 0 and 1.
-        world: The agent's world, whose sensor is replaced by each of the family's.
+        world: The agent's world, whose sensor is replaced by each of the family's; a linear Gaussian one by each world of it.
         n_particles: For sensors that report real numbers; the same draws serve every sensor.
         rng: The source of the particles' draws.
 
@@ -81,8 +83,10 @@ def calibrate_sensor(
         (array([0.854]), True)
     """
     sensors = SensorFamily.of(family)
+    if isinstance(mechanism, LinearView):
+        return _calibrated(_linear_likelihood(actions, states, mechanism, sensors), sensors)
     if not isinstance(world, HiddenMarkovModel):
-        raise InputError(f"world must be a HiddenMarkovModel, got {world!r}")
+        raise InputError(f"world must be a HiddenMarkovModel, or the mechanism a LinearView, got {world!r}")
     path = symbols(states, world.n_states, "states")
     count = validation.count(n_particles, "n_particles", least=0)
     seed = int(validation.generator(rng).integers(2**31)) if count else 0
@@ -94,12 +98,23 @@ def calibrate_sensor(
             quick = KnownStates(known, plays).log_likelihoods(plays_in(plays, actions, len(path)), path)[0]
             if np.isfinite(quick):
                 return float(quick)
-        particles = {"n_particles": count, "rng": np.random.default_rng(seed)} if count else {}
-        found = SequentialAdversary(known, plays, **particles).filter(actions, states=path)
+        draws = np.random.default_rng(seed) if count else None
+        found = SequentialAdversary(known, plays, n_particles=count, rng=draws).filter(actions, states=path)
         return float(found.log_likelihood.sum()) - told
 
     told = _log_probability(path, world)
     return _calibrated(log_likelihood, sensors)
+
+
+def _linear_likelihood(
+    actions: ArrayLike, states: ArrayLike, view: LinearView, family: SensorFamily
+) -> Callable[[Array], float]:
+    """The likelihood of linear decisions, by the inverse Kalman filter."""
+
+    def log_likelihood(parameters: Array) -> float:
+        return inverse_kalman_filter(family(*parameters), actions, view, states=states).log_likelihood
+
+    return log_likelihood
 
 
 def with_sensor(world: HiddenMarkovModel, sensor: Any) -> HiddenMarkovModel:

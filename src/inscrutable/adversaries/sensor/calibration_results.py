@@ -54,8 +54,9 @@ class CalibratedSensor(Saved):
     Example:
         >>> import numpy as np
         >>> one = np.ones((1, 1))
-        >>> found = CalibratedSensor(0.8 * one[0], np.array([[0.7, 0.9]]), -3.0 * one, LikelihoodStatus.IDENTIFIED, one,
-        ("p",), one) >>> found.log_likelihood
+        >>> status = LikelihoodStatus.IDENTIFIED
+        >>> found = CalibratedSensor(one[0], np.array([[0.7, 1.0]]), -3.0 * one, status, one, ("p",), one)
+        >>> found.log_likelihood
         -3.0
     """
 

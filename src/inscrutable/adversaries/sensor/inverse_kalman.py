@@ -48,8 +48,9 @@ def inverse_kalman_filter(
 ) -> KalmanResult:
     """Return what an observer knows of an agent's estimates m_t, from what it sees of them up to each step.
 
-    Formula: m_{t+1} = (I − K C) A m_t + K C x_{t+1} + K v_{t+1}, the agent's Kalman filter with its known gain K_{t+1}. Where the
-    states are known, they are an input, and m is a linear Gaussian state; where they are not, (x, m) is one.
+    Formula: m_{t+1} = (I − K C) A m_t + K C x_{t+1} + K v_{t+1}, the agent's Kalman filter with its known gain K_{t+1}.
+
+    Where the states are known, they are an input, and m is a linear Gaussian state; where they are not, (x, m) is one.
 
     Args:
         world: The agent's world, with nothing public.
@@ -58,7 +59,7 @@ def inverse_kalman_filter(
         states: x_0..x_{T−1}, shape (T,n), or (T,) where n is 1, where the observer knows them.
 
     Returns:
-        A `KalmanResult` whose means and covariances are those of m_t, and of (x_t, m_t), 2n entries, where states are not known.
+        A `KalmanResult` of m_t; of (x_t, m_t), 2n entries, where states are not known.
         Its log-likelihood is the density of what is seen, given the states where they are known: the likelihood of a sensor.
 
     Raises:
@@ -67,13 +68,13 @@ def inverse_kalman_filter(
 
     Cost: O(T n³).
 
-    Source: Krishnamurthy, Rangaswamy, arXiv 1905.07230, Section III; the inverse Kalman filter of the paper's reference to Mattila.
+    Source: Krishnamurthy, Rangaswamy, arXiv 1905.07230, Section III.
 
     Example:
         >>> world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
         >>> found = inverse_kalman_filter(world, [0.5, 0.7], states=[1.0, 1.0])
         >>> found.means.ravel().tolist(), round(found.log_likelihood, 4)
-        ([0.5, 0.7], -0.5168)
+        ([0.5, 0.7], -0.1659)
     """
     if not isinstance(world, LinearGaussianWorld) or world.public is not None:
         raise InputError(f"world must be a LinearGaussianWorld with nothing public, got {world!r}")

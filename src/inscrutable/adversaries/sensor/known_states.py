@@ -52,7 +52,7 @@ class KnownStates:
         return np.asarray(law / law.sum())
 
     def log_likelihoods(self, columns: np.ndarray, states: np.ndarray) -> Array:
-        """Return log Pr(u_0..u_{T−1} | x_0..x_{T−1}), shape (D,), of sequences of decisions by number (T,D); −inf: impossible."""
+        """Return log Pr(u_0..u_{T−1} | x_0..x_{T−1}), shape (D,), of decisions by number (T,D); −inf where impossible."""
         used, places = np.unique(columns, return_inverse=True)
         table = self.mechanism.observed
         shares = np.ones((len(used), len(self.mechanism.beliefs)))

@@ -42,7 +42,10 @@ class SensorStatus(Enum):
         "decisions leave sets of beliefs, and several sensors explain them: the intervals span those that were found; take "
         "more decisions"
     )
-    DEGENERATE = "the beliefs move too little to determine the transition: the answer says nothing; take beliefs that differ more"
+    DEGENERATE = (
+        "the beliefs move too little to determine the transition: the answer says nothing; take beliefs that move more, or "
+        "more of them"
+    )
     INCONSISTENT = (
         "no filter with so many symbols makes these beliefs: see the steps with symbol -1 and the residual; doubt the "
         "beliefs, the transition or n_symbols"

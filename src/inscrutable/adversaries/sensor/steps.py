@@ -61,7 +61,8 @@ def filter_steps(before: Array, held: Array, transition: Array) -> FilterSteps:
     """
     seen = np.isfinite(before).all(axis=1) & np.isfinite(held).all(axis=1)
     predicted = before @ transition
-    impossible = np.argwhere(np.logical_and(seen[:, None], (predicted <= 0.0) & (held > tolerances.BELIEF_SUM)))
+    ruled_out: np.ndarray = (predicted <= 0.0) & (held > tolerances.BELIEF_SUM)
+    impossible = np.argwhere(ruled_out & seen[:, None])
     if impossible.size:
         k, state = (int(each) for each in impossible[0])
         raise ModelError(

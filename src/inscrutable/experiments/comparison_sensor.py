@@ -82,7 +82,7 @@ def read_at_face_value(problem: DecisionProblem, prior: Prior, actions: Array) -
 
     Where nothing explains a decision, it is the belief of the prior under which the decision costs least.
     """
-    read: Array = NaiveAdversary(problem).estimates(actions)
+    read = np.asarray(NaiveAdversary(problem).estimates(actions), dtype=np.float64)
     lost = np.isnan(read[:, 0])
     if lost.any():
         read[lost] = NearOptimalAdversary(problem, 0.0, prior=prior).estimates(actions[lost], nearest=True)

@@ -59,10 +59,10 @@ def filter_steps(before: Array, held: Array, transition: Array) -> FilterSteps:
     Raises:
         ModelError: A belief gives weight to a state that the belief before it rules out.
     """
-    seen = np.isfinite(before).all(axis=1) & np.isfinite(held).all(axis=1)
+    seen = np.isfinite(np.column_stack([before, held])).all(axis=1)
     predicted = before @ transition
-    ruled_out: np.ndarray = (predicted <= 0.0) & (held > tolerances.BELIEF_SUM)
-    impossible = np.argwhere(ruled_out & seen[:, None])
+    ruled_out = np.logical_and(predicted <= 0.0, held > tolerances.BELIEF_SUM)
+    impossible = np.argwhere(ruled_out & seen.reshape(-1, 1))
     if impossible.size:
         k, state = (int(each) for each in impossible[0])
         raise ModelError(

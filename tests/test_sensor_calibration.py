@@ -105,7 +105,7 @@ def coverage(seeds: range, n_steps: int) -> tuple[float, float]:
 
 
 def test_intervals_are_as_wide_as_estimates_scatter() -> None:
-    held, ratio = coverage(range(25), 150)
+    held, ratio = coverage(range(16), 100)
     assert held >= 0.8
     assert 0.6 <= ratio <= 1.6
 
@@ -118,7 +118,7 @@ def test_intervals_hold_the_true_accuracy_as_often_as_they_say() -> None:
 
 def test_two_parameters_have_a_profile_each() -> None:
     rng = np.random.default_rng(3)
-    states = rng.integers(2, size=120)
+    states = rng.integers(2, size=60)
     found = calibrate_sensor(
         sampled(0.85, states, rng),
         states,
@@ -193,7 +193,7 @@ def test_the_best_probe_gives_the_estimates_that_scatter_least() -> None:
         np.std(
             [
                 calibrate_sensor(sampled(0.8, probe, rng), probe, on(GRID), ACCURACY, world=WORLD).parameters[0]
-                for _ in range(12)
+                for _ in range(8)
             ]
         )
         for probe in probes
@@ -205,13 +205,10 @@ def test_a_gaussian_sensor_is_read_by_particles() -> None:
     rng = np.random.default_rng(2)
     family = SensorFamily.gaussian_spread([[0.0], [1.0]], [[0.2, 2.0]])
     world = HiddenMarkovModel(TRANSITION, family(0.6))
-    states = rng.integers(2, size=40)
-    found = calibrate_sensor(
-        rng.integers(2, size=40), states, on(GRID), family, world=world, n_particles=200, rng=np.random.default_rng(0)
+    states, actions = rng.integers(2, size=(2, 15))
+    found, again = (
+        calibrate_sensor(actions, states, on(GRID), family, world=world, n_particles=60, rng=np.random.default_rng(0))
+        for _ in range(2)
     )
-    again = calibrate_sensor(
-        found_actions := np.zeros(40, dtype=int), states, on(GRID), family, world=world, n_particles=200, rng=rng
-    )
-    assert len(found_actions) == 40
     assert np.isfinite(found.log_likelihoods).all()
-    assert np.isfinite(again.parameters).all()
+    np.testing.assert_array_equal(found.log_likelihoods, again.log_likelihoods)

@@ -86,7 +86,7 @@ def read_at_face_value(problem: DecisionProblem, prior: Prior, actions: Array) -
     lost = np.isnan(read[:, 0])
     if lost.any():
         read[lost] = NearOptimalAdversary(problem, 0.0, prior=prior).estimates(actions[lost], nearest=True)
-    return read
+    return np.asarray(read)
 
 
 def _path(prior: Prior) -> SensorPath:

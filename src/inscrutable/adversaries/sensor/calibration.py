@@ -95,13 +95,16 @@ def calibrate_sensor(
         known = with_sensor(world, sensors(*parameters))
         plays = mechanism_in(mechanism, known)
         if not count and is_simple(plays, known):
-            quick = KnownStates(known, plays).log_likelihoods(plays_in(plays, actions, len(path)), path)[0]
+            if plays is not numbered.get("mechanism"):
+                numbered.update(mechanism=plays, columns=plays_in(plays, actions, len(path)))
+            quick = KnownStates(known, plays).log_likelihoods(numbered["columns"], path)[0]
             if np.isfinite(quick):
                 return float(quick)
         draws = np.random.default_rng(seed) if count else None
         found = SequentialAdversary(known, plays, n_particles=count, rng=draws).filter(actions, states=path)
         return float(found.log_likelihood.sum()) - told
 
+    numbered: dict[str, Any] = {}
     told = _log_probability(path, world)
     return _calibrated(log_likelihood, sensors)
 
@@ -143,9 +146,14 @@ def _log_probability(path: np.ndarray, world: HiddenMarkovModel) -> float:
 def _calibrated(log_likelihood: Callable[[Array], float], family: SensorFamily) -> CalibratedSensor:
     """The maximum of a likelihood within a family's bounds, with its profile and curvature."""
 
+    known: dict[bytes, float] = {}
+
     def bounded(parameters: Array) -> float:
         inside = np.clip(parameters, family.bounds[:, 0], family.bounds[:, 1])
-        return max(log_likelihood(inside), _LEAST)
+        key = inside.tobytes()
+        if key not in known:
+            known[key] = max(log_likelihood(inside), _LEAST)
+        return known[key]
 
     grids = np.linspace(family.bounds[:, 0], family.bounds[:, 1], _POINTS).T
     best = _maximum(bounded, family, grids)

@@ -8,7 +8,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from inscrutable import EstimatedSensor, InputError, ModelError, SensorStatus, estimate_sensor, estimate_world
+from inscrutable import (
+    EstimatedSensor,
+    InputError,
+    MarkowitzProblem,
+    ModelError,
+    OriginalDecisionMaker,
+    SensorStatus,
+    consistent_beliefs,
+    estimate_sensor,
+    estimate_world,
+)
 
 TRANSITION = np.array([[0.8, 0.1, 0.1], [0.15, 0.7, 0.15], [0.1, 0.2, 0.7]])
 SENSOR = np.array([[0.7, 0.2, 0.1], [0.15, 0.7, 0.15], [0.1, 0.25, 0.65]])
@@ -233,3 +243,32 @@ def test_malformed_input_is_named() -> None:
     ]:
         with pytest.raises(InputError, match=said):
             call()
+
+
+@pytest.mark.parametrize("risk_aversion", [1.0, 0.12])
+def test_decisions_give_the_sensor_away_also_where_some_leave_intervals_of_beliefs(risk_aversion: float) -> None:
+    transition, sensor = UNDER_NOISE[2]
+    problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [0.3 * np.eye(2), 0.3 * np.eye(2)], risk_aversion)
+    beliefs, _ = path(transition, sensor, 60, np.random.default_rng(0))
+    sets = [
+        consistent_beliefs(problem, action) for action in OriginalDecisionMaker(problem).decide_many(beliefs).action
+    ]
+    are_points = all(each.dimension == 0 for each in sets)
+    assert are_points == (risk_aversion == 1.0)
+    found = estimate_sensor(sets, transition, n_symbols=2)
+    middles = estimate_sensor(np.array([each.center() for each in sets]), transition, n_symbols=2)
+    if are_points:
+        assert found.is_identified
+        assert error(found.probabilities, sensor) <= 1e-8
+    else:
+        assert found.status is SensorStatus.SETS
+        assert error(found.probabilities, sensor) <= 0.01 < error(middles.probabilities, sensor)
+        assert (np.diff(found.intervals, axis=2) > 0).all()
+
+
+def test_a_set_of_beliefs_that_is_empty_is_refused() -> None:
+    problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+    sets = [consistent_beliefs(problem, action) for action in ([0.5, 0.5], [0.9, 0.1])]
+    assert sets[1].is_empty
+    with pytest.raises(InputError, match="is empty"):
+        estimate_sensor(sets, UNDER_NOISE[2][0])

@@ -94,7 +94,8 @@ def _path(prior: Prior) -> SensorPath:
     n_states = prior.beliefs.shape[1]
 
     def mostly(share: float) -> Array:
-        return (1.0 - share) / (n_states - 1) + (share - (1.0 - share) / (n_states - 1)) * np.eye(n_states)
+        rest = (1.0 - share) / (n_states - 1)
+        return np.asarray(rest + (share - rest) * np.eye(n_states))
 
     world = HiddenMarkovModel(mostly(STAYS), CategoricalEmission(mostly(ACCURACY)))
     rng = np.random.default_rng(_SEED)

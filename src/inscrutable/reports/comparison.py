@@ -281,9 +281,9 @@ def _watchers(comparison: Comparison) -> list[str]:
         found.append(
             f"error, sensor: of the sensor read from {SENSOR_STEPS} decisions on one path by one who knows how the state "
             "moves and takes decisions at face value (Frobenius, best names of the symbols), as a share of the error of one "
-            f"who sees none; 0 is read exactly, 1 or more is hidden. A sensor that names the state in {ACCURACY:.0%} of the steps "
-            f"stands in for the agent's, in a chain that stays in {STAYS:.0%}; beliefs between those of the prior are shown as "
-            "far from the truth as the nearest one's decision is."
+            "who sees none; 0 is read exactly, 1 or more is hidden. A sensor that names the state in "
+            f"{ACCURACY:.0%} of the steps stands in for the agent's, in a chain that stays in {STAYS:.0%}; beliefs between "
+            "those of the prior are shown as far from the truth as the nearest one's decision is."
         )
     if comparison.pairs:
         found.append(

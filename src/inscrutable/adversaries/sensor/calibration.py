@@ -11,8 +11,8 @@ from scipy.optimize import minimize, minimize_scalar
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.sensor.calibration_results import CalibratedSensor, LikelihoodStatus
-from inscrutable.adversaries.sensor.estimation import QUANTILE
 from inscrutable.adversaries.sensor.families import SensorFamily
+from inscrutable.adversaries.sensor.fits import QUANTILE
 from inscrutable.adversaries.sensor.inverse_kalman import LinearView, inverse_kalman_filter
 from inscrutable.adversaries.sensor.known_states import KnownStates, is_simple, plays_in
 from inscrutable.adversaries.sequential import SequentialAdversary
@@ -190,7 +190,7 @@ def _maximum(bounded: Callable[[Array], float], family: SensorFamily, grids: Arr
             lambda each: -bounded(np.array([each])),
             bounds=ends,
             method="bounded",
-            options={"xatol": 1e-6 * (high - low)[0]},
+            options={"xatol": tolerances.PARAMETER_PLACE * (high - low)[0]},
         )
         return np.array([float(found.x)]) if -found.fun >= values[k] else grids[:, k]
     starts = [low + share * (high - low) for share in (0.5, 0.3, 0.7)]
@@ -209,7 +209,11 @@ def _climbed(bounded: Callable[[Array], float], start: Array, bounds: Array, hel
 
     first = (start[free] - bounds[free, 0]) / width
     found = minimize(
-        loss, first, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(free), options={"eps": 1e-5, "maxiter": 60}
+        loss,
+        first,
+        method="L-BFGS-B",
+        bounds=[(0.0, 1.0)] * len(free),
+        options={"eps": tolerances.PARAMETER_SLOPE, "maxiter": 60},
     )
     point = start.copy()
     point[free] = bounds[free, 0] + found.x * width
@@ -243,10 +247,14 @@ def _curvature(bounded: Callable[[Array], float], best: Array, top: float, bound
     count, width = len(best), bounds[:, 1] - bounds[:, 0]
     steps = np.empty(count)
     for k in range(count):
-        step = 1e-2 * width[k]
+        step = 0.01 * width[k]
         for _ in range(4):
             fall = max(top - min(bounded(moved) for moved in _both(best, k, step)), 0.0)
-            step = float(np.clip(step * np.sqrt(0.5 / max(fall, tolerances.TINY)), 1e-4 * width[k], 0.25 * width[k]))
+            step = float(
+                np.clip(
+                    step * np.sqrt(0.5 / max(fall, tolerances.TINY)), tolerances.SCORE_STEP * width[k], 0.25 * width[k]
+                )
+            )
         room = min(best[k] - bounds[k, 0], bounds[k, 1] - best[k])
         steps[k] = step if room <= 0.1 * step else min(step, room)
     found = np.empty((count, count))

@@ -10,14 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from inscrutable import validation
+from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, Emission, GaussianEmission
 from inscrutable.worlds.linear_gaussian import LinearGaussianWorld
-
-_INSIDE = 1e-6
-"""How far a probability stays away from 0 and 1: there the agent's own filter would rule states out for good."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +77,9 @@ class SensorFamily:
         names = [each.name for each in inspect.signature(given).parameters.values() if each.kind in kinds]
         if not names:
             raise InputError("family is a function without arguments; expected one argument a parameter")
-        return cls(given, np.tile([_INSIDE, 1.0 - _INSIDE], (len(names), 1)), names)
+        return cls(
+            given, np.tile([tolerances.UNCERTAIN_SENSOR, 1.0 - tolerances.UNCERTAIN_SENSOR], (len(names), 1)), names
+        )
 
     @classmethod
     def accuracy(cls, n_states: int) -> SensorFamily:
@@ -90,7 +89,7 @@ class SensorFamily:
         def make(p: float) -> CategoricalEmission:
             return CategoricalEmission((1.0 - p) / (count - 1) + (p - (1.0 - p) / (count - 1)) * np.eye(count))
 
-        return cls(make, [[1.0 / count, 1.0 - _INSIDE]], ["accuracy"])
+        return cls(make, [[1.0 / count, 1.0 - tolerances.UNCERTAIN_SENSOR]], ["accuracy"])
 
     @classmethod
     def confusion(cls, n_states: int, n_symbols: int) -> SensorFamily:
@@ -103,7 +102,9 @@ class SensorFamily:
             return CategoricalEmission(left * np.column_stack([parts, np.ones(rows)]))
 
         names = [f"share of symbol {y} in state {x}" for x in range(rows) for y in range(columns - 1)]
-        return cls(make, np.tile([_INSIDE, 1.0 - _INSIDE], (len(names), 1)), names)
+        return cls(
+            make, np.tile([tolerances.UNCERTAIN_SENSOR, 1.0 - tolerances.UNCERTAIN_SENSOR], (len(names), 1)), names
+        )
 
     @classmethod
     def gaussian_spread(cls, means: ArrayLike, bounds: ArrayLike) -> SensorFamily:

@@ -22,9 +22,6 @@ from inscrutable.worlds.observations import symbols
 _MOST_SUMMED = 4_096
 """Sequences of decisions that are all summed over, rather than drawn."""
 
-_STEP = 1e-4
-"""Half the difference of parameters by which slopes of likelihoods are read, as a share of the parameter's range."""
-
 
 def best_probe(
     probes: Sequence[ArrayLike],
@@ -78,7 +75,7 @@ def best_probe(
     if not len(probes):
         raise InputError("probes is empty; expected at least one sequence of states")
     paths = [symbols(each, world.n_states, f"probes[{i}]") for i, each in enumerate(probes)]
-    steps = np.minimum(_STEP * (high - low), 0.5 * np.minimum(point - low, high - point))
+    steps = np.minimum(tolerances.SCORE_STEP * (high - low), 0.5 * np.minimum(point - low, high - point))
     places = [point, *(point + sign * steps * unit for unit in np.eye(len(point)) for sign in (-1.0, 1.0))]
     known = [_known(mechanism, with_sensor(world, sensors(*each))) for each in places]
     found, exact = [], True

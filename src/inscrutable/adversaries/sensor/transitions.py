@@ -18,9 +18,6 @@ _BATCHES, _BATCH = 30, 400
 _KEPT = 8
 """Sets that explain other steps best and are looked at in full, where noise leaves it open which is best."""
 
-_NEGATIVE = 5e-2
-"""How far below zero a set's probabilities may be: noise, not a step of another symbol."""
-
 
 def steps_needed(n_states: int) -> int:
     """Return how many steps of one symbol determine its matrix: X² unknowns up to a factor, X−1 equations a step."""
@@ -84,7 +81,7 @@ def proposed(before: Array, held: Array, n_symbols: int, rng: np.random.Generato
         matrices, gaps = symbol_matrices(before[sets], held[sets])
         transitions = transitions_of(matrices)
         fits = (
-            (transitions.min(axis=(1, 2)) >= -_NEGATIVE)
+            (transitions.min(axis=(1, 2)) >= -tolerances.NOISY_PROBABILITY)
             & transitions.any(axis=(1, 2))
             & (gaps > tolerances.REACHED_BELIEF)
         )

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries.sensor.estimation import SensorFit, fitted, nothing_known, regrouped, spanned
+from inscrutable.adversaries.sensor.fits import SensorFit, fitted, nothing_known, regrouped, spanned
 from inscrutable.adversaries.sensor.groups import Groups, without_outlying
 from inscrutable.adversaries.sensor.joint_fit import jointly
 from inscrutable.adversaries.sensor.results import EstimatedWorld, SensorStatus

@@ -2,7 +2,8 @@
 
 A comparison has beliefs and how they move, not the sensor that they come from. A sensor of one symbol per state stands in for
 it, in a chain that mostly stays: its filter holds the beliefs of a path, and the agent decides by the nearest belief of the
-prior. By how much that decision is misread is added to the belief held: the optimal decision shows it as it is.
+prior. By how much that decision is misread is added to the belief held: an optimal decision that no other belief explains shows
+it as it is.
 """
 
 from __future__ import annotations

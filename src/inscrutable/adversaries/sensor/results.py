@@ -52,8 +52,26 @@ class SensorStatus(Enum):
     )
 
 
+class _Answer(Saved):
+    """What data say of a model, with whether they determine it."""
+
+    status: SensorStatus
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether the data determine the answer, up to the names of the symbols."""
+        return self.status == SensorStatus.IDENTIFIED
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class EstimatedSensor(Saved):
+class EstimatedSensor(_Answer):
     """The sensor behind the beliefs of a filter.
 
     Formula: π_k = diag(b_y) P'π_{k−1} / 1'diag(b_y) P'π_{k−1} with b_y the column `probabilities[:, y]`.
@@ -82,14 +100,6 @@ class EstimatedSensor(Saved):
     intervals: Array
     noise: float = 0.0
 
-    def __repr__(self) -> str:
-        return self.summary()
-
-    @property
-    def is_identified(self) -> bool:
-        """Whether the data determine the sensor."""
-        return self.status == SensorStatus.IDENTIFIED
-
     def summary(self) -> str:
         """Return a few lines for a person to read."""
         rows = "\n".join("  ".join(f"{each:8.5f}" for each in row) for row in self.probabilities)
@@ -98,7 +108,7 @@ class EstimatedSensor(Saved):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EstimatedWorld(Saved):
+class EstimatedWorld(_Answer):
     """The world that a filter has in its head, from its beliefs alone.
 
     Args:
@@ -126,14 +136,6 @@ class EstimatedWorld(Saved):
     status: SensorStatus
     transition_intervals: Array
     sensor_intervals: Array
-
-    def __repr__(self) -> str:
-        return self.summary()
-
-    @property
-    def is_identified(self) -> bool:
-        """Whether the data determine transition and sensor."""
-        return self.status == SensorStatus.IDENTIFIED
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

@@ -167,6 +167,17 @@ def test_a_belief_that_jumps_is_named_and_moves_nothing() -> None:
     assert found.residual > 0.1
     assert error(found.probabilities, SENSOR) <= 1e-8
     assert estimate_world(beliefs, n_symbols=3).status is SensorStatus.INCONSISTENT
+    counted = estimate_sensor(beliefs, TRANSITION)
+    assert counted.status is SensorStatus.INCONSISTENT
+    assert counted.probabilities.shape == (3, 3)
+
+
+def test_beliefs_that_follow_no_filter_identify_nothing() -> None:
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 100)
+    for n_symbols in (None, 2, 3):
+        found = estimate_sensor(beliefs, TRANSITION, n_symbols=n_symbols)
+        assert found.status in (SensorStatus.OVERLAPPING, SensorStatus.INCONSISTENT)
+    assert estimate_world(beliefs, n_symbols=3).status in (SensorStatus.OVERLAPPING, SensorStatus.INCONSISTENT)
 
 
 def test_a_belief_in_a_state_that_the_chain_cannot_reach_is_refused() -> None:

@@ -24,6 +24,9 @@ _SEPARATED = 3.0
 _DOUBTFUL = 0.05
 """Share of doubtful steps from which symbols count as overlapping."""
 
+_DROWNED = 0.5
+"""Noise, as a share of what symbols change in beliefs, from which they count as overlapping."""
+
 _EXCESS = 6.0
 """Sums of rows this many standard deviations off one are not the noise's."""
 
@@ -66,11 +69,11 @@ def nothing_known(n_states: int, n_symbols: int, symbols: np.ndarray, status: Se
 def fitted(steps: FilterSteps, n_symbols: int | None, groups: Groups | None = None) -> SensorFit:
     """Return the sensor that explains steps, which may be grouped already, every symbol with a step at least."""
     found = _in_order(grouped(steps, n_symbols)) if groups is None else groups
-    n_states = steps.held.shape[1]
+    if groups is None and n_symbols is None:
+        found = _without_jumps(steps, found)
     used = found.symbols >= 0
     count = len(found.columns)
-    freedom = max(int(used.sum()) - count, 1) * max(n_states - 1, 1)
-    noise = float(np.sqrt((found.misses[used] ** 2).sum() / freedom))
+    noise = _noise(found, steps.held.shape[1])
     counts = np.bincount(found.symbols[used], minlength=count)
     errors = noise * column_errors(steps, found)
     n_unseen = 0 if n_symbols is None else n_symbols - count
@@ -82,8 +85,29 @@ def fitted(steps: FilterSteps, n_symbols: int | None, groups: Groups | None = No
     shown = steps.shown(found.columns)
     residual = float(np.linalg.norm(steps.held[:, None] - shown, axis=2).min(axis=1).max())
     limits = np.clip(np.stack([sensor - QUANTILE * spread, sensor + QUANTILE * spread], axis=2), 0.0, 1.0)
-    status = _status(steps, found, scales, n_unseen, excess=excess)
+    status = _status(steps, found, scales, n_unseen, excess=excess, noise=noise)
     return SensorFit(sensor, limits, found, status, residual, noise, n_unseen)
+
+
+def _noise(groups: Groups, n_states: int) -> float:
+    """Standard deviation of a belief's coordinate that the misses of grouped steps speak of."""
+    used = groups.symbols >= 0
+    freedom = max(int(used.sum()) - len(groups.columns), 1) * max(n_states - 1, 1)
+    return float(np.sqrt((groups.misses[used] ** 2).sum() / freedom))
+
+
+def _without_jumps(steps: FilterSteps, groups: Groups) -> Groups:
+    """Groups without those of a single step, where the others' columns leave them no probability: no filter takes it."""
+    counts = np.bincount(groups.symbols[groups.symbols >= 0], minlength=len(groups.columns))
+    often = np.flatnonzero(counts > 1)
+    if not 0 < len(often) < len(counts):
+        return groups
+    places = np.full(len(counts) + 1, -1)  # the last one is that of -1
+    places[often] = np.arange(len(often))
+    rest = Groups(groups.columns[often], places[groups.symbols], groups.misses)
+    errors = _noise(rest, steps.held.shape[1]) * column_errors(steps, rest)
+    scales = scaled(rest.columns, counts[often], errors)
+    return rest if scales.is_determined and scales.excess <= _EXCESS else groups
 
 
 def _in_order(groups: Groups) -> Groups:
@@ -113,7 +137,9 @@ def _filled(columns: Array, errors: Array, scales: Scales, n_unseen: int) -> tup
     return sensor / sensor.sum(axis=1, keepdims=True), spread
 
 
-def _status(steps: FilterSteps, groups: Groups, scales: Scales, n_unseen: int, *, excess: float) -> SensorStatus:
+def _status(
+    steps: FilterSteps, groups: Groups, scales: Scales, n_unseen: int, *, excess: float, noise: float
+) -> SensorStatus:
     count = len(groups.columns)
     if len(groups.outlying):
         return SensorStatus.INCONSISTENT
@@ -123,7 +149,7 @@ def _status(steps: FilterSteps, groups: Groups, scales: Scales, n_unseen: int, *
         return SensorStatus.TOO_FEW_SYMBOLS
     if excess > _EXCESS:
         return SensorStatus.INCONSISTENT
-    if _doubtful(steps, groups) > _DOUBTFUL:
+    if noise > tolerances.ROUGH_DISTANCE and (_doubtful(steps, groups) > _DOUBTFUL or _drowned(steps, noise)):
         return SensorStatus.OVERLAPPING
     return SensorStatus.IDENTIFIED if scales.is_determined else SensorStatus.SCALES_BY_FREQUENCY
 
@@ -134,6 +160,12 @@ def _doubtful(steps: FilterSteps, groups: Groups) -> float:
         return 0.0
     least, second = np.sort(steps.misses(groups.columns), axis=1)[:, :2].T
     return float(np.mean(second <= _SEPARATED * least + tolerances.REACHED_BELIEF))
+
+
+def _drowned(steps: FilterSteps, noise: float) -> bool:
+    """Whether the noise is about as large as what symbols change in beliefs."""
+    changes = float(np.sqrt(np.mean((steps.held - steps.predicted) ** 2)))
+    return noise > _DROWNED * changes
 
 
 def bootstrapped(steps: FilterSteps, fit: SensorFit, draws: int, rng: np.random.Generator) -> Array:

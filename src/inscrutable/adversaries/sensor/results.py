@@ -36,7 +36,8 @@ class SensorStatus(Enum):
         "other beliefs"
     )
     OVERLAPPING = (
-        "symbols overlap within the noise: entries may be off by as much as symbols differ; take more exact beliefs"
+        "symbols overlap within the noise, or no filter makes these beliefs: entries may be off by as much as symbols differ; "
+        "take more exact beliefs"
     )
     SETS = (
         "decisions leave sets of beliefs, and several sensors explain them: the intervals span those that were found; take "

@@ -27,6 +27,7 @@ from inscrutable import (
 from inscrutable.adversaries.cost_family import ExplainedDecisions
 from inscrutable.experiments import comparison_watchers
 from inscrutable.experiments.comparison import COMPARED, Comparison, ComparisonSettings, compare, makers_of
+from inscrutable.experiments.comparison_sensor import sensor_error
 from inscrutable.experiments.comparison_watchers import followed, learned, learned_cost, watched
 from inscrutable.experiments.memory_rules import LONGEST_DELAY, PAST, delayed, partly
 from inscrutable.experiments.random_markets import random_market
@@ -403,3 +404,34 @@ def test_observers_that_cannot_be_are_told_of() -> None:
     )
     assert moved.is_moving
     assert not moved.is_learned
+
+
+def test_the_sensor_is_read_exactly_from_optimal_decisions_and_not_from_constant_ones() -> None:
+    setting = Setting.of(market(0), resting_chain(uniform_prior(3, 6), 0.8))
+    rng = np.random.default_rng(0)
+    assert all(consistent_beliefs(setting.problem, each).dimension == 0 for each in setting.optimal.actions)
+    assert sensor_error(setting, behaviour_of(setting, OriginalDecisionMaker(setting.problem)), rng) <= 1e-8
+    beliefs = setting.prior.beliefs
+    action = setting.problem.solve(setting.prior.mean)
+    silent = Mechanism(beliefs, action[None], np.ones((len(beliefs), 1)), np.ones((len(beliefs), 1)))
+    assert sensor_error(setting, Behaviour(silent), rng) > 0.5
+
+
+def test_the_verdict_tells_how_well_the_sensor_is_read() -> None:
+    settings = ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10)
+    chain = resting_chain(uniform_prior(3, 4), 0.8)
+    makers = makers_of(("ODM", "rate-distortion"))
+    found = compare(market(), chain, settings, makers=makers, rng=np.random.default_rng(0))
+    read = found.of("ODM")[0].sensor_error
+    assert f"error from {read:.2f} (ODM)" in found.sensor_summary()
+    assert found.sensor_summary() in found.summary()
+    assert short_table(found).loc["ODM", "error, sensor"] == f"{read:.2f}"
+    assert any(note.startswith("error, sensor") for note in notes_of(found))
+    hidden = compare(
+        market(),
+        chain,
+        ComparisonSettings(budgets=(0.5,), repeats=(1,), draws=10, disclosure="every(2)"),
+        makers=makers,
+        rng=np.random.default_rng(0),
+    )
+    assert not hidden.sensor_summary()

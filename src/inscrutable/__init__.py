@@ -16,24 +16,37 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import AffordableBeliefs as AffordableBeliefs
     from inscrutable.adversaries import BayesianAdversary as BayesianAdversary
     from inscrutable.adversaries import BudgetAwareAdversary as BudgetAwareAdversary
+    from inscrutable.adversaries import CalibratedSensor as CalibratedSensor
     from inscrutable.adversaries import CostLearningAdversary as CostLearningAdversary
     from inscrutable.adversaries import CostStatus as CostStatus
     from inscrutable.adversaries import DataAdversary as DataAdversary
+    from inscrutable.adversaries import EstimatedSensor as EstimatedSensor
+    from inscrutable.adversaries import EstimatedWorld as EstimatedWorld
     from inscrutable.adversaries import InferredBeliefs as InferredBeliefs
     from inscrutable.adversaries import InferredWeights as InferredWeights
     from inscrutable.adversaries import LearnedCost as LearnedCost
+    from inscrutable.adversaries import LikelihoodStatus as LikelihoodStatus
+    from inscrutable.adversaries import LinearView as LinearView
     from inscrutable.adversaries import NaiveAdversary as NaiveAdversary
     from inscrutable.adversaries import NearOptimalAdversary as NearOptimalAdversary
     from inscrutable.adversaries import NearOptimalBeliefs as NearOptimalBeliefs
     from inscrutable.adversaries import Posterior as Posterior
     from inscrutable.adversaries import PosteriorStatus as PosteriorStatus
+    from inscrutable.adversaries import ProbeRanking as ProbeRanking
+    from inscrutable.adversaries import SensorFamily as SensorFamily
+    from inscrutable.adversaries import SensorStatus as SensorStatus
     from inscrutable.adversaries import SequenceStatus as SequenceStatus
     from inscrutable.adversaries import SequentialAdversary as SequentialAdversary
     from inscrutable.adversaries import ShownBeliefs as ShownBeliefs
     from inscrutable.adversaries import UnionBeliefs as UnionBeliefs
+    from inscrutable.adversaries import best_probe as best_probe
+    from inscrutable.adversaries import calibrate_sensor as calibrate_sensor
     from inscrutable.adversaries import consistent_beliefs as consistent_beliefs
+    from inscrutable.adversaries import estimate_sensor as estimate_sensor
+    from inscrutable.adversaries import estimate_world as estimate_world
     from inscrutable.adversaries import explain_action as explain_action
     from inscrutable.adversaries import infer_weights as infer_weights
+    from inscrutable.adversaries import inverse_kalman_filter as inverse_kalman_filter
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.alphas import AlphaDecision as AlphaDecision

@@ -510,3 +510,25 @@ decisions are one point, and programmes over it are degenerate."""
 
 ROUGH_RAY = 1e-3
 """Share of a ray's length to which its end is found while directions are compared: what one gains over another is larger."""
+
+SETS_EXPLAINED = 1e-4
+"""Distance of sets of beliefs from the steps of a filter up to which a sensor explains them: the search among sensors ends
+before rounding does, and intervals of beliefs are a hundred times as wide where they matter."""
+
+UNCERTAIN_SENSOR = 1e-6
+"""How far the probabilities of a family of sensors stay away from 0 and 1: there the agent's own filter would rule states out
+for good."""
+
+NOISY_PROBABILITY = 5e-2
+"""How far below zero a transition's entries may be that a few noisy steps give, before they are taken for steps of different
+symbols."""
+
+SCORE_STEP = 1e-4
+"""Half the difference of parameters by which slopes of likelihoods are read, as a share of the parameter's range: likelihoods
+are right to 1e-12, so that slopes are to 1e-8; what the curvature takes off is of the same size."""
+
+PARAMETER_SLOPE = 1e-5
+"""The same for the slopes that a climb to the largest likelihood goes by."""
+
+PARAMETER_PLACE = 1e-6
+"""Width, as a share of a parameter's range, at which the search for the largest likelihood ends: intervals are far wider."""

@@ -85,6 +85,11 @@ class BeliefMoves:
         found = self._forwards[read] @ moved.reshape(-1, count)
         return np.asarray(found).reshape(laws.shape), np.asarray(errors)
 
+    def toward(self, state: int) -> Any:
+        """Return Σ_y B[x,y] W_y of one state, a sparse matrix (B,B): how the belief moves where that state comes next."""
+        some = slice(state * len(self.points), (state + 1) * len(self.points))
+        return self._backwards[UNREAD][some, some]
+
     def back(self, later: Array, read: int = UNREAD) -> Array:
         """Return likelihoods (X,B,C) of what comes later, as they are a step before."""
         n_states, _, count = later.shape

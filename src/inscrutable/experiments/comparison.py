@@ -17,6 +17,7 @@ from inscrutable.decision_makers import Candidates
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.comparison_measures import ComparisonRow, learned_from_data, measured
+from inscrutable.experiments.comparison_sensor import SENSOR_STEPS
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.makers import MAKERS, Maker, behave
 from inscrutable.experiments.observers import DisclosureText, Observed
@@ -230,9 +231,23 @@ class Comparison(Saved):
                 for who, found in seen.items()
             ),
             asked.meaning(without="decisions", state="state", cases="the cases"),
+            self.sensor_summary(),
             self.rival_summary(),
         ]
         return "\n".join(filter(None, lines))
+
+    def sensor_summary(self) -> str:
+        """Return how well the sensor behind the beliefs is read from decisions, at the middle budget."""
+        rows = [row for row in self.rows if row.budget in (0.0, self.middle_budget) and np.isfinite(row.sensor_error)]
+        if not rows:
+            return ""
+        least, most = min(rows, key=lambda row: row.sensor_error), max(rows, key=lambda row: row.sensor_error)
+        kept = [row.maker for row in rows if row.sensor_error >= 1.0]
+        told = (
+            f"The sensor behind the beliefs is read from {SENSOR_STEPS} decisions taken at face value with an error from "
+            f"{least.sensor_error:.2f} ({least.maker}) to {most.sensor_error:.2f} ({most.maker}) of that of one who sees none"
+        )
+        return f"{told}; it stays hidden by {', '.join(kept)}." if kept else f"{told}: none hides it."
 
     def rival_summary(self) -> str:
         """Return what the secret and reading are worth to the rival and what hiding costs, at the middle budget."""

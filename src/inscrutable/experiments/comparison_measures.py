@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from inscrutable.experiments.comparison_sensor import sensor_error
 from inscrutable.experiments.comparison_watchers import Learned, learned, watched
 from inscrutable.experiments.measures import value_of
 from inscrutable.experiments.observers import Observed
@@ -72,6 +73,8 @@ class ComparisonRow(Saved):
             without one.
         rival_worth: What one decision is worth to the rival, in its own unit; NaN where no rival was given.
         learned_error: Of that observer, who then reads single decisions as the naive one does; NaN where none explains all.
+        sensor_error: Of the sensor read from a path of decisions taken at face value, as a share of the error of one who sees
+            none; NaN where decisions are not seen as they are.
         data_errors: Of one who has only data, for each number of pairs asked for, shape (S,); one sample of pairs each.
     """
 
@@ -117,6 +120,7 @@ class ComparisonRow(Saved):
     learned_holds: float = float("nan")
     learned_error: float = float("nan")
     rival_worth: float = float("nan")
+    sensor_error: float = float("nan")
     data_errors: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -153,7 +157,7 @@ def measured(
         each: observed.read_by({"name": each, "disclosure": str(single)})
         for each in ("naive", "near-optimal", "budget-aware", "bayesian")
     }
-    over_time, of_cost = rng.spawn(2)
+    over_time, of_cost, of_sensor = rng.spawn(3)
     path = watched(setting, behaviour, readings["bayesian"].error, over_time, disclosure)
     learner = Learned()
     if disclosure.is_exact:
@@ -172,6 +176,7 @@ def measured(
         n_actions=observed.played.n_actions,
         strength=behaviour.strength,
         rival_worth=seen.worth if setting.loss is not None else float("nan"),
+        sensor_error=sensor_error(setting, behaviour, of_sensor) if disclosure.is_exact else np.nan,
         **of_mechanism,
         **_prefixed("repeated", again, without=("regret",)),
         told_errors=told.errors,

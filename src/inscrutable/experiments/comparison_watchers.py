@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from inscrutable.adversaries import CostLearningAdversary, LearnedCost, NaiveAdversary, NearOptimalAdversary
+from inscrutable.adversaries import CostLearningAdversary, LearnedCost
+from inscrutable.experiments.comparison_sensor import published, read_at_face_value
 from inscrutable.experiments.guesses import guess_error
 from inscrutable.experiments.memory_rules import PAST
 from inscrutable.experiments.setting import Behaviour, Setting, Watched
@@ -181,26 +182,17 @@ def _guesses(setting: Setting, behaviour: Behaviour, joint: Joint, parameter: fl
     assert isinstance(true, MarkowitzProblem)
     problem = MarkowitzProblem(true.means, true.covariances, parameter, true.constraints)
     shown = np.flatnonzero(joint.played > 0)
-    points = np.asarray(behaviour.mechanism.actions)[shown]
-    read = NaiveAdversary(problem).estimates(points)
-    lost = np.isnan(read[:, 0])
-    if lost.any():
-        near = NearOptimalAdversary(problem, 0.0, prior=setting.prior)
-        read[lost] = near.estimates(points[lost], nearest=True)
     found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))
-    found[shown] = read
+    found[shown] = read_at_face_value(problem, setting.prior, np.asarray(behaviour.mechanism.actions)[shown])
     return found
 
 
 def _published(setting: Setting, behaviour: Behaviour, rng: np.random.Generator) -> Array:
     """The decisions (T,U) published along a path of the belief, by one who has decided for so long that the start is past."""
     path = _paths(setting, PAST + PATH_STEPS, 1)[:, 0]
-    if behaviour.play is not None:
-        return behaviour.play.published(path)[PAST:]
-    if behaviour.memory is not None:
-        return behaviour.memory.published(path)[PAST:]
-    drawn = RowDraws(behaviour.mechanism.sparse)(path[PAST:], rng)
-    return np.asarray(setting.problem.as_points(behaviour.mechanism.actions)[drawn])
+    if behaviour.play is None and behaviour.memory is None:
+        return published(setting, behaviour, path[PAST:], rng)
+    return published(setting, behaviour, path, rng)[PAST:]
 
 
 def _paths(setting: Setting, n_steps: int, n_paths: int) -> np.ndarray:

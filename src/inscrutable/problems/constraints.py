@@ -189,14 +189,16 @@ class Polyhedron:
         bad = np.flatnonzero(np.atleast_1d(self.violation(points)) > beyond)
         if not bad.size:
             return
-        action, where = np.atleast_2d(points)[bad[0]], "" if points.ndim == 1 else f" row {bad[0]}"
+        where = "" if points.ndim == 1 else f" row {bad[0]}"
+        raise InputError(f"{name}{where} is outside the feasible set: {self.worst_row(np.atleast_2d(points)[bad[0]])}")
+
+    def worst_row(self, action: Array) -> str:
+        """Return which row a decision (U,) misses most, and by how much."""
         slack, off = self.slacks(action), self.A_eq @ action - self.b_eq
         if slack.size and -slack.min() >= np.abs(off).max(initial=0.0):
-            said = f"{self.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
-        else:
-            worst = int(np.abs(off).argmax())
-            said = f"{self.names[len(self.b_ub) + worst]} is off by {off[worst]:.3g}"
-        raise InputError(f"{name}{where} is outside the feasible set: {said}")
+            return f"{self.names[int(slack.argmin())]} is violated by {-slack.min():.3g}"
+        worst = int(np.abs(off).argmax())
+        return f"{self.names[len(self.b_ub) + worst]} is off by {off[worst]:.3g}"
 
     def is_admissible(self, actions: ArrayLike) -> np.ndarray:
         """Return whether each decision is feasible with every inequality row tight or slack by `min_slack`, shape (…)."""

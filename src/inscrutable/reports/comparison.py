@@ -15,6 +15,7 @@ from inscrutable import __version__
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.comparison import COMPARED, Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
+from inscrutable.experiments.comparison_sensor import ACCURACY, SENSOR_STEPS, STAYS
 from inscrutable.experiments.comparison_watchers import GAMMA_RANGE, N_PATHS, PATH_STEPS
 from inscrutable.experiments.makers import MAKERS
 from inscrutable.files import whole_file
@@ -84,6 +85,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
         *(over_time if comparison.is_moving else []),
         *(astray if comparison.ceilings else []),
         *(learned if comparison.is_learned else []),
+        *([_Column("error, sensor", lambda row: row.sensor_error, ".2f")] if _reads_sensor(comparison) else []),
         *([_worth_column(comparison)] if comparison.rival else []),
         _Column("bits", lambda row: row.mutual_information, ".2f", True),
         _Column("top state, naive, %", lambda row: _PERCENT * row.naive_top_state, ".0f"),
@@ -95,6 +97,10 @@ def _columns(comparison: Comparison) -> list[_Column]:
 def main_columns(comparison: Comparison) -> list[str]:
     """Return the titles of the columns that matter most: few enough for a terminal and a phone."""
     return [each.title for each in _columns(comparison) if each.is_main]
+
+
+def _reads_sensor(comparison: Comparison) -> bool:
+    return any(np.isfinite(row.sensor_error) for row in comparison.rows)
 
 
 def _worth_column(comparison: Comparison) -> _Column:
@@ -270,6 +276,14 @@ def _watchers(comparison: Comparison) -> list[str]:
         )
     else:
         found.append("Nobody has to learn the risk aversion, because the cost has none.")
+    if _reads_sensor(comparison):
+        found.append(
+            f"error, sensor: of the sensor read from {SENSOR_STEPS} decisions on one path by one who knows how the state "
+            "moves and takes decisions at face value (Frobenius, best names of the symbols), as a share of the error of one "
+            "who sees none; 0 is read exactly, 1 or more is hidden. A sensor that names the state in "
+            f"{ACCURACY:.0%} of the steps stands in for the agent's, in a chain that stays in {STAYS:.0%}; beliefs between "
+            "those of the prior are shown as far from the truth as the nearest one's decision is."
+        )
     if comparison.pairs:
         found.append(
             "data alone: knows neither the costs nor the rule nor which beliefs are likely, and has seen that many pairs of "

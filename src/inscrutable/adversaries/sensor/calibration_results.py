@@ -1,0 +1,129 @@
+"""What decisions under known states say of a sensor's parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from inscrutable.saved import Saved, saved_choice
+from inscrutable.validation import Array
+
+
+@saved_choice
+class LikelihoodStatus(Enum):
+    """Whether decisions determine the parameters of a sensor; the text says what to do about it.
+
+    Example:
+        >>> LikelihoodStatus.IDENTIFIED.value
+        'identified: one maximum of the likelihood, inside the bounds'
+    """
+
+    IDENTIFIED = "identified: one maximum of the likelihood, inside the bounds"
+    WEAK = (
+        "weak: a value at a bound is nearly as plausible, so that an interval is open there: see the profile; take more "
+        "decisions, or a better probe"
+    )
+    FLAT = "not identified: the decisions have the same probability under all sensors of the family"
+    SEVERAL = "several: values apart from one another explain the decisions nearly as well; see the profile"
+    IMPOSSIBLE = (
+        "no sensor of the family explains the decisions: is this the agent's mechanism, was the grid too coarse? the middle "
+        "of the bounds stands for the parameters"
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibratedSensor(Saved):
+    """The parameters of a sensor by maximum likelihood, with the profile of the likelihood.
+
+    Formula: θ̂ = argmax_θ log Pr_θ(u_0..u_{T−1} | x_0..x_{T−1}); intervals θ̂_k ± 1.96 √(H⁻¹)_kk with H the negative second
+    derivative; profile_k(v) = max over the other parameters with θ_k = v.
+
+    Args:
+        parameters: θ̂, shape (K,).
+        intervals: 95 % intervals within the bounds, shape (K,2); the bounds where the likelihood does not bend down.
+        log_likelihoods: The profile of each parameter at `grid`, shape (K,G), natural logarithms; −inf where decisions are
+            impossible.
+        status: Whether the decisions determine the parameters.
+        grid: Values of each parameter, ascending, shape (K,G); θ̂ is among them.
+        names: Of the parameters.
+        information: H, shape (K,K).
+
+    Source: Krishnamurthy, Rangaswamy, How to Calibrate Your Adversary's Capabilities? Inverse Filtering for Counter-Autonomous
+    Systems, arXiv 1905.07230.
+
+    Example:
+        >>> import numpy as np
+        >>> one = np.ones((1, 1))
+        >>> status = LikelihoodStatus.IDENTIFIED
+        >>> found = CalibratedSensor(one[0], np.array([[0.7, 1.0]]), -3.0 * one, status, one, ("p",), one)
+        >>> found.log_likelihood
+        -3.0
+    """
+
+    parameters: Array
+    intervals: Array
+    log_likelihoods: Array
+    status: LikelihoodStatus
+    grid: Array
+    names: tuple[str, ...]
+    information: Array
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    @property
+    def log_likelihood(self) -> float:
+        """The largest log-likelihood."""
+        return float(self.log_likelihoods.max())
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether the decisions determine the parameters."""
+        return self.status == LikelihoodStatus.IDENTIFIED
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        lines = [
+            f"{name:<14} {value:.5g}, 95 % from {low:.5g} to {high:.5g}"
+            for name, value, (low, high) in zip(self.names, self.parameters, self.intervals, strict=True)
+        ]
+        return "\n".join([*lines, f"log-likelihood {self.log_likelihood:.6g}", f"status         {self.status.value}"])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ProbeRanking(Saved):
+    """How much probes, sequences of states, would tell of a sensor's parameters.
+
+    Args:
+        information: Fisher information of each probe, shape (N,K,K).
+        bounds: Cramér–Rao bounds: least standard deviations of unbiased estimates, shape (N,K); infinite where nothing is told.
+        best: The number of the probe with the least sum of variances, each in units of its parameter's range.
+        is_exact: Whether all sequences of decisions were summed over; else they were drawn.
+        names: Of the parameters.
+
+    Source: Krishnamurthy, Rangaswamy, arXiv 1905.07230, Section IV; the bound is Cramér's and Rao's.
+
+    Example:
+        >>> import numpy as np
+        >>> one = np.ones((1, 1, 1))
+        >>> ProbeRanking(one, one[0], 0, True, ("p",)).best
+        0
+    """
+
+    information: Array
+    bounds: Array
+    best: int
+    is_exact: bool
+    names: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        told = [
+            f"probe {i}{' (best)' if i == self.best else ''}: "
+            + ", ".join(f"{name} to {bound:.4g}" for name, bound in zip(self.names, row, strict=True))
+            for i, row in enumerate(self.bounds)
+        ]
+        return "\n".join([*told, f"standard deviations at best; {'exact' if self.is_exact else 'sampled'}"])

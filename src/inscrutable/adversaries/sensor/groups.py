@@ -1,0 +1,161 @@
+"""Which steps of a filter go by the same symbol: clusters of the directions of the sensor's columns.
+
+Spherical k-means on the null vectors gives each step the weight of every other. The distance here is that between the belief
+held and the one to which a column would have led, in standard deviations: the errors of beliefs are then alike, those of
+null vectors are not. A column is moved by Gauss-Newton steps in its logarithm, which keep it positive, and its zeros.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+
+from inscrutable import tolerances
+from inscrutable.adversaries.sensor.steps import FilterSteps
+from inscrutable.validation import Array
+
+_MOST_JOINED = 1_000
+"""Steps whose directions are joined pair by pair for a start: those known most exactly; time and memory go with the square."""
+
+_SPARE_GROUPS = 4
+"""Groups more than symbols that a start may have, of which the largest are kept: steps that no filter makes then stay alone."""
+
+_ROUNDS, _MOVES = 60, 12
+"""Rounds of assigning steps and moving columns at most, and Gauss-Newton steps of a column in each."""
+
+_OUTLYING = 30.0
+"""A step this many times further off than the median is none of the filter's: a Gaussian error never is."""
+
+
+class Groups(NamedTuple):
+    """Steps by symbol.
+
+    Args:
+        columns: The sensor's columns up to a factor, largest entry one, shape (Y,X).
+        symbols: Which symbol each step goes by, shape (K,); −1 where it goes by none.
+        misses: How far each step is from its column, shape (K,), in standard deviations of one belief's error.
+    """
+
+    columns: Array
+    symbols: np.ndarray
+    misses: Array
+
+    @property
+    def outlying(self) -> np.ndarray:
+        """The steps that no column explains."""
+        return np.flatnonzero(self.symbols < 0)
+
+
+def grouped(steps: FilterSteps, n_symbols: int | None) -> Groups:
+    """Return the steps by symbol; their number is found where it is not given."""
+    distinct = _tree(steps)
+    if n_symbols is not None:
+        return _grouped(steps, *distinct, n_symbols)
+    most = min(2 * steps.held.shape[1] + 2, len(steps.numbers) - 1)
+    found, sizes = [], []
+    for count in range(1, max(most, 1) + 1):
+        found.append(_grouped(steps, *distinct, count))
+        sizes.append(max(float(found[-1].misses.mean()), tolerances.REACHED_BELIEF))
+        if sizes[-1] <= tolerances.REACHED_BELIEF:
+            break
+    falls = np.array(sizes[:-1]) / np.array(sizes[1:])
+    return found[int(falls.argmax()) + 1 if falls.size and falls.max() > 2.0 else 0]
+
+
+def assigned(steps: FilterSteps, columns: Array) -> Groups:
+    """Return the steps by the nearest of given columns, which are then moved, and the outlying steps."""
+    symbols = np.full(len(steps.numbers), -1)
+    for _ in range(_ROUNDS):
+        misses = steps.misses(columns)
+        nearest = misses.argmin(axis=1)
+        if (nearest == symbols).all():
+            break
+        symbols = nearest
+        columns = np.array([moved(steps.of(symbols == y), column) for y, column in enumerate(columns)])
+    return without_outlying(steps, Groups(columns, symbols, steps.misses(columns)[np.arange(len(symbols)), symbols]))
+
+
+def without_outlying(steps: FilterSteps, groups: Groups) -> Groups:
+    """Return groups without the steps that no column explains, which must not move one either."""
+    far = _far(groups.misses)
+    if not far.any():
+        return groups
+    symbols = groups.symbols
+    kept = steps.of(~far)
+    columns = np.array([moved(kept.of(symbols[~far] == y), each) for y, each in enumerate(groups.columns)])
+    misses = steps.misses(columns)[np.arange(len(symbols)), symbols]
+    return Groups(columns, np.where(_far(misses), -1, symbols), misses)
+
+
+def _far(misses: Array) -> np.ndarray:
+    """Which steps are outlying."""
+    return np.asarray(misses > _OUTLYING * float(np.median(misses)) + tolerances.ROUGH_DISTANCE)
+
+
+def moved(steps: FilterSteps, column: Array) -> Array:
+    """Return the column (X,) that explains the steps best, from a first one; where there are none, that one."""
+    if not len(steps.numbers):
+        return column
+    for _ in range(_MOVES):
+        shown = steps.shown(column[None])[:, 0]
+        misses = (np.sqrt(steps.weights)[:, None] * (steps.held - shown)).reshape(-1)
+        slopes = _slopes(steps, shown).reshape(-1, shown.shape[1])
+        step = np.linalg.lstsq(slopes, misses, rcond=tolerances.CURVATURE)[0]
+        step -= step.mean()
+        size = float(np.abs(step).max())
+        column = column * np.exp(step * min(1.0, 1.0 / max(size, tolerances.TINY)))
+        column = column / column.max()
+        if size <= tolerances.STATIONARITY:
+            break
+    return column
+
+
+def column_errors(steps: FilterSteps, groups: Groups) -> Array:
+    """Return the standard deviation of each entry of the columns, shape (Y,X), per unit of that of a belief's coordinate."""
+    n_states = groups.columns.shape[1]
+    found = np.zeros(groups.columns.shape)
+    for y, column in enumerate(groups.columns):
+        some = steps.of(groups.symbols == y)
+        slopes = _slopes(some, some.shown(column[None])[:, 0]).reshape(-1, n_states)
+        inverse = np.linalg.pinv(slopes, rcond=tolerances.CURVATURE)
+        found[y] = column * np.sqrt((inverse**2).sum(axis=1))
+    return found
+
+
+def _slopes(steps: FilterSteps, shown: Array) -> Array:
+    """How the beliefs shown (K,X) move with the logarithm of the column, weighted, shape (K,X,X)."""
+    slopes = shown[:, :, None] * (np.eye(shown.shape[1]) - shown[:, None, :])
+    return np.asarray(np.sqrt(steps.weights)[:, None, None] * slopes)
+
+
+def _tree(steps: FilterSteps) -> tuple[Array, np.ndarray]:
+    """The directions known most exactly, and how they join, pair by pair."""
+    directions = steps.directions()
+    spread = np.linalg.norm(
+        directions * np.hypot(1.0 / steps.predicted, 1.0 / np.maximum(steps.held, tolerances.SAME_BELIEF)), axis=1
+    )
+    some = np.sort(np.argsort(spread, kind="stable")[:_MOST_JOINED])
+    kept = directions[some]
+    return kept, linkage(kept, "average") if len(kept) > 1 else np.empty((0, 4))
+
+
+def _grouped(steps: FilterSteps, directions: Array, tree: np.ndarray, count: int) -> Groups:
+    """The best of several starts: the tree cut into the groups asked for and some more, of which the largest are kept."""
+    best: Groups | None = None
+    for spare in range(_SPARE_GROUPS):
+        labels = fcluster(tree, count + spare, "maxclust") if len(tree) else np.ones(len(directions), dtype=int)
+        sizes = np.bincount(labels)
+        largest = np.argsort(-sizes, kind="stable")[:count]
+        starts = np.array([_middle(directions[labels == each]) for each in largest if sizes[each]])
+        found = assigned(steps, starts)
+        if best is None or np.abs(found.misses).sum() < np.abs(best.misses).sum():
+            best = found
+    assert best is not None
+    return best
+
+
+def _middle(directions: Array) -> Array:
+    middle = directions.mean(axis=0)
+    return np.asarray(middle / middle.max())

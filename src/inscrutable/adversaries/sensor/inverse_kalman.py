@@ -1,0 +1,167 @@
+"""A Kalman filter on the other side's Kalman filter: what one knows of its estimate who sees a linear function of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from inscrutable import validation
+from inscrutable.errors import InputError
+from inscrutable.validation import Array
+from inscrutable.worlds.kalman import KalmanResult, kalman_filter
+from inscrutable.worlds.linear_gaussian import LinearGaussianWorld, at
+
+
+@dataclass(frozen=True, eq=False)
+class LinearView:
+    """What is seen of an estimate m_t: H m_t + e_t with e_t ~ N(0,E), such as a decision that is linear in it.
+
+    Args:
+        matrix: H, shape (q,n).
+        noise: E, shape (q,q), no negative eigenvalue; None: nothing blurs it.
+
+    Raises:
+        InputError: Shapes disagree, or a number is not finite.
+
+    Example:
+        >>> LinearView([[2.0, 0.0]]).noise.tolist()
+        [[0.0]]
+    """
+
+    matrix: Array
+    noise: Array
+
+    def __init__(self, matrix: ArrayLike, noise: ArrayLike | None = None) -> None:
+        rows = validation.finite_array(matrix, "matrix", ndim=2)
+        blur = np.zeros((len(rows), len(rows))) if noise is None else validation.finite_array(noise, "noise", ndim=2)
+        if blur.shape != (len(rows), len(rows)):
+            raise InputError(f"noise has shape {blur.shape}, expected {(len(rows), len(rows))}, as matrix has rows")
+        object.__setattr__(self, "matrix", rows)
+        object.__setattr__(self, "noise", blur)
+
+
+def inverse_kalman_filter(
+    world: LinearGaussianWorld, seen: ArrayLike, view: LinearView | None = None, *, states: ArrayLike | None = None
+) -> KalmanResult:
+    """Return what an observer knows of an agent's estimates m_t, from what it sees of them up to each step.
+
+    Formula: m_{t+1} = (I − K C) A m_t + K C x_{t+1} + K v_{t+1}, the agent's Kalman filter with its known gain K_{t+1}.
+
+    Where the states are known, they are an input, and m is a linear Gaussian state; where they are not, (x, m) is one.
+
+    Args:
+        world: The agent's world, with nothing public.
+        seen: H m_t + e_t, shape (T,q), or (T,) where q is 1; NaN is missing.
+        view: H and the law of e; None: the estimates themselves.
+        states: x_0..x_{T−1}, shape (T,n), or (T,) where n is 1, where the observer knows them.
+
+    Returns:
+        A `KalmanResult` of m_t; of (x_t, m_t), 2n entries, where states are not known.
+        Its log-likelihood is the density of what is seen, given the states where they are known: the likelihood of a sensor.
+
+    Raises:
+        InputError: Shapes disagree, or the world has something public.
+        ModelError: What is seen has no density: a column says without noise what is known already.
+
+    Cost: O(T n³).
+
+    Source: Krishnamurthy, Rangaswamy, arXiv 1905.07230, Section III.
+
+    Example:
+        >>> world = LinearGaussianWorld([[0.9]], [[0.19]], [[1.0]], [[1.0]])
+        >>> found = inverse_kalman_filter(world, [0.5, 0.7], states=[1.0, 1.0])
+        >>> found.means.ravel().tolist(), round(found.log_likelihood, 4)
+        ([0.5, 0.7], -0.1659)
+    """
+    if not isinstance(world, LinearGaussianWorld) or world.public is not None:
+        raise InputError(f"world must be a LinearGaussianWorld with nothing public, got {world!r}")
+    n = world.n_states
+    seeing = LinearView(np.eye(n)) if view is None else view
+    if seeing.matrix.shape[1] != n:
+        raise InputError(f"the view's matrix has {seeing.matrix.shape[1]} columns, expected one per state: {n}")
+    rows = _rows(seen, len(seeing.matrix), "seen")
+    gains = _gains(world, len(rows))
+    if states is None:
+        return kalman_filter(_joint_world(world, gains, seeing), rows)
+    path = _rows(states, n, "states")
+    if len(path) != len(rows) or not np.isfinite(path).all():
+        raise InputError(f"states must be {len(rows)} finite rows, one per row seen, got {len(path)}")
+    drift = _drift(world, gains, path)
+    found = kalman_filter(_estimate_world(world, gains, seeing), rows - drift @ seeing.matrix.T)
+    return KalmanResult(found.means + drift, found.covariances, found.log_likelihood)
+
+
+def _rows(given: Any, n_columns: int, name: str) -> Array:
+    """Rows (T,n_columns), NaN where something is missing."""
+    found = validation.real_array(given, name)
+    found = found[:, None] if found.ndim == 1 else found
+    if found.ndim != 2 or not len(found) or found.shape[1] != n_columns:
+        raise InputError(f"{name} has shape {np.shape(given)}, expected (T,{n_columns}) with T at least 1")
+    return found
+
+
+def _gains(world: LinearGaussianWorld, n_steps: int) -> Array:
+    """K_t of every step, shape (T,n,p): they depend on no observation."""
+    nothing = np.zeros((n_steps, world.sensor.shape[-2]))
+    later = kalman_filter(world, nothing).covariances
+    found = []
+    for t in range(n_steps):
+        before = world.initial.covariance
+        if t:
+            move = at(world.transition, t - 1)
+            before = move @ later[t - 1] @ move.T + at(world.process, t - 1)
+        sensor = at(world.sensor, t)
+        found.append(np.linalg.solve(sensor @ before @ sensor.T + at(world.noise, t), sensor @ before).T)
+    return np.array(found)
+
+
+def _moves(world: LinearGaussianWorld, gains: Array) -> Array:
+    """(I − K_{t+1} C_{t+1}) A_t, shape (T,n,n); the last one is not used."""
+    size = len(gains)
+    kept = [np.eye(world.n_states) - gains[t] @ at(world.sensor, t) for t in range(1, size)]
+    found = [each @ at(world.transition, t) for t, each in enumerate(kept)]
+    return np.array([*found, np.eye(world.n_states)])
+
+
+def _drift(world: LinearGaussianWorld, gains: Array, path: Array) -> Array:
+    """What the estimates would be if the sensor reported C x_t without noise, shape (T,n)."""
+    moves, mean = _moves(world, gains), world.initial.mean
+    found = [mean + gains[0] @ at(world.sensor, 0) @ (path[0] - mean)]
+    for t in range(1, len(path)):
+        found.append(moves[t - 1] @ found[-1] + gains[t] @ at(world.sensor, t) @ path[t])
+    return np.array(found)
+
+
+def _blurs(world: LinearGaussianWorld, gains: Array) -> Array:
+    """K_t R_t K_t' of every step, shape (T,n,n)."""
+    return np.array([gain @ at(world.noise, t) @ gain.T for t, gain in enumerate(gains)])
+
+
+def _estimate_world(world: LinearGaussianWorld, gains: Array, view: LinearView) -> LinearGaussianWorld:
+    """The world of the estimate's deviation from its drift."""
+    blurs = _blurs(world, gains)
+    process = np.array([*blurs[1:], np.zeros_like(blurs[0])])
+    return LinearGaussianWorld(
+        _moves(world, gains), process, view.matrix, view.noise, (np.zeros(world.n_states), blurs[0])
+    )
+
+
+def _joint_world(world: LinearGaussianWorld, gains: Array, view: LinearView) -> LinearGaussianWorld:
+    """The world of state and estimate together."""
+    n, moves, blurs = world.n_states, _moves(world, gains), _blurs(world, gains)
+    steps = len(gains)
+    transition, process = np.zeros((steps, 2 * n, 2 * n)), np.zeros((steps, 2 * n, 2 * n))
+    for t in range(steps - 1):
+        move, through = at(world.transition, t), np.vstack([np.eye(n), gains[t + 1] @ at(world.sensor, t + 1)])
+        transition[t, :n, :n], transition[t, n:, n:] = move, moves[t]
+        transition[t, n:, :n] = through[n:] @ move
+        process[t] = through @ at(world.process, t) @ through.T
+        process[t, n:, n:] += blurs[t + 1]
+    first, through = world.initial, np.vstack([np.eye(n), gains[0] @ at(world.sensor, 0)])
+    spread = through @ first.covariance @ through.T
+    spread[n:, n:] += blurs[0]
+    matrix = np.column_stack([np.zeros_like(view.matrix), view.matrix])
+    return LinearGaussianWorld(transition, process, matrix, view.noise, (np.tile(first.mean, 2), spread))

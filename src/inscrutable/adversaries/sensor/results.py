@@ -1,0 +1,161 @@
+"""What beliefs or decisions say of the sensor behind them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from inscrutable.saved import Saved, saved_choice
+from inscrutable.validation import Array
+from inscrutable.worlds import HiddenMarkovModel
+
+
+@saved_choice
+class SensorStatus(Enum):
+    """Whether the data determine the sensor; the text says what to do about it.
+
+    Example:
+        >>> SensorStatus.IDENTIFIED.value
+        'identified: the data determine the answer, up to the names of the symbols'
+    """
+
+    IDENTIFIED = "identified: the data determine the answer, up to the names of the symbols"
+    SCALES_BY_FREQUENCY = (
+        "columns known up to a factor each: with more symbols than states, or dependent columns, the factors come from how "
+        "often symbols were seen; see the intervals"
+    )
+    TOO_FEW_SYMBOLS = (
+        "fewer symbols were seen than the sensor has, because more are expected or the rows do not sum to one without others: "
+        "what they lack is shared among the unseen; take more beliefs"
+    )
+    TOO_FEW_STEPS = "fewer steps than unknowns: the answer is one guess of many; take more beliefs"
+    ZEROS = (
+        "every step starts from a belief that rules out a state, so that nothing is said of how the sensor reports on it: take "
+        "other beliefs"
+    )
+    OVERLAPPING = (
+        "symbols overlap within the noise, or no filter makes these beliefs: entries may be off by as much as symbols differ; "
+        "take more exact beliefs"
+    )
+    SETS = (
+        "decisions leave sets of beliefs, and several sensors explain them: the intervals span those that were found; take "
+        "more decisions"
+    )
+    DEGENERATE = (
+        "the beliefs move too little to determine the transition: the answer says nothing; take beliefs that move more, or "
+        "more of them"
+    )
+    INCONSISTENT = (
+        "no filter with so many symbols makes these beliefs: see the steps with symbol -1 and the residual; doubt the "
+        "beliefs, the transition or n_symbols"
+    )
+
+
+class _Answer(Saved):
+    """What data say of a model, with whether they determine it."""
+
+    status: SensorStatus
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether the data determine the answer, up to the names of the symbols."""
+        return self.status == SensorStatus.IDENTIFIED
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EstimatedSensor(_Answer):
+    """The sensor behind the beliefs of a filter.
+
+    Formula: π_k = diag(b_y) P'π_{k−1} / 1'diag(b_y) P'π_{k−1} with b_y the column `probabilities[:, y]`.
+
+    Args:
+        probabilities: The sensor, shape (X,Y), rows that sum to one; symbols are numbered as they come up.
+        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where the step goes by none, or was not
+            used.
+        residual: Largest Euclidean distance of a belief from the one that the filter makes of the belief before it.
+        status: Whether the data determine the sensor.
+        intervals: 95 % intervals of each entry, shape (X,Y,2).
+        noise: Standard deviation of one belief's coordinate that the residuals speak of.
+
+    Source: Mattila, Rojas, Krishnamurthy, Wahlberg, Inverse Filtering for Hidden Markov Models, NeurIPS 2017.
+
+    Example:
+        >>> one = EstimatedSensor(np.eye(2), np.array([0, 1]), 0.0, SensorStatus.IDENTIFIED, np.zeros((2, 2, 2)))
+        >>> one.is_identified
+        True
+    """
+
+    probabilities: Array
+    symbols: np.ndarray
+    residual: float
+    status: SensorStatus
+    intervals: Array
+    noise: float = 0.0
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        rows = "\n".join("  ".join(f"{each:8.5f}" for each in row) for row in self.probabilities)
+        parts = [f"sensor, a row a state\n{rows}", f"steps     {_counted(self.symbols)}"]
+        return "\n".join([*parts, f"residual  {self.residual:.3g}", f"status    {self.status.value}"])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EstimatedWorld(_Answer):
+    """The world that a filter has in its head, from its beliefs alone.
+
+    Args:
+        world: Transition and sensor; symbols have the names that were given, else they are numbered as they come up.
+        symbols: The symbol of each step from a belief to the next, shape (T−1,); −1 where the step goes by none.
+        residual: Largest Euclidean distance of a belief from the one that the filter makes of the belief before it.
+        status: Whether the data determine the world; `SCALES_BY_FREQUENCY` is about the sensor alone.
+        transition_intervals: 95 % intervals by bootstrap, shape (X,X,2); of no width where none was asked for.
+        sensor_intervals: The same of the sensor, (X,Y,2), which frequencies give in any case.
+
+    Source: Mattila, Rojas, Krishnamurthy, Wahlberg, Inverse Filtering for Hidden Markov Models with Applications to
+    Counter-Adversarial Autonomous Systems, IEEE Transactions on Signal Processing 68 (2020).
+
+    Example:
+        >>> from inscrutable import CategoricalEmission, HiddenMarkovModel
+        >>> world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission(np.eye(2)))
+        >>> nothing = np.zeros((2, 2, 2))
+        >>> EstimatedWorld(world, np.array([0, 1]), 0.0, SensorStatus.IDENTIFIED, nothing, nothing).is_identified
+        True
+    """
+
+    world: HiddenMarkovModel
+    symbols: np.ndarray
+    residual: float
+    status: SensorStatus
+    transition_intervals: Array
+    sensor_intervals: Array
+
+    def summary(self) -> str:
+        """Return a few lines for a person to read."""
+        sensor = self.world.emission.probabilities  # type: ignore[attr-defined]
+        parts = [
+            f"{name}, a row a state\n" + "\n".join("  ".join(f"{each:8.5f}" for each in row) for row in table)
+            for name, table in (("transition", self.world.transition), ("sensor", sensor))
+        ]
+        return "\n".join(
+            [
+                *parts,
+                f"steps     {_counted(self.symbols)}",
+                f"residual  {self.residual:.3g}",
+                f"status    {self.status.value}",
+            ]
+        )
+
+
+def _counted(symbols: np.ndarray) -> str:
+    """How many steps go by a symbol."""
+    used = int((symbols >= 0).sum())
+    return f"{used} of {len(symbols)} go by a symbol"

@@ -1,0 +1,214 @@
+"""A sensor's parameters from decisions under known states: against all paths written out, and against the true parameters."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from inscrutable import (
+    CategoricalEmission,
+    HiddenMarkovModel,
+    InputError,
+    LikelihoodStatus,
+    Mechanism,
+    ModelError,
+    SensorFamily,
+    SequentialAdversary,
+    best_probe,
+    calibrate_sensor,
+    reachable_beliefs,
+)
+
+TRANSITION = np.array([[0.8, 0.2], [0.3, 0.7]])
+WORLD = HiddenMarkovModel(TRANSITION, CategoricalEmission([[0.8, 0.2], [0.2, 0.8]]))
+GRID = np.column_stack([np.linspace(0, 1, 101), np.linspace(1, 0, 101)])
+ACCURACY = SensorFamily.accuracy(2)
+
+
+def shares(belief: np.ndarray) -> np.ndarray:
+    """How often an undecided agent plays 0 and 1."""
+    first = 1.0 / (1.0 + np.exp(-6.0 * (belief[..., 0] - 0.5)))
+    return np.stack([first, 1.0 - first], axis=-1)
+
+
+def on(beliefs: np.ndarray) -> Mechanism:
+    return Mechanism(beliefs, np.arange(2), shares(beliefs), np.zeros((len(beliefs), 2)))
+
+
+def sampled(accuracy: float, states: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Decisions by Bayes' rule, written out."""
+    sensor = np.array([[accuracy, 1 - accuracy], [1 - accuracy, accuracy]])
+    predicted, played = WORLD.initial, []
+    for state in states:
+        symbol = int(rng.random() < sensor[state, 1])
+        belief = predicted * sensor[:, symbol]
+        belief = belief / belief.sum()
+        played.append(int(rng.random() >= shares(belief)[0]))
+        predicted = TRANSITION.T @ belief
+    return np.array(played)
+
+
+def enumerated(sensor: np.ndarray, actions: np.ndarray, states: np.ndarray) -> float:
+    """log Pr(decisions | states) as a sum over all sequences of symbols."""
+    total = 0.0
+    for symbols in product(range(sensor.shape[1]), repeat=len(states)):
+        predicted, chance = WORLD.initial, 1.0
+        for action, state, symbol in zip(actions, states, symbols, strict=True):
+            belief = predicted * sensor[:, symbol]
+            belief = belief / belief.sum()
+            chance *= sensor[state, symbol] * shares(belief)[action]
+            predicted = TRANSITION.T @ belief
+        total += chance
+    return float(np.log(total))
+
+
+@pytest.mark.parametrize("n_symbols", [2, 3])
+def test_the_likelihood_is_the_sum_over_all_paths(n_symbols: int, fresh_rng: np.random.Generator) -> None:
+    states, actions = fresh_rng.integers(2, size=5), fresh_rng.integers(2, size=5)
+    other = fresh_rng.dirichlet(np.ones(n_symbols))
+
+    def sensor(share: float) -> CategoricalEmission:
+        return CategoricalEmission(np.array([share * np.eye(n_symbols)[0] + (1 - share) * other, other]))
+
+    found = calibrate_sensor(actions, states, lambda world: on(reachable_beliefs(world, 5)), sensor, world=WORLD)
+    for value, told in zip(found.grid[0], found.log_likelihoods[0], strict=True):
+        assert told == pytest.approx(enumerated(sensor(value).probabilities, actions, states), abs=1e-12, rel=1e-12)
+    assert found.log_likelihood == found.log_likelihoods.max()
+
+
+def test_it_is_the_likelihood_of_the_inverse_filter() -> None:
+    rng = np.random.default_rng(0)
+    states = rng.integers(2, size=60)
+    actions = sampled(0.8, states, rng)
+    found = calibrate_sensor(actions, states, on(GRID), ACCURACY, world=WORLD)
+    path = np.log(WORLD.initial[states[0]]) + np.log(TRANSITION[states[:-1], states[1:]]).sum()
+    for k in (0, 8, 17):
+        known = HiddenMarkovModel(TRANSITION, ACCURACY(found.grid[0, k]), WORLD.initial)
+        logs = SequentialAdversary(known, on(GRID)).filter(actions, states=states).log_likelihood
+        assert found.log_likelihoods[0, k] == pytest.approx(logs.sum() - path, abs=1e-9)
+
+
+def coverage(seeds: range, n_steps: int) -> tuple[float, float]:
+    """How often the interval holds the true accuracy, and the width of intervals over the spread of estimates."""
+    states = np.random.default_rng(99).integers(2, size=n_steps)
+    held, estimates, widths = [], [], []
+    for seed in seeds:
+        actions = sampled(0.8, states, np.random.default_rng(seed))
+        found = calibrate_sensor(actions, states, on(GRID), ACCURACY, world=WORLD)
+        low, high = found.intervals[0]
+        held.append(low <= 0.8 <= high)
+        estimates.append(found.parameters[0])
+        widths.append(high - low)
+    return float(np.mean(held)), float(np.mean(widths) / (2 * 1.96 * np.std(estimates)))
+
+
+def test_intervals_are_as_wide_as_estimates_scatter() -> None:
+    held, ratio = coverage(range(16), 100)
+    assert held >= 0.8
+    assert 0.6 <= ratio <= 1.6
+
+
+@pytest.mark.audit
+def test_intervals_hold_the_true_accuracy_as_often_as_they_say() -> None:
+    held, _ = coverage(range(200), 300)
+    assert 0.90 <= held <= 0.98
+
+
+def test_two_parameters_have_a_profile_each() -> None:
+    rng = np.random.default_rng(3)
+    states = rng.integers(2, size=60)
+    found = calibrate_sensor(
+        sampled(0.85, states, rng),
+        states,
+        on(GRID[::4]),
+        lambda a, b: CategoricalEmission([[a, 1 - a], [1 - b, b]]),
+        world=WORLD,
+    )
+    assert found.names == ("a", "b")
+    assert found.parameters.shape == (2,)
+    assert (found.intervals[:, 0] < found.parameters).all()
+    assert found.log_likelihoods.max(axis=1) == pytest.approx(found.log_likelihood, abs=1e-6)
+    assert "95 % from" in str(found)
+
+
+def test_what_decisions_do_not_tell_is_said() -> None:
+    states = np.array([0, 1] * 10)
+    silent = Mechanism(GRID, np.arange(2), np.full((101, 2), 0.5), np.zeros((101, 2)))
+    flat = calibrate_sensor([0] * 20, states, silent, ACCURACY, world=WORLD)
+    assert flat.status is LikelihoodStatus.FLAT
+    np.testing.assert_array_equal(flat.intervals, ACCURACY.bounds)
+    weak = calibrate_sensor([0, 1], [0, 1], on(GRID), ACCURACY, world=WORLD)
+    assert weak.status is LikelihoodStatus.WEAK
+    never = Mechanism(GRID, np.arange(2), np.tile([1.0, 0.0], (101, 1)), np.zeros((101, 2)))
+    none = calibrate_sensor([1] * 20, states, never, ACCURACY, world=WORLD)
+    assert none.status is LikelihoodStatus.IMPOSSIBLE
+    assert np.isfinite(none.parameters).all()
+
+
+def test_malformed_input_is_named() -> None:
+    for call, kind, said in [
+        (lambda: calibrate_sensor([0, 1], [0, 2], on(GRID), ACCURACY, world=WORLD), InputError, "states"),
+        (lambda: calibrate_sensor([0, 1], [0], on(GRID), ACCURACY, world=WORLD), InputError, "states"),
+        (lambda: calibrate_sensor([0], [0], on(GRID), 3, world=WORLD), InputError, "family"),
+        (lambda: calibrate_sensor([0], [0], on(GRID), lambda: None, world=WORLD), InputError, "without arguments"),
+        (lambda: calibrate_sensor([0], [0], on(GRID), lambda p: p, world=WORLD), InputError, "Emission"),
+        (lambda: calibrate_sensor([0], [0], "ODM", ACCURACY, world=WORLD), InputError, "mechanism"),
+        (lambda: calibrate_sensor([0], [0], on(GRID), ACCURACY, world=None), InputError, "world"),
+        (lambda: SensorFamily(lambda p: p, [[1.0, 0.0]], ["p"]), InputError, "bounds"),
+        (lambda: best_probe([], on(GRID), ACCURACY, world=WORLD, parameters=[0.8]), InputError, "probes"),
+        (lambda: best_probe([[0]], on(GRID), ACCURACY, world=WORLD, parameters=[0.2]), InputError, "parameters"),
+    ]:
+        with pytest.raises(kind, match=said):
+            call()
+    still = HiddenMarkovModel(np.eye(2), WORLD.emission, [0.5, 0.5])
+    with pytest.raises(ModelError, match="state 1 at step 1"):
+        calibrate_sensor([0, 1], [0, 1], on(GRID), ACCURACY, world=still)
+
+
+def test_fisher_information_of_probes_is_that_of_all_sequences_of_decisions() -> None:
+    probes = [[0, 0, 0, 0], [0, 1, 0, 1], [0, 1]]
+    found = best_probe(probes, lambda world: on(reachable_beliefs(world, 4)), ACCURACY, world=WORLD, parameters=[0.75])
+    assert found.is_exact
+    for number, probe in enumerate(probes):
+        total = 0.0
+        for actions in product(range(2), repeat=len(probe)):
+            low, middle, high = (
+                enumerated(ACCURACY(p).probabilities, np.array(actions), np.array(probe))
+                for p in (0.7499, 0.75, 0.7501)
+            )
+            total += np.exp(middle) * ((high - low) / 2e-4) ** 2
+        assert found.information[number, 0, 0] == pytest.approx(total, rel=1e-4)
+    assert found.best == int(found.bounds[:, 0].argmin())
+
+
+def test_the_best_probe_gives_the_estimates_that_scatter_least() -> None:
+    rng = np.random.default_rng(1)
+    probes = [np.zeros(80, dtype=int), np.tile([0, 1], 40)]
+    ranking = best_probe(probes, on(GRID), ACCURACY, world=WORLD, parameters=[0.8], n_draws=400, rng=rng)
+    assert not ranking.is_exact
+    assert "best" in str(ranking)
+    spread = [
+        np.std(
+            [
+                calibrate_sensor(sampled(0.8, probe, rng), probe, on(GRID), ACCURACY, world=WORLD).parameters[0]
+                for _ in range(8)
+            ]
+        )
+        for probe in probes
+    ]
+    assert ranking.best == int(np.argmin(spread))
+
+
+def test_a_gaussian_sensor_is_read_by_particles() -> None:
+    rng = np.random.default_rng(2)
+    family = SensorFamily.gaussian_spread([[0.0], [1.0]], [[0.2, 2.0]])
+    world = HiddenMarkovModel(TRANSITION, family(0.6))
+    states, actions = rng.integers(2, size=(2, 15))
+    found, again = (
+        calibrate_sensor(actions, states, on(GRID), family, world=world, n_particles=60, rng=np.random.default_rng(0))
+        for _ in range(2)
+    )
+    assert np.isfinite(found.log_likelihoods).all()
+    np.testing.assert_array_equal(found.log_likelihoods, again.log_likelihoods)

@@ -1,0 +1,285 @@
+"""The sensor, or the whole world, behind the beliefs of a filter: against the worlds that made them."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import (
+    EstimatedSensor,
+    InputError,
+    MarkowitzProblem,
+    ModelError,
+    OriginalDecisionMaker,
+    SensorStatus,
+    consistent_beliefs,
+    estimate_sensor,
+    estimate_world,
+)
+
+TRANSITION = np.array([[0.8, 0.1, 0.1], [0.15, 0.7, 0.15], [0.1, 0.2, 0.7]])
+SENSOR = np.array([[0.7, 0.2, 0.1], [0.15, 0.7, 0.15], [0.1, 0.25, 0.65]])
+UNDER_NOISE = {
+    2: (np.array([[0.7, 0.3], [0.2, 0.8]]), np.array([[0.8, 0.2], [0.3, 0.7]])),
+    3: (TRANSITION, SENSOR),
+    4: (0.6 * np.eye(4) + 0.1, 0.6 * np.eye(4) + 0.1),
+}
+LIMITS = {1e-9: 3e-4, 1e-6: 2.5e-2, 1e-4: 2.5e-2, 1e-2: 1.0}
+"""Frobenius errors that were published for another pair of matrices, by standard deviation of the noise."""
+
+
+def path(
+    transition: np.ndarray, sensor: np.ndarray, n_steps: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Beliefs and symbols by Bayes' rule, written out; no code of the package."""
+    n_states, n_symbols = sensor.shape
+    state, belief = 0, np.full(n_states, 1.0 / n_states)
+    moves, reports = np.cumsum(transition, axis=1), np.cumsum(sensor, axis=1)
+    beliefs, symbols = [], []
+    for one, other in rng.random((n_steps, 2)):
+        state = min(int(np.searchsorted(moves[state], one)), n_states - 1)
+        symbol = min(int(np.searchsorted(reports[state], other)), n_symbols - 1)
+        belief = sensor[:, symbol] * (transition.T @ belief)
+        belief = belief / belief.sum()
+        beliefs.append(belief)
+        symbols.append(symbol)
+    return np.array(beliefs), np.array(symbols)
+
+
+def error(found: np.ndarray, true: np.ndarray) -> float:
+    """Frobenius distance under the best names of the symbols."""
+    return min(float(np.linalg.norm(found[:, list(order)] - true)) for order in permutations(range(true.shape[1])))
+
+
+def blurred(beliefs: np.ndarray, spread: float, rng: np.random.Generator) -> np.ndarray:
+    noisy = np.abs(beliefs + spread * rng.normal(size=beliefs.shape))
+    return noisy / noisy.sum(axis=1, keepdims=True)
+
+
+def random_world(rng: np.random.Generator, n_states: int, n_symbols: int) -> tuple[np.ndarray, np.ndarray]:
+    return rng.dirichlet(np.ones(n_states), n_states), rng.dirichlet(np.ones(n_symbols), n_states)
+
+
+def test_sensors_of_random_models_follow_from_exact_beliefs(fresh_rng: np.random.Generator) -> None:
+    for model in range(200):
+        n_states = 2 + model % 3
+        transition, sensor = random_world(fresh_rng, n_states, n_states)
+        beliefs, symbols = path(transition, sensor, 120, fresh_rng)
+        if len(np.unique(symbols[1:])) < n_states:
+            continue
+        found = estimate_sensor(beliefs, transition, n_symbols=n_states if model % 2 else None)
+        assert found.status in (SensorStatus.IDENTIFIED, SensorStatus.SCALES_BY_FREQUENCY)
+        if found.is_identified:
+            assert error(found.probabilities, sensor) <= 1e-8
+            assert found.residual <= 1e-12
+            named = dict(zip(symbols[1:].tolist(), found.symbols.tolist(), strict=True))
+            assert [named[each] for each in symbols[1:].tolist()] == found.symbols.tolist()
+
+
+@pytest.mark.parametrize("spread", LIMITS)
+@pytest.mark.parametrize("n_states", UNDER_NOISE)
+def test_noise_leaves_less_error_than_three_times_what_was_published(n_states: int, spread: float) -> None:
+    transition, sensor = UNDER_NOISE[n_states]
+    rng = np.random.default_rng([n_states, 5])
+    beliefs, _ = path(transition, sensor, 400, rng)
+    noisy = blurred(beliefs, spread, rng)
+    found = estimate_sensor(noisy, transition, n_symbols=n_states)
+    reached = error(found.probabilities, sensor)
+    assert reached <= 3.0 * LIMITS[spread]
+    assert reached <= 5.0 * spread, "twenty times below what was published, too"
+    assert found.noise == pytest.approx(spread, rel=0.5)
+    assert len(np.unique(found.symbols)) == n_states
+
+
+@pytest.mark.parametrize("with_names", [True, False])
+def test_transitions_of_random_models_follow_from_beliefs_alone(
+    with_names: bool, fresh_rng: np.random.Generator
+) -> None:
+    for model in range(45):
+        n_states = 2 + model % 3
+        n_symbols = int(fresh_rng.integers(2, n_states + 3))
+        transition = 0.2 * np.eye(n_states) + 0.8 * fresh_rng.dirichlet(np.ones(n_states), n_states)
+        sensor = fresh_rng.dirichlet(np.ones(n_symbols), n_states)
+        beliefs, symbols = path(transition, sensor, 250, fresh_rng)
+        if len(np.unique(symbols[1:])) < n_symbols or np.linalg.cond(transition) > 100.0:
+            continue
+        found = estimate_world(beliefs, n_symbols=n_symbols, symbols=symbols if with_names else None)
+        assert np.abs(found.world.transition - transition).max() <= (1e-8 if with_names else 1e-6)
+        read = found.world.emission.probabilities  # type: ignore[attr-defined]
+        if n_symbols > n_states:
+            assert found.status is SensorStatus.SCALES_BY_FREQUENCY
+            assert (np.diff(found.sensor_intervals, axis=2) > 0).any()
+        elif found.is_identified and with_names:
+            assert np.abs(read - sensor).max() <= 1e-6
+            np.testing.assert_array_equal(found.symbols, symbols[1:])
+        elif found.is_identified:
+            assert error(read, sensor) <= 1e-5
+
+
+def test_a_world_is_read_through_noise_with_intervals_by_bootstrap() -> None:
+    rng = np.random.default_rng(4)
+    beliefs, _ = path(TRANSITION, SENSOR, 300, rng)
+    found = estimate_world(blurred(beliefs, 1e-3, rng), n_symbols=3, n_bootstrap=20, rng=rng)
+    assert np.abs(found.world.transition - TRANSITION).max() <= 0.01
+    low, high = found.transition_intervals[..., 0], found.transition_intervals[..., 1]
+    assert (high - low).max() == pytest.approx(0.01, rel=0.9)
+    assert ((low - 0.01 <= TRANSITION) & (high + 0.01 >= TRANSITION)).all()
+
+
+def test_intervals_cover_the_entries_where_frequencies_give_the_scales() -> None:
+    rng = np.random.default_rng(8)
+    held = []
+    for _ in range(40):
+        transition, sensor = rng.dirichlet(np.full(2, 3.0), 2), rng.dirichlet(np.full(4, 3.0), 2)
+        beliefs, symbols = path(transition, sensor, 300, rng)
+        found = estimate_sensor(beliefs, transition, n_symbols=4)
+        assert found.status is SensorStatus.SCALES_BY_FREQUENCY
+        order = [int(symbols[1:][found.symbols == y][0]) for y in range(4)]
+        low, high = found.intervals[..., 0], found.intervals[..., 1]
+        held.append((low <= sensor[:, order]) & (sensor[:, order] <= high))
+    assert 0.88 <= np.mean(held) <= 1.0
+    assert not np.all(held)
+
+
+def test_bootstrap_intervals_are_as_wide_as_the_errors() -> None:
+    errors, widths = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        beliefs, _ = path(TRANSITION, SENSOR, 300, rng)
+        found = estimate_sensor(
+            blurred(beliefs, 1e-3, rng), TRANSITION, n_symbols=3, n_bootstrap=30, rng=np.random.default_rng(1)
+        )
+        order = min(permutations(range(3)), key=lambda o: np.linalg.norm(found.probabilities[:, list(o)] - SENSOR))
+        errors.append(found.probabilities[:, list(order)] - SENSOR)
+        widths.append(np.diff(found.intervals, axis=2)[..., 0])
+    assert 0.5 <= np.mean(widths) / (2 * 1.96 * np.std(errors)) <= 2.0
+
+
+def test_a_belief_that_jumps_is_named_and_moves_nothing() -> None:
+    beliefs, _ = path(TRANSITION, SENSOR, 200, np.random.default_rng(0))
+    beliefs[100] = [0.98, 0.01, 0.01]
+    found = estimate_sensor(beliefs, TRANSITION, n_symbols=3)
+    assert found.status is SensorStatus.INCONSISTENT
+    assert np.flatnonzero(found.symbols < 0).tolist() == [99, 100]
+    assert found.residual > 0.1
+    assert error(found.probabilities, SENSOR) <= 1e-8
+    assert estimate_world(beliefs, n_symbols=3).status is SensorStatus.INCONSISTENT
+    counted = estimate_sensor(beliefs, TRANSITION)
+    assert counted.status is SensorStatus.INCONSISTENT
+    assert counted.probabilities.shape == (3, 3)
+
+
+def test_beliefs_that_follow_no_filter_identify_nothing() -> None:
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), 100)
+    for n_symbols in (None, 2, 3):
+        found = estimate_sensor(beliefs, TRANSITION, n_symbols=n_symbols)
+        assert found.status in (SensorStatus.OVERLAPPING, SensorStatus.INCONSISTENT)
+    assert estimate_world(beliefs, n_symbols=3).status in (SensorStatus.OVERLAPPING, SensorStatus.INCONSISTENT)
+
+
+def test_a_belief_in_a_state_that_the_chain_cannot_reach_is_refused() -> None:
+    with pytest.raises(ModelError, match="belief 1 gives state 1 the probability"):
+        estimate_sensor([[1.0, 0.0], [0.5, 0.5]], np.eye(2))
+
+
+@pytest.mark.parametrize("n_steps", [2, 3, 4])
+def test_too_few_steps_have_a_status_and_no_nan(n_steps: int) -> None:
+    beliefs, _ = path(TRANSITION, SENSOR, n_steps, np.random.default_rng(3))
+    one, two = estimate_sensor(beliefs, TRANSITION, n_symbols=3), estimate_world(beliefs, n_symbols=3)
+    assert one.status in (SensorStatus.TOO_FEW_STEPS, SensorStatus.TOO_FEW_SYMBOLS)
+    assert two.status is SensorStatus.TOO_FEW_STEPS
+    for table in (one.probabilities, two.world.transition, two.world.emission.probabilities):  # type: ignore[attr-defined]
+        assert np.isfinite(table).all()
+        np.testing.assert_allclose(table.sum(axis=1), 1.0, rtol=1e-12)
+
+
+def test_symbols_that_never_came_up_are_said_to_be_missing() -> None:
+    beliefs, _ = path(TRANSITION, SENSOR, 200, np.random.default_rng(1))
+    found = estimate_sensor(beliefs, TRANSITION, n_symbols=4)
+    assert found.status is SensorStatus.TOO_FEW_SYMBOLS
+    assert found.probabilities.shape == (3, 4)
+    assert found.probabilities[:, 3].max() < 0.02
+    assert (found.intervals[:, 3, 1] > 0.1).all()
+
+
+def test_zeros_of_the_sensor_are_found_and_beliefs_that_stand_still_say_nothing() -> None:
+    transition = np.array([[0.8, 0.2, 0.0], [0.0, 0.7, 0.3], [0.3, 0.0, 0.7]])
+    sensor = np.array([[0.7, 0.3, 0.0], [0.0, 0.7, 0.3], [0.1, 0.25, 0.65]])
+    beliefs, _ = path(transition, sensor, 200, np.random.default_rng(5))
+    found = estimate_sensor(beliefs, transition)
+    assert found.is_identified
+    assert error(found.probabilities, sensor) <= 1e-12
+    certain = np.tile([1.0, 0.0, 0.0], (10, 1))
+    assert estimate_sensor(certain, np.eye(3)).status is SensorStatus.ZEROS
+    assert estimate_world(np.tile([0.5, 0.3, 0.2], (100, 1)), n_symbols=2).status is SensorStatus.DEGENERATE
+
+
+def test_symbols_that_noise_mixes_up_are_said_to_overlap() -> None:
+    sensor = np.array([[0.34, 0.33, 0.33], [0.33, 0.34, 0.33], [0.33, 0.33, 0.34]])
+    rng = np.random.default_rng(2)
+    beliefs, _ = path(TRANSITION, sensor, 200, rng)
+    assert estimate_sensor(blurred(beliefs, 0.02, rng), TRANSITION, n_symbols=3).status is SensorStatus.OVERLAPPING
+
+
+def test_labels_are_aligned_and_results_are_kept(tmp_path: object) -> None:
+    names = ["calm", "normal", "crisis"]
+    beliefs, _ = path(TRANSITION, SENSOR, 100, np.random.default_rng(1))
+    table = pd.DataFrame(TRANSITION, index=names, columns=names)
+    shuffled = pd.DataFrame(beliefs, columns=names)[["crisis", "calm", "normal"]]
+    found = estimate_sensor(shuffled, table)
+    assert error(found.probabilities, SENSOR) <= 1e-10
+    assert "identified" in str(found)
+    found.save(tmp_path / "sensor.npz")  # type: ignore[operator]
+    again = EstimatedSensor.load(tmp_path / "sensor.npz")  # type: ignore[operator]
+    assert again.status is found.status
+    with pytest.raises(InputError, match="state labels"):
+        estimate_sensor(shuffled.rename(columns={"calm": "quiet"}), table)
+
+
+def test_malformed_input_is_named() -> None:
+    beliefs, symbols = path(TRANSITION, SENSOR, 50, np.random.default_rng(1))
+    for call, said in [
+        (lambda: estimate_sensor(beliefs[:1], TRANSITION), "two at least"),
+        (lambda: estimate_sensor(beliefs, TRANSITION[:2]), "square"),
+        (lambda: estimate_sensor(beliefs[:, :2], TRANSITION), "expected one per state"),
+        (lambda: estimate_sensor(beliefs, TRANSITION, n_symbols=0), "n_symbols"),
+        (lambda: estimate_sensor(beliefs, TRANSITION, n_bootstrap=5), "rng"),
+        (lambda: estimate_sensor(np.where(beliefs > 0.5, np.nan, beliefs), TRANSITION), "finite"),
+        (lambda: estimate_world(beliefs, n_symbols=3, symbols=symbols[:10]), "10 entries for 50 beliefs"),
+        (lambda: estimate_world(beliefs, n_symbols=2, symbols=symbols), "symbols"),
+        (lambda: estimate_world(beliefs, n_symbols=None), "n_symbols"),  # type: ignore[arg-type]
+    ]:
+        with pytest.raises(InputError, match=said):
+            call()
+
+
+@pytest.mark.parametrize("risk_aversion", [1.0, 0.12])
+def test_decisions_give_the_sensor_away_also_where_some_leave_intervals_of_beliefs(risk_aversion: float) -> None:
+    transition, sensor = UNDER_NOISE[2]
+    problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [0.3 * np.eye(2), 0.3 * np.eye(2)], risk_aversion)
+    beliefs, _ = path(transition, sensor, 60, np.random.default_rng(0))
+    sets = [
+        consistent_beliefs(problem, action) for action in OriginalDecisionMaker(problem).decide_many(beliefs).action
+    ]
+    are_points = all(each.dimension == 0 for each in sets)
+    assert are_points == (risk_aversion == 1.0)
+    found = estimate_sensor(sets, transition, n_symbols=2)
+    middles = estimate_sensor(np.array([each.center() for each in sets]), transition, n_symbols=2)
+    if are_points:
+        assert found.is_identified
+        assert error(found.probabilities, sensor) <= 1e-8
+    else:
+        assert found.status is SensorStatus.SETS
+        assert error(found.probabilities, sensor) <= 0.01 < error(middles.probabilities, sensor)
+        assert (np.diff(found.intervals, axis=2) > 0).all()
+
+
+def test_a_set_of_beliefs_that_is_empty_is_refused() -> None:
+    problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
+    sets = [consistent_beliefs(problem, action) for action in ([0.5, 0.5], [0.9, 0.1])]
+    assert sets[1].is_empty
+    with pytest.raises(InputError, match="is empty"):
+        estimate_sensor(sets, UNDER_NOISE[2][0])

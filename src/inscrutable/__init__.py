@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import near_optimal_beliefs as near_optimal_beliefs
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.budgets import Budget as Budget
+    from inscrutable.datasets.matpower import load_matpower as load_matpower
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
     from inscrutable.decision_makers import Candidates as Candidates
     from inscrutable.decision_makers import CheapestPrivacy as CheapestPrivacy
@@ -152,6 +153,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.privacy import repeated_leakage as repeated_leakage
     from inscrutable.problems import ConvexProblem as ConvexProblem
     from inscrutable.problems import DecisionProblem as DecisionProblem
+    from inscrutable.problems import DispatchProblem as DispatchProblem
     from inscrutable.problems import FiniteProblem as FiniteProblem
     from inscrutable.problems import KellyProblem as KellyProblem
     from inscrutable.problems import Lift as Lift

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
 from inscrutable import tolerances
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
@@ -79,8 +80,11 @@ def _least_relaxation(below: Rows, equal: Rows) -> Array:
     elastic = np.concatenate([np.zeros(u), np.ones(n + 2 * e)])
     answer = minimum(
         elastic,
-        Rows(np.hstack([below.matrix, -np.eye(n), np.zeros((n, 2 * e))]), below.sides),
-        Rows(np.hstack([equal.matrix, np.zeros((e, n)), np.eye(e), -np.eye(e)]), equal.sides),
+        Rows(sparse.hstack([below.matrix, -sparse.eye_array(n), sparse.csr_array((n, 2 * e))]), below.sides),
+        Rows(
+            sparse.hstack([equal.matrix, sparse.csr_array((e, n)), sparse.eye_array(e), -sparse.eye_array(e)]),
+            equal.sides,
+        ),
         [(None, None)] * u + [(0, None)] * (n + 2 * e),
     )
     broken = answer.x[u : u + n]

@@ -119,6 +119,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.mechanisms import MemoryMechanism as MemoryMechanism
     from inscrutable.mechanisms import Prior as Prior
     from inscrutable.mechanisms import at_least as at_least
+    from inscrutable.mechanisms import bus_prices as bus_prices
     from inscrutable.mechanisms import delayed as delayed
     from inscrutable.mechanisms import every as every
     from inscrutable.mechanisms import filtered_prior as filtered_prior
@@ -127,6 +128,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.mechanisms import long_only as long_only
     from inscrutable.mechanisms import mechanism as mechanism
     from inscrutable.mechanisms import n_port as n_port
+    from inscrutable.mechanisms import only as only
     from inscrutable.mechanisms import portfolio_return as portfolio_return
     from inscrutable.mechanisms import predicted_prior as predicted_prior
     from inscrutable.mechanisms import reachable_beliefs as reachable_beliefs

@@ -138,8 +138,8 @@ def _body(text: str, start: int, where: str) -> tuple[str, int]:
 def _table(name: str, body: str, line: int, least: int, source: Path) -> Table:
     rows, lines = [], []
     for number, part in enumerate(body.split("\n"), start=line):
-        for row in part.split(";"):
-            words = row.replace(",", " ").split()
+        for written in part.split(";"):
+            words = written.replace(",", " ").split()
             if words:
                 rows.append(_numbers(words, f"{source}, line {number}: {name}"))
                 lines.append(number)

@@ -171,7 +171,7 @@ class CaseTables:
         isolated = {row[0] for row in self.tables["bus"].values if row[1] == _ISOLATED}
         known = set(labels)
         kept = []
-        for row in np.flatnonzero(~(values[:, status] <= 0)):
+        for row in map(int, np.flatnonzero(~(values[:, status] <= 0))):
             if np.isnan(values[row, status]):
                 raise InputError(f"{self._at(name, row)}: the status of a {name} is NaN; expected 0 or 1")
             unknown = [values[row, end] for end in ends if values[row, end] not in known | isolated]
@@ -180,7 +180,7 @@ class CaseTables:
                     f"{self._at(name, row)}: a {name} is at bus {unknown[0]:g}, which is not in the table bus"
                 )
             if not any(values[row, end] in isolated for end in ends):
-                kept.append(int(row))
+                kept.append(row)
         return kept
 
     def _check_numbers(self, name: str, rows: range | list[int], columns: tuple[int, ...]) -> None:

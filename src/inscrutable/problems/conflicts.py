@@ -61,6 +61,9 @@ def _listed(parts: list[str]) -> str:
 
 def row_conflict(below: Rows, equal: Rows, names: tuple[str, ...]) -> RowConflict | None:
     """Return the conflict among rows A_ub u ≤ b_ub and A_eq u = b_eq with names in that order, or None."""
+    anywhere = minimise(np.zeros(below.matrix.shape[1]), below, equal)  # many times faster than the least relaxation
+    if anywhere.status == OPTIMAL:
+        return None
     relaxations = _least_relaxation(below, equal)
     moved = np.flatnonzero(relaxations)
     if not moved.size:

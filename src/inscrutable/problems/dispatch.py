@@ -90,7 +90,7 @@ class DispatchProblem(QuadraticProblem):
         prices = np.full(network.n_buses, multipliers[0] - multipliers[1])
         full = tight >= first
         lines, signs = self._line_rows[tight[full] - first].T
-        return np.asarray(prices - (multipliers[2:][full] * signs) @ network.transfer_factors()[lines])
+        return np.asarray(prices - (multipliers[2:][full] * signs) @ network.line_factors(lines))
 
     def __repr__(self) -> str:
         return f"DispatchProblem({self.n_states} states, {self.n_actions} units, {self.network.n_buses} buses)"

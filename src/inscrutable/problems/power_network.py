@@ -255,6 +255,14 @@ class PowerNetwork:
         unit[buses, np.arange(len(buses))] = 1.0
         return self._flows(unit)[:, column]
 
+    def line_factors(self, lines: np.ndarray) -> Array:
+        """Return the rows of `transfer_factors` for some lines, by their numbers, shape (K,N)."""
+        found = np.zeros((len(lines), self.n_buses))
+        if len(lines) and self.n_buses > 1:
+            weighted, solver = self._factors
+            found[:, 1:] = solver.solve(weighted[lines].toarray().T[1:]).T  # the network's matrix is symmetric
+        return found
+
     def load_flows(self) -> Array:
         """Return the flow on every line, shape (L,), MW, that loads fed from bus 0 and phase shifters make."""
         given = -self.demand - self._incidence.T @ self.driven_flows

@@ -17,9 +17,10 @@ import numpy as np
 from scipy import sparse
 
 from inscrutable.decision_makers.aware.columns import Columns
+from inscrutable.mechanisms.calendars import Schedule
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosed import shown_classes
-from inscrutable.mechanisms.disclosures import Disclosure, Schedule
+from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.validation import Array
 
 

@@ -20,7 +20,7 @@ from inscrutable.experiments.setting import Setting, path_prior
 from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid
 from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
 from inscrutable.experiments.studies.tasks import Task, TaskRunner, Work
-from inscrutable.experiments.studies.worlds import Regimes, drawn_world, given_world, problem_of, regimes_of
+from inscrutable.experiments.studies.worlds import Regimes, drawn_world, given_world, network_of, problem_of, regimes_of
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior, filtered_prior, uniform_prior
 from inscrutable.problems import DecisionProblem
@@ -38,7 +38,9 @@ class GridRunner(TaskRunner):
     def __init__(self, work: Work) -> None:
         self.study = StudyFile.model_validate_json(work.study)
         self.grid = StudyGrid(self.study, work.data_hash)
-        self._fitted = [HiddenMarkovModel.from_dict(world) for world in json.loads(work.worlds)]
+        prepared, own = json.loads(work.worlds), getattr(self.study.problem, "network", None)
+        self._network = None if own is None else network_of(prepared[0])
+        self._fitted = [HiddenMarkovModel.from_dict(world) for world in prepared] if own is None else []
         self.setting = lru_cache(_SETTINGS_KEPT)(self._setting)
         self.observed = lru_cache(_OBSERVED_KEPT)(self._observed)
 
@@ -69,7 +71,7 @@ class GridRunner(TaskRunner):
         regimes = self._regimes(whole)
         section = self.grid.problems[places[1]].data
         assert section is not None
-        problem = problem_of(section, regimes)
+        problem = problem_of(section, regimes, self._network)
         prior = self._prior(whole, regimes, problem)
         return wanting(Setting(problem, prior, self._candidates(places[3], problem)), self.study.rival)
 

@@ -6,22 +6,41 @@ A file names its kind; it can name none but these, so that a study file stays pl
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from inscrutable.datasets.matpower import load_matpower
+from inscrutable.errors import ModelError
 from inscrutable.experiments.sections import PlanFile
 from inscrutable.experiments.studies.comparison_tasks import COMPARISON
-from inscrutable.experiments.studies.grid import StudyGrid
+from inscrutable.experiments.studies.grid import StudyGrid, variants
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.kind import Kind
-from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
+from inscrutable.experiments.studies.layout import DispatchSection, FittedWorldSection, GivenWorld, StudyFile
 from inscrutable.experiments.studies.masked_tasks import MASKED_BASKET
 from inscrutable.experiments.studies.reproduction_tasks import REPRODUCTION
 from inscrutable.experiments.studies.tables import table_of
-from inscrutable.experiments.studies.worlds import fitted_world, hash_of_data, training_of
+from inscrutable.experiments.studies.worlds import (
+    fitted_world,
+    given_world,
+    hash_of_data,
+    hash_of_network,
+    plain_network,
+    problem_of,
+    training_of,
+)
+
+
+def _network(plan: StudyFile) -> str | None:
+    """The file of a study's own network."""
+    return plan.problem.network if isinstance(plan.problem, DispatchSection) else None
 
 
 def _hash(plan: StudyFile, base: Path) -> str | None:
+    own = _network(plan)
+    if own is not None:
+        return hash_of_network(own, base)
     return hash_of_data(plan.world, base) if isinstance(plan.world, FittedWorldSection) else None
 
 
@@ -29,10 +48,20 @@ def _check(plan: StudyFile, base: Path) -> None:
     if isinstance(plan.world, FittedWorldSection):
         for covariance in plan.world.covariance or (None,):
             training_of(plan.world, max(plan.world.regimes), covariance, base)
+    own = _network(plan)
+    if own is not None and isinstance(plan.world, GivenWorld) and isinstance(plan.problem, DispatchSection):
+        network = load_matpower(base / own, convention=plan.problem.convention)
+        for choice in variants(plan.problem):
+            assert choice.data is not None
+            with suppress(ModelError):  # limits that exclude one another are for rows to say
+                problem_of(choice.data, given_world(plan.world), network)
 
 
 def _fitted(plan: StudyFile, base: Path, grid: StudyGrid) -> list[dict[str, Any]]:
-    """The worlds that are fitted to data, once and here, so that all machines work with the same digits."""
+    """What is read or fitted once and here, so that all machines work with the same digits: worlds, or a network."""
+    own = _network(plan)
+    if own is not None and isinstance(plan.problem, DispatchSection):
+        return [plain_network(load_matpower(base / own, convention=plan.problem.convention))]
     if not isinstance(plan.world, FittedWorldSection):
         return []
     found = []

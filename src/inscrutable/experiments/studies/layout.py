@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from inscrutable.datasets.matpower import Convention
 from inscrutable.errors import InputError
 from inscrutable.experiments import makers, observers
 from inscrutable.experiments.measures import MEASURES
@@ -96,9 +97,12 @@ class MarkowitzSection(Section):
 
 
 class DispatchSection(Section):
-    """Generators and wind farms on the IEEE 30-bus network, for a world that is given; buses are numbered from 0."""
+    """Generators and wind farms on a network, for a world that is given: the IEEE 30-bus network, whose buses are numbered
+    from 0, or a MATPOWER case beside the study file, whose buses have its own numbers."""
 
     kind: Literal["dispatch"]
+    network: str | None = None
+    convention: Convention = "powermodels"
     wind_buses: Several[Annotated[int, Field(ge=0)]]
     wind_capacities: Several[NonNegative] | None = None
     penalty: Grid[Positive] = (1.0,)

@@ -226,6 +226,8 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
         )
     with source.saying(("world",)):
         regimes = given_world(world)
+    if getattr(study.problem, "network", None) is not None:  # checked where the file is looked for
+        return
     for choice in variants(study.problem):
         assert choice.data is not None
         with source.saying(("problem",)), suppress(ModelError):  # limits that exclude one another are for rows to say

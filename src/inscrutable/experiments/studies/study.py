@@ -113,9 +113,11 @@ class Study:
     @classmethod
     def _of(cls, plan: PlanFile, base: Path, source: StudySource) -> Study:
         kind, is_grid = kind_of(plan), isinstance(plan, StudyFile)
-        with source.saying(("world", "data") if is_grid else ()):
+        on_network = getattr(getattr(plan, "problem", None), "network", None) is not None
+        key = ("problem", "network") if on_network else ("world", "data")
+        with source.saying(key if is_grid else ()):
             data_hash = kind.data_hash(plan, base)
-        with source.saying(("world",) if is_grid else ()):
+        with source.saying(key[:1] if is_grid else ()):
             kind.check(plan, base)
         return cls(plan, base=base, data_hash=data_hash)
 

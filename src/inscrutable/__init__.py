@@ -39,6 +39,8 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.budgets import Budget as Budget
     from inscrutable.datasets.matpower import load_matpower as load_matpower
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
+    from inscrutable.datasets.power_packages import from_pandapower as from_pandapower
+    from inscrutable.datasets.power_packages import from_pypsa as from_pypsa
     from inscrutable.decision_makers import Candidates as Candidates
     from inscrutable.decision_makers import CheapestPrivacy as CheapestPrivacy
     from inscrutable.decision_makers import CounterAdversarialDecisionMaker as CounterAdversarialDecisionMaker

@@ -229,7 +229,8 @@ def _line_rows(
     )
     scale = np.abs(rows).max(axis=1, initial=0.0)
     greatest = _greatest(rows, outputs, float(network.demand.sum()))
-    near = greatest > sides - 2.0 * min_slack * scale - tolerances.FEASIBILITY * (1.0 + np.abs(sides))
+    room = 2.0 * min_slack * scale + tolerances.FEASIBILITY * (1.0 + np.abs(np.where(np.isfinite(sides), sides, 0.0)))
+    near = greatest > sides - room
     kept = np.flatnonzero(near & ((scale > 0) | (sides < -tolerances.FEASIBILITY)))
     n_lines = len(own)
     limited = (

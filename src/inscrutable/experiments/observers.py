@@ -140,9 +140,10 @@ class Observed:
         """Return what an observer, by its keys, is shown of the setting's decisions."""
         return Disclosure.of(chosen.get("disclosure")).of_problem(self.setting.problem)
 
-    def read_by(self, chosen: Chosen) -> ObserverReading:
-        """Return what an observer, by name and keys, makes of single decisions."""
-        return OBSERVERS[chosen["name"]].read(self, chosen)
+    def read_by(self, chosen: Chosen, kinds: Mapping[str, Any] | None = None) -> ObserverReading:
+        """Return what an observer, by name and keys, makes of single decisions; `kinds` are all there are by name."""
+        found: ObserverReading = (OBSERVERS if kinds is None else kinds)[chosen["name"]].read(self, chosen)
+        return found
 
 
 class ObserverSection(Section):

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.experiments.makers import MAKERS
 from inscrutable.experiments.sections import Section
 from inscrutable.experiments.studies.layout import (
     BudgetSection,
@@ -60,7 +59,7 @@ class StudyGrid:
         self.plays = [
             (maker, budget)
             for maker, chosen in makers
-            for budget in (budgets if MAKERS[chosen["name"]].takes_budget(chosen) else (nothing,))
+            for budget in (budgets if study.maker_kinds[chosen["name"]].takes_budget(chosen) else (nothing,))
         ]
         self.adversaries = _joined(study.adversaries)
 

@@ -11,14 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from inscrutable.datasets.matpower import load_matpower
-from inscrutable.errors import ModelError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.sections import PlanFile
 from inscrutable.experiments.studies.comparison_tasks import COMPARISON
+from inscrutable.experiments.studies.extensions import Extension
 from inscrutable.experiments.studies.grid import StudyGrid, variants
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.kind import Kind
 from inscrutable.experiments.studies.layout import DispatchSection, FittedWorldSection, GivenWorld, StudyFile
 from inscrutable.experiments.studies.masked_tasks import MASKED_BASKET
+from inscrutable.experiments.studies.own_parts import layout_with
 from inscrutable.experiments.studies.reproduction_tasks import REPRODUCTION
 from inscrutable.experiments.studies.tables import table_of
 from inscrutable.experiments.studies.worlds import (
@@ -86,6 +88,20 @@ OTHER_KINDS: Mapping[str, Kind] = {
 def kind_named(name: str | None) -> Kind:
     """Return a kind by the name in a file; None, where a file has none, is a grid."""
     return OTHER_KINDS.get(name or "", GRID)
+
+
+def layout_of_kind(name: str | None, extensions: tuple[Extension, ...]) -> type[PlanFile]:
+    """Return the layout of a kind's file that may name these extensions.
+
+    Raises:
+        InputError: The kind is no grid, which alone can name some.
+    """
+    kind = kind_named(name)
+    if not extensions:
+        return kind.layout
+    if kind is not GRID:
+        raise InputError(f"a study of kind {name!r} has no place for extensions; expected a grid, which names no kind")
+    return layout_with(extensions)
 
 
 def kind_of(plan: PlanFile) -> Kind:

@@ -18,6 +18,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.rivals import weight_limits
+from inscrutable.experiments.studies.extensions import Extension
 from inscrutable.experiments.studies.layout import FittedWorldSection, GivenWorld
 from inscrutable.files import reason
 from inscrutable.problems import (
@@ -140,6 +141,21 @@ def regimes_of(world: HiddenMarkovModel) -> Regimes:
     emission = world.emission
     assert isinstance(emission, GaussianEmission)
     return Regimes(emission.means, emission.covariances, world)
+
+
+def own_world(extension: Extension, chosen: Mapping[str, Any]) -> Regimes:
+    """Return the regimes of an observation law of a user's own; its means and covariances, where it has some."""
+    emission = extension.made({}, chosen)
+    world = HiddenMarkovModel(chosen["transition"], emission)
+    nothing = np.zeros((world.n_states, 0))
+    means = getattr(emission, "means", nothing)
+    return Regimes(np.asarray(means), np.asarray(getattr(emission, "covariances", nothing[:, :, None])), world)
+
+
+def own_problem(extension: Extension, chosen: Mapping[str, Any], regimes: Regimes) -> DecisionProblem:
+    """Return a decision problem of a user's own."""
+    found: DecisionProblem = extension.made({"means": regimes.means, "covariances": regimes.covariances}, chosen)
+    return found
 
 
 def problem_of(section: dict[str, Any], regimes: Regimes, network: PowerNetwork | None = None) -> DecisionProblem:

@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.adversaries import plausibility_gap as plausibility_gap
     from inscrutable.budgets import Budget as Budget
     from inscrutable.datasets.matpower import load_matpower as load_matpower
+    from inscrutable.datasets.neighbours import weights_of as weights_of
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
     from inscrutable.datasets.power_packages import from_pandapower as from_pandapower
     from inscrutable.datasets.power_packages import from_pypsa as from_pypsa
@@ -107,6 +108,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.experiments.learning import learning_curve as learning_curve
     from inscrutable.experiments.protect import protect as protect
     from inscrutable.experiments.reproduction import reproduce as reproduce
+    from inscrutable.experiments.skfolio_estimator import PrivatePortfolio as PrivatePortfolio
     from inscrutable.experiments.studies import Study as Study
     from inscrutable.experiments.studies import resume_study as resume_study
     from inscrutable.experiments.studies import run_study as run_study
@@ -197,6 +199,9 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.worlds import PublicPart as PublicPart
     from inscrutable.worlds import Trajectory as Trajectory
     from inscrutable.worlds import fit_gaussian_hmm as fit_gaussian_hmm
+    from inscrutable.worlds.neighbours import from_dynamax as from_dynamax
+    from inscrutable.worlds.neighbours import from_hmmlearn as from_hmmlearn
+    from inscrutable.worlds.neighbours import from_statsmodels as from_statsmodels
 else:  # hidden from type checkers, which would otherwise accept any misspelt name
     _START = f"    from {__name__}."
     _EXPORTS = {

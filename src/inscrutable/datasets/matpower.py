@@ -245,7 +245,8 @@ class CaseTables:
     def _lines(self, rows: list[int], convention: Convention, base: float) -> tuple[np.ndarray, Array]:
         """Ends (L,2) and reactance, least and most flow, driven flow (L,4)."""
         values = self.tables["branch"].values
-        self._check_numbers("branch", rows, (2, 3, 5))
+        said = (2, 3, 5, 8, 9) if values.shape[1] < 13 else (2, 3, 5, 8, 9, 11, 12)
+        self._check_numbers("branch", rows, said)
         angles = np.zeros((len(values), 2)) if values.shape[1] < 13 else values[:, 11:13]
         ends, data = [], []
         for row in rows:
@@ -253,6 +254,11 @@ class CaseTables:
             if rate < 0 or start == end:
                 what = f"a limit of {rate:g} MW" if rate < 0 else f"bus {start:g} at both ends"
                 raise InputError(f"{self._at('branch', row)}: a branch has {what}")
+            low, high = angles[row]
+            if low > high and high:
+                raise InputError(
+                    f"{self._at('branch', row)}: the angle limits of a branch, {low:g} and {high:g} degrees, exclude each other"
+                )
             if x == 0 and (r == 0 or convention == "matpower"):
                 raise InputError(f"{self._at('branch', row)}: a branch has no reactance; expected one that is not 0")
             if x == 0:

@@ -49,7 +49,7 @@ def weights_of(given: Any) -> pd.DataFrame:
         raise InputError(f"the weights must be numbers: {error}") from None
     if not np.isfinite(frame.to_numpy()).all():
         row, column = np.argwhere(~np.isfinite(frame.to_numpy()))[0]
-        raise InputError(f"the weight of {columns[column]} in row {int(row)} is {frame.iat[row, column]}")
+        raise InputError(f"the weight of {columns[column]} in row {int(row)} is {float(frame.to_numpy()[row, column])}")
     cash = [label for label in frame.columns if str(label).lower() in _CASH]
     for label in cash:
         held = frame[label].abs().max()

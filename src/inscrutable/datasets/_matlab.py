@@ -21,14 +21,14 @@ _CLOSING = {"[": "]", "{": "}", "'": "'", '"': '"'}
 _SHOWN = 40
 
 
-class Table(NamedTuple):
+class CaseTable(NamedTuple):
     """A table of a case: its numbers, and the line of the file in which each row stands."""
 
     values: Array  # (rows, columns)
     lines: tuple[int, ...]
 
 
-def read_case(path: PathLike, needed: Mapping[str, int]) -> tuple[dict[str, Table], set[str]]:
+def read_case(path: PathLike, needed: Mapping[str, int]) -> tuple[dict[str, CaseTable], set[str]]:
     """Return the tables of a case by name, and the names of everything else that it holds.
 
     Args:
@@ -135,7 +135,7 @@ def _body(text: str, start: int, where: str) -> tuple[str, int]:
     return text[start + 1 : end], end + 1
 
 
-def _table(name: str, body: str, line: int, least: int, source: Path) -> Table:
+def _table(name: str, body: str, line: int, least: int, source: Path) -> CaseTable:
     rows, lines = [], []
     for number, part in enumerate(body.split("\n"), start=line):
         for written in part.split(";"):
@@ -149,7 +149,7 @@ def _table(name: str, body: str, line: int, least: int, source: Path) -> Table:
             raise InputError(f"{source}, line {number}: a row of {name} has {len(row)} numbers, the first one {width}")
     if width < least:
         raise InputError(f"{source}, line {line}: {name} has {width} columns, expected at least {least}")
-    return Table(np.array(rows, dtype=np.float64).reshape(len(rows), width), tuple(lines))
+    return CaseTable(np.array(rows, dtype=np.float64).reshape(len(rows), width), tuple(lines))
 
 
 def _numbers(words: list[str], where: str) -> list[float]:

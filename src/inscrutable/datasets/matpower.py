@@ -10,7 +10,7 @@ from pandas import Series
 
 from inscrutable import tolerances
 from inscrutable.axes import few
-from inscrutable.datasets._matlab import Table, read_case
+from inscrutable.datasets._matlab import CaseTable, read_case
 from inscrutable.errors import InputError, ModelError
 from inscrutable.files import PathLike
 from inscrutable.problems.power_network import PowerNetwork
@@ -112,7 +112,7 @@ class CaseTables:
     """
 
     source: str
-    tables: dict[str, Table]
+    tables: dict[str, CaseTable]
 
     def network(self, convention: Convention) -> PowerNetwork:
         """Return the network; raise what is wrong with a row by its line."""

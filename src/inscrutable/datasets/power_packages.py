@@ -10,7 +10,7 @@ import numpy as np
 from pandas import Series
 
 from inscrutable.axes import few
-from inscrutable.datasets._matlab import Table
+from inscrutable.datasets._matlab import CaseTable
 from inscrutable.datasets.matpower import CaseTables, Convention, checked_convention
 from inscrutable.errors import InputError
 from inscrutable.problems.power_network import PowerNetwork
@@ -61,8 +61,8 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
         if name not in values or values[name].ndim != 2 or values[name].shape[1] < _LEAST_COLUMNS[name]:
             raise InputError(f"the net gives no table {name}: expected generators with costs and limits, and branches")
     _name_buses(net, values)
-    tables = {name: Table(each, ()) for name, each in values.items()}
-    tables["baseMVA"] = Table(np.array([[float(np.real(case["baseMVA"]))]]), ())
+    tables = {name: CaseTable(each, ()) for name, each in values.items()}
+    tables["baseMVA"] = CaseTable(np.array([[float(np.real(case["baseMVA"]))]]), ())
     return CaseTables("the net", tables).network(convention)
 
 

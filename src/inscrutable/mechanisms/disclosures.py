@@ -6,7 +6,7 @@ schedule leaves some steps out or moves them. Maps and schedules commute, so eve
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -353,7 +353,7 @@ def grouped(labels: ArrayLike) -> Disclosure:
     return Disclosure((Operation("grouped", (listed,)),))
 
 
-def only(places: ArrayLike) -> Disclosure:
+def only(places: Sequence[int]) -> Disclosure:
     """Return the disclosure of some coordinates of a decision, such as the units that an observer can watch.
 
     Args:

@@ -248,6 +248,14 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
     ),
     ("PowerNetwork", pd.Series([0.0, 50.0], ["north", "south"]), lambda v: ins.PowerNetwork(v, *NETWORK[1:]).loads),
     (
+        "PowerNetwork labelled",
+        pd.Series([0.0, 50.0], ["north", "south"]),
+        lambda v: ins.dispatch_problem(
+            ins.PowerNetwork(v, ["north", "south"], *NETWORK[2:5], [["north", "south"]], NETWORK[6])
+        ).solve([1.0]),
+    ),
+    ("weights_of", WEIGHTS, lambda v: ins.weights_of(v)[ASSETS].to_numpy()),
+    (
         "ConvexProblem",
         WEIGHTS,
         lambda v: ins.ConvexProblem.from_functions(
@@ -437,6 +445,8 @@ NO_ARRAYS = """
     LocalSearch MechanismRule MixedDecision MixedDecisions ModelError PathDecisions
     PathLeakage Posterior
     PosteriorStatus PriceCalibration PriceStatus PrivacyMeasure RateDistortionCurve RepeatedLeakage RowConflict SequenceStatus
+    DispatchProblem PrivatePortfolio bus_prices from_dynamax from_hmmlearn from_pandapower from_pypsa from_statsmodels
+    load_matpower only
     SolverError Study Trajectory UnionBeliefs action_grid check_adversary check_decision_maker
     check_decision_problem check_emission
     check_privacy_measure compare decoy_grid detectability leakage learning_curve

@@ -11,6 +11,7 @@ per cent, or a fund's value. A *disclosure* says what is shown. It is data, comp
    delayed(steps)       so many steps late         top(n)               the n largest positions
    rounded(digits)      rounded to decimals        grouped(labels)      sums over groups, such as sectors
    long_only()          no short positions         portfolio_return()   what the decision earns
+   only(places)         some coordinates           bus_prices(problem)  prices at a network's buses
 
 A map of single decisions merges columns of K(u | π): decisions that look the same are one. A schedule leaves out updates: the
 observer's law moves by prediction alone until the next decision is shown.

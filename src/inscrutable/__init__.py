@@ -62,7 +62,11 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.alphas import implied_views as implied_views
     from inscrutable.alphas import obfuscated_decision as obfuscated_decision
     from inscrutable.budgets import Budget as Budget
+    from inscrutable.datasets.matpower import load_matpower as load_matpower
+    from inscrutable.datasets.neighbours import weights_of as weights_of
     from inscrutable.datasets.power import load_ieee_30_bus as load_ieee_30_bus
+    from inscrutable.datasets.power_packages import from_pandapower as from_pandapower
+    from inscrutable.datasets.power_packages import from_pypsa as from_pypsa
     from inscrutable.decision_makers import Candidates as Candidates
     from inscrutable.decision_makers import CheapestPrivacy as CheapestPrivacy
     from inscrutable.decision_makers import CounterAdversarialDecisionMaker as CounterAdversarialDecisionMaker
@@ -136,6 +140,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.experiments.learning import learning_curve as learning_curve
     from inscrutable.experiments.protect import protect as protect
     from inscrutable.experiments.reproduction import reproduce as reproduce
+    from inscrutable.experiments.skfolio_estimator import PrivatePortfolio as PrivatePortfolio
     from inscrutable.experiments.studies import Study as Study
     from inscrutable.experiments.studies import resume_study as resume_study
     from inscrutable.experiments.studies import run_study as run_study
@@ -150,6 +155,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.mechanisms import MemoryMechanism as MemoryMechanism
     from inscrutable.mechanisms import Prior as Prior
     from inscrutable.mechanisms import at_least as at_least
+    from inscrutable.mechanisms import bus_prices as bus_prices
     from inscrutable.mechanisms import delayed as delayed
     from inscrutable.mechanisms import every as every
     from inscrutable.mechanisms import filtered_prior as filtered_prior
@@ -158,6 +164,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.mechanisms import long_only as long_only
     from inscrutable.mechanisms import mechanism as mechanism
     from inscrutable.mechanisms import n_port as n_port
+    from inscrutable.mechanisms import only as only
     from inscrutable.mechanisms import portfolio_return as portfolio_return
     from inscrutable.mechanisms import predicted_prior as predicted_prior
     from inscrutable.mechanisms import reachable_beliefs as reachable_beliefs
@@ -184,6 +191,7 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.privacy import repeated_leakage as repeated_leakage
     from inscrutable.problems import ConvexProblem as ConvexProblem
     from inscrutable.problems import DecisionProblem as DecisionProblem
+    from inscrutable.problems import DispatchProblem as DispatchProblem
     from inscrutable.problems import FiniteProblem as FiniteProblem
     from inscrutable.problems import KellyProblem as KellyProblem
     from inscrutable.problems import Lift as Lift
@@ -228,6 +236,9 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.worlds import fit_gaussian_hmm as fit_gaussian_hmm
     from inscrutable.worlds import kalman_filter as kalman_filter
     from inscrutable.worlds import steady_filter as steady_filter
+    from inscrutable.worlds.neighbours import from_dynamax as from_dynamax
+    from inscrutable.worlds.neighbours import from_hmmlearn as from_hmmlearn
+    from inscrutable.worlds.neighbours import from_statsmodels as from_statsmodels
 else:  # hidden from type checkers, which would otherwise accept any misspelt name
     _START = f"    from {__name__}."
     _EXPORTS = {

@@ -33,6 +33,7 @@ study = App(
 
 Jobs = Annotated[Whole, Parameter(group=WORK)]
 Cluster = Annotated[str | None, Parameter(group=WORK)]
+Extensions = Annotated[list[str], Parameter(name="--extension", group=WORK, negative=(), show_default=False)]
 Limit = Annotated[Whole | None, Parameter(group=WORK, validator=validators.Number(gte=1))]
 
 
@@ -45,6 +46,7 @@ def run(
     jobs: Jobs = 1,
     cluster: Cluster = None,
     limit: Limit = None,
+    extension: Extensions = [],  # noqa: B006  # read alone
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> int:
     """Run a study from the start, into a folder of its own.
@@ -55,11 +57,12 @@ def run(
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         cluster: Address of a Dask scheduler, such as tcp://10.0.0.1:8786 (needs the extra `inscrutable[dask]`).
         limit: Do at most this many tasks now, spread over the grid; `study resume` does the others.
+        extension: A part of your own that the file names, as module:name, importable here; may be given several times.
     """
     from inscrutable.experiments.studies import Study, run_study
     from inscrutable.experiments.studies.study import tasks_text
 
-    plan = Study.read(file)
+    plan = Study.read(file, extensions=extension)
     speech.log(f"{plan.plan.name}: {tasks_text(plan.n_tasks)}")
     with resumable(out, then=_REPORT):
         with _watched(speech) as watch:
@@ -76,6 +79,7 @@ def resume(
     cluster: Cluster = None,
     limit: Limit = None,
     retry: Annotated[bool, Parameter(group=WORK, negative=(), show_default=False)] = False,
+    extension: Extensions = [],  # noqa: B006  # read alone
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> int:
     """Go on with a study that was stopped, killed or limited: only tasks without a row are done.
@@ -86,12 +90,15 @@ def resume(
         cluster: Address of a Dask scheduler.
         limit: Do at most this many tasks now.
         retry: Do tasks that failed again.
+        extension: Those that the study was begun with.
     """
     from inscrutable.experiments.studies import resume_study
 
     with resumable(folder, then=_REPORT):
         with _watched(speech) as watch:
-            done = resume_study(folder, jobs=jobs, cluster=cluster, retry=retry, limit=limit, progress=watch)
+            done = resume_study(
+                folder, jobs=jobs, cluster=cluster, retry=retry, limit=limit, progress=watch, extensions=extension
+            )
         return _told(done, speech)
 
 

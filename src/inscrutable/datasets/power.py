@@ -7,7 +7,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from inscrutable.problems.dispatch import PowerNetwork
+from inscrutable.problems.power_network import PowerNetwork
 
 
 def load_ieee_30_bus() -> PowerNetwork:

@@ -22,9 +22,10 @@ from inscrutable.experiments.guesses import guess_error
 from inscrutable.experiments.memory_rules import PAST
 from inscrutable.experiments.setting import Behaviour, Setting, Watched
 from inscrutable.mechanisms import Mechanism
+from inscrutable.mechanisms.calendars import Schedule
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosed import disclosed
-from inscrutable.mechanisms.disclosures import Disclosure, Schedule
+from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.joint import Joint, top_states
 from inscrutable.privacy.sampling import adjusted_means

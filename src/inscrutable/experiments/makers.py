@@ -386,6 +386,7 @@ def behave(
     regret: float | None = None,
     each: bool = False,
     seed: Seed,
+    kinds: Mapping[str, type[MakerSection]] | None = None,
 ) -> Behaviour | None:
     """Return what a decision maker does when it spends a budget; None where it does not suit the setting.
 
@@ -398,8 +399,9 @@ def behave(
             `tolerances.CALIBRATED` from below, by one with a budget per belief by scaling that; who finds nothing more to buy
             spends less.
         seed: The stream of random numbers.
+        kinds: Every decision maker by its name; None is those of the library.
     """
-    kind = MAKERS[chosen["name"]]
+    kind = (MAKERS if kinds is None else kinds)[chosen["name"]]
     if limit is None:
         promise = Budget.regret(0.0) if kind.takes is Takes.NOTHING else None
         return behaviour_of(setting, kind.make(setting, chosen, chosen.get(kind.parameter), seed), promise)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from inscrutable.experiments.observers import Observed
 
@@ -144,14 +144,21 @@ OF_OBSERVERS = tuple(name for name, measure in MEASURES.items() if measure.value
 """Measures that are an observer's; every other one is the mechanism's, whoever looks at it."""
 
 
-def value_of(observed: Observed, name: str) -> float:
+def value_of(observed: Observed, name: str, kinds: Mapping[str, Measure] = MEASURES) -> float:
     """Return a measure of the mechanism."""
-    value = MEASURES[name].value
+    value = kinds[name].value
     assert value is not None
     return float(value(observed))
 
 
-def figures_of(observed: Observed, chosen: Mapping[str, object], measures: tuple[str, ...]) -> dict[str, float]:
+def figures_of(
+    observed: Observed,
+    chosen: Mapping[str, object],
+    measures: tuple[str, ...],
+    *,
+    observers: Mapping[str, Any] | None = None,
+    kinds: Mapping[str, Measure] = MEASURES,
+) -> dict[str, float]:
     """Return measures by name, with those of one observer, by its name and keys, where they are among them."""
-    read = observed.read_by(chosen)._asdict() if any(name in OF_OBSERVERS for name in measures) else {}
-    return {name: read[name] if name in read else value_of(observed, name) for name in measures}
+    read = observed.read_by(chosen, observers)._asdict() if any(name in OF_OBSERVERS for name in measures) else {}
+    return {name: read[name] if name in read else value_of(observed, name, kinds) for name in measures}

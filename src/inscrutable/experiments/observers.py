@@ -136,9 +136,14 @@ class Observed:
         actions = self.behaviour.mechanism.actions
         return guesses_of(observer, actions if disclosure.is_exact else disclosure.shown(actions), self.joint, excuses)
 
-    def read_by(self, chosen: Chosen) -> ObserverReading:
-        """Return what an observer, by name and keys, makes of single decisions."""
-        return OBSERVERS[chosen["name"]].read(self, chosen)
+    def shown(self, chosen: Chosen) -> Disclosure:
+        """Return what an observer, by its keys, is shown of the setting's decisions."""
+        return Disclosure.of(chosen.get("disclosure")).of_problem(self.setting.problem)
+
+    def read_by(self, chosen: Chosen, kinds: Mapping[str, Any] | None = None) -> ObserverReading:
+        """Return what an observer, by name and keys, makes of single decisions; `kinds` are all there are by name."""
+        found: ObserverReading = (OBSERVERS if kinds is None else kinds)[chosen["name"]].read(self, chosen)
+        return found
 
 
 class ObserverSection(Section):
@@ -154,7 +159,7 @@ class ObserverSection(Section):
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
-        guesses = observed.guesses(cls.adversary(observed, chosen), Disclosure.of(chosen.get("disclosure")))
+        guesses = observed.guesses(cls.adversary(observed, chosen), observed.shown(chosen))
         return ObserverReading(guess_error(observed.joint, guesses), top_state_share(observed.joint, guesses))
 
 
@@ -166,7 +171,7 @@ class Naive(ObserverSection):
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
-        shown = Disclosure.of(chosen.get("disclosure"))
+        shown = observed.shown(chosen)
         excuses = observed.detectability.excuses if observed.detects and shown.is_exact else None
         reader = NaiveAdversary(observed.setting.problem, **observed.knowledge(shown))
         guesses = observed.guesses(reader, shown, excuses)
@@ -183,7 +188,7 @@ class NearOptimal(ObserverSection):
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:
         """Return it."""
         allowed = chosen.get("regret", observed.asked)
-        known = observed.knowledge(Disclosure.of(chosen.get("disclosure")))
+        known = observed.knowledge(observed.shown(chosen))
         return NearOptimalAdversary(observed.setting.problem, allowed, prior=observed.setting.prior, **known)
 
 
@@ -195,7 +200,7 @@ class BudgetAware(ObserverSection):
     @staticmethod
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:
         """Return it."""
-        known = observed.knowledge(Disclosure.of(chosen.get("disclosure")))
+        known = observed.knowledge(observed.shown(chosen))
         return BudgetAwareAdversary(observed.setting.problem, observed.promise, prior=observed.setting.prior, **known)
 
 
@@ -207,7 +212,7 @@ class Bayesian(ObserverSection):
     @classmethod
     def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
         """Return what it makes of single decisions."""
-        found = observed.leakage_shown(Disclosure.of(chosen.get("disclosure")))
+        found = observed.leakage_shown(observed.shown(chosen))
         return ObserverReading(found.bayes_error, found.top_state_accuracy)
 
 
@@ -221,7 +226,7 @@ class Data(ObserverSection):
     def adversary(observed: Observed, chosen: Chosen) -> Adversary:
         """Return it; the same pairs at every call."""
         rng = np.random.default_rng(_DATA_SEED)
-        played = disclosed(observed.behaviour.mechanism, Disclosure.of(chosen.get("disclosure")))
+        played = disclosed(observed.behaviour.mechanism, observed.shown(chosen))
         return DataAdversary.of(played, observed.setting.prior, chosen.get("pairs", 1000), rng=rng)
 
 

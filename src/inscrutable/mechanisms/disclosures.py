@@ -6,10 +6,9 @@ schedule leaves some steps out or moves them. Maps and schedules commute, so eve
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import gcd
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,52 +17,15 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.axes import Axis, few, ordered
 from inscrutable.errors import InputError
+from inscrutable.mechanisms.calendars import CALENDARS, Calendar, Schedule
 from inscrutable.mechanisms.disclosure_text import parsed_calls
 from inscrutable.mechanisms.shown_values import MAPS
+from inscrutable.problems.dispatch import DispatchProblem
 from inscrutable.validation import Array
 
 EXACT = "exact"
 """How a disclosure that hides nothing is written."""
 _SCHEDULES = ("every", "delayed")
-
-
-class Schedule(NamedTuple):
-    """Which decisions are shown, and when: u_s where s = offset (mod period), at step s + lag."""
-
-    period: int = 1
-    offset: int = 0
-    lag: int = 0
-
-    def shows(self, step: int) -> bool:
-        """Whether the decision of a step is ever shown."""
-        return step % self.period == self.offset
-
-    @property
-    def is_immediate(self) -> bool:
-        """Whether every decision is shown at its own step."""
-        return self.period == 1 and self.lag == 0
-
-    def moved(self, steps: int) -> Schedule:
-        """Return the schedule with everything later by a number of steps."""
-        return self._replace(lag=self.lag + steps)
-
-    def thinned(self, period: int, offset: int) -> Schedule | None:
-        """Return what is left where the stream is cut to steps = offset (mod period); None where nothing is."""
-        asked = (offset - self.lag) % period
-        shared = gcd(self.period, period)
-        if (asked - self.offset) % shared:
-            return None
-        whole = self.period * period // shared
-        first = next(s for s in range(self.offset, whole, self.period) if s % period == asked)
-        return Schedule(whole, first, self.lag)
-
-
-class Calendar(NamedTuple):
-    """A regulator's rule behind a named disclosure: what it prescribes, when that was so, and where it is written."""
-
-    rule: str
-    as_of: str
-    source: str
 
 
 class Operation(NamedTuple):
@@ -83,8 +45,8 @@ class Disclosure:
 
     Formula: (a | b)(u) = b(a(u)).
 
-    `every`, `delayed`, `rounded`, `long_only`, `at_least`, `top`, `grouped`, `portfolio_return`, `form_13f` and `n_port` make
-    one; `Disclosure()` hides nothing, and prints as "exact".
+    `every`, `delayed`, `rounded`, `long_only`, `at_least`, `top`, `grouped`, `only`, `bus_prices`, `portfolio_return`,
+    `form_13f` and `n_port` make one; `Disclosure()` hides nothing, and prints as "exact".
 
     Args:
         operations: What is done to the decisions, in order.
@@ -167,6 +129,11 @@ class Disclosure:
     def is_exact(self) -> bool:
         """Whether every decision is shown as it is, at once."""
         return self.schedule.is_immediate and not self.maps
+
+    def of_problem(self, problem: Any) -> Disclosure:
+        """Return the disclosure in which prices of no problem in particular are those of this one."""
+        own = Operation("bus_prices", (problem,))
+        return Disclosure(tuple(own if str(each) == "bus_prices()" else each for each in self.operations))
 
     @property
     def needs_returns(self) -> bool:
@@ -386,6 +353,44 @@ def grouped(labels: ArrayLike) -> Disclosure:
     return Disclosure((Operation("grouped", (listed,)),))
 
 
+def only(places: Sequence[int]) -> Disclosure:
+    """Return the disclosure of some coordinates of a decision, such as the units that an observer can watch.
+
+    Args:
+        places: Their numbers from 0, in the order in which they are shown.
+
+    Raises:
+        InputError: There are none, or they are no different whole numbers of at least 0.
+
+    Source: partial observation.
+
+    Example:
+        >>> print(only([2, 0])([[0.2, 0.3, 0.5]]))
+        [[0.5 0.2]]
+    """
+    return Disclosure((Operation("only", (tuple(np.asarray(places, dtype=object).reshape(-1).tolist()),)),))
+
+
+def bus_prices(problem: DispatchProblem | None = None) -> Disclosure:
+    """Return the disclosure of the prices at a network's buses in place of the schedule that makes them.
+
+    Formula: as `DispatchProblem.bus_prices`, to nine digits of the largest.
+
+    Args:
+        problem: The dispatch; None is the one of a study, or of `Disclosure.of_problem`.
+
+    Raises:
+        InputError: It is no dispatch problem.
+
+    Source: locational marginal prices (Schweppe, Caramanis, Tabors, Bohn, Spot Pricing of Electricity, 1988).
+
+    Example:
+        >>> bus_prices()
+        bus_prices()
+    """
+    return Disclosure((Operation("bus_prices", () if problem is None else (problem,)),))
+
+
 def portfolio_return() -> Disclosure:
     """Return the disclosure of what decisions earn, to one who knows the returns of every asset.
 
@@ -452,28 +457,26 @@ def n_port(offset: int = 2) -> Disclosure:
     return Disclosure((Operation("n_port", (offset,)),))
 
 
-CALENDARS: Mapping[str, Calendar] = {
-    "form_13f": Calendar(
-        "Form 13F: long positions in listed securities at the end of a quarter, due within 45 days.",
-        "February 2026",
-        "17 CFR 240.13f-1(a)(1); checked against a copy of the rule.",
-    ),
-    "n_port": Calendar(
-        "Form N-PORT: holdings at the end of a fiscal quarter, public 60 days later.",
-        "February 2026",
-        "17 CFR 270.30b1-9, 84 FR 7980; checked against the regulator's announcements. Monthly publication (89 FR 73764) is "
-        "postponed to November 2027.",
-    ),
-}
-"""What stands behind the named disclosures."""
-
 _WRITTEN_OUT: Mapping[str, Any] = {
     "form_13f": lambda offset: (*long_only().operations, *every(3, offset).operations, *delayed(2).operations),
     "n_port": lambda offset: (*every(3, offset).operations, *delayed(2).operations),
 }
 _KNOWN = {
     each.__name__: each
-    for each in (every, delayed, rounded, long_only, at_least, top, grouped, portfolio_return, form_13f, n_port)
+    for each in (
+        every,
+        delayed,
+        rounded,
+        long_only,
+        at_least,
+        top,
+        grouped,
+        only,
+        bus_prices,
+        portfolio_return,
+        form_13f,
+        n_port,
+    )
 }
 _LEFT_OUT: Mapping[str, tuple[int]] = {"every": (0,), "form_13f": (2,), "n_port": (2,)}
 """A last value that need not be written."""
@@ -514,6 +517,19 @@ def _labels(labels: Any) -> tuple[tuple[str | int, ...]]:
     return (labels,)
 
 
+def _places(places: Any) -> tuple[tuple[int, ...]]:
+    kept = tuple(validation.count(each, "a place of only(places)", least=0) for each in places)
+    if not kept or len(set(kept)) < len(kept):
+        raise InputError(f"only needs different places, one at least, got {list(kept)}")
+    return (kept,)
+
+
+def _priced(*problem: Any) -> tuple[Any, ...]:
+    if problem and not isinstance(problem[0], DispatchProblem):
+        raise InputError(f"bus_prices needs a dispatch problem, got {problem[0]!r:.60}")
+    return problem
+
+
 def _nothing() -> tuple[()]:
     return ()
 
@@ -525,6 +541,8 @@ _CHECKS: Mapping[str, Any] = {
     "at_least": lambda weight: (validation.non_negative(weight, "weight"),),
     "top": lambda n: (validation.count(n, "n of top(n)"),),
     "grouped": _labels,
+    "only": _places,
+    "bus_prices": _priced,
     "long_only": _nothing,
     "portfolio_return": _nothing,
     "form_13f": _quarter_end,
@@ -548,7 +566,7 @@ def _call(name: str, value: Any) -> tuple[str, list[Any], dict[str, Any]]:
         return name, [], dict(value)
     if value is True:
         return name, [], {}
-    return name, list(value) if isinstance(value, (list, tuple)) and name != "grouped" else [value], {}
+    return name, list(value) if isinstance(value, (list, tuple)) and name not in ("grouped", "only") else [value], {}
 
 
 def _text(value: Any) -> str:

@@ -11,6 +11,9 @@ from inscrutable import tolerances
 from inscrutable.errors import InputError
 from inscrutable.validation import Array
 
+_PRICE_DIGITS = 9
+"""Of the largest price at one time; what follows is the rounding of solvers."""
+
 
 def _of_numbers(what: str) -> Callable[[Callable[..., Array]], Callable[..., Array]]:
     """Refuse finite choices, which are no sizes of anything."""
@@ -63,6 +66,22 @@ def _grouped(points: Array, labels: tuple[Any, ...]) -> Array:
     return np.asarray(points @ np.eye(len(group))[place])
 
 
+@_of_numbers("only")
+def _only(points: Array, places: tuple[int, ...]) -> Array:
+    if max(places) >= points.shape[1]:
+        raise InputError(f"only shows place {max(places)}, but decisions have {points.shape[1]} coordinates")
+    return np.asarray(points[:, list(places)])
+
+
+@_of_numbers("bus_prices")
+def _bus_prices(points: Array, *problem: Any) -> Array:
+    if not problem:
+        raise InputError("bus_prices needs the dispatch problem whose prices are shown: pass bus_prices(problem)")
+    prices = np.atleast_2d(problem[0].bus_prices(points))
+    size = 10.0 ** np.ceil(np.log10(np.maximum(np.abs(prices).max(axis=1, keepdims=True), 1.0)))
+    return np.asarray(np.round(prices / size, _PRICE_DIGITS) * size + 0.0)
+
+
 @_of_numbers("portfolio_return")
 def _portfolio_return(points: Array, returns: Array) -> Array:
     if points.shape != returns.shape:
@@ -79,6 +98,8 @@ MAPS: Mapping[str, Callable[..., Array]] = {
     "at_least": _at_least,
     "top": _top,
     "grouped": _grouped,
+    "only": _only,
+    "bus_prices": _bus_prices,
     "portfolio_return": _portfolio_return,
 }
 """Every map by its name."""

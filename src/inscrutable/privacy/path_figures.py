@@ -18,7 +18,7 @@ from inscrutable.adversaries.inverse_filter import InverseFilter, Laws, read_dec
 from inscrutable.adversaries.sequence_evidence import Evidence, unseen_points
 from inscrutable.adversaries.sequence_results import InferredBeliefs
 from inscrutable.geometry.equal_rows import first_equal
-from inscrutable.mechanisms.disclosures import Schedule
+from inscrutable.mechanisms.calendars import Schedule
 from inscrutable.privacy.losses import Loss
 from inscrutable.validation import Array
 from inscrutable.worlds.public import UNREAD

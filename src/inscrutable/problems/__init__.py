@@ -9,7 +9,7 @@ from inscrutable.problems.base import DecisionProblem, checked_problem
 from inscrutable.problems.conflicts import RowConflict
 from inscrutable.problems.constraints import Polyhedron, box, simplex
 from inscrutable.problems.convex import ConvexProblem
-from inscrutable.problems.dispatch import PowerNetwork, dispatch_problem
+from inscrutable.problems.dispatch import DispatchProblem, dispatch_problem
 from inscrutable.problems.finite import FiniteProblem
 from inscrutable.problems.forms import Lift, LinearForm, QuadraticForm, SmoothForm
 from inscrutable.problems.kelly import KellyProblem
@@ -17,12 +17,14 @@ from inscrutable.problems.linear import LinearProblem
 from inscrutable.problems.markowitz import MarkowitzProblem
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.problems.portfolios import group_caps, long_short, max_weights, min_weights, turnover
+from inscrutable.problems.power_network import PowerNetwork
 from inscrutable.problems.quadratic import QuadraticProblem, quadratic_problem
 from inscrutable.problems.transaction_costs import TradingProblem, with_transaction_costs
 
 __all__ = [
     "ConvexProblem",
     "DecisionProblem",
+    "DispatchProblem",
     "FiniteProblem",
     "KellyProblem",
     "Lift",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
 from inscrutable import tolerances
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
@@ -63,6 +64,9 @@ def _listed(parts: list[str]) -> str:
 
 def row_conflict(below: Rows, equal: Rows, names: tuple[str, ...]) -> RowConflict | None:
     """Return the conflict among rows A_ub u ≤ b_ub and A_eq u = b_eq with names in that order, or None."""
+    anywhere = minimise(np.zeros(below.matrix.shape[1]), below, equal)  # many times faster than the least relaxation
+    if anywhere.status == OPTIMAL:
+        return None
     relaxations = _least_relaxation(below, equal)
     moved = np.flatnonzero(relaxations)
     if not moved.size:
@@ -82,8 +86,11 @@ def _least_relaxation(below: Rows, equal: Rows) -> Array:
     elastic = np.concatenate([np.zeros(u), np.ones(n + 2 * e)])
     answer = minimum(
         elastic,
-        Rows(np.hstack([below.matrix, -np.eye(n), np.zeros((n, 2 * e))]), below.sides),
-        Rows(np.hstack([equal.matrix, np.zeros((e, n)), np.eye(e), -np.eye(e)]), equal.sides),
+        Rows(sparse.hstack([below.matrix, -sparse.eye_array(n), sparse.csr_array((n, 2 * e))]), below.sides),
+        Rows(
+            sparse.hstack([equal.matrix, sparse.csr_array((e, n)), sparse.eye_array(e), -sparse.eye_array(e)]),
+            equal.sides,
+        ),
         [(None, None)] * u + [(0, None)] * (n + 2 * e),
     )
     broken = answer.x[u : u + n]

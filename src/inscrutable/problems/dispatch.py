@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import nnls
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError, ModelError
 from inscrutable.problems.constraints import Polyhedron
+from inscrutable.problems.power_network import PowerNetwork
 from inscrutable.problems.quadratic import QuadraticProblem
 from inscrutable.validation import Array
 
@@ -17,103 +17,107 @@ _BLOWN = 3.0
 """Standard deviations above the mean that wind is taken to reach where a farm's capacity is not said."""
 
 
-@dataclass(frozen=True, eq=False)
-class PowerNetwork:
-    """A transmission network in the direct-current approximation; buses are numbered from 0.
-
-    Formula: flows = PTDF · injections, from the lines' susceptances; generating u costs a u² + b u per hour.
+class DispatchProblem(QuadraticProblem):
+    """The dispatch of a network's generators and wind farms, as `dispatch_problem` makes it.
 
     Args:
-        loads: Demand of every bus, shape (N,), MW.
-        generator_buses: Where the generators are, shape (G,).
-        capacities: Most each can generate, shape (G,), MW, 0 for one that stands still; the least is 0.
-        quadratic_costs: a, shape (G,), cost per MW² and hour.
-        linear_costs: b, shape (G,), cost per MW and hour.
-        line_ends: The two buses of every line, shape (L,2).
-        line_data: Reactance, per unit, and limit, MW, of every line, shape (L,2).
+        hessians: Of the costs, shape (X,G+F,G+F).
+        linear: Of the costs, shape (X,G+F).
+        constants: Of the costs, shape (X,).
+        constraints: Limits of units and lines, and the balance.
+        network: The network.
+        line_rows: Which line each row of the constraints behind those of units limits, and the sign of its flow, shape (K,2).
 
     Raises:
-        InputError: Shapes disagree, a bus does not exist, a capacity is negative, a reactance or limit is not above zero, or
-            the lines do not connect all buses.
+        InputError: As `QuadraticProblem`.
+        ModelError: As `QuadraticProblem`.
 
-    Source: Wood and Wollenberg, Power Generation, Operation, and Control (1996).
+    Source: as `dispatch_problem`.
 
     Example:
         >>> network = PowerNetwork([0.0, 50.0], [0, 1], [80.0, 40.0], [0.02, 0.01], [1.0, 2.0], [[0, 1]], [[0.1, 30.0]])
-        >>> network.transfer_factors().round(2)
-        array([[ 0., -1.]])
+        >>> problem = dispatch_problem(network)
+        >>> schedule = problem.solve([1.0])  # the line is full: the bus behind it pays more
+        >>> print(schedule.round(2), problem.bus_prices(schedule).round(2))
+        [30. 20.] [2.2 2.4]
     """
 
-    loads: Array
-    generator_buses: Array
-    capacities: Array
-    quadratic_costs: Array
-    linear_costs: Array
-    line_ends: Array
-    line_data: Array
+    def __init__(
+        self,
+        hessians: ArrayLike,
+        linear: ArrayLike,
+        constants: ArrayLike,
+        *,
+        constraints: Polyhedron,
+        network: PowerNetwork,
+        line_rows: np.ndarray,
+    ) -> None:
+        super().__init__(hessians, linear, constants, constraints=constraints)
+        self.network, self._line_rows = network, line_rows
 
-    def __post_init__(self) -> None:
-        for name, ndim in (
-            ("loads", 1),
-            ("capacities", 1),
-            ("quadratic_costs", 1),
-            ("linear_costs", 1),
-            ("line_data", 2),
-        ):
-            object.__setattr__(self, name, validation.finite_array(getattr(self, name), name, ndim=ndim))
-        for name in ("generator_buses", "line_ends"):
-            object.__setattr__(self, name, checked_buses(getattr(self, name), len(self.loads), name))
-        g, n_lines = len(self.generator_buses), len(self.line_ends)
-        for name in ("capacities", "quadratic_costs", "linear_costs"):
-            if getattr(self, name).shape != (g,):
-                raise InputError(f"{name} has shape {getattr(self, name).shape}, expected one per generator: {g}")
-        if self.line_ends.shape != (n_lines, 2) or self.line_data.shape != (n_lines, 2):
-            raise InputError(
-                f"line_ends has shape {self.line_ends.shape} and line_data {self.line_data.shape}, expected (L, 2) for both"
-            )
-        if (self.capacities < 0).any():
-            raise InputError(f"capacities has {self.capacities.min():g}; every entry must be at least 0")
-        if (self.line_data <= 0).any():
-            raise InputError(f"line_data has {self.line_data.min():g}; every entry must be above 0")
-        if np.linalg.matrix_rank(self._incidence) < len(self.loads) - 1:
-            raise InputError("the lines do not connect all buses")
+    def bus_prices(self, actions: ArrayLike) -> Array:
+        """Return the price of one MW more at every bus, shape (N,) or (T,N), cost per MW and hour.
 
-    @property
-    def _incidence(self) -> Array:
-        matrix = np.zeros((len(self.line_ends), len(self.loads)))
-        rows = np.arange(len(matrix))
-        matrix[rows, self.line_ends[:, 0]] = 1.0
-        matrix[rows, self.line_ends[:, 1]] -= 1.0
-        return matrix
+        Formula: λ_n = λ − Σ_l (μ_l⁺ − μ_l⁻) PTDF_ln, with λ and μ ≥ 0, μ = 0 at lines below their limits, under which the
+        schedule of every generator is its best: 2 a p + b = λ at its bus, unless it is at a limit. Farms take no part: what
+        they would lose off the schedule is private. The prices are those of non-negative least squares: the nearest where none
+        supports the schedule, and one choice where several do, as where all generators are at limits.
 
-    def transfer_factors(self) -> Array:
-        """Return the flow on every line per MW injected at every bus and taken out at bus 0, shape (L,N)."""
-        flows = self._incidence / self.line_data[:, :1]
-        factors = np.zeros_like(flows)
-        factors[:, 1:] = flows[:, 1:] @ np.linalg.inv((self._incidence.T @ flows)[1:, 1:])
-        return factors
+        Args:
+            actions: Schedules (G+F,) or (T,G+F), MW.
+
+        Raises:
+            InputError: A schedule has another length or is outside the feasible set.
+
+        Cost: one non-negative least-squares problem per schedule.
+        """
+        schedules = self.check_actions(actions)
+        found = np.array([self._prices(each) for each in np.atleast_2d(schedules)])
+        return found[0] if schedules.ndim == 1 else found
+
+    def _prices(self, schedule: Array) -> Array:
+        network, region = self.network, self.constraints
+        g, first = len(network.generator_places), len(region.b_ub) - len(self._line_rows)
+        tight = np.flatnonzero(region.tight_rows(schedule))
+        tight = tight[
+            (tight >= first) | (np.abs(region.A_ub[tight, :g]).sum(axis=1) > 0)
+        ]  # none of a farm's own limits
+        costs = 2.0 * network.quadratic_costs * schedule[:g] + network.slopes
+        ones = np.ones((g, 1))  # a price may have either sign
+        columns = np.hstack([ones, -ones, -region.A_ub[tight, :g].T])
+        scale = np.maximum(np.abs(columns).max(axis=0, initial=0.0), tolerances.ON_FACE)
+        multipliers = nnls(columns / scale, costs)[0] / scale
+        prices = np.full(network.n_buses, multipliers[0] - multipliers[1])
+        full = tight >= first
+        lines, signs = self._line_rows[tight[full] - first].T
+        return np.asarray(prices - (multipliers[2:][full] * signs) @ network.line_factors(lines))
+
+    def __repr__(self) -> str:
+        return f"DispatchProblem({self.n_states} states, {self.n_actions} units, {self.network.n_buses} buses)"
 
 
 def dispatch_problem(
     network: PowerNetwork,
-    wind_buses: ArrayLike,
-    wind_means: ArrayLike,
+    wind_buses: ArrayLike = (),
+    wind_means: ArrayLike | None = None,
     wind_deviations: ArrayLike | None = None,
     *,
     wind_capacities: ArrayLike | None = None,
     penalty: float = 1.0,
     min_slack: float = tolerances.MIN_SLACK,
-) -> QuadraticProblem:
+) -> DispatchProblem:
     """Return the dispatch of generators and wind farms whose public schedule shows a private wind forecast.
 
-    Formula: u = (p, q), generation p_g and scheduled wind q_f; c(i,u) = Σ_g (a_g p_g² + b_g p_g) + κ Σ_f E_i[(q_f − W_f)²]
-    with E_i[(q − W)²] = (q − m_if)² + d_if²: what is promised and not blown is balanced at a price. Σp + Σq meets the load,
-    generators, farms and lines keep their limits: 0 ≤ q_f ≤ w_f.
+    Formula: u = (p, q), generation p_g and scheduled wind q_f; c(i,u) = Σ_g (a_g p_g² + b_g p_g + c_g) +
+    κ Σ_f E_i[(q_f − W_f)²] with E_i[(q − W)²] = (q − m_if)² + d_if²: what is promised and not blown is balanced at a price.
+    Σp + Σq meets the load; generators, farms and lines keep their limits: 0 ≤ q_f ≤ w_f. The buses' angles are eliminated, and
+    a line that no schedule of these units can load to its limit has no row.
 
     Args:
         network: Loads, generators and lines.
-        wind_buses: Where the farms are, shape (F,), numbered from 0; there may be none.
-        wind_means: m, expected wind in each regime, shape (X,F), MW, at least 0.
+        wind_buses: Where the farms are, shape (F,), numbered from 0 or by the network's labels; there may be none.
+        wind_means: m, expected wind in each regime, shape (X,F), MW, at least 0. None, without farms, is one regime: the
+            network's own optimum is `optimal_cost([1.0])`.
         wind_deviations: d, its standard deviations, shape (X,F), MW, at least 0; None is none.
         wind_capacities: w, most that each farm can give, shape (F,), MW, at least 0. None takes what blows at most: the largest
             m_if + 3 d_if of any regime, which a normal forecast exceeds once in 740 hours.
@@ -121,7 +125,7 @@ def dispatch_problem(
         min_slack: As for `Polyhedron`, MW.
 
     Returns:
-        A quadratic problem with G + F coordinates, generators first.
+        A quadratic problem with G + F coordinates, generators first; its `bus_prices` are the buses' prices.
 
     Raises:
         InputError: Shapes disagree, a bus does not exist, a mean, deviation or capacity is negative, there is nothing to
@@ -129,8 +133,8 @@ def dispatch_problem(
         ModelError: The load is more than all units can give, or no schedule meets it within the lines' limits; the rows in
             conflict are named.
 
-    Cost: one inverse of the network's matrix. Source: economic dispatch with direct-current flows, as in MATPOWER (Zimmerman,
-    Murillo-Sánchez, Thomas, IEEE Transactions on Power Systems 26, 2011).
+    Cost: one sparse factorisation of the network's matrix. Source: economic dispatch with direct-current flows, as in MATPOWER
+    (Zimmerman, Murillo-Sánchez, Thomas, IEEE Transactions on Power Systems 26, 2011).
 
     Example:
         >>> network = PowerNetwork([0.0, 50.0], [0, 1], [80.0, 40.0], [0.02, 0.01], [1.0, 2.0], [[0, 1]], [[0.1, 30.0]])
@@ -139,71 +143,107 @@ def dispatch_problem(
         [[30.  13.9  6.1]
          [25.   0.  25. ]]
     """
-    farms = checked_buses(wind_buses, len(network.loads), "wind_buses")
-    means = validation.finite_array(wind_means, "wind_means", ndim=2)
-    if means.shape[1] != len(farms) or not len(means) or (means < 0).any():
-        raise InputError(f"wind_means has shape {means.shape}; expected (X, {len(farms)}) of at least 0 MW")
-    given = np.zeros_like(means) if wind_deviations is None else wind_deviations
-    deviations = validation.finite_array(given, "wind_deviations", ndim=2)
-    if deviations.shape != means.shape or (deviations < 0).any():
-        raise InputError(
-            f"wind_deviations has shape {deviations.shape}; expected {means.shape} as wind_means, at least 0 MW"
-        )
+    if not isinstance(network, PowerNetwork):
+        raise InputError(f"network must be a PowerNetwork, such as load_matpower(path), got {network!r:.60}")
+    farms = network.places(wind_buses, "wind_buses").reshape(-1)
+    means, deviations = _wind(wind_means, wind_deviations, len(farms))
     most = (means + _BLOWN * deviations).max(axis=0) if wind_capacities is None else wind_capacities
     ceilings = validation.finite_array(most, "wind_capacities", ndim=1)
     if ceilings.shape != farms.shape or (ceilings < 0).any():
         raise InputError(f"wind_capacities is {ceilings}; expected one per farm, {len(farms)}, of at least 0 MW")
     price = validation.positive(penalty, "penalty")
     bends = np.concatenate([2.0 * network.quadratic_costs, np.full(len(farms), 2.0 * price)])
-    return QuadraticProblem(
+    region, line_rows = _schedule(network, farms, ceilings, min_slack)
+    return DispatchProblem(
         np.tile(np.diag(bends), (len(means), 1, 1)),
-        np.column_stack([np.tile(network.linear_costs, (len(means), 1)), -2.0 * price * means]),
-        price * (means**2 + deviations**2).sum(axis=1),
-        constraints=_schedule(network, farms, ceilings, min_slack),
+        np.column_stack([np.tile(network.slopes, (len(means), 1)), -2.0 * price * means]),
+        price * (means**2 + deviations**2).sum(axis=1) + network.running_cost,
+        constraints=region,
+        network=network,
+        line_rows=line_rows,
     )
 
 
-def _schedule(network: PowerNetwork, farms: np.ndarray, ceilings: Array, min_slack: float) -> Polyhedron:
-    """Limits of generators, farms and lines, and the balance."""
-    places = np.concatenate([network.generator_buses, farms])
-    size, g = len(places), len(network.generator_buses)
+def _wind(wind_means: ArrayLike | None, wind_deviations: ArrayLike | None, n_farms: int) -> tuple[Array, Array]:
+    """Means and deviations of the farms' wind, shape (X,F)."""
+    if wind_means is None and n_farms:
+        raise InputError(f"wind_means is missing; expected (X, {n_farms}), one mean per regime and farm, MW")
+    means = validation.finite_array(np.zeros((1, 0)) if wind_means is None else wind_means, "wind_means", ndim=2)
+    if means.shape[1] != n_farms or not len(means) or (means < 0).any():
+        raise InputError(f"wind_means has shape {means.shape}; expected (X, {n_farms}) of at least 0 MW")
+    given = np.zeros_like(means) if wind_deviations is None else wind_deviations
+    deviations = validation.finite_array(given, "wind_deviations", ndim=2)
+    if deviations.shape != means.shape or (deviations < 0).any():
+        raise InputError(
+            f"wind_deviations has shape {deviations.shape}; expected {means.shape} as wind_means, at least 0 MW"
+        )
+    return means, deviations
+
+
+def _schedule(
+    network: PowerNetwork, farms: np.ndarray, ceilings: Array, min_slack: float
+) -> tuple[Polyhedron, np.ndarray]:
+    """Limits of generators, farms and lines, and the balance; and which line's, with which sign, the last rows are."""
+    places = np.concatenate([network.generator_places, farms])
+    size, g = len(places), len(network.generator_places)
     if not size:
         raise InputError("the network has no generators and there are no wind farms: nothing can be scheduled")
-    most = np.concatenate([network.capacities, ceilings])
-    load = float(network.loads.sum())
-    if not 0.0 <= load <= most.sum() * (1.0 + tolerances.FEASIBILITY):
+    least, most = np.concatenate([network.outputs, np.column_stack([np.zeros_like(ceilings), ceilings])]).T
+    load = float(network.demand.sum())
+    room = tolerances.FEASIBILITY * max(np.abs(least).sum(), np.abs(most).sum())
+    if not least.sum() - room <= load <= most.sum() + room:
         raise ModelError(
-            f"the load is {load:g} MW, but all units together give 0 to {most.sum():g} MW: {g} generators "
-            f"{network.capacities.sum():g}, {len(farms)} wind farms {ceilings.sum():g}"
+            f"the load is {load:g} MW, but all units together give {least.sum():g} to {most.sum():g} MW: {g} generators "
+            f"{network.outputs[:, 1].sum():g}, {len(farms)} wind farms {ceilings.sum():g}"
         )
-    factors = network.transfer_factors()
-    own, loaded = factors[:, places], factors @ network.loads
-    own = np.where(np.abs(own) > tolerances.ON_FACE, own, 0.0)  # lines that carry one bus's load alone have no row
-    limits = network.line_data[:, 1]
-    ends = [f"{a}-{b}" for a, b in network.line_ends]
-    names = [f"generator {j} at bus {places[j]} >= 0" for j in range(g)]
-    names += [f"wind at bus {bus} >= 0" for bus in farms]
-    names += [f"generator {j} at bus {places[j]} <= {most[j]:g} MW" for j in range(g)]
-    names += [f"wind at bus {places[j]} <= {most[j]:g} MW" for j in range(g, size)]
-    names += [f"line {pair} <= {limit:g} MW" for pair, limit in zip(ends, limits, strict=True)]
-    names += [f"line {pair} >= -{limit:g} MW" for pair, limit in zip(ends, limits, strict=True)]
-    return Polyhedron(
-        np.vstack([-np.eye(size), np.eye(size), own, -own]),
-        np.concatenate([np.zeros(size), most, limits + loaded, limits - loaded]),
+    units = [f"generator {j} at bus {network.bus_labels[place]}" for j, place in enumerate(places[:g])]
+    units += [f"wind at bus {network.bus_labels[place]}" for place in farms]
+    names = [f"{unit} >= {low:g}{' MW' if low else ''}" for unit, low in zip(units, least, strict=True)]
+    names += [f"{unit} <= {high:g} MW" for unit, high in zip(units, most, strict=True)]
+    rows, sides, limited = _line_rows(network, places, (least, most), min_slack)
+    ends, limits = network.line_ends, network.flow_limits
+    names += [
+        f"line {ends[i][0]}-{ends[i][1]} {'<=' if sign > 0 else '>='} {limits[i, int(sign > 0)]:g} MW"
+        for i, sign in limited
+    ]
+    region = Polyhedron(
+        np.vstack([-np.eye(size), np.eye(size), rows]),
+        np.concatenate([-least, most, sides]),
         np.ones((1, size)),
         [load],
         names=[*names, "balance"],
         min_slack=min_slack,
     )
+    return region, limited
 
 
-def checked_buses(value: ArrayLike, n_buses: int, name: str) -> np.ndarray:
-    """Return bus numbers as ints, or raise `InputError` for one that does not exist."""
-    given = np.asarray(value)
-    if given.size and given.dtype.kind not in "iu":
-        raise InputError(f"{name} must be whole numbers of buses, got {value!r}")
-    given = given.astype(np.int64)
-    bad = given[(given < 0) | (given >= n_buses)]
-    if bad.size:
-        raise InputError(f"{name} has bus {int(bad.flat[0])}, expected 0 to {n_buses - 1}")
-    return given
+def _line_rows(
+    network: PowerNetwork, places: np.ndarray, outputs: tuple[Array, Array], min_slack: float
+) -> tuple[Array, Array, np.ndarray]:
+    """The limits of lines that some schedule within the units' limits comes near: rows, sides, numbers and signs (K,2)."""
+    own, loaded = network.transfer_factors(places), network.load_flows()
+    own = np.where(np.abs(own) > tolerances.ON_FACE, own, 0.0)  # nobody's schedule changes what such a line carries
+    rows, sides = (
+        np.vstack([own, -own]),
+        np.concatenate([network.flow_limits[:, 1] - loaded, loaded - network.flow_limits[:, 0]]),
+    )
+    scale = np.abs(rows).max(axis=1, initial=0.0)
+    greatest = _greatest(rows, outputs, float(network.demand.sum()))
+    room = 2.0 * min_slack * scale + tolerances.FEASIBILITY * (1.0 + np.abs(np.where(np.isfinite(sides), sides, 0.0)))
+    near = greatest > sides - room
+    kept = np.flatnonzero(near & ((scale > 0) | (sides < -tolerances.FEASIBILITY)))
+    n_lines = len(own)
+    limited = (
+        np.column_stack([kept % n_lines, np.where(kept < n_lines, 1, -1)]) if n_lines else np.zeros((0, 2), np.int64)
+    )
+    return rows[kept], sides[kept], limited
+
+
+def _greatest(rows: Array, outputs: tuple[Array, Array], load: float) -> Array:
+    """Greatest value of each row (n,U) over schedules within the outputs that meet the load: the best units first."""
+    least, most = outputs
+    order = np.argsort(-rows, axis=1)
+    room = (most - least)[order]
+    before = np.cumsum(room, axis=1) - room
+    more = np.clip(load - least.sum() - before, 0.0, room)
+    return np.asarray(rows @ least + (np.take_along_axis(rows, order, axis=1) * more).sum(axis=1))

@@ -192,7 +192,11 @@ class QuadraticProblem(DecisionProblem):
     @cached_property
     def _vertices(self) -> VertexTable | None:
         """The vertices among which linear costs choose, of ties always the same; None where some cost bends."""
-        if self.hessians.any() or not np.isfinite(self.constraints.bounding_box).all():
+        if self.hessians.any():
+            return None
+        region = self.constraints
+        bounded = all(np.isfinite(side).all() for side in region.coordinate_bounds)  # two programmes a coordinate else
+        if not bounded and not np.isfinite(region.bounding_box).all():
             return None
         return VertexTable(self.linear, self.constraints)
 

@@ -22,8 +22,8 @@ from scipy import sparse
 
 from inscrutable import tolerances
 from inscrutable.errors import InputError
+from inscrutable.mechanisms.calendars import Schedule
 from inscrutable.mechanisms.chains import BeliefChain
-from inscrutable.mechanisms.disclosures import Schedule
 from inscrutable.privacy import Loss, SquaredError
 from inscrutable.privacy.losses import DecisionLoss
 from inscrutable.problems import FiniteProblem

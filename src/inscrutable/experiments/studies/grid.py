@@ -11,9 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.experiments.makers import MAKERS
 from inscrutable.experiments.sections import Section
-from inscrutable.experiments.studies.layout import BudgetSection, FittedWorldSection, GivenWorld, StudyFile
+from inscrutable.experiments.studies.layout import (
+    BudgetSection,
+    DispatchSection,
+    FittedWorldSection,
+    GivenWorld,
+    StudyFile,
+)
 from inscrutable.experiments.studies.tasks import Task, canonical, identity
 
 PER_MARKET = ("world", "problem", "beliefs", "candidates", "repeat")
@@ -46,7 +51,7 @@ class StudyGrid:
     def __init__(self, study: StudyFile, data_hash: str | None = None) -> None:
         self.study = study
         self.worlds = _worlds(study, data_hash)
-        self.problems = variants(study.problem)
+        self.problems = _problems(study, data_hash)
         self.beliefs = variants(study.beliefs)
         self.candidates = variants(study.candidates)
         budgets, nothing = _budgets(study.budgets), Variant.of(None)
@@ -54,7 +59,7 @@ class StudyGrid:
         self.plays = [
             (maker, budget)
             for maker, chosen in makers
-            for budget in (budgets if MAKERS[chosen["name"]].takes_budget(chosen) else (nothing,))
+            for budget in (budgets if study.maker_kinds[chosen["name"]].takes_budget(chosen) else (nothing,))
         ]
         self.adversaries = _joined(study.adversaries)
 
@@ -143,6 +148,17 @@ def _joined(sections: Sequence[Section]) -> list[Variant]:
 
 def _budgets(section: BudgetSection) -> list[Variant]:
     return [Variant.of({"amount": amount, "unit": section.unit, "hold": section.hold}) for amount in section.values]
+
+
+def _problems(study: StudyFile, data_hash: str | None) -> list[Variant]:
+    """The problems; a network of the reader's own is named by the hash of its file."""
+    found = variants(study.problem)
+    if not isinstance(study.problem, DispatchSection):
+        return found
+    if study.problem.network is None:  # as tasks were before there were others
+        plain = [{key: value for key, value in (each.data or {}).items() if key != "convention"} for each in found]
+        return [Variant.of(each) for each in plain]
+    return [Variant.of({**(each.data or {}), "sha256": data_hash}) for each in found]
 
 
 def _worlds(study: StudyFile, data_hash: str | None) -> list[Variant]:

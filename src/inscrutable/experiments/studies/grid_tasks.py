@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +18,21 @@ from inscrutable.experiments.observers import Observed
 from inscrutable.experiments.random_markets import WARM_UP
 from inscrutable.experiments.rivals import wanting
 from inscrutable.experiments.setting import Setting, path_prior
+from inscrutable.experiments.studies.extensions import from_text
 from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid
-from inscrutable.experiments.studies.layout import GivenWorld, StudyFile
+from inscrutable.experiments.studies.layout import GivenWorld
+from inscrutable.experiments.studies.own_parts import OwnProblem, OwnWorld, layout_with
 from inscrutable.experiments.studies.tasks import Task, TaskRunner, Work
-from inscrutable.experiments.studies.worlds import Regimes, drawn_world, given_world, problem_of, regimes_of
+from inscrutable.experiments.studies.worlds import (
+    Regimes,
+    drawn_world,
+    given_world,
+    network_of,
+    own_problem,
+    own_world,
+    problem_of,
+    regimes_of,
+)
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior, filtered_prior, uniform_prior
 from inscrutable.problems import DecisionProblem
@@ -36,9 +48,11 @@ class GridRunner(TaskRunner):
     grid: StudyGrid
 
     def __init__(self, work: Work) -> None:
-        self.study = StudyFile.model_validate_json(work.study)
+        self.study = layout_with(from_text(work.extensions)).model_validate_json(work.study)
         self.grid = StudyGrid(self.study, work.data_hash)
-        self._fitted = [HiddenMarkovModel.from_dict(world) for world in json.loads(work.worlds)]
+        prepared, own = json.loads(work.worlds), getattr(self.study.problem, "network", None)
+        self._network = None if own is None else network_of(prepared[0])
+        self._fitted = [HiddenMarkovModel.from_dict(world) for world in prepared] if own is None else []
         self.setting = lru_cache(_SETTINGS_KEPT)(self._setting)
         self.observed = lru_cache(_OBSERVED_KEPT)(self._observed)
 
@@ -46,7 +60,13 @@ class GridRunner(TaskRunner):
         """Return the measures of one mechanism against one observer."""
         observer = self.grid.adversaries[task.places[-1]].data
         assert observer is not None
-        return figures_of(self.observed(task.places[:-1]), observer, self.study.measures)
+        return figures_of(
+            self.observed(task.places[:-1]),
+            observer,
+            self.study.measures,
+            observers=self.study.observer_kinds,
+            kinds=self.study.measure_kinds,
+        )
 
     def _observed(self, places: tuple[int, ...]) -> Observed:
         setting = self.setting(places[:5])
@@ -59,7 +79,14 @@ class GridRunner(TaskRunner):
         assert maker.data is not None
         chosen = budget.data
         limit = None if chosen is None else setting.budget_of(chosen)
-        found = behave(setting, maker.data, limit, each=chosen is not None and chosen["hold"] == "each", seed=seed)
+        found = behave(
+            setting,
+            maker.data,
+            limit,
+            each=chosen is not None and chosen["hold"] == "each",
+            seed=seed,
+            kinds=self.study.maker_kinds,
+        )
         if found is None:
             raise ModelError(f"the decision maker {maker.data['name']!r} does not suit this problem")
         return Observed(setting, found)
@@ -69,14 +96,22 @@ class GridRunner(TaskRunner):
         regimes = self._regimes(whole)
         section = self.grid.problems[places[1]].data
         assert section is not None
-        problem = problem_of(section, regimes)
+        asked: Any = self.study.problem
+        if isinstance(asked, OwnProblem):
+            problem = own_problem(asked.extension, section, regimes)
+        else:
+            problem = problem_of(section, regimes, self._network)
         prior = self._prior(whole, regimes, problem)
         return wanting(Setting(problem, prior, self._candidates(places[3], problem)), self.study.rival)
 
     def _regimes(self, places: Sequence[int]) -> Regimes:
-        world = self.study.world
+        world: Any = self.study.world  # or one of a user's own
         if isinstance(world, GivenWorld):
             return given_world(world)
+        if isinstance(world, OwnWorld):
+            chosen = self.grid.worlds[places[0]].data
+            assert chosen is not None
+            return own_world(world.extension, chosen)
         if self._fitted:
             return regimes_of(self._fitted[places[0]])
         law, problem = self.grid.worlds[places[0]].data, self.grid.problems[places[1]].data

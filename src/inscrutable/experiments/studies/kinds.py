@@ -6,22 +6,43 @@ A file names its kind; it can name none but these, so that a study file stays pl
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from inscrutable.datasets.matpower import load_matpower
+from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.sections import PlanFile
 from inscrutable.experiments.studies.comparison_tasks import COMPARISON
-from inscrutable.experiments.studies.grid import StudyGrid
+from inscrutable.experiments.studies.extensions import Extension
+from inscrutable.experiments.studies.grid import StudyGrid, variants
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.kind import Kind
-from inscrutable.experiments.studies.layout import FittedWorldSection, StudyFile
+from inscrutable.experiments.studies.layout import DispatchSection, FittedWorldSection, GivenWorld, StudyFile
 from inscrutable.experiments.studies.masked_tasks import MASKED_BASKET
+from inscrutable.experiments.studies.own_parts import layout_with
 from inscrutable.experiments.studies.reproduction_tasks import REPRODUCTION
 from inscrutable.experiments.studies.tables import table_of
-from inscrutable.experiments.studies.worlds import fitted_world, hash_of_data, training_of
+from inscrutable.experiments.studies.worlds import (
+    fitted_world,
+    given_world,
+    hash_of_data,
+    hash_of_network,
+    plain_network,
+    problem_of,
+    training_of,
+)
+
+
+def _network(plan: StudyFile) -> str | None:
+    """The file of a study's own network."""
+    return plan.problem.network if isinstance(plan.problem, DispatchSection) else None
 
 
 def _hash(plan: StudyFile, base: Path) -> str | None:
+    own = _network(plan)
+    if own is not None:
+        return hash_of_network(own, base)
     return hash_of_data(plan.world, base) if isinstance(plan.world, FittedWorldSection) else None
 
 
@@ -29,10 +50,20 @@ def _check(plan: StudyFile, base: Path) -> None:
     if isinstance(plan.world, FittedWorldSection):
         for covariance in plan.world.covariance or (None,):
             training_of(plan.world, max(plan.world.regimes), covariance, base)
+    own = _network(plan)
+    if own is not None and isinstance(plan.world, GivenWorld) and isinstance(plan.problem, DispatchSection):
+        network = load_matpower(base / own, convention=plan.problem.convention)
+        for choice in variants(plan.problem):
+            assert choice.data is not None
+            with suppress(ModelError):  # limits that exclude one another are for rows to say
+                problem_of(choice.data, given_world(plan.world), network)
 
 
 def _fitted(plan: StudyFile, base: Path, grid: StudyGrid) -> list[dict[str, Any]]:
-    """The worlds that are fitted to data, once and here, so that all machines work with the same digits."""
+    """What is read or fitted once and here, so that all machines work with the same digits: worlds, or a network."""
+    own = _network(plan)
+    if own is not None and isinstance(plan.problem, DispatchSection):
+        return [plain_network(load_matpower(base / own, convention=plan.problem.convention))]
     if not isinstance(plan.world, FittedWorldSection):
         return []
     found = []
@@ -57,6 +88,20 @@ OTHER_KINDS: Mapping[str, Kind] = {
 def kind_named(name: str | None) -> Kind:
     """Return a kind by the name in a file; None, where a file has none, is a grid."""
     return OTHER_KINDS.get(name or "", GRID)
+
+
+def layout_of_kind(name: str | None, extensions: tuple[Extension, ...]) -> type[PlanFile]:
+    """Return the layout of a kind's file that may name these extensions.
+
+    Raises:
+        InputError: The kind is no grid, which alone can name some.
+    """
+    kind = kind_named(name)
+    if not extensions:
+        return kind.layout
+    if kind is not GRID:
+        raise InputError(f"a study of kind {name!r} has no place for extensions; expected a grid, which names no kind")
+    return layout_with(extensions)
 
 
 def kind_of(plan: PlanFile) -> Kind:

@@ -6,13 +6,16 @@ with the lists of other keys.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from inscrutable.datasets.matpower import Convention
 from inscrutable.errors import InputError
 from inscrutable.experiments import makers, observers
 from inscrutable.experiments.measures import MEASURES
+from inscrutable.experiments.measures import Measure as MeasureKind
 from inscrutable.experiments.rivals import Rival
 from inscrutable.experiments.sections import (
     AtLeastTwo,
@@ -32,12 +35,14 @@ from inscrutable.experiments.sections import (
 from inscrutable.worlds.covariances import covariance_rule
 
 
-def _named(value: Any) -> Any:
-    """A bare name as a section with nothing but that name."""
+def named(value: Any) -> Any:
+    """Return a bare name as a section with nothing but that name."""
     return {"name": value} if isinstance(value, str) else value
 
 
-def _markowitz_unless_told(value: Any) -> Any:
+def markowitz_unless_told(value: Any) -> Any:
+    """Return a section that names no kind as that of a portfolio."""
+    """Return a section that names no kind as that of a portfolio."""
     return {"kind": "markowitz", **value} if isinstance(value, dict) else value
 
 
@@ -96,9 +101,12 @@ class MarkowitzSection(Section):
 
 
 class DispatchSection(Section):
-    """Generators and wind farms on the IEEE 30-bus network, for a world that is given; buses are numbered from 0."""
+    """Generators and wind farms on a network, for a world that is given: the IEEE 30-bus network, whose buses are numbered
+    from 0, or a MATPOWER case beside the study file, whose buses have its own numbers."""
 
     kind: Literal["dispatch"]
+    network: str | None = None
+    convention: Convention = "powermodels"
     wind_buses: Several[Annotated[int, Field(ge=0)]]
     wind_capacities: Several[NonNegative] | None = None
     penalty: Grid[Positive] = (1.0,)
@@ -134,7 +142,7 @@ class CandidateSection(Section):
 
 World = Annotated[GivenWorld | RandomWorld | FittedWorldSection, Field(discriminator="kind")]
 Problem = Annotated[
-    Annotated[MarkowitzSection | DispatchSection, Field(discriminator="kind")], BeforeValidator(_markowitz_unless_told)
+    Annotated[MarkowitzSection | DispatchSection, Field(discriminator="kind")], BeforeValidator(markowitz_unless_told)
 ]
 Beliefs = Annotated[GridBeliefs | StationaryBeliefs | PathBeliefs, Field(discriminator="kind")]
 MakerSection = (
@@ -151,9 +159,9 @@ MakerSection = (
 )
 """Those that decide on single beliefs; rules with a memory need a law of how beliefs move, which a grid has none of."""
 
-Maker = Annotated[Annotated[MakerSection, Field(discriminator="name")], BeforeValidator(_named)]
+Maker = Annotated[Annotated[MakerSection, Field(discriminator="name")], BeforeValidator(named)]
 ObserverSection = observers.Naive | observers.NearOptimal | observers.BudgetAware | observers.Bayesian | observers.Data
-Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], BeforeValidator(_named)]
+Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], BeforeValidator(named)]
 Measure: Any = Literal[tuple(MEASURES)]
 PAID = "expected_regret"
 """What every grid measures, asked for or not: without it nobody could say whether two decision makers cost the same."""
@@ -176,6 +184,11 @@ class BudgetSection(Section):
 
 class StudyFile(PlanFile):
     """The whole file of a grid, the common kind of study."""
+
+    maker_kinds: ClassVar[Mapping[str, type[makers.MakerSection]]] = makers.MAKERS
+    observer_kinds: ClassVar[Mapping[str, type[observers.ObserverSection]]] = observers.OBSERVERS
+    measure_kinds: ClassVar[Mapping[str, MeasureKind]] = MEASURES
+    extensions: ClassVar[tuple[Any, ...]] = ()
 
     repeats: Count = 1
     world: World

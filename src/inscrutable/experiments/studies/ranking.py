@@ -78,7 +78,8 @@ def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) 
         regret = min([cost for p, cost in costs.items() if means.budgets[p] is not None] or costs.values())
         found = {p: _at(means, setting, p, figure, regret) for p in plays}
         values = {p: each for p, each in found.items() if not np.isnan(each)}
-    sign = MEASURES[means.figures[figure].measure].sign or 1
+    kind = MEASURES.get(means.figures[figure].measure)  # None: of a user's own
+    sign = (kind.sign if kind is not None else 0) or 1
     order = sorted(values, key=lambda p: -sign * values[p])
     spenders = (*order, *(p for p in plays if p not in values))
     return Ranking(

@@ -14,8 +14,9 @@ from pydantic_core import ErrorDetails
 
 from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.sections import PlanFile, expected, shortened
+from inscrutable.experiments.studies.extensions import Extension
 from inscrutable.experiments.studies.grid import StudyGrid, variants
-from inscrutable.experiments.studies.kinds import OTHER_KINDS, kind_named
+from inscrutable.experiments.studies.kinds import OTHER_KINDS, layout_of_kind
 from inscrutable.experiments.studies.layout import DispatchSection, GivenWorld, GridBeliefs, StudyFile
 from inscrutable.experiments.studies.sizes import too_large, too_many
 from inscrutable.experiments.studies.worlds import given_world, problem_of
@@ -26,46 +27,50 @@ _BY_NAME = ("decision_makers", "adversaries")
 StudySource = TomlSource
 
 
-def read_study(path: Path) -> tuple[PlanFile, StudySource]:
+def read_study(path: Path, extensions: tuple[Extension, ...] = ()) -> tuple[PlanFile, StudySource]:
     """Return the study of a TOML file, or raise one `InputError` that says where it is wrong."""
     hint = f"; what was run into it goes on with `inscrutable study resume {path}`"
     data, source = read_toml(path, "study", hint)
-    return checked_study(data, source), source
+    return checked_study(data, source, extensions), source
 
 
-def checked_study(data: Any, source: StudySource) -> PlanFile:
+def checked_study(data: Any, source: StudySource, extensions: tuple[Extension, ...] = ()) -> PlanFile:
     """Return a study from plain data, or raise one `InputError`."""
     data = dict(data) if isinstance(data, Mapping) else data
     if not isinstance(data, dict):
         raise InputError(f"{source.name}: a study is a table of keys, got {type(data).__name__}")
     try:
-        study = _layout(data, source).model_validate(data)
+        study = _layout(data, source, extensions).model_validate(data)
     except ValidationError as error:
         problems = error.errors(include_url=False)
         first = min(problems, key=lambda each: each["type"] != "extra_forbidden")  # a misspelt key explains others
         others = len(problems) - 1
         more = f" (and {others} more {'mistake' if others == 1 else 'mistakes'})" if others else ""
-        raise InputError(_said(first, data, source) + more) from None
+        raise InputError(_said(first, data, source, extensions) + more) from None
     if isinstance(study, StudyFile):
         _check_together(study, source)
     return study
 
 
-def _layout(data: dict[str, Any], source: StudySource | None = None) -> type[PlanFile]:
+def _layout(
+    data: dict[str, Any], source: StudySource | None = None, extensions: tuple[Extension, ...] = ()
+) -> type[PlanFile]:
     """What a file may hold, by the kind that it names; a file that names none is a grid."""
     name = data.get("kind")
     if source is not None and "kind" in data and name not in OTHER_KINDS:
         near = nearest(str(name), OTHER_KINDS)
         raise InputError(f"{source.at(('kind',))}: unknown {shortened(name)}{near}; {_one_of(OTHER_KINDS)}, or no kind")
-    return kind_named(name).layout
+    return layout_of_kind(name, extensions)
 
 
-def _said(problem: ErrorDetails, data: dict[str, Any], source: StudySource) -> str:
+def _said(
+    problem: ErrorDetails, data: dict[str, Any], source: StudySource, extensions: tuple[Extension, ...] = ()
+) -> str:
     place = _without_tags(problem["loc"], data)
     kind, context = problem["type"], problem.get("ctx", {})
     where = source.at(place)
     if kind == "extra_forbidden":
-        known = _known_keys(problem["loc"][:-1], data)
+        known = _known_keys(problem["loc"][:-1], data, extensions)
         return f"{where}: there is no such key{nearest(str(place[-1]), known)}; expected one of: {', '.join(known)}"
     if kind == "missing":
         names = _names_of(place) if place[-1] in StudyFile.model_fields else []
@@ -119,9 +124,11 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
     return [model for part in get_args(annotation) for model in _models(part)]
 
 
-def _known_keys(place: tuple[int | str, ...], data: dict[str, Any]) -> list[str]:
+def _known_keys(
+    place: tuple[int | str, ...], data: dict[str, Any], extensions: tuple[Extension, ...] = ()
+) -> list[str]:
     """The keys of the section in which an unknown one stands."""
-    fields_of = _layout(data).model_fields
+    fields_of = _layout(data, extensions=extensions).model_fields
     if not place:
         return list(fields_of)
     models = _models(fields_of[str(place[0])].annotation)
@@ -168,6 +175,8 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
         )
     with source.saying(("world",)):
         regimes = given_world(world)
+    if getattr(study.problem, "network", None) is not None:  # checked where the file is looked for
+        return
     for choice in variants(study.problem):
         assert choice.data is not None
         with source.saying(("problem",)), suppress(ModelError):  # limits that exclude one another are for rows to say

@@ -6,7 +6,7 @@ import json
 import logging
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -18,6 +18,7 @@ from inscrutable import validation
 from inscrutable.datasets import output_folder, write_json
 from inscrutable.errors import InputError
 from inscrutable.experiments.studies.executors import Executor, in_processes, on_cluster, serial
+from inscrutable.experiments.studies.extensions import as_text, checked_again
 from inscrutable.experiments.studies.kinds import kind_of
 from inscrutable.experiments.studies.store import STORE, Store, created, damaged, locked, opened, speaking
 from inscrutable.experiments.studies.study import PathLike, Study
@@ -71,6 +72,7 @@ def run_study(
     cluster: str | None = None,
     limit: int | None = None,
     progress: Watch | None = None,
+    extensions: Iterable[str] = (),
 ) -> Study:
     """Do every task of a study, and keep their rows in a folder.
 
@@ -81,6 +83,8 @@ def run_study(
         cluster: Address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers then do the tasks.
         limit: Most tasks to do now, spread evenly over the grid; `resume_study` does the others. None does all.
         progress: Called with a `StudyProgress` after every batch of rows.
+        extensions: Parts of your own that its file names: measures, decision makers, observers, problems, emissions, each
+            "module:name", importable where tasks are done.
 
     Returns:
         The study with its rows. The same study gives the same rows, however it was run; a task that fails has a row too.
@@ -108,7 +112,10 @@ def run_study(
         raise InputError(
             "study must be a Study or the path of its file, got a mapping; Study.of(mapping) makes one of it"
         )
-    chosen = study if isinstance(study, Study) else Study.read(study)
+    own = list(extensions) if not isinstance(extensions, str) else extensions
+    chosen = study if isinstance(study, Study) else Study.read(study, extensions=own)
+    if isinstance(study, Study):
+        checked_again(study.extensions, own or [each.spec for each in study.extensions])
     execute = executor(jobs, cluster)
     folder = output_folder(out)
     with locked(folder):
@@ -136,6 +143,7 @@ def resume_study(
     retry: bool = False,
     limit: int | None = None,
     progress: Watch | None = None,
+    extensions: Iterable[str] = (),
 ) -> Study:
     """Do the tasks of a study that have no row yet.
 
@@ -146,6 +154,7 @@ def resume_study(
         retry: Whether tasks that failed are done again.
         limit: As for `run_study`.
         progress: As for `run_study`.
+        extensions: Those that it was begun with; one whose source has changed is refused.
 
     Returns:
         The study with its rows: the same as if it had never stopped.
@@ -170,6 +179,7 @@ def resume_study(
     """
     execute = executor(jobs, cluster)
     place = path_of(folder, "a study's folder")
+    checked_again(Study.load(place).extensions, extensions)
     with closing(opened(place)):
         pass  # say what is wrong with it before anything is written
     with locked(place), closing(opened(place, writable=True)) as store:
@@ -210,11 +220,13 @@ def facts_of(study: Study) -> dict[str, str]:
         "tasks": study.n_tasks,
         "versions": versions(),
         "data_sha256": study.data_hash,
+        **({"extensions": json.loads(as_text(study.extensions))} if study.extensions else {}),
     }
     return {
         "study": study.plan.model_dump_json(),
         "data_hash": study.data_hash or "",
         "worlds": _prepared(study),
+        "extensions": as_text(study.extensions),
         "manifest": json.dumps(manifest),
     }
 
@@ -231,7 +243,9 @@ def _prepared(study: Study) -> str:
 
 def work_of(study: Study, worlds: str) -> Work:
     """Return what processes need to know of a study, with what was prepared for them."""
-    return Work(kind_of(study.plan).runner, study.plan.model_dump_json(), study.data_hash, worlds)
+    return Work(
+        kind_of(study.plan).runner, study.plan.model_dump_json(), study.data_hash, worlds, as_text(study.extensions)
+    )
 
 
 def continued(store: Store, execute: Executor, progress: Watch | None, *, limit: int | None, retry: bool) -> Study:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,8 +16,9 @@ from pydantic import ValidationError
 
 from inscrutable.errors import InputError
 from inscrutable.experiments.sections import PlanFile
+from inscrutable.experiments.studies.extensions import Extension, extensions_of, from_text
 from inscrutable.experiments.studies.grid import StudyGrid
-from inscrutable.experiments.studies.kinds import kind_named, kind_of
+from inscrutable.experiments.studies.kinds import kind_of, layout_of_kind
 from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import means_of
 from inscrutable.experiments.studies.ranking import protection
@@ -88,34 +89,40 @@ class Study:
     data_hash: str | None = None
 
     @classmethod
-    def read(cls, path: PathLike) -> Study:
+    def read(cls, path: PathLike, *, extensions: Iterable[str] = ()) -> Study:
         """Return the study of a TOML file.
+
+        Args:
+            path: The file.
+            extensions: Parts of your own that it may name, each "module:name".
 
         Raises:
             InputError: The file cannot be read, or something in it is wrong: file, line, key, what was expected, and the
                 nearest valid name.
         """
         source = path_of(path, "a study's file")
-        plan, where = read_study(source)
+        plan, where = read_study(source, extensions_of(extensions))
         return cls._of(plan, source.parent, where)
 
     @classmethod
-    def of(cls, data: Mapping[str, Any] | PlanFile, *, base: PathLike = ".") -> Study:
+    def of(cls, data: Mapping[str, Any] | PlanFile, *, base: PathLike = ".", extensions: Iterable[str] = ()) -> Study:
         """Return the study of plain data laid out as a study file is, or of settings; file names are relative to `base`.
 
         Raises:
             InputError: As `read`, without lines.
         """
         source = StudySource("study")
-        plan = data if isinstance(data, PlanFile) else checked_study(data, source)
+        plan = data if isinstance(data, PlanFile) else checked_study(data, source, extensions_of(extensions))
         return cls._of(plan, Path(base), source)
 
     @classmethod
     def _of(cls, plan: PlanFile, base: Path, source: StudySource) -> Study:
         kind, is_grid = kind_of(plan), isinstance(plan, StudyFile)
-        with source.saying(("world", "data") if is_grid else ()):
+        on_network = getattr(getattr(plan, "problem", None), "network", None) is not None
+        key = ("problem", "network") if on_network else ("world", "data")
+        with source.saying(key if is_grid else ()):
             data_hash = kind.data_hash(plan, base)
-        with source.saying(("world",) if is_grid else ()):
+        with source.saying(key[:1] if is_grid else ()):
             kind.check(plan, base)
         return cls(plan, base=base, data_hash=data_hash)
 
@@ -129,15 +136,21 @@ class Study:
         place = path_of(folder, "a study's folder")
         with closing(opened(place)) as store:
             plan, data_hash = store.fact("study"), store.fact("data_hash")
+            own = store.fact("extensions") or "[]"
         try:
             with speaking(place):
                 name = json.loads(plan or "{}").get("kind")
-            found = kind_named(name).layout.model_validate_json(plan or "")
+            found = layout_of_kind(name, from_text(own)).model_validate_json(plan or "")
         except ValidationError as error:
             raise InputError(
                 f"{place} holds a study that this release cannot read: {error.errors()[0]['msg']}"
             ) from None
         return cls(found, place, data_hash=data_hash or None)
+
+    @property
+    def extensions(self) -> tuple[Extension, ...]:
+        """The parts of a user's own that it may name."""
+        return getattr(type(self.plan), "extensions", ())
 
     @cached_property
     def grid(self) -> TaskGrid:

@@ -110,12 +110,14 @@ class Work(NamedTuple):
         study: The study as JSON.
         data_hash: Hash of the data that worlds were fitted to, or None.
         worlds: What was prepared once for all processes, as JSON.
+        extensions: Parts of a user's own, as JSON.
     """
 
     runner: type[TaskRunner]
     study: str
     data_hash: str | None
     worlds: str
+    extensions: str = "[]"
 
 
 class Row(NamedTuple):

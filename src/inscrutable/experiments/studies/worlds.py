@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import fields
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,11 +18,13 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.rivals import weight_limits
+from inscrutable.experiments.studies.extensions import Extension
 from inscrutable.experiments.studies.layout import FittedWorldSection, GivenWorld
 from inscrutable.files import reason
 from inscrutable.problems import (
     DecisionProblem,
     MarkowitzProblem,
+    PowerNetwork,
     dispatch_problem,
 )
 from inscrutable.validation import Array
@@ -63,6 +66,32 @@ def drawn_world(law: dict[str, Any], risk_aversion: float, *, rng: np.random.Gen
 def data_file(section: FittedWorldSection, folder: Path) -> Path | None:
     """Return the file of a study's returns; None for the embedded ones."""
     return None if section.data == EMBEDDED else folder / section.data
+
+
+def hash_of_network(name: str, folder: Path) -> str:
+    """Return the SHA-256 of a network's file, or raise `InputError`."""
+    try:
+        return hashlib.sha256((folder / name).read_bytes()).hexdigest()
+    except (OSError, ValueError) as error:
+        why = reason(error) if isinstance(error, OSError) else error
+        raise InputError(
+            f"the network {folder / name} cannot be read: {why}; expected a MATPOWER case, its place relative to the study file"
+        ) from None
+
+
+def plain_network(network: PowerNetwork) -> dict[str, Any]:
+    """Return a network as plain data, which `network_of` reads."""
+    values = {each.name: np.asarray(getattr(network, each.name)).tolist() for each in fields(network)}
+    return values | {
+        "loads": [[label, load] for label, load in zip(network.bus_labels, network.demand.tolist(), strict=True)]
+    }
+
+
+def network_of(data: Mapping[str, Any]) -> PowerNetwork:
+    """Return the network of plain data."""
+    loads = pd.Series(dict(data["loads"]))
+    arrays = {name: np.array(value) for name, value in data.items() if name != "loads"}
+    return PowerNetwork(loads=loads, **arrays)
 
 
 def hash_of_data(section: FittedWorldSection, folder: Path) -> str:
@@ -114,12 +143,27 @@ def regimes_of(world: HiddenMarkovModel) -> Regimes:
     return Regimes(emission.means, emission.covariances, world)
 
 
-def problem_of(section: dict[str, Any], regimes: Regimes) -> DecisionProblem:
-    """Return the decision problem in given regimes."""
+def own_world(extension: Extension, chosen: Mapping[str, Any]) -> Regimes:
+    """Return the regimes of an observation law of a user's own; its means and covariances, where it has some."""
+    emission = extension.made({}, chosen)
+    world = HiddenMarkovModel(chosen["transition"], emission)
+    nothing = np.zeros((world.n_states, 0))
+    means = getattr(emission, "means", nothing)
+    return Regimes(np.asarray(means), np.asarray(getattr(emission, "covariances", nothing[:, :, None])), world)
+
+
+def own_problem(extension: Extension, chosen: Mapping[str, Any], regimes: Regimes) -> DecisionProblem:
+    """Return a decision problem of a user's own."""
+    found: DecisionProblem = extension.made({"means": regimes.means, "covariances": regimes.covariances}, chosen)
+    return found
+
+
+def problem_of(section: dict[str, Any], regimes: Regimes, network: PowerNetwork | None = None) -> DecisionProblem:
+    """Return the decision problem in given regimes, on a network of the reader's own where there is one."""
     if section["kind"] == "dispatch":
         deviations = np.sqrt(np.diagonal(regimes.covariances, axis1=1, axis2=2))
         return dispatch_problem(
-            load_ieee_30_bus(),
+            load_ieee_30_bus() if network is None else network,
             section["wind_buses"],
             regimes.means,
             deviations,

@@ -59,7 +59,14 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
         sliders=_sliders(means, shown, _WORTH[section.unit]),
         figures=_drawn(means) if status.done else [],
         failures=_failures(study) if status.failed else [],
-        notes=[*_NOTES, *(measure.meaning for name, measure in MEASURES.items() if name in file_of(study).measures)],
+        notes=[
+            *_NOTES,
+            *(
+                measure.meaning
+                for name, measure in file_of(study).measure_kinds.items()
+                if name in file_of(study).measures
+            ),
+        ],
         manifest={**manifest_of(study), **manifest},
         script="study.js" if status.done else None,
         data=page_data(means, shown),
@@ -93,9 +100,14 @@ def _shown(means: StudyMeans) -> list[int]:
     return [int(place) for place in np.unique(np.linspace(0, total - 1, min(room, total)).round())]
 
 
+def _titled(name: str) -> str:
+    """The title of a measure; that of one of a user's own is its name."""
+    return MEASURES[name].title if name in MEASURES else name
+
+
 def title_of(figure: Figure) -> str:
     """Return a figure's title: what it is, and against whom."""
-    return ", ".join(filter(None, [MEASURES[figure.measure].title, figure.observer]))
+    return ", ".join(filter(None, [_titled(figure.measure), figure.observer]))
 
 
 def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTable:

@@ -1,0 +1,302 @@
+"""Networks of a reader's own: MATPOWER cases, and the tables of other packages that have their layout."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from pandas import Series
+
+from inscrutable import tolerances
+from inscrutable.axes import few
+from inscrutable.datasets._matlab import CaseTable, read_case
+from inscrutable.errors import InputError, ModelError
+from inscrutable.files import PathLike
+from inscrutable.problems.power_network import PowerNetwork
+from inscrutable.validation import Array
+
+Convention = Literal["powermodels", "matpower"]
+"""How lines are approximated: as PowerModels.jl does, or as MATPOWER does."""
+
+_NEEDED = {"version": 1, "baseMVA": 1, "bus": 5, "gen": 10, "branch": 11, "gencost": 5, "dcline": 3}
+_UNSUPPORTED = ("A", "l", "u", "N", "H", "Cw", "fparm", "reserves", "softlims", "if", "iflims")
+"""Parts of a case that limit or price what a dispatch here does not know."""
+_ISOLATED = 4
+_PIECES, _POLYNOMIAL = 1, 2
+_WIDEST = np.radians(60.0)
+"""What PowerModels.jl allows angles to differ by where a case says nothing, or 90 degrees and more."""
+_RIGHT_ANGLE = 90.0
+
+
+def load_matpower(path: PathLike, *, convention: Convention = "powermodels") -> PowerNetwork:
+    """Return the network of a MATPOWER case file, version 2.
+
+    Formula: with convention "powermodels" a line carries b (θ_f − θ_t), b = x/(r² + x²); taps and shifts are ignored, a line
+    without reactance carries nothing, and angles differ by at most 60° where the case says nothing, or 90° and more. With
+    "matpower" it carries (θ_f − θ_t − φ)/(x·tap), and angles are limited where the case says so alone.
+
+    Elements out of service and isolated buses are left out. Conductances Gs of shunts are loads. A limit of 0 is none. Buses
+    have the case's own numbers as labels. A generator whose cost is piecewise linear stands as one block per piece, each a
+    unit of its own at the same bus, as it bids.
+
+    Args:
+        path: The file, as `savecase` writes it: numbers alone. Code in it is refused, not run.
+        convention: "powermodels" or "matpower".
+
+    Returns:
+        A network for `dispatch_problem`.
+
+    Raises:
+        InputError: The file cannot be read, holds code, lines of direct current in service or constraints of a user's own, or
+            a table is malformed; the line is named.
+        ModelError: A cost is not convex, or of a degree above two.
+
+    Cost: O(size of the file). Source: MATPOWER's manual, appendix B and section 6.2; Coffrin et al., PowerModels.jl (Power
+    Systems Computation Conference 2018).
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from inscrutable import dispatch_problem
+        >>> case = '''function mpc = two
+        ... mpc.version = '2';
+        ... mpc.baseMVA = 100;
+        ... mpc.bus = [1 3 0 0 0; 7 1 50 0 0];
+        ... mpc.gen = [1 0 0 0 0 1 100 1 80 10; 7 0 0 0 0 1 100 1 40 0];
+        ... mpc.gencost = [2 0 0 3 0.02 1 5; 2 0 0 3 0.01 2 5];
+        ... mpc.branch = [1 7 0 0.1 0 30 0 0 0 0 1 0 0];
+        ... '''
+        >>> with TemporaryDirectory() as folder:
+        ...     _ = (Path(folder) / "two.m").write_text(case)
+        ...     network = load_matpower(Path(folder) / "two.m")
+        >>> print(network)
+        2 buses, 1 lines, 2 generators of 10 to 120 MW, a load of 50 MW
+        >>> print(dispatch_problem(network).solve([1.0]))
+        [30. 20.]
+    """
+    checked_convention(convention)
+    tables, others = read_case(path, _NEEDED)
+    refused = sorted(others & set(_UNSUPPORTED))
+    if refused:
+        raise InputError(f"{path} has {few(refused)}: constraints and costs of a user's own are not read")
+    missing = [name for name in ("baseMVA", "bus", "gen", "branch", "gencost") if name not in tables]
+    if missing:
+        raise InputError(
+            f"{path} has no {few(missing)}; expected a MATPOWER case of version 2 with mpc.{missing[0]} = ..."
+        )
+    version = tables.get("version")
+    if version is not None and version.values[:1, :1].tolist() != [[2.0]]:
+        raise InputError(f"{path} is a case of another version than 2; MATPOWER's savecase writes version 2")
+    lines = tables.get("dcline")
+    if lines is not None and (lines.values[:, 2] > 0).any():
+        raise InputError(
+            f"{path}, line {lines.lines[0]}: dcline has lines of direct current in service, which are not read"
+        )
+    return CaseTables(str(path), tables).network(convention)
+
+
+def checked_convention(convention: str) -> None:
+    """Raise `InputError` for a convention that there is not."""
+    if convention not in get_args(Convention):
+        raise InputError(f"convention must be one of {few(get_args(Convention))}, got {convention!r}")
+
+
+@dataclass(frozen=True)
+class CaseTables:
+    """The tables baseMVA, bus, gen, branch and gencost in MATPOWER's layout.
+
+    Args:
+        source: What they are of, in messages.
+        tables: By name.
+    """
+
+    source: str
+    tables: dict[str, CaseTable]
+
+    def network(self, convention: Convention) -> PowerNetwork:
+        """Return the network; raise what is wrong with a row by its line."""
+        base = self._base()
+        labels, loads = self._buses()
+        generators = self._in_service("gen", 7, (0,), labels)
+        branches = self._in_service("branch", 10, (0, 1), labels)
+        units = _Units()
+        for row in generators:
+            self._add_unit(units, row)
+        ends, data = self._lines(branches, convention, base)
+        try:
+            return PowerNetwork(
+                Series(loads, index=labels),
+                np.array(units.buses, dtype=np.int64),
+                np.array(units.outputs).reshape(-1, 2),
+                np.array(units.bends),
+                np.array(units.slopes).reshape(-1, 2),
+                ends,
+                data,
+            )
+        except InputError as error:
+            raise InputError(f"{self.source}: {error}") from None
+
+    def _at(self, name: str, row: int) -> str:
+        """Where a row stands."""
+        lines = self.tables[name].lines
+        return f"{self.source}, line {lines[row]}" if lines else f"{self.source}, {name} row {row}"
+
+    def _base(self) -> float:
+        values = self.tables["baseMVA"].values
+        if values.shape != (1, 1) or not np.isfinite(values).all() or values[0, 0] <= 0:
+            raise InputError(f"{self.source}: baseMVA must be one number above 0, MVA")
+        return float(values[0, 0])
+
+    def _buses(self) -> tuple[list[int], Array]:
+        """Labels and loads of the buses that are not isolated."""
+        bus = self.tables["bus"].values
+        if not len(bus):
+            raise InputError(f"{self.source}: bus has no rows")
+        self._check_numbers("bus", range(len(bus)), (0, 1, 2, 4))
+        seen: set[float] = set()
+        for row, label in enumerate(bus[:, 0]):
+            if label != round(label) or label in seen:
+                what = "stands twice" if label in seen else "is no whole number"
+                raise InputError(f"{self._at('bus', row)}: the bus {label:g} {what}")
+            seen.add(label)
+        kept = bus[bus[:, 1] != _ISOLATED]
+        if not len(kept):
+            raise InputError(f"{self.source}: every bus is isolated (type {_ISOLATED})")
+        return [int(label) for label in kept[:, 0]], kept[:, 2] + kept[:, 4]
+
+    def _in_service(self, name: str, status: int, ends: tuple[int, ...], labels: list[int]) -> list[int]:
+        """Numbers of the rows that are in service and at no isolated bus."""
+        values = self.tables[name].values
+        isolated = {row[0] for row in self.tables["bus"].values if row[1] == _ISOLATED}
+        known = set(labels)
+        kept = []
+        for row in map(int, np.flatnonzero(~(values[:, status] <= 0))):
+            if np.isnan(values[row, status]):
+                raise InputError(f"{self._at(name, row)}: the status of a {name} is NaN; expected 0 or 1")
+            unknown = [values[row, end] for end in ends if values[row, end] not in known | isolated]
+            if unknown:
+                raise InputError(
+                    f"{self._at(name, row)}: a {name} is at bus {unknown[0]:g}, which is not in the table bus"
+                )
+            if not any(values[row, end] in isolated for end in ends):
+                kept.append(row)
+        return kept
+
+    def _check_numbers(self, name: str, rows: range | list[int], columns: tuple[int, ...]) -> None:
+        values = self.tables[name].values[list(rows)][:, list(columns)]
+        bad = np.argwhere(~np.isfinite(values))
+        if bad.size:
+            row, column = bad[0]
+            raise InputError(
+                f"{self._at(name, list(rows)[row])}: column {columns[column] + 1} of {name} is {values[row, column]}; "
+                "expected a number"
+            )
+
+    def _add_unit(self, units: _Units, row: int) -> None:
+        """Add a generator, or its blocks."""
+        self._check_numbers("gen", [row], (8, 9))
+        values, costs = self.tables["gen"].values[row], self.tables["gencost"].values
+        bus, most, least = int(values[0]), float(values[8]), float(values[9])
+        if least > most:
+            raise InputError(f"{self._at('gen', row)}: Pmin {least:g} MW is above Pmax {most:g} MW")
+        if len(costs) not in (len(self.tables["gen"].values), 2 * len(self.tables["gen"].values)):
+            raise InputError(
+                f"{self.source}: gencost has {len(costs)} rows, expected one per generator: {len(self.tables['gen'].values)}"
+            )
+        kind, size = costs[row, 0], costs[row, 3]
+        width = size * (2 if kind == _PIECES else 1)
+        if kind not in (_PIECES, _POLYNOMIAL) or size != round(size) or not size > 0 or 4 + width > costs.shape[1]:
+            raise InputError(
+                f"{self._at('gencost', row)}: the cost has model {kind:g} and {size:g} numbers; expected model 1 (points) or 2 "
+                f"(coefficients) and numbers that the {costs.shape[1]} columns hold"
+            )
+        given = costs[row, 4 : 4 + int(width)]
+        if not np.isfinite(given).all():
+            raise InputError(f"{self._at('gencost', row)}: a cost is no finite number")
+        if kind == _POLYNOMIAL:
+            high, (a, b, c) = given[:-3], np.concatenate([np.zeros(3), given])[-3:]
+            if high.any() or a < 0:
+                what = "of a degree above two" if high.any() else f"not convex: {a:g} per MW²"
+                raise ModelError(f"{self._at('gencost', row)}: the cost is {what}; expected a convex quadratic")
+            units.add(bus, (least, most), float(a), (float(b), float(c)))
+        else:
+            self._add_blocks(units, row, (bus, least, most), given.reshape(-1, 2))
+
+    def _add_blocks(self, units: _Units, row: int, unit: tuple[int, float, float], points: Array) -> None:
+        """Add a generator of piecewise linear costs: its least output with the first piece, then each piece's width."""
+        bus, least, most = unit
+        if len(points) < 2 or (np.diff(points[:, 0]) <= 0).any():
+            raise InputError(
+                f"{self._at('gencost', row)}: the points of a cost must be two or more with outputs that rise"
+            )
+        slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
+        if (np.diff(slopes) < -tolerances.SYMMETRY * np.abs(slopes).max()).any():
+            raise ModelError(f"{self._at('gencost', row)}: the cost is not convex: its slopes are {few(slopes)} per MW")
+        inner = np.clip(points[1:-1, 0], least, most)
+        starts, ends = np.concatenate([[least], inner]), np.concatenate([inner, [most]])
+        kept = np.flatnonzero(ends > starts)
+        first = int(kept[0]) if kept.size else int(np.searchsorted(points[1:-1, 0], least))
+        cost = points[first, 1] - slopes[first] * points[first, 0]
+        units.add(bus, (least, float(ends[first]) if kept.size else most), 0.0, (float(slopes[first]), float(cost)))
+        for k in kept[1:]:
+            units.add(bus, (0.0, float(ends[k] - starts[k])), 0.0, (float(slopes[k]), 0.0))
+
+    def _lines(self, rows: list[int], convention: Convention, base: float) -> tuple[np.ndarray, Array]:
+        """Ends (L,2) and reactance, least and most flow, driven flow (L,4)."""
+        values = self.tables["branch"].values
+        said = (2, 3, 5, 8, 9) if values.shape[1] < 13 else (2, 3, 5, 8, 9, 11, 12)
+        self._check_numbers("branch", rows, said)
+        angles = np.zeros((len(values), 2)) if values.shape[1] < 13 else values[:, 11:13]
+        ends, data = [], []
+        for row in rows:
+            start, end, r, x, rate, tap, shift = values[row, [0, 1, 2, 3, 5, 8, 9]]
+            if rate < 0 or start == end:
+                what = f"a limit of {rate:g} MW" if rate < 0 else f"bus {start:g} at both ends"
+                raise InputError(f"{self._at('branch', row)}: a branch has {what}")
+            low, high = angles[row]
+            if low > high and high:
+                raise InputError(
+                    f"{self._at('branch', row)}: the angle limits of a branch, {low:g} and {high:g} degrees, exclude each other"
+                )
+            if x == 0 and (r == 0 or convention == "matpower"):
+                raise InputError(f"{self._at('branch', row)}: a branch has no reactance; expected one that is not 0")
+            if x == 0:
+                continue
+            ends.append((int(start), int(end)))
+            data.append(_line((r, x, rate, tap or 1.0, shift), angles[row], convention, base))
+        return np.array(ends, dtype=np.int64).reshape(-1, 2), np.array(data).reshape(-1, 4)
+
+
+class _Units:
+    """Generators as they are collected: buses, least and most outputs, a, and b with c."""
+
+    def __init__(self) -> None:
+        self.buses: list[int] = []
+        self.outputs: list[tuple[float, float]] = []
+        self.bends: list[float] = []
+        self.slopes: list[tuple[float, float]] = []
+
+    def add(self, bus: int, outputs: tuple[float, float], bend: float, slope: tuple[float, float]) -> None:
+        """Add one."""
+        self.buses.append(bus)
+        self.outputs.append(outputs)
+        self.bends.append(bend)
+        self.slopes.append(slope)
+
+
+def _line(values: tuple[float, ...], degrees: Array, convention: Convention, base: float) -> tuple[float, ...]:
+    """Reactance, least and most flow, and driven flow of one line."""
+    r, x, rate, tap, shift = values
+    least, most = np.radians(degrees)
+    if convention == "powermodels":
+        reactance, turned = (r * r + x * x) / x, 0.0
+        unsaid = not degrees.any()
+        least = -_WIDEST if unsaid or degrees[0] <= -_RIGHT_ANGLE else least
+        most = _WIDEST if unsaid or degrees[1] >= _RIGHT_ANGLE else most
+    else:
+        reactance, turned = x * tap, float(np.radians(shift))
+        least, most = (float(side) if side else np.inf * sign for side, sign in ((least, -1.0), (most, 1.0)))
+    flows = sorted(base * (side - turned) / reactance for side in (least, most))
+    limit = rate if rate > 0 else np.inf
+    return reactance, max(flows[0], -limit), min(flows[1], limit), -base * turned / reactance

@@ -1,0 +1,82 @@
+"""Weights of other packages as a frame with one row per decision; none of the packages is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from inscrutable import tolerances
+from inscrutable.axes import few
+from inscrutable.errors import InputError
+
+_CASH = ("cash", "usdollar")
+"""What cvxportfolio calls its last column: the account that is no asset."""
+
+
+def weights_of(given: Any) -> pd.DataFrame:
+    """Return the weights of other packages as `attack_weights` and `audit` read them: one row per decision.
+
+    Formula: PyPortfolioOpt's mapping from asset to weight is one row. Riskfolio's frame has one row per asset, its index, and a
+    column per portfolio, here rows. cvxportfolio's result, or its frame `w`, has one row per time; a column of cash is dropped
+    where it is zero. A Series is one row.
+
+    Args:
+        given: The object.
+
+    Raises:
+        InputError: It is none of these, a weight is no finite number, labels stand twice, or cash is held, which is no asset of
+            a portfolio here.
+
+    Source: the packages' documents.
+
+    Example:
+        >>> weights_of({"Food": 0.25, "Oil": 0.75})
+           Food   Oil
+        0  0.25  0.75
+    """
+    frame = _frame(given)
+    columns = [str(each) for each in frame.columns]
+    if len(set(columns)) < len(columns):
+        raise InputError(
+            f"the weights have the asset {next(each for each in columns if columns.count(each) > 1)!r} more than once"
+        )
+    try:
+        frame = frame.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the weights must be numbers: {error}") from None
+    if not np.isfinite(frame.to_numpy()).all():
+        row, column = np.argwhere(~np.isfinite(frame.to_numpy()))[0]
+        raise InputError(f"the weight of {columns[column]} in row {int(row)} is {float(frame.to_numpy()[row, column])}")
+    cash = [label for label in frame.columns if str(label).lower() in _CASH]
+    for label in cash:
+        held = frame[label].abs().max()
+        if held > tolerances.PUBLISHED_SUM:
+            raise InputError(f"the weights hold up to {held:.3g} in {label!r}, which is no asset of a portfolio here")
+    return frame.drop(columns=cash)
+
+
+def _frame(given: Any) -> pd.DataFrame:
+    held = getattr(given, "w", given)
+    if isinstance(held, Mapping):
+        if not held:
+            raise InputError("the weights are an empty mapping; expected one number per asset")
+        return pd.DataFrame([dict(held)])
+    if isinstance(held, pd.Series):
+        return held.to_frame().T.reset_index(drop=True)
+    if isinstance(held, pd.DataFrame) and held.size:
+        assets = [str(each).lower() for each in held.columns]
+        upright = not isinstance(held.index, pd.DatetimeIndex) and (
+            assets == ["weights"] or all(isinstance(each, int) for each in held.columns)
+        )
+        return held.T.reset_index(drop=True) if upright and _are_names(held.index) else held
+    raise InputError(
+        "weights must be a mapping from assets (PyPortfolioOpt), a frame (Riskfolio, cvxportfolio) or a result with the frame "
+        f"w, got {type(held).__name__}: {few([repr(held)[:60]])}"
+    )
+
+
+def _are_names(index: pd.Index) -> bool:
+    return all(isinstance(each, str) for each in index)

@@ -1,0 +1,186 @@
+"""Networks of pandapower and PyPSA, read from their own objects; neither package is needed to import this."""
+
+from __future__ import annotations
+
+import logging
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from pandas import Series
+
+from inscrutable.axes import few
+from inscrutable.datasets._matlab import CaseTable
+from inscrutable.datasets.matpower import CaseTables, Convention, checked_convention
+from inscrutable.errors import InputError
+from inscrutable.problems.power_network import PowerNetwork
+from inscrutable.validation import Array
+
+_TABLES = ("bus", "gen", "branch", "gencost")
+_LEAST_COLUMNS = {"bus": 5, "gen": 10, "branch": 11, "gencost": 5}
+_LINES, _CLOSED = ("lines", "transformers"), ("links", "stores", "storage_units")
+
+
+def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNetwork:
+    """Return the network of a pandapower net, as pandapower converts it for its optimal flow.
+
+    Formula: as `load_matpower`, of the case that `pandapower.converter.to_ppc(net, mode="opf")` gives.
+
+    Args:
+        net: The net, with limits and costs of its generators. Buses keep its indices; of buses that closed switches join, the
+            first.
+        convention: As for `load_matpower`; pandapower's own is "matpower".
+
+    Returns:
+        A network for `dispatch_problem`.
+
+    Raises:
+        InputError: pandapower is not installed, or cannot convert the net; or as `load_matpower`, with the table's row.
+
+    Cost: pandapower's conversion. Source: Thurner et al., pandapower (IEEE Transactions on Power Systems 33, 2018).
+
+    Example:
+        >>> from_pandapower("net.json")
+        Traceback (most recent call last):
+        ...
+        inscrutable.errors.InputError: net must be a pandapower net with the table bus, got 'net.json'
+    """
+    checked_convention(convention)
+    if not hasattr(getattr(net, "bus", None), "index"):
+        raise InputError(f"net must be a pandapower net with the table bus, got {net!r:.60}")
+    try:
+        converter = import_module("pandapower.converter")
+    except ImportError:
+        raise InputError("a pandapower net needs pandapower: pip install pandapower") from None
+    try:
+        case = converter.to_ppc(net, calculate_voltage_angles=True, init="flat", mode="opf")
+    except Exception as error:  # whatever pandapower says of a net that it cannot convert
+        raise InputError(f"pandapower cannot convert the net: {type(error).__name__}: {error}") from None
+    values = {name: np.real(np.asarray(case[name])).astype(np.float64) for name in _TABLES if name in case}
+    for name in _TABLES:
+        if name not in values or values[name].ndim != 2 or values[name].shape[1] < _LEAST_COLUMNS[name]:
+            raise InputError(f"the net gives no table {name}: expected generators with costs and limits, and branches")
+    _name_buses(net, values)
+    tables = {name: CaseTable(each, ()) for name, each in values.items()}
+    tables["baseMVA"] = CaseTable(np.array([[float(np.real(case["baseMVA"]))]]), ())
+    return CaseTables("the net", tables).network(convention)
+
+
+def _name_buses(net: Any, values: dict[str, Array]) -> None:
+    """Give the converted buses the net's own indices; the first of those that are one."""
+    lookup = getattr(net, "_pd2ppc_lookups", {}).get("bus")
+    if lookup is None:
+        return
+    own: dict[int, int] = {}
+    for index in net.bus.index:
+        own.setdefault(int(lookup[index]), int(index))
+    free = 1 + max(own.values(), default=0)  # buses that only the conversion knows
+    named = {int(number): own.get(int(number), free + k) for k, number in enumerate(values["bus"][:, 0])}
+    for name, columns in (("bus", (0,)), ("gen", (0,)), ("branch", (0, 1))):
+        for column in columns:
+            values[name][:, column] = [named[int(number)] for number in values[name][:, column]]
+
+
+def from_pypsa(network: Any, snapshot: Any = None) -> PowerNetwork:
+    """Return one snapshot of a PyPSA network.
+
+    Formula: a line carries (θ_0 − θ_1 − φ)/x with the effective per-unit reactance that PyPSA finds.
+
+    Args:
+        network: The network. Buses keep their names; what is not active is left out.
+        snapshot: Which of its snapshots; None is the first.
+
+    Returns:
+        A network for `dispatch_problem`.
+
+    Raises:
+        InputError: It is no PyPSA network, has no such snapshot, or has links, stores or storage units in service, or
+            capacities to be extended: a dispatch here knows none.
+
+    Cost: O(elements). Source: Brown, Hörsch, Schlachtberger, PyPSA (Journal of Open Research Software 6, 2018).
+
+    Example:
+        >>> from_pypsa("network.nc")
+        Traceback (most recent call last):
+        ...
+        inscrutable.errors.InputError: network must be a PyPSA network with buses and snapshots, got 'network.nc'
+    """
+    if not all(hasattr(network, name) for name in ("buses", "snapshots", "generators_t")):
+        raise InputError(f"network must be a PyPSA network with buses and snapshots, got {network!r:.60}")
+    if snapshot is None and len(network.snapshots):
+        snapshot = network.snapshots[0]
+    if snapshot not in network.snapshots:
+        raise InputError(f"snapshot {snapshot!r} is none of {few(network.snapshots)}")
+    for name in _CLOSED:
+        kept = _active(getattr(network, name))
+        if len(kept):
+            raise InputError(
+                f"the network has {name} in service ({few(kept.index)}), which a dispatch here does not know"
+            )
+    network.calculate_dependent_values()
+    loads = Series(0.0, index=list(network.buses.index))
+    demand = _at(network, "loads", "p_set", snapshot)
+    for name, row in _active(network.loads).iterrows():
+        loads[row["bus"]] += demand[name]
+    if len(network.shunt_impedances):
+        logging.getLogger(__name__).warning(
+            "inscrutable: shunt impedances are no load of a linear flow in PyPSA; left out"
+        )
+    units = _active(network.generators)
+    _check_fixed(units, "p_nom_extendable", "generators")
+    size = units["p_nom"].to_numpy(dtype=np.float64)
+    least, most, slope, bend = (
+        _at(network, "generators", key, snapshot)[units.index].to_numpy(dtype=np.float64)
+        for key in ("p_min_pu", "p_max_pu", "marginal_cost", "marginal_cost_quadratic")
+    )
+    ends, data = _branches(network, snapshot)
+    return PowerNetwork(
+        loads,
+        units["bus"].to_numpy(dtype=object),
+        np.column_stack([size * least, size * most]),
+        bend,
+        slope,
+        ends,
+        data,
+    )
+
+
+def _active(table: Any) -> Any:
+    return table[table["active"].astype(bool)] if "active" in table and len(table) else table
+
+
+def _check_fixed(table: Any, key: str, what: str) -> None:
+    extendable = table.index[table[key].astype(bool)] if key in table else ()
+    if len(extendable):
+        raise InputError(
+            f"the {what} {few(extendable)} are to be extended; a dispatch here takes capacities as they are"
+        )
+
+
+def _at(network: Any, name: str, key: str, snapshot: Any) -> Series:
+    """An attribute of all elements of a kind at a snapshot, whether it varies or not."""
+    static, varying = getattr(network, name)[key], getattr(network, f"{name}_t")[key]
+    found = static.astype(float).copy()
+    if len(varying.columns):
+        found[varying.columns] = varying.loc[snapshot]
+    return Series(found)
+
+
+def _branches(network: Any, snapshot: Any) -> tuple[np.ndarray, Array]:
+    """Ends (L,2) and reactance, least and most flow, driven flow (L,4) of lines and transformers."""
+    ends: list[Any] = []
+    data: list[tuple[float, ...]] = []
+    for name in _LINES:
+        table = _active(getattr(network, name))
+        _check_fixed(table, "s_nom_extendable", name)
+        if not len(table):
+            continue
+        shares = _at(network, name, "s_max_pu", snapshot)
+        for label, row in table.iterrows():
+            limit = float(row["s_nom"]) * float(shares[label])
+            reactance, shift = float(row["x_pu_eff"]), float(np.radians(row.get("phase_shift", 0.0)))
+            if reactance == 0:
+                raise InputError(f"{name} {label!r} has no reactance; expected one that is not 0")
+            ends.append((row["bus0"], row["bus1"]))
+            data.append((reactance, -limit, limit, -shift / reactance))
+    return np.array(ends, dtype=object).reshape(-1, 2), np.array(data, dtype=np.float64).reshape(-1, 4)

@@ -1,0 +1,244 @@
+"""Parts of a study that a user wrote: named by the caller as "module:name", known by version and source, imported to work.
+
+A study file only uses the names; which module they stand for is said by whoever runs the study, never by a file. What is kept
+with the rows says all that reading them needs, so that results are read without importing anything.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from difflib import get_close_matches
+from functools import lru_cache
+from hashlib import sha256
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from inscrutable.axes import few
+from inscrutable.errors import InputError
+from inscrutable.privacy import PrivacyMeasure
+from inscrutable.problems import DecisionProblem
+
+MEASURE, MAKER, OBSERVER, PROBLEM, EMISSION = "measure", "decision maker", "observer", "problem", "emission"
+GIVEN: Mapping[str, tuple[str, ...]] = {
+    MEASURE: ("mechanism", "prior", "problem"),
+    MAKER: ("problem", "budget", "prior", "candidates", "rng"),
+    OBSERVER: ("problem", "prior", "mechanism", "regret"),
+    PROBLEM: ("means", "covariances"),
+    EMISSION: (),
+}
+"""Parameters that a study fills in, by kind; every other parameter is a key of the study file."""
+
+_SPEC = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
+_PLAIN = (bool, int, float, str)
+
+
+@dataclass(frozen=True)
+class Extension:
+    """A part of a user's own, as plain data.
+
+    Args:
+        spec: Where it is, "module:name".
+        kind: What it is: "measure", "decision maker", "observer", "problem" or "emission".
+        given: Parameters that the study fills in.
+        needed: Parameters that a study file must set.
+        defaults: Parameters that it may set; a list of values is then swept where the default is a number, text or truth.
+        meaning: The first line of its documentation.
+        sign: 1 for a measure that grows with privacy, else 0.
+        sha256: Of the module's source.
+        version: Of the module or its distribution; empty where neither says one.
+    """
+
+    spec: str
+    kind: str
+    given: tuple[str, ...] = ()
+    needed: tuple[str, ...] = ()
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    meaning: str = ""
+    sign: int = 0
+    sha256: str = ""
+    version: str = ""
+
+    @property
+    def name(self) -> str:
+        """What a study file calls it."""
+        return self.spec.partition(":")[2]
+
+    def __hash__(self) -> int:
+        return hash((self.spec, self.sha256))
+
+    def made(self, given: Mapping[str, Any], keys: Mapping[str, Any]) -> Any:
+        """Return the object: made with what the study fills in, of what it asks for, and the file's keys."""
+        thing = loaded(self)
+        known = {*self.needed, *self.defaults}
+        filled = {name: given[name] for name in self.given} | {key: keys[key] for key in keys if key in known}
+        return thing(**filled)
+
+
+def extensions_of(specs: Iterable[str]) -> tuple[Extension, ...]:
+    """Return extensions by what a caller names them, in that order.
+
+    Raises:
+        InputError: A name is malformed, cannot be imported, is no part of a study, or stands twice.
+    """
+    if isinstance(specs, str):
+        raise InputError(f'extensions must be a list such as ["module:name"], got the text {specs!r}')
+    found: dict[str, Extension] = {}
+    for spec in specs:
+        each = _described(spec)
+        if each.name in found:
+            raise InputError(f"two extensions are called {each.name!r}: {found[each.name].spec} and {each.spec}")
+        found[each.name] = each
+    return tuple(found.values())
+
+
+def as_text(extensions: Iterable[Extension]) -> str:
+    """Return extensions as JSON."""
+    return json.dumps([asdict(each) for each in extensions])
+
+
+@lru_cache(maxsize=8)
+def from_text(text: str) -> tuple[Extension, ...]:
+    """Return extensions of JSON; nothing is imported."""
+    lists = ("given", "needed")
+    return tuple(Extension(**each | {name: tuple(each[name]) for name in lists}) for each in json.loads(text))
+
+
+def checked_again(kept: tuple[Extension, ...], specs: Iterable[str]) -> None:
+    """Raise `InputError` unless the caller names the extensions that were kept, and none has changed."""
+    now = {each.spec: each for each in extensions_of(specs)}
+    if set(now) != {each.spec for each in kept}:
+        want = [each.spec for each in kept]
+        raise InputError(f"the study was begun with the extensions {want}; pass extensions={want}, got {list(now)}")
+    for each in kept:
+        if each.sha256 != now[each.spec].sha256:
+            raise InputError(
+                f"the source of {each.spec} has changed since the study was begun (SHA-256 {each.sha256[:12]}…, now "
+                f"{now[each.spec].sha256[:12]}…): its rows would not be of one kind; run into another folder"
+            )
+
+
+@lru_cache(maxsize=64)
+def _thing(spec: str, digest: str) -> Any:
+    thing, found = _imported(spec)
+    if found != digest:
+        raise InputError(f"the source of {spec} is not the one that the study was begun with")
+    return thing
+
+
+def loaded(extension: Extension) -> Any:
+    """Return the class, function or measure itself, imported once per process."""
+    return _thing(extension.spec, extension.sha256)
+
+
+def _imported(spec: str) -> tuple[Any, str]:
+    """What a name stands for, and the hash of its module's source."""
+    if not isinstance(spec, str) or not _SPEC.fullmatch(spec):
+        raise InputError(f'an extension is written as "module:name", got {spec!r:.80}')
+    place, _, name = spec.partition(":")
+    if place == "__main__":
+        raise InputError(
+            f"{spec} is in the script that runs, which other processes cannot import; put it into a module"
+        )
+    try:
+        module = import_module(place)
+    except ModuleNotFoundError as error:
+        near = "" if error.name not in (place, place.partition(".")[0]) else (
+            "; it must be importable where the study runs: install it, or set PYTHONPATH (the study file's folder is not "
+            "looked into)"
+        )  # fmt: skip
+        raise InputError(f"the extension {spec} cannot be imported: {error}{near}") from None
+    except (Exception, SystemExit) as error:  # whatever a user's module does
+        raise InputError(f"the extension {spec} cannot be imported: {type(error).__name__}: {error}") from error
+    if not hasattr(module, name):
+        near_names = get_close_matches(name, [each for each in vars(module) if not each.startswith("_")], n=1)
+        said = f"; did you mean {near_names[0]}?" if near_names else ""
+        raise InputError(f"the module {place} has no {name!r}{said}")
+    source = getattr(module, "__file__", None)
+    if source is None:
+        raise InputError(f"the module {place} has no source file, by which a change could be seen")
+    try:
+        return getattr(module, name), sha256(Path(source).read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"the source of {place} cannot be read: {error.strerror}") from None
+
+
+def _described(spec: str) -> Extension:
+    thing, digest = _imported(spec)
+    kind = _kind(thing)
+    if kind is None:
+        raise InputError(
+            f"{spec} is no part of a study: {thing!r:.60}; expected a PrivacyMeasure or a function of mechanism, prior and "
+            "problem, or a class: a decision maker (decide_many), an observer (infer, estimates), a DecisionProblem, or an "
+            "emission (log_likelihoods, sample)"
+        )
+    given, needed, defaults = _parameters(spec, thing, kind)
+    place = spec.partition(":")[0]
+    meaning = (inspect.getdoc(thing) or "").partition("\n")[0]
+    sign = int(isinstance(thing, PrivacyMeasure) or (inspect.isclass(thing) and issubclass(thing, PrivacyMeasure)))
+    return Extension(spec, kind, given, needed, defaults, meaning, sign, digest, _version(place))
+
+
+def _kind(thing: Any) -> str | None:
+    if isinstance(thing, PrivacyMeasure):
+        return MEASURE
+    if not inspect.isclass(thing):
+        return MEASURE if inspect.isfunction(thing) else None
+    if issubclass(thing, PrivacyMeasure):
+        return MEASURE
+    if issubclass(thing, DecisionProblem):
+        return PROBLEM
+    for kind, methods in (
+        (MAKER, ("decide_many",)),
+        (OBSERVER, ("infer", "estimates")),
+        (EMISSION, ("log_likelihoods", "sample")),
+    ):
+        if all(hasattr(thing, each) for each in methods):
+            return kind
+    return None
+
+
+def _parameters(spec: str, thing: Any, kind: str) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, Any]]:
+    """Parameters that the study fills in, that a file must set, and that it may set with their defaults."""
+    if isinstance(thing, PrivacyMeasure):
+        return (), (), {}
+    given, needed, defaults = [], [], {}
+    for name, each in inspect.signature(thing).parameters.items():
+        if each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD):
+            continue
+        if each.kind is each.POSITIONAL_ONLY:
+            raise InputError(f"{spec} takes {name!r} by position alone; a study passes parameters by name")
+        if name in GIVEN[kind]:
+            given.append(name)
+        elif each.default is each.empty:
+            needed.append(name)
+        else:
+            defaults[name] = _plain(each.default)
+    taken = sorted({"name", "kind", "transition", "disclosure"} & {*needed, *defaults})
+    if taken:
+        raise InputError(f"{spec} has the parameter {taken[0]!r}, which a study file uses itself; call it otherwise")
+    if kind == MEASURE and needed:
+        raise InputError(
+            f"{spec} needs {few(needed)}, but a study names measures alone; expected parameters {GIVEN[MEASURE]}"
+        )
+    return tuple(given), tuple(needed), defaults
+
+
+def _plain(value: Any) -> Any:
+    return value if value is None or isinstance(value, _PLAIN) else None
+
+
+def _version(place: str) -> str:
+    own = getattr(sys.modules[place], "__version__", "")
+    if isinstance(own, str) and own:
+        return own
+    try:
+        return version(place.partition(".")[0])
+    except (PackageNotFoundError, ValueError):
+        return ""

@@ -19,7 +19,7 @@ from inscrutable import (
     cli,
     momentum_alphas,
 )
-from inscrutable.datasets import load_industry_returns, read_covariance
+from inscrutable.datasets import load_industry_returns, read_labelled_matrix
 from inscrutable.experiments.alpha_files import read_linear_world
 
 NAMES = ["Oil", "Food", "Steel"]
@@ -117,11 +117,11 @@ def test_alphas_of_other_names_are_refused(capsys: pytest.CaptureFixture[str], f
 def test_files_that_are_wrong_name_the_place(folder: Path) -> None:
     path = folder / "V.csv"
     path.write_text("asset,Oil,Food\nOil,1,0\nOil,0,1\n")
-    with pytest.raises(InputError, match="line 3: the row 'Oil' stands twice"):
-        read_covariance(path)
+    with pytest.raises(InputError, match="row labels twice: 'Oil'; missing: 'Food'"):
+        read_labelled_matrix(path, is_square=True)
     path.write_text("asset,Oil,Food\nOil,1,0\n")
-    with pytest.raises(InputError, match="no row for the column 'Food'"):
-        read_covariance(path)
+    with pytest.raises(InputError, match="row labels missing: 'Food'"):
+        read_labelled_matrix(path, is_square=True)
     file = folder / "W.json"
     file.write_text(json.dumps({**WORLD, "noise": "none"}), "utf-8")
     with pytest.raises(InputError, match="noise"):

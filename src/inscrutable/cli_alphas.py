@@ -13,6 +13,7 @@ from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, b
 
 if TYPE_CHECKING:
     import numpy as np
+    import pandas as pd
 
     from inscrutable.alphas import AlphaDecisionMaker
 
@@ -68,11 +69,11 @@ class AlphaOptions:
         """Return the rule that the files and numbers say."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
         from inscrutable.budgets import Budget
-        from inscrutable.datasets import read_covariance, read_returns
+        from inscrutable.datasets import read_returns
         from inscrutable.experiments.alpha_files import read_linear_world
 
         if self.covariance is not None:
-            risk: Any = read_covariance(self.covariance)
+            risk: Any = _square(self.covariance)
         else:
             assert self.returns is not None
             history = read_returns(self.returns)
@@ -82,10 +83,18 @@ class AlphaOptions:
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, trading_cost=self.trading_cost),
             asked if isinstance(asked, Budget) else asked.share,
-            prior_covariance=None if self.prior_covariance is None else read_covariance(self.prior_covariance),
+            prior_covariance=None
+            if self.prior_covariance is None
+            else read_labelled_matrix(self.prior_covariance, is_square=True),
             world=None if self.world is None else read_linear_world(self.world),
             objective=self.objective,
         )
+
+
+def _square(path: Path | None) -> pd.DataFrame | None:
+    from inscrutable.datasets import read_labelled_matrix
+
+    return None if path is None else read_labelled_matrix(path, is_square=True)
 
 
 def protect_means(

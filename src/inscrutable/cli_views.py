@@ -127,14 +127,14 @@ def _problem(
 
     from inscrutable.alphas import AlphaProblem, FactorRisk
     from inscrutable.axes import Axis
-    from inscrutable.datasets import read_covariance, read_returns
+    from inscrutable.datasets import read_labelled_matrix, read_returns
     from inscrutable.errors import InputError
     from inscrutable.problems import Polyhedron, max_weights, simplex
 
     assets = list(table.columns)
     risk: Any
     if covariance is not None:
-        given = read_covariance(covariance)
+        given = read_labelled_matrix(covariance, is_square=True)
         Axis("asset", tuple(assets)).order(tuple(given.columns), f"{covariance}")
         risk = given.loc[assets, assets]
     else:

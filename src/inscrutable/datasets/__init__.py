@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from inscrutable.datasets.covariance_table import read_covariance
 from inscrutable.datasets.daily import load_daily_returns
 from inscrutable.datasets.files import output_folder, write_json, write_table
 from inscrutable.datasets.french import IndustryReturns, load_industry_returns
@@ -33,7 +32,6 @@ __all__ = [
     "output_folder",
     "read_13f",
     "read_beliefs",
-    "read_covariance",
     "read_holdings",
     "read_labelled_matrix",
     "read_map",

@@ -273,7 +273,11 @@ def read_weights(path: PathLike, *, assets: Sequence[str]) -> WeightsTable:
 
 
 def read_labelled_matrix(
-    path: PathLike, *, rows: Sequence[str] | None = None, columns: Sequence[str] | None = None
+    path: PathLike,
+    *,
+    rows: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    is_square: bool = False,
 ) -> pd.DataFrame:
     """Read a matrix from a CSV file: row labels in the first column, column labels in the header.
 
@@ -281,6 +285,8 @@ def read_labelled_matrix(
         path: The file.
         rows: Labels to match the rows with and to return them by, in this order; None: as in the file.
         columns: The same of the columns.
+        is_square: Whether rows and columns have the same labels, as those of a covariance; rows are then put in the order of
+            the columns.
 
     Returns:
         Numbers with the labels.
@@ -306,6 +312,8 @@ def read_labelled_matrix(
     if len(table.header) < 2:
         raise InputError(f"{table.path}, line 1: one column, expected row labels and at least one column of numbers")
     labels = [cells[0] for cells in table.rows]
+    if is_square and rows is None:
+        rows = table.header[1:] if columns is None else columns
     wanted = labels if rows is None else _unique(rows, "rows")
     twice = [label for place, label in enumerate(labels) if label in labels[:place]]
     missing = [label for label in wanted if label not in labels]

@@ -83,9 +83,7 @@ class AlphaOptions:
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, trading_cost=self.trading_cost),
             asked if isinstance(asked, Budget) else asked.share,
-            prior_covariance=None
-            if self.prior_covariance is None
-            else read_labelled_matrix(self.prior_covariance, is_square=True),
+            prior_covariance=_square(self.prior_covariance),
             world=None if self.world is None else read_linear_world(self.world),
             objective=self.objective,
         )

@@ -275,7 +275,11 @@ VERBS = {
     ),
     "turnover against nothing": ("protect --model M --belief 0.5,0.5 --turnover 0.1", 3, "--previous"),
     "weights before without a limit": ("protect --model M --belief 0.5,0.5 --previous W", 3, "--turnover"),
-    "turnover of a sequence": ("protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1", 3, "--previous"),
+    "turnover of a sequence": (
+        "protect --model M --belief 0.5,0.5 --state s.json --turnover 0.1",
+        3,
+        "--state has no limit on turnover",
+    ),
     "a budget in words": ("protect --model M --belief 0.5,0.5 --budget lots", 2, "expected a share of |c*|"),
     "a budget below nothing": ("protect --model M --belief 0.5,0.5 --budget -0.1", 3, "must be at least 0"),
     "silence in basis points": ("protect --model M --belief 0.5,0.5 --budget silence:5bp", 2, "expected a share"),

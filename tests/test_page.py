@@ -33,7 +33,7 @@ from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_bac
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.reports import page as page_folder
 from inscrutable.reports import style
-from inscrutable.reports.page import PageContent, PageTable, can_write_pages, write_content, write_page
+from inscrutable.reports.page import PageContent, PageTable, backtest_page, can_write_pages, write_content, write_page
 from inscrutable.reports.page.budget_sweep import BudgetSweep
 from inscrutable.reports.page.writing import embedded
 
@@ -233,6 +233,25 @@ def test_every_budget_holds_the_best_of_the_candidates(found: Backtest, page: Pa
     assert sum(p for _, p, _, _ in atoms) == pytest.approx(1.0, abs=1e-3)
 
 
+def test_the_largest_weights_are_listed_and_the_others_added_up(
+    found: Backtest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(backtest_page, "_MOST_ASSETS", 2)
+    told = data_of(write_page(found, tmp_path / "report.html"))["weights"]
+    assert (told["assets"], told["makers"]) == (list(found.assets), list(found.names))
+    assert len(told["steps"]) == len(found.beliefs)
+    counts = set()
+    for step, (assets, others, rows) in enumerate(told["steps"]):
+        weights = np.array([found.weights(name).iloc[step] for name in found.names])
+        counts.add(others)
+        assert others == max((weights.max(axis=0) > 1e-9).sum() - 2, 0)
+        assert set(assets) >= {int(weights.max(axis=0).argmax())}
+        assert [len(row) for row in rows] == [len(assets) + (others > 0)] * len(weights)
+        assert np.array(rows)[:, : len(assets)] == pytest.approx(1000 * weights[:, assets], abs=0.501)
+        assert np.sum(rows, axis=1) == pytest.approx(1000, abs=1.501)
+    assert max(counts) > 0
+
+
 def test_own_budget_shows_what_was_published(found: Backtest, page: Path) -> None:
     data = data_of(page)
     assert data["amounts"][data["own"]] == found.budget.amount
@@ -428,7 +447,7 @@ def test_keys_move_both_sliders_and_what_they_should(found: Backtest, page: Path
     assert tab.run("document.getElementById('step').value") == "4"
     assert tab.run("document.getElementById('step').getAttribute('aria-valuetext')") == data["dates"][4]
     of_step = {"simplex", "frontier", "now", "privacy", "cost", "beliefs"}
-    assert changed(start, later) == of_step | {"followed", "bits", "errors"}
+    assert changed(start, later) == of_step | {"weights", "followed", "bits", "errors"}
 
     tab.press("Tab")
     assert tab.run("document.activeElement.id") == "budget"
@@ -438,6 +457,10 @@ def test_keys_move_both_sliders_and_what_they_should(found: Backtest, page: Path
     assert tab.run("location.hash") == f"#step=4&budget={len(data['amounts']) - 1}"
     rows = "[...document.querySelectorAll('#now tbody tr')].map(row => [...row.cells].map(cell => cell.textContent))"
     cdm = next(row for row in tab.run(rows) if row[0] == "CDM")
+    held = {row[0]: row[1:] for row in tab.run(rows.replace("#now", "#weights"))}
+    for k, name in enumerate(found.names):
+        for asset, weight in found.weights(name).iloc[4].items():
+            assert float(held.get(asset, ["0.0"] * 3)[k]) == pytest.approx(100 * weight, abs=0.051)
     (atom,) = data["played"]["CDM"][-1][4][0]
     assert float(cdm[1]) == pytest.approx(100 * atom[2], rel=5e-3)
     assert float(cdm[2]) == pytest.approx(atom[3], rel=5e-3)

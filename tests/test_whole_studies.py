@@ -112,6 +112,23 @@ def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
     assert told == [f"{market.note}; 10 beliefs"] * 2
 
 
+def test_compare_takes_the_makers_that_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = [*COMPARE, "--out", str(tmp_path / "out")]
+    names = ["rounding", "CDM, candidates only", "ODM", "rate-distortion"]
+    assert cli.main([*asked, "--makers", ",".join(names)]) == 0
+    table = pd.read_csv(tmp_path / "out" / "comparison.csv")
+    assert list(table["maker"]) == names
+    capsys.readouterr()
+    for wrong, told in (
+        ("CDM,rate distortion", "there is no decision maker 'rate distortion'; did you mean rate-distortion?"),
+        ("cdm", "did you mean CDM?"),
+        ("CDM,,PDM", "there is no decision maker ''; expected some of ODM, CDM"),
+        ("CDM, candidates only,CDM, candidates only", "CDM, candidates only is named more than once"),
+    ):
+        assert cli.main([*asked, "--makers", wrong]) == 3
+        assert told in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_models_file_is_a_market(tmp_path: Path) -> None:
     means, spreads = np.array([[0.02, 0.0], [-0.03, 0.0]]), [0.01 * np.eye(2), 0.09 * np.eye(2)]
     world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], GaussianEmission(means, spreads))

@@ -18,6 +18,7 @@ def compare(
     resolution: Annotated[Whole, Parameter(group=DATA)] = 30,
     rival: Annotated[Path | None, Parameter(group=DATA)] = None,
     budgets: Annotated[str, Parameter(group=PRIVACY)] = "silence:0.25,0.5,0.75,1",
+    makers: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     pairs: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     disclosure: Annotated[str, Parameter(group=PRIVACY)] = "exact",
     jobs: Whole = -1,
@@ -39,6 +40,7 @@ def compare(
         rival: TOML file whose [problem] is what a rival wants the belief for: what the secret and reading are worth to it.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
+        makers: Which decision makers are compared, by the table's names, such as CDM,PDM,rate-distortion; else all.
         pairs: Such as 100,1000: beside them a rival who knows nothing but so many pairs of belief and decision.
         disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
             `inscrutable disclose` compares such schedules. The sequential rule goes by it; the two that trade late or in part
@@ -51,7 +53,7 @@ def compare(
     """
     unit, shares = budgets_of(budgets)
 
-    from inscrutable.experiments.comparison import ComparisonSettings
+    from inscrutable.experiments.comparison import ComparisonSettings, makers_named
     from inscrutable.experiments.comparison_study import compared, comparison_study
     from inscrutable.experiments.rivals import read_rival
     from inscrutable.reports.comparison import terminal_table, write_comparison
@@ -61,7 +63,8 @@ def compare(
     settings = ComparisonSettings(budgets=shares, unit=unit, disclosure=disclosure, pairs=seen, rival=wanted)
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
-    asked = comparison_study(settings, market=market, resolution=resolution, seed=seed)
+    named = None if makers is None else makers_named(makers)
+    asked = comparison_study(settings, named, market=market, resolution=resolution, seed=seed)
     with resumable(folder / STUDY, AGAIN):
         with speech.progress("Decision makers at budgets") as move:
             more: dict[str, Any] = {"again": was_told(folder), "say": speech.log, "progress": move}

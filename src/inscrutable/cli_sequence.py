@@ -27,13 +27,19 @@ def protect_next(
 
     import numpy as np
 
+    from inscrutable.errors import InputError
     from inscrutable.experiments.own_model import investor_of
     from inscrutable.experiments.protect_sequence import protect_step
     from inscrutable.experiments.silence import budget_in
 
     if not state.exists():
         speech.log(f"No sequence in {state} yet: prices that spend the budget in the long run are found first, once.")
-    investor = investor_of(model, limits).after(None)
+    investor = investor_of(model, limits)
+    if investor.turnover is not None:
+        raise InputError(
+            "--state has no limit on turnover: what its rule draws from is the same every month, whatever was published last; "
+            "protect each month by itself with --previous, without --state, or leave turnover out"
+        )
     limit = None if asked is None else budget_in(investor.world, investor.problem, asked)
     rng = None if seed is None else np.random.default_rng(seed)
     found = protect_step(investor, held, state, limit, publish=publish, rng=rng)

@@ -24,6 +24,7 @@ from inscrutable.experiments.observers import DisclosureText, Observed
 from inscrutable.experiments.rivals import Rival, is_own, wanting
 from inscrutable.experiments.sections import Count, NonNegative, Rising, Section
 from inscrutable.experiments.setting import Behaviour, Setting
+from inscrutable.experiments.toml_lines import nearest
 from inscrutable.mechanisms import Disclosure, Prior
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.disclosures import EXACT
@@ -425,6 +426,31 @@ COMPARED: Mapping[str, Mapping[str, Any]] = {
 
 SPENDS_NOTHING = ("ODM",)
 """Those whose expected regret is zero whatever the budget: they are judged once."""
+
+
+def makers_named(text: str) -> tuple[str, ...]:
+    """Return the names in a text such as "CDM,PDM,rate-distortion", or raise `InputError` for one that `COMPARED` lacks.
+
+    Args:
+        text: Names with commas between; a name that has a comma itself is read as one.
+    """
+    parts, names = [part.strip() for part in text.split(",")], []
+    while parts:
+        taken = 2 if ", ".join(parts[:2]) in COMPARED else 1
+        names.append(", ".join(parts[:taken]))
+        del parts[:taken]
+    refuse_unknown(names)
+    if len(set(names)) < len(names):
+        raise InputError(f"decision makers {text}: {max(names, key=names.count)} is named more than once")
+    return tuple(names)
+
+
+def refuse_unknown(names: Iterable[str]) -> None:
+    """Raise `InputError` for the first name that is none of `COMPARED`."""
+    for name in names:
+        if name not in COMPARED:
+            hint = nearest(name, COMPARED) or f"; expected some of {', '.join(COMPARED)}"
+            raise InputError(f"there is no decision maker {name!r}{hint}")
 
 
 def makers_of(names: Iterable[str], setting: Setting | None = None) -> dict[str, Maker]:

@@ -13,9 +13,12 @@ from inscrutable.experiments.studies.whole import Counted, all_rows, rows_of_who
 from inscrutable.files import PathLike
 
 
-def comparison_study(settings: ComparisonSettings, *, market: str, resolution: int, seed: int) -> Study:
-    """Return the shipped study with these settings, market and seed in place of its values."""
+def comparison_study(
+    settings: ComparisonSettings, makers: Sequence[str] | None = None, *, market: str, resolution: int, seed: int
+) -> Study:
+    """Return the shipped study with these settings, decision makers of `COMPARED`, market and seed in place of its values."""
     chosen = settings.model_dump() | {"seed": seed, "market": market, "resolution": resolution}
+    chosen |= {} if makers is None else {"decision_makers": tuple(makers)}
     return Study.of(shipped("comparison") | chosen)
 
 

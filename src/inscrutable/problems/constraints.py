@@ -215,7 +215,7 @@ class Polyhedron:
         Of inequalities with the same direction the tighter one is kept, the first of equal ones: an observer and a search
         count each limit once.
         """
-        if not isinstance(other, Polyhedron):
+        if not isinstance(other, Polyhedron) or other.needs_lift:  # which knows how to meet rows
             return NotImplemented
         if other.n_actions != self.n_actions:
             raise InputError(f"cannot intersect sets in {self.n_actions} and {other.n_actions} coordinates")

@@ -22,6 +22,7 @@ from inscrutable.experiments.comparison import (
     ComparisonTasks,
     makers_of,
     pairs_of,
+    refuse_unknown,
 )
 from inscrutable.experiments.comparison_markets import PAPER, RETURNS, ComparedMarket, market_of
 from inscrutable.experiments.comparison_measures import ComparisonRow
@@ -51,9 +52,7 @@ class ComparisonFile(ComparisonSettings, PlanFile):
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        unknown = [name for name in self.decision_makers if name not in COMPARED]
-        if unknown:
-            raise ValueError(f"there is no decision maker {unknown[0]!r}; expected some of {', '.join(COMPARED)}")
+        refuse_unknown(self.decision_makers)
         return self
 
 

@@ -25,6 +25,9 @@ from inscrutable.validation import Array
 _DIGITS = 4
 _CURVE_POINTS = 64
 _PERCENT = 100.0
+_PER_MILLE = 1000.0
+_MOST_ASSETS = 12
+"""Rows of the weights of one decision; the further assets are added up in one row more."""
 _TRIANGLE = 3
 """Regimes whose beliefs are drawn on a triangle."""
 
@@ -124,7 +127,24 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
             _curves(front, float(scale[t]), float(sweep.amounts[-1])) for t, front in enumerate(sweep.frontiers)
         ],
         "followed": _followed(sweep),
+        "weights": _published_weights(sweep),
     }
+
+
+def _published_weights(sweep: BudgetSweep) -> dict[str, Any]:
+    """At each step [assets, those held beyond them, weights per mille by decision maker, the last that of the others]."""
+    result = sweep.result
+    weights = np.stack([result.weights(name).to_numpy()[sweep.steps] for name in result.names])
+    largest = np.abs(weights).max(axis=0)
+    steps = []
+    for t, most in enumerate(largest):
+        held = int(np.count_nonzero(most >= result.problem.constraints.min_slack))
+        shown = np.sort(np.argsort(-most, kind="stable")[: min(held, _MOST_ASSETS)])
+        each = weights[:, t, shown]
+        others = weights[:, t].sum(axis=1, keepdims=True) - each.sum(axis=1, keepdims=True)
+        rows = [each] if held <= _MOST_ASSETS else [each, others]
+        steps.append([shown, held - len(shown), np.rint(_PER_MILLE * np.hstack(rows)).astype(int)])
+    return {"assets": result.assets, "makers": result.names, "steps": steps}
 
 
 def _followed(sweep: BudgetSweep) -> dict[str, Any] | None:
@@ -259,6 +279,13 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
         ),
         PageFigure(
             "now", "This decision in numbers", "What was played at this budget, what it cost, what was read.", True
+        ),
+        PageFigure(
+            "weights",
+            "Published weights of this decision",
+            "In % of wealth, at the backtest's own budget; of a lottery, the draw."
+            f" At most the {_MOST_ASSETS} largest holdings of anybody; the others are added up.",
+            True,
         ),
         PageFigure(
             "privacy",

@@ -1,7 +1,7 @@
 // The page of a backtest.
 (() => {
   const { data, texts, svg, html, at, closed, marks, line, short, widthOf, empty, chart, cursor, legend, sampleMark, sampleArea, follow, GREY } = Page;
-  const { regimes, makers, looks, beliefs, sets, factor, unit, followed } = data;
+  const { regimes, makers, looks, beliefs, sets, factor, unit, followed, weights } = data;
   const hiding = makers.slice(1);
   const steps = data.dates.length;
   const isLottery = (name) => data.lotteries.includes(name);
@@ -191,21 +191,36 @@
   }
 
   // ---- the numbers of one decision
-  function drawNumbers(step, budget) {
-    const place = document.getElementById("now");
+  // An empty table in a figure; returns how to add a row.
+  function table(id, label, caption, columns) {
+    const place = document.getElementById(id);
     place.replaceChildren();
     place.setAttribute("role", "region");
     place.setAttribute("tabindex", "0");
-    place.setAttribute("aria-label", "This decision in numbers");
-    const table = html(place, "table");
-    html(table, "caption", `${texts.step[step]}: belief ${guess(beliefs[step])} (${regimes.join(", ")})`);
-    const head = html(html(table, "thead"), "tr");
-    for (const text of ["Played", `regret, ${unit}`, "privacy Ψ", "read at face value", "read by one who knows the method"]) html(head, "th", text, { scope: "col" });
-    const body = html(table, "tbody");
-    const row = (cells, kind) => {
-      const made = html(body, "tr", undefined, kind ? { class: kind } : {});
-      cells.forEach((text, k) => html(made, k ? "td" : "th", text, k ? {} : { scope: "row" }));
+    place.setAttribute("aria-label", label);
+    const made = html(place, "table");
+    html(made, "caption", caption);
+    const head = html(html(made, "thead"), "tr");
+    for (const text of columns) html(head, "th", text, { scope: "col" });
+    const body = html(made, "tbody");
+    return (cells, kind) => {
+      const row = html(body, "tr", undefined, kind ? { class: kind } : {});
+      cells.forEach((text, k) => html(row, k ? "td" : "th", text, k ? {} : { scope: "row" }));
     };
+  }
+
+  function drawWeights(step) {
+    const [assets, others, rows] = weights.steps[step];
+    const row = table("weights", "Published weights of this decision", `${texts.step[step]}: % of wealth`, ["Asset", ...weights.makers]);
+    const labels = assets.map((asset) => weights.assets[asset]).concat(others ? [`${others} other${others > 1 ? "s" : ""}`] : []);
+    labels.forEach((label, k) => row([label, ...rows.map((shares) => (shares[k] / 10).toFixed(1))], k < assets.length ? "" : "atom"));
+  }
+
+  function drawNumbers(step, budget) {
+    const row = table(
+      "now", "This decision in numbers", `${texts.step[step]}: belief ${guess(beliefs[step])} (${regimes.join(", ")})`,
+      ["Played", `regret, ${unit}`, "privacy Ψ", "read at face value", "read by one who knows the method"],
+    );
     for (const name of makers) {
       const [atoms, drawn, aware] = entry(name, step, budget);
       const cost = expected(atoms, 2);
@@ -372,6 +387,7 @@
     drawSimplex(step, budget);
     drawFrontier(step, budget);
     drawNumbers(step, budget);
+    drawWeights(step);
     overTime("privacy", step, budget, { part: 3, scale: 1, yLabel: "privacy Ψ", least: 0.01 });
     overTime("cost", step, budget, { part: 2, scale: factor, yLabel: `regret, ${unit}`, least: factor * data.amounts[1] });
     drawBeliefs(step, budget);

@@ -413,13 +413,10 @@ def protect(
         raise UsageError("--publish records a decision: give the file with --state")
     if sum(option is not None for option in (belief, beliefs, weights)) != 1:
         raise UsageError("give one of --belief, --beliefs and --weights")
-    if certify is not None and not 0 < certify < 1:
-        raise UsageError(f"--certify must be a relative gap between 0 and 1, such as 0.01, got {certify:g}")
-    if certify is not None and measure not in ("maximal", "desired"):
-        raise UsageError(f"--certify proves --measure maximal and desired, not {measure}")
-    chosen = measure_of(measure, target)
     if map_ is not None and not normalise:
         raise UsageError("--map says what holdings are called in a file: give --normalise as well")
+    _check_proof(certify, measure)
+    chosen = measure_of(measure, target)
     asked = None if budget is None else budget_of(budget, speech)
     single = None if belief is None else belief_of(belief, "--belief")
 
@@ -449,6 +446,14 @@ def protect(
         return
     _show_protection(found)
     speech.files(files)
+
+
+def _check_proof(certify: float | None, measure: str) -> None:
+    """Refuse a gap that is none, and proofs of measures that have none."""
+    if certify is not None and not 0 < certify < 1:
+        raise UsageError(f"--certify must be a relative gap between 0 and 1, such as 0.01, got {certify:g}")
+    if certify is not None and measure not in ("maximal", "desired"):
+        raise UsageError(f"--certify proves --measure maximal and desired, not {measure}")
 
 
 def _rng_of(seed: int | None) -> Any:

@@ -65,9 +65,10 @@ class BeliefSet(Saved):
             self.dimension, f"beliefs of dimension {self.dimension}"
         )
         names = self.state_names or [f"state {i}" for i in range(self.n_states)]
+        ends = [(f"{low:.3f}", f"{high:.3f}") for low, high in self.bounds()]
         shares = ", ".join(
-            f"{name} {low:.3f}" if high - low < 5e-4 else f"{name} {low:.3f} to {high:.3f}"
-            for name, (low, high) in zip(names, self.bounds(), strict=True)
+            f"{name} {low}" if low == high else f"{name} {low} to {high}"
+            for name, (low, high) in zip(names, ends, strict=True)
         )
         return f"{kind}: {shares}"
 

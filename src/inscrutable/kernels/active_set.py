@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.kernels.lanes import LANES, blank, entry, inverse, load, magnitude, some, spread, store, where
-from inscrutable.kernels.options import kernel, part, woven
+from inscrutable.kernels.options import inlined, internal, kernel
 
 _ROUNDS = 60  # block exchanges before a belief is left to another method; three to six are usual
 _PATIENCE = 3.0  # exchanges in a row that may fail to lower the number of offenders
@@ -36,7 +36,7 @@ _TILE = 4  # rows or columns worked on together; arrays have room for a last til
 _LANES = _SOUND, _SCALE, _OFFENDERS, _FEWEST, _LEFT = 0, 1, 2, 3, 4  # rows of `lanes`; _LEFT is the patience left
 
 
-@part
+@internal
 def _eliminate(matrix: Any, n: int, first: int, rows: int, pivot: float, diagonal: Any, lanes: Any) -> None:
     """Divide rows first to `rows` by L', and where first is 0 make L D; a lane whose pivot shrinks too far is not sound."""
     for j in range(first, n):
@@ -67,7 +67,7 @@ def _eliminate(matrix: Any, n: int, first: int, rows: int, pivot: float, diagona
             store(diagonal, i + 3, load(diagonal, i + 3) - d * d * scale)
 
 
-@part
+@internal
 def _back(matrix: Any, n: int, row: int) -> None:
     """x = L'⁻¹ D⁻¹ x for the row that starts at `row`."""
     for i in range(n - 1, -1, -1):
@@ -77,7 +77,7 @@ def _back(matrix: Any, n: int, row: int) -> None:
             store(matrix, row + k, load(matrix, row + k) - load(matrix, i * n + k) * x)
 
 
-@woven
+@inlined
 def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
     """Put u at its bounds, and at zero where free; list what is free in some lane and what is held in some."""
     lower, upper = region[0], region[1]
@@ -96,7 +96,7 @@ def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
     return n, n_held
 
 
-@woven
+@inlined
 def _assemble(belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: int, n_equal: int, out: Any) -> None:
     """H_FF over A_F, and H_FF once more; a coordinate not free in a lane has a row of the unit matrix and of zeros there."""
     (matrix, curved), size, n_states = out, state.shape[0], belief.shape[0]
@@ -120,7 +120,7 @@ def _assemble(belief: Any, hessians: Any, rows: Any, state: Any, free: Any, n: i
         store(matrix, k, zero)
 
 
-@part
+@internal
 def _residual(belief: Any, costs: Any, region: Any, rows: Any, n_rows: int, room: Any) -> None:
     """H u + g − A'ν in the given rows, reading only the columns of coordinates that are not zero.
 
@@ -178,7 +178,7 @@ def _residual(belief: Any, costs: Any, region: Any, rows: Any, n_rows: int, room
     store(lanes, _SCALE, largest)
 
 
-@part
+@internal
 def _residual_on_face(region: Any, state: Any, n: int, curved: Any, base: Any, room: Any) -> None:
     """H u + g − A'ν in the rows of a lane's free coordinates, from the part `base` that those at their bounds make."""
     u, reduced, nu, _, _, _, lanes, _, free, _ = room
@@ -197,7 +197,7 @@ def _residual_on_face(region: Any, state: Any, n: int, curved: Any, base: Any, r
     store(lanes, _SCALE, largest)
 
 
-@woven
+@inlined
 def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: float, room: Any) -> None:
     """One Newton step of u and ν on the guessed face: from u_F = 0 to its minimiser, then again for the rounding.
 
@@ -235,7 +235,7 @@ def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: f
         store(u, free[a], load(u, free[a]) + load(matrix, last + a))
 
 
-@woven
+@inlined
 def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
     """Move what is free outside its bounds, by more than `near`, or held there against its multiplier; is there any?"""
     u, reduced, _, moved, _, _, lanes, _, _, _ = room
@@ -268,7 +268,7 @@ def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
     return True
 
 
-@woven
+@inlined
 def _settle(region: Any, state: Any, near: float, n: int, curved: Any, base: Any, room: Any) -> Any:
     """Put u inside its bounds, exactly on those it is near; sound where H u + g = A'ν on F and A u = b still hold."""
     u, reduced, _, _, _, _, lanes, _, free, _ = room
@@ -295,7 +295,7 @@ def _settle(region: Any, state: Any, near: float, n: int, curved: Any, base: Any
     store(lanes, _SOUND, good)
 
 
-@woven
+@inlined
 def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, factors: Any, room: Any) -> Any:
     """Exchange until no lane offends; the minimisers are then in the room, where `_SOUND` holds."""
     pivot, near = limits
@@ -333,7 +333,7 @@ def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, 
     return matrix, small, curved, base
 
 
-@woven
+@inlined
 def _sides_of(start: Any, region: Any, state: Any) -> None:
     """−1, 0, +1 for each coordinate of a decision at its lower bound, between, at its upper bound, in every lane."""
     for j in range(start.size):

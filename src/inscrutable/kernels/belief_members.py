@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable.kernels.belief_sets import LARGER, along, band, hull_of, room_for
-from inscrutable.kernels.options import kernel, part, woven
+from inscrutable.kernels.options import inlined, internal, kernel
 from inscrutable.kernels.projection import NO_EQUALITIES, project_in
 from inscrutable.kernels.projection import room_for as projection_room
 
@@ -30,7 +30,7 @@ class Depths(NamedTuple):
     rounding: float
 
 
-@part
+@internal
 def _scaled_rows(rows: Any, n_given: int, size: int, room: Any, touching: float, normals: Any, sides: Any) -> int:
     """Write the rows Q π ≥ 0 and π ≥ 0 in the coordinates of the hull; return how many, −1 where a constant one fails."""
     n_states = rows.shape[1]
@@ -53,7 +53,7 @@ def _scaled_rows(rows: Any, n_given: int, size: int, room: Any, touching: float,
     return count
 
 
-@woven
+@inlined
 def _least_slack(normals: Any, sides: Any, count: int, size: int, place: Any) -> float:
     least = np.inf
     for r in range(count):
@@ -64,7 +64,7 @@ def _least_slack(normals: Any, sides: Any, count: int, size: int, place: Any) ->
     return least
 
 
-@part
+@internal
 def _contradict(normals: Any, sides: Any, count: int, size: int, weights: Any, touching: float) -> bool:
     """Whether the weighted rows prove that no point satisfies all of them, loosened by what touching rows may conflict by."""
     total, conflict = 0.0, 0.0
@@ -84,7 +84,7 @@ def _contradict(normals: Any, sides: Any, count: int, size: int, weights: Any, t
     return bool(conflict - _REACH * np.sqrt(left) > touching * total)
 
 
-@woven
+@inlined
 def _write_member(room: Any, place: Any, out: Any) -> None:
     for s in range(out.size):
         total = room.origin[s]
@@ -133,7 +133,7 @@ def find_members(
                 break
 
 
-@part
+@internal
 def _is_member(equalities: Any, k: int, rows: Any, m: int, point: Any, explained: float) -> bool:
     for r in range(m + point.size):
         if along(rows, m, r, point) < -explained:
@@ -147,7 +147,7 @@ def _is_member(equalities: Any, k: int, rows: Any, m: int, point: Any, explained
     return True
 
 
-@woven
+@inlined
 def _add_bands(hull: Any, size: int, explained: float, normals: Any, sides: Any, count: int) -> int:
     """Write the bands of the hull's directions behind `count` rows; return how many there are then."""
     for axis in range(size):
@@ -161,7 +161,7 @@ def _add_bands(hull: Any, size: int, explained: float, normals: Any, sides: Any,
     return count
 
 
-@part
+@internal
 def distance_in_hull(
     equalities: Any, inequalities: Any, counts: Any, size: int, limits: Any, hull: Any, point: Any
 ) -> float:

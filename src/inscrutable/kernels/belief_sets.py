@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable.kernels.deferred import deferred
-from inscrutable.kernels.options import kernel, part, woven
+from inscrutable.kernels.options import inlined, internal, kernel
 
 LARGER = 2
 """Dimension reported for whatever is not empty, a point or a segment."""
@@ -46,7 +46,7 @@ class Room(NamedTuple):
     directions: Any  # (X-1, X)
 
 
-@part
+@internal
 def room_for(n_rows: int, n_states: int) -> Any:
     """Return space for systems of at most `n_rows` equalities."""
     free = n_states - 1
@@ -61,7 +61,7 @@ def room_for(n_rows: int, n_states: int) -> Any:
     )
 
 
-@woven
+@inlined
 def _rotate(matrix: Any, n_rows: int, p: int, q: int, cosine: float, sine: float) -> None:
     for r in range(n_rows):
         first, second = matrix[r, p], matrix[r, q]
@@ -69,7 +69,7 @@ def _rotate(matrix: Any, n_rows: int, p: int, q: int, cosine: float, sine: float
         matrix[r, q] = sine * first + cosine * second
 
 
-@woven
+@inlined
 def _orthogonalise(room: Any, n_rows: int, rounding: float) -> None:
     """Rotate the columns until they are orthogonal, then sort them by rising length."""
     columns, turn, lengths = room.columns, room.turn, room.lengths
@@ -112,7 +112,7 @@ def _orthogonalise(room: Any, n_rows: int, rounding: float) -> None:
             b -= 1
 
 
-@woven
+@inlined
 def _project(equalities: Any, n_rows: int, basis: Any, room: Any) -> None:
     """columns = P B, target = −P 1/X."""
     n_states, free = basis.shape
@@ -128,7 +128,7 @@ def _project(equalities: Any, n_rows: int, basis: Any, room: Any) -> None:
             room.columns[r, a] = total
 
 
-@woven
+@inlined
 def _residual(equalities: Any, n_rows: int, room: Any, rank: float) -> float:
     """What no belief can remove: a step along a free direction removes at most σ times the simplex's size."""
     worst = 0.0
@@ -145,7 +145,7 @@ def _residual(equalities: Any, n_rows: int, room: Any, rank: float) -> float:
     return worst
 
 
-@part
+@internal
 def hull_of(equalities: Any, n_rows: int, basis: Any, limits: Any, room: Any) -> tuple[int, float, float]:
     """Write the affine hull of P π = 0, 1'π = 1 into `room`; return its dimension (−1 empty), residual and noise."""
     n_states, free = basis.shape
@@ -176,7 +176,7 @@ def hull_of(equalities: Any, n_rows: int, basis: Any, limits: Any, room: Any) ->
     return (n_free if residual <= limits.explained else -1), residual, noise
 
 
-@woven
+@inlined
 def band(room: Any, axis: int, explained: float) -> tuple[float, float]:
     """Lowest and highest coordinate along a free direction at which the residual stays below the tolerance."""
     length = room.lengths[axis]
@@ -185,7 +185,7 @@ def band(room: Any, axis: int, explained: float) -> tuple[float, float]:
     return (room.aligned[axis] - explained) / length, (room.aligned[axis] + explained) / length
 
 
-@woven
+@inlined
 def along(rows: Any, n_rows: int, r: int, vector: Any) -> float:
     """Row r of Q, or of π ≥ 0 after the last one, times a vector."""
     if r >= n_rows:
@@ -196,7 +196,7 @@ def along(rows: Any, n_rows: int, r: int, vector: Any) -> float:
     return total
 
 
-@woven
+@inlined
 def _onto_simplex(room: Any, step: float, out: Any) -> None:
     """out = the point at `step` on the first direction, which lies on the simplex up to rounding, put on it."""
     total = 0.0
@@ -211,7 +211,7 @@ def _onto_simplex(room: Any, step: float, out: Any) -> None:
             out[x] /= total
 
 
-@woven
+@inlined
 def _cut_segment(rows: Any, n_rows: int, noise: float, limits: Any, room: Any) -> tuple[bool, float, float]:
     """Whether the inequalities leave something of a line, and from where to where."""
     low, high = band(room, 0, limits.explained)
@@ -237,7 +237,7 @@ def _cut_segment(rows: Any, n_rows: int, noise: float, limits: Any, room: Any) -
     return True, low, high
 
 
-@part
+@internal
 def cut_hull(rows: Any, n_rows: int, dimension: int, noise: float, limits: Any, room: Any, ends: Any) -> int:
     """Cut a hull of dimension 0 or 1 with Q π ≥ 0 and π ≥ 0; write both ends, return the dimension that is left."""
     if dimension == 0:

@@ -26,11 +26,11 @@ from inscrutable.kernels.faces import (
     row_value,
     settle,
 )
-from inscrutable.kernels.options import bare, kernel, part, whole, woven
+from inscrutable.kernels.options import inlined, integer, internal, kernel, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES, project_in, room_for
 
 # Newton steps onto the rows: from a start, from a step's end, and to see whether they hold.
-_FIRST_TURNS, _LATER_TURNS, _NO_TURNS = whole(8), whole(3), whole(0)
+_FIRST_TURNS, _LATER_TURNS, _NO_TURNS = integer(8), integer(3), integer(0)
 _TRIALS_A_ROUND = 6
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
 SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
@@ -79,7 +79,7 @@ class _Lines(NamedTuple):
     live: Any  # (m,) rows that have come near
 
 
-@woven
+@inlined
 def _loss(aim: Any, y: Any, regret: float) -> float:
     total = 0.0
     for i in range(y.size):
@@ -89,7 +89,7 @@ def _loss(aim: Any, y: Any, regret: float) -> float:
     return float(-aim.sign * np.sqrt(total) + aim.price * regret)
 
 
-@woven
+@inlined
 def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
     """The largest violation of any row, and of the budget relative to itself; rows that come near are marked live."""
     worst = max(over, 0.0)
@@ -101,7 +101,7 @@ def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
     return worst
 
 
-@woven
+@inlined
 def _write_row(slope: Any, value: float, basis: Any, lines: Any, r: int) -> None:
     """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length; a flat one is void."""
     units, n = lines.units, basis.shape[1]
@@ -122,7 +122,7 @@ def _write_row(slope: Any, value: float, basis: Any, lines: Any, r: int) -> None
     lines.lengths[r] = length
 
 
-@bare
+@uncounted
 def _linearise(rows: Any, y: Any, w: Any, place: Any, left: float, basis: Any, lines: Any, slope: Any) -> None:
     """The live rows at y, the budget's last; `slope` (X,) is memory."""
     m = rows.shape[0]
@@ -139,7 +139,7 @@ def _linearise(rows: Any, y: Any, w: Any, place: Any, left: float, basis: Any, l
         _write_row(slope, left, basis, lines, m)
 
 
-@woven
+@inlined
 def _convexified(matrix: Any, n: int, factor: Any) -> None:
     """Factor matrix + shift, with the least of a few shifts that makes it positive definite."""
     size = 0.0
@@ -170,7 +170,7 @@ class StepRoom(NamedTuple):
     projection: Any
 
 
-@part
+@internal
 def step_room(size: int, n_rows: int) -> StepRoom:
     """Return memory for quadratic programmes in `size` coordinates with `n_rows` rows."""
     return StepRoom(
@@ -178,7 +178,7 @@ def step_room(size: int, n_rows: int) -> StepRoom:
     )
 
 
-@bare
+@uncounted
 def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any, room: Any) -> bool:
     """Minimise ½d'Wd + slope·d under rows N d ≥ b: with W = LL' the projection of −L⁻¹ slope in x = L'd.
 
@@ -218,7 +218,7 @@ def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any,
     return True
 
 
-@woven
+@inlined
 def _curvature(curves: Any, rows: Any, aim: Any, y: Any, place: Any, weights: Any, out: Any) -> None:
     """Hessian of the loss minus the weighted rows; the budget's weight is the last. out: ((X,X), memory (X+2,k))."""
     full, scratch = out
@@ -245,7 +245,7 @@ def _curvature(curves: Any, rows: Any, aim: Any, y: Any, place: Any, weights: An
             add_row_curvature(curves, rows[r], y, place.factor, place.slopes, -weights[r], scratch, full)
 
 
-@bare
+@uncounted
 def _model(curves: Any, rows: Any, aim: Any, basis: Any, y: Any, place: Any, held: Any, out: Any) -> None:
     """Slope and Hessian of the step's programme in the reduced coordinates.
 
@@ -282,7 +282,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, y: Any, place: Any, hel
                     hessian[c, d] += 3.0 * size * units[r, c] * units[r, d]
 
 
-@bare
+@uncounted
 def _restore(face: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place: Any, room: Any) -> tuple[bool, float]:
     """Pull y the shortest way onto the linearised rows until all hold: whether they do, and the regret reached.
 
@@ -310,7 +310,7 @@ def _restore(face: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place:
     return False, regret
 
 
-@woven
+@inlined
 def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
     """out = origin + share·basis step."""
     for i in range(origin.size):
@@ -320,7 +320,7 @@ def _move(basis: Any, origin: Any, step: Any, share: float, out: Any) -> None:
         out[i] = total
 
 
-@woven
+@inlined
 def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     """The budget's multiplier if its slope were along y − p: a first guess."""
     length, lean = 0.0, 0.0

@@ -8,24 +8,24 @@ from __future__ import annotations
 
 from typing import Any
 
-from inscrutable.kernels.options import bare
+from inscrutable.kernels.options import uncounted
 
 
-@bare
+@uncounted
 def put(values: Any, out: Any) -> None:
     """Copy `values` (n,) to the first n entries of `out`."""
     for i in range(values.size):
         out[i] = values[i]
 
 
-@bare
+@uncounted
 def put_shifted(values: Any, share: float, step: Any, out: Any) -> None:
     """Fill the first entries of `out` with values + share·step; as many as `step` has."""
     for i in range(step.size):
         out[i] = values[i] + share * step[i]
 
 
-@bare
+@uncounted
 def put_descending(values: Any, order: Any) -> None:
     """Fill `order` (n,) with the places of `values` (n,), the largest first."""
     for i in range(values.size):

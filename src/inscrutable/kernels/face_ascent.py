@@ -18,11 +18,11 @@ import numpy as np
 from inscrutable.kernels.climb import SHORTER, SHORTEST, quadratic_step, step_room
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
-from inscrutable.kernels.options import kernel, part, whole, woven
+from inscrutable.kernels.options import inlined, integer, internal, kernel
 from inscrutable.kernels.projection import project
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
-_NONE = whole(0)
+_NONE = integer(0)
 _WITNESS = 1e-2
 """Curvature of the member's coordinates, as a share of the decision's. Of 840 decisions and lotteries where states outnumber
 actions, .001 loses in 13, up to 25 %; with .1 seven gain, 4 % at most, and three lose .02 %."""
@@ -97,7 +97,7 @@ def set_distance_model(
                 hessian[a, b] -= twist[a, c] * twist[b, c]
 
 
-@part
+@internal
 def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
     """Gradient and Hessian of the expected cost in v."""
     k = w.size - 1
@@ -112,7 +112,7 @@ def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
                 bend[a, c] = total
 
 
-@part
+@internal
 def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float, lines: Any) -> None:
     """The rows at (v, z) and the budget behind them, linear in the step of (v, s), at unit length; flat ones are void."""
     (w, z), (units, sides, lengths) = place, lines
@@ -147,7 +147,7 @@ def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float,
         lengths[r] = length
 
 
-@woven
+@inlined
 def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, lines: Any) -> bool:
     """Move (v, z) onto the rows and the budget by Newton steps; False where that fails."""
     (w, z), (units, sides, _) = place, lines
@@ -178,7 +178,7 @@ def _pull(curves: Any, rows: Any, aim: Any, rules: Any, turns: int, place: Any, 
     return False
 
 
-@part
+@internal
 def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any, known: Any, out: Any) -> float:
     """Slope and Hessian of the step's programme; returns the budget's multiplier.
 
@@ -219,7 +219,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
     return float(weight)
 
 
-@woven
+@inlined
 def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, hessian: Any) -> None:
     """Add the curvature −Σ weight ∂²F/∂v∂s of the rows, and enough across those that held to make the rest matter."""
     n_states, n = basis.shape
@@ -266,7 +266,7 @@ def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, he
         hessian[a, a] += shift
 
 
-@part
+@internal
 def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, member: Any) -> None:
     """A share of the step from (w, z)."""
     k = w.size - 1
@@ -278,7 +278,7 @@ def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, membe
             member[i] += share * basis[i, c] * step[k + c] / _EASE
 
 
-@part
+@internal
 def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: int, room: Any) -> tuple[float, float]:
     """Improve the decision w, explained by z; both are replaced. Returns the value, −∞ where it is lost, and the budget's
     multiplier.

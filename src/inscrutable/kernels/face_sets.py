@@ -11,7 +11,7 @@ from inscrutable.kernels.climb import quadratic_step, step_room
 from inscrutable.kernels.copies import put, put_shifted
 from inscrutable.kernels.face_ascent import cost_model
 from inscrutable.kernels.faces import cholesky
-from inscrutable.kernels.options import bare, part, woven
+from inscrutable.kernels.options import inlined, internal, uncounted
 from inscrutable.kernels.projection import NO_EQUALITIES
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
@@ -21,7 +21,7 @@ _TRIES = 4
 _SHRINK = 0.5
 
 
-@part
+@internal
 def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
     """Move v to the least cost of the face under the true belief, inside the slacks."""
     first, k = face.n_set_rows, w.size - 1
@@ -45,7 +45,7 @@ def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
         put_shifted(w, 1.0, step, w)
 
 
-@bare
+@uncounted
 def dearest(aim: Any, best: float) -> float:
     """The largest regret worth a look: under a price, what costs more is worth less than what is known."""
     if aim.price > 0.0:
@@ -53,7 +53,7 @@ def dearest(aim: Any, best: float) -> float:
     return float(aim.limit)
 
 
-@bare
+@uncounted
 def interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: float) -> tuple[float, float]:
     """The steps along `direction` (k,) that all slacks and the budget allow; empty where the first exceeds the second.
 
@@ -98,7 +98,7 @@ def interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: fl
     return low, high
 
 
-@bare
+@uncounted
 def decision_value(face: Any, aim: Any, rules: Any, trial: Any, nearest: Any, room: Any) -> float:
     """sign·distance − price·regret of the decision at `trial`; −∞ where no belief explains it."""
     distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
@@ -110,7 +110,7 @@ def decision_value(face: Any, aim: Any, rules: Any, trial: Any, nearest: Any, ro
     return float(value)
 
 
-@woven
+@inlined
 def _end_value(face: Any, aim: Any, rules: Any, line: Any, end: float, work: Any) -> tuple[float, float]:
     """The best of a few steps toward the end of a line (w, direction), and its value."""
     w, direction = line
@@ -125,7 +125,7 @@ def _end_value(face: Any, aim: Any, rules: Any, line: Any, end: float, work: Any
     return step, top
 
 
-@woven
+@inlined
 def look_around(face: Any, aim: Any, rules: Any, w: Any, best: float, found: Any, room: Any) -> int:
     """Fill the best decisions (n, k+1) on lines through w, at most one a side; returns how many there are.
 

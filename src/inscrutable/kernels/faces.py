@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import bare_kernel, woven
+from inscrutable.kernels.options import inlined, uncounted_kernel
 
 
-@bare_kernel
+@uncounted_kernel
 def cholesky(matrix: Any, n: int, pivot: float) -> bool:
     """Factor the leading n×n block in place into its lower triangle; False where a pivot shrinks below `pivot`."""
     for j in range(n):
@@ -41,7 +41,7 @@ def cholesky(matrix: Any, n: int, pivot: float) -> bool:
     return True
 
 
-@bare_kernel
+@uncounted_kernel
 def solve_factored(factor: Any, n: int, x: Any) -> None:
     """Overwrite x with (L L')⁻¹ x."""
     for i in range(n):
@@ -56,7 +56,7 @@ def solve_factored(factor: Any, n: int, x: Any) -> None:
         x[i] = total / factor[i, i]
 
 
-@bare_kernel
+@uncounted_kernel
 def settle(curves: Any, y: Any, pivot: float, w: Any, factor: Any, gradients: Any, slopes: Any) -> bool:
     """Fill w (k+1,), the Cholesky factor of H(y), G and T; False where the face has no unique decision."""
     n_states = y.size
@@ -86,7 +86,7 @@ def settle(curves: Any, y: Any, pivot: float, w: Any, factor: Any, gradients: An
     return True
 
 
-@bare_kernel
+@uncounted_kernel
 def place_on_face(origin: Any, span: Any, bounds: Any, near: float, w: Any, out: Any) -> None:
     """Fill the decision u_0 + Z v (U,); a coordinate that is no farther than `near` from a bound of its own is put on it."""
     low, high = bounds
@@ -101,7 +101,7 @@ def place_on_face(origin: Any, span: Any, bounds: Any, near: float, w: Any, out:
         out[j] = total
 
 
-@woven
+@inlined
 def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
     """Σ π_i ½ w'C_i w, from the gradients."""
     k = w.size - 1
@@ -114,7 +114,7 @@ def cost_under(curves: Any, belief: Any, w: Any, gradients: Any) -> float:
     return total
 
 
-@woven
+@inlined
 def regret_slope(belief: Any, gradients: Any, slopes: Any, out: Any) -> None:
     """∂ρ/∂y = −T (G'π)."""
     n_states, k = gradients.shape
@@ -128,7 +128,7 @@ def regret_slope(belief: Any, gradients: Any, slopes: Any, out: Any) -> None:
             out[i] -= total * slopes[i, a]
 
 
-@woven
+@inlined
 def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
     """out += weight (T D' + D T')."""
     n_states, k = slopes.shape
@@ -142,7 +142,7 @@ def add_symmetric(slopes: Any, other: Any, weight: float, out: Any) -> None:
                 out[j, i] += weight * total
 
 
-@woven
+@inlined
 def add_regret_curvature(
     curves: Any, belief: Any, y: Any, gradients: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:
@@ -170,7 +170,7 @@ def add_regret_curvature(
     add_symmetric(slopes, scratch[:n_states], weight, out)
 
 
-@woven
+@inlined
 def row_value(row: Any, y: Any, w: Any) -> float:
     """Σ y_i R_i·w for a row (X, k+1)."""
     total = 0.0
@@ -182,7 +182,7 @@ def row_value(row: Any, y: Any, w: Any) -> float:
     return total
 
 
-@woven
+@inlined
 def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
     """R_i·w − b·T_i for every state i."""
     n_states, k = slopes.shape
@@ -200,7 +200,7 @@ def row_slope(row: Any, y: Any, w: Any, slopes: Any, out: Any) -> None:
                 out[i] -= b * slopes[i, a]
 
 
-@woven
+@inlined
 def add_row_curvature(
     curves: Any, row: Any, y: Any, factor: Any, slopes: Any, weight: float, scratch: Any, out: Any
 ) -> None:

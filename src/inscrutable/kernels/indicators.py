@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import internal, kernel
 
 EMPTY, LARGER, NEVER = -1, 2, 3
 BY_EMPTINESS, BY_CORNERS, BY_DISTANCE = 0, 1, 2
 
 
-@part
+@internal
 def _meets(start: Any, along: Any, kind: int, belief: Any, rule: int, least: float) -> bool:
     if kind == EMPTY or rule == BY_EMPTINESS:
         return kind == EMPTY and rule != BY_CORNERS

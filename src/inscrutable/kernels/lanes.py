@@ -19,12 +19,12 @@ from numba.core.datamodel import models
 from numba.core.imputils import lower_builtin
 from numba.core.typing import templates
 
-from inscrutable.kernels.options import part
+from inscrutable.kernels.options import internal
 
 LANES = 8
 
 
-@part
+@internal
 def blank(n: int) -> Any:
     """An array (n, LANES) of zeros whose rows each fill one line of the processor's cache."""
     line = np.zeros((n + 1) * LANES)

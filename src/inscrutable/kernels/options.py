@@ -21,14 +21,14 @@ def kernel(function: Function) -> Function:
     return cast(Function, _njit(**_counting)(function))
 
 
-def part(function: Function) -> Function:
+def internal(function: Function) -> Function:
     """Compile a function that only kernels call: without the code that takes Python objects apart, which is slow to
     compile."""
     return cast(Function, _njit(**_counting, no_cpython_wrapper=True)(function))
 
 
 def fused(function: Function) -> Function:
-    """Compile as `part` does, with a product and a sum rounded at once: last digits differ between machines."""
+    """Compile as `internal` does, with a product and a sum rounded at once: last digits differ between machines."""
     return cast(Function, _njit(**_counting, no_cpython_wrapper=True, fastmath={"contract"})(function))
 
 
@@ -37,22 +37,22 @@ def summed(function: Function) -> Function:
     return cast(Function, _njit(**_counting, no_cpython_wrapper=True, fastmath={*_ANY_ORDER})(function))
 
 
-def bare(function: Function) -> Function:
+def uncounted(function: Function) -> Function:
     """Compile a function that only kernels call and that allocates nothing, without counting references to its arrays."""
     return cast(Function, _njit(**_options, no_cpython_wrapper=True, _nrt=False)(function))
 
 
-def bare_kernel(function: Function) -> Function:
+def uncounted_kernel(function: Function) -> Function:
     """Compile a function that Python calls as well and that allocates nothing, without counting references."""
     return cast(Function, _njit(**_options, _nrt=False)(function))
 
 
-def woven(function: Function) -> Function:
+def inlined(function: Function) -> Function:
     """Copy a function into its callers before they are compiled, as if it were written there: a loop is then taken by the
     lane, and what is called once is compiled once. Copies of large functions that hold copies are slow to make."""
     return cast(Function, _njit(**_options, inline="always", _nrt=False)(function))
 
 
-def whole(number: int) -> int:
+def integer(number: int) -> int:
     """A whole number of no type of its own: kernels are compiled anew for every plain one that they are called with."""
     return cast(int, np.int64(number))

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, kernel, part, whole, woven
+from inscrutable.kernels.options import inlined, integer, internal, kernel, uncounted
 
-NO_EQUALITIES = whole(0)
-_NONE = whole(0)
+NO_EQUALITIES = integer(0)
+_NONE = integer(0)
 
 
 class ProjectionRoom(NamedTuple):
@@ -30,7 +30,7 @@ class ProjectionRoom(NamedTuple):
     normal: Any  # (n,)
 
 
-@part
+@internal
 def room_for(size: int, n_rows: int) -> ProjectionRoom:
     """Return memory for projections in `size` coordinates on at most `n_rows` rows."""
     return ProjectionRoom(
@@ -39,7 +39,7 @@ def room_for(size: int, n_rows: int) -> ProjectionRoom:
     )  # fmt: skip
 
 
-@woven
+@inlined
 def _orthonormal(rows: Any, active: Any, first: int, n_active: int, basis: Any, upper: Any) -> None:
     """basis (q,n) and upper triangle R with rows[active]' = basis' R, from column `first` on, by modified Gram-Schmidt."""
     size = rows.shape[1]
@@ -62,7 +62,7 @@ def _orthonormal(rows: Any, active: Any, first: int, n_active: int, basis: Any, 
             basis[c, i] /= length
 
 
-@woven
+@inlined
 def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, along: Any) -> float:
     """across = (I − QQ')n, along = R⁻¹Q'n; returns ‖across‖²."""
     size = normal.size
@@ -85,7 +85,7 @@ def _split(normal: Any, n_active: int, basis: Any, upper: Any, across: Any, alon
     return total
 
 
-@woven
+@inlined
 def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, near: float, entered: Any) -> int:
     worst, least = -1, near
     for r in range(n_rows):
@@ -101,7 +101,7 @@ def _most_violated(rows: Any, sides: Any, n_rows: int, n_equal: int, x: Any, nea
     return worst
 
 
-@woven
+@inlined
 def _without(leaving: int, active: Any, eta: Any, n_active: int) -> int:
     """Take an active row out; returns how many are left."""
     for c in range(leaving, n_active - 1):
@@ -110,7 +110,7 @@ def _without(leaving: int, active: Any, eta: Any, n_active: int) -> int:
     return n_active - 1
 
 
-@bare
+@uncounted
 def project_in(
     rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any, room: Any
 ) -> bool:

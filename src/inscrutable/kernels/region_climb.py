@@ -16,14 +16,14 @@ from inscrutable.kernels.climb import Aim, Rules, climb
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.face_ascent import ascend
 from inscrutable.kernels.face_sets import decision_value, look_around, move_to_cheapest
-from inscrutable.kernels.options import bare, part, whole, woven
+from inscrutable.kernels.options import inlined, integer, internal, uncounted
 from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
 
-_ROUNDS = whole(30)  # of a climb; a few times what the slowest of the kept instances took
+_ROUNDS = integer(30)  # of a climb; a few times what the slowest of the kept instances took
 _HALVINGS = 12  # to where borders cross; with 20 no privacy is larger by 1e-5 of itself
 _IMPOSSIBLE = 1e-5  # a probability that counts as zero on a border: what climbs leave of it is larger than rounding
-_NO_ROUNDS = whole(0)
+_NO_ROUNDS = integer(0)
 _STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
 
 
@@ -68,7 +68,7 @@ class ClimbRoom(NamedTuple):
     distance: Any
 
 
-@part
+@internal
 def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
     """Return memory for climbs in a problem."""
     return ClimbRoom(
@@ -77,7 +77,7 @@ def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
     )  # fmt: skip
 
 
-@woven
+@inlined
 def aim_of(aims: Any, t: int, rules: Any) -> Aim:
     """What belief t seeks."""
     return Aim(
@@ -86,7 +86,7 @@ def aim_of(aims: Any, t: int, rules: Any) -> Aim:
     )  # fmt: skip
 
 
-@bare
+@uncounted
 def _is_admissible(face: Any, trial: Any, near: float) -> bool:
     """Whether no slack is negative."""
     for r in range(face.n_set_rows, face.rows.shape[0]):
@@ -98,7 +98,7 @@ def _is_admissible(face: Any, trial: Any, near: float) -> bool:
     return True
 
 
-@bare
+@uncounted
 def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any, s: int, room: Any) -> None:
     """Take over a trial that a belief explains, if it is admissible, affordable and better.
 
@@ -125,7 +125,7 @@ def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any
             numbers[s, 4] = max(weight, 0.0) / distance if is_spent else 0.0
 
 
-@part
+@internal
 def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
     """Fill the spots of `count` climbs from their decoys; what no decoy allows has the value −∞."""
     n_states, y = rules.basis.shape[0], room.decoy
@@ -147,7 +147,7 @@ def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, sp
                     spots.numbers[s, 3] = aim.sign * np.sqrt(max(-2.0 * aim.sign * loss, 0.0))
 
 
-@woven
+@inlined
 def _is_hopeless(spots: Any, floor: float, rules: Any, s: int) -> bool:
     """Whether the farthest decoy found in a region is worth less than what is known: no set is farther than its members.
 
@@ -156,7 +156,7 @@ def _is_hopeless(spots: Any, floor: float, rules: Any, s: int) -> bool:
     return bool(-np.inf < spots.numbers[s, 3] < floor - rules.near)
 
 
-@bare
+@uncounted
 def _was_known(climbs: Any, spots: Any, s: int) -> bool:
     """Whether another climb has looked at the lines of the region."""
     known = climbs.is_known[s]
@@ -165,7 +165,7 @@ def _was_known(climbs: Any, spots: Any, s: int) -> bool:
     return bool(known)
 
 
-@woven
+@inlined
 def _is_on_border(y: Any, k: int) -> bool:
     """Whether a belief in at most k of the states explains a decision with k free coordinates.
 
@@ -177,7 +177,7 @@ def _is_on_border(y: Any, k: int) -> bool:
     return bool(2 <= n_likely <= min(k, y.size - 1))
 
 
-@woven
+@inlined
 def _directions_between(y: Any) -> Any:
     """Orthonormal directions (X, S−1) in which the S probabilities above zero change and their sum does not: Helmert's."""
     n_likely = 0
@@ -195,7 +195,7 @@ def _directions_between(y: Any) -> Any:
     return basis
 
 
-@part
+@internal
 def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) -> float:
     """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier, 0 where it is not known.
 
@@ -234,7 +234,7 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
     return float(weight) if low == 1.0 else 0.0
 
 
-@part
+@internal
 def search_sets(
     count: int, climbs: Any, aim: Any, floor: float, regions: Any, rules: Any, spots: Any, room: Any
 ) -> None:
@@ -288,7 +288,7 @@ def search_sets(
                     break
 
 
-@woven
+@inlined
 def _with_equalities(face: Any) -> Any:
     """The rows of a region behind the k equalities of stationarity, at the size of the gradients."""
     curves, rows, _, scale = face

@@ -13,7 +13,7 @@ import numpy as np
 
 from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
-from inscrutable.kernels.options import bare, bare_kernel, kernel, part, woven
+from inscrutable.kernels.options import inlined, internal, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.region_climb import (
     ClimbRoom,
     Climbs,
@@ -111,7 +111,7 @@ class Turn(NamedTuple):
     climb: ClimbRoom
 
 
-@part
+@internal
 def _turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
     """Return memory for searches in a problem with turns of at most so many climbs."""
     size, number = n_actions + 1, np.int64
@@ -139,7 +139,7 @@ class Tolerances(NamedTuple):
     patience: int  # regions whose neighbours are searched in vain before a search ends
 
 
-@bare
+@uncounted
 def _top(reached: Any, t: int, what: int) -> float:
     """The largest value (0) or potential (3) of what was reached."""
     top = -np.inf
@@ -148,7 +148,7 @@ def _top(reached: Any, t: int, what: int) -> float:
     return top
 
 
-@bare
+@uncounted
 def _orthant(belief: Any, point: Any) -> int:
     """In which directions a belief lies from a point: a bit a state."""
     bits = 0
@@ -157,7 +157,7 @@ def _orthant(belief: Any, point: Any) -> int:
     return bits
 
 
-@woven
+@inlined
 def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int) -> None:
     """Keep the best decision of each region and orthant; where there is no room the worst goes."""
     number, orthant = place_of
@@ -193,14 +193,14 @@ def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int)
         put(place[s] if is_nearest else far_place[s], reached.far_place[t, e])
 
 
-@bare
+@uncounted
 def _key(region: int, source: int, decoy: Any, point: Any) -> int:
     """What is tried once: a region from the best decision of a neighbour, and from other beliefs of each orthant."""
     kind = 0 if source == BEST else 1 + _orthant(decoy, point)
     return int(region * 2 ** (point.size + 1) + kind)
 
 
-@woven
+@inlined
 def _is_new(reached: Any, t: int, number: int) -> bool:
     """Mark a start in a region as tried; False where it was, or where no room is left: the search ends after this turn."""
     count = reached.n_tried[t]
@@ -215,7 +215,7 @@ def _is_new(reached: Any, t: int, number: int) -> bool:
     return True
 
 
-@bare
+@uncounted
 def _ask_in(turn: Any, number: int, source: int) -> None:
     """Ask for a climb in a region."""
     j = turn.n_climbs[0]
@@ -223,7 +223,7 @@ def _ask_in(turn: Any, number: int, source: int) -> None:
     turn.n_climbs[0] += 1
 
 
-@bare
+@uncounted
 def _ask(regions: Any, number: int, row: int, source: int, t: int, search: Any) -> int:
     """Ask for a climb in the region beyond a row, or for that region where it is missing."""
     reached, turn = search
@@ -237,7 +237,7 @@ def _ask(regions: Any, number: int, row: int, source: int, t: int, search: Any) 
     return int(other)
 
 
-@bare
+@uncounted
 def _row_at(row: Any, belief: Any, w: Any) -> float:
     """Σ y_i R_i·w."""
     total = 0.0
@@ -247,7 +247,7 @@ def _row_at(row: Any, belief: Any, w: Any) -> float:
     return total
 
 
-@bare
+@uncounted
 def _ask_at_corner(
     regions: Any, number: int, limits: Any, w: Any, belief: Any, source: int, t: int, search: Any
 ) -> None:
@@ -265,7 +265,7 @@ def _ask_at_corner(
             first += 1
 
 
-@woven
+@inlined
 def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: int, search: Any) -> None:
     """Where the set of a decision is larger than a point: ask for the few tight rows that, freed, lead to the best members.
 
@@ -290,14 +290,14 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: i
         _ask(regions, number, regions.told[number, r], FAR + 1 + j, t, search)
 
 
-@woven
+@inlined
 def _ask_all_told(regions: Any, number: int, t: int, search: Any) -> None:
     """Ask for the regions beyond all tight rows: none has a multiplier of its own."""
     for r in range(regions.n_told[number]):
         _ask(regions, number, regions.told[number, r], BEST, t, search)
 
 
-@woven
+@inlined
 def _ask_into_corner(regions: Any, number: int, n: int, limits: Any, w: Any, corner: Any, t: int, search: Any) -> None:
     """Ask for the regions that meet at the member of w's set that is farthest from the aim's point, one after the other.
 
@@ -320,7 +320,7 @@ def _ask_into_corner(regions: Any, number: int, n: int, limits: Any, w: Any, cor
             break
 
 
-@woven
+@inlined
 def _next(reached: Any, t: int) -> int:
     """The entry of largest potential that is not expanded yet; −1 where there is none."""
     e = -1
@@ -330,7 +330,7 @@ def _next(reached: Any, t: int) -> int:
     return e
 
 
-@woven
+@inlined
 def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search: Any) -> None:
     """Ask for the neighbours of the best region not searched yet; nothing is asked where the search has ended."""
     reached, turn = search
@@ -371,7 +371,7 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
             _ask_in(turn, region, source)
 
 
-@woven
+@inlined
 def _put_starts_in_order(starts: Any, aim: Any, regions: Any, rules: Any, t: int, room: Any) -> None:
     """How far climbs may come from the starts of a belief, less what that costs at a price; the most promising come first."""
     n_states, first = aim.point.size, starts.first[t]
@@ -404,7 +404,7 @@ def _put_starts_in_order(starts: Any, aim: Any, regions: Any, rules: Any, t: int
         starts.order[place] = s
 
 
-@woven
+@inlined
 def _ask_for_starts(starts: Any, limits: Any, top: float, reached: Any, t: int, turn: Any) -> None:
     """Ask for the next starts of those that promise more than is found: one, and then three times as many as before."""
     first, last = starts.first[t], starts.first[t + 1]
@@ -417,7 +417,7 @@ def _ask_for_starts(starts: Any, limits: Any, top: float, reached: Any, t: int, 
     reached.n_begun[t] = s - first
 
 
-@bare
+@uncounted
 def _plan(aim: Any, regions: Any, starts: Any, rules: Any, limits: Any, t: int, search: Any) -> None:
     """Ask for the climbs of the next turn: none where regions are missing for it, and where the search has ended."""
     reached, turn = search
@@ -445,7 +445,7 @@ def _plan(aim: Any, regions: Any, starts: Any, rules: Any, limits: Any, t: int, 
         reached.stage[t] = ENDED
 
 
-@woven
+@inlined
 def _begin_climbs(starts: Any, belief: Any, t: int, search: Any) -> None:
     """Where the climbs of a turn begin: at starts, or where the last climbs came to rest."""
     reached, turn = search
@@ -553,7 +553,7 @@ def best_starts(low: int, high: int, aims: Any, table: Any, axes: Any, n_regions
                 values[t, s] = sign * np.sqrt(abs(values[t, s]))
 
 
-@woven
+@inlined
 def _in_order(best: Any, which: Any, index: Any, values: Any) -> None:
     """The largest of `best`, in order."""
     index[:] = -1
@@ -570,7 +570,7 @@ def _in_order(best: Any, which: Any, index: Any, values: Any) -> None:
             values[s], index[s] = best[f, o], which[f, o]
 
 
-@deferred(bare_kernel)
+@deferred(uncounted_kernel)
 def read_actions(steps: Any, entries: Any, regions: Any, limits: Any, reached: Any, actions: Any) -> None:
     """Fill the decisions (n,U) of entries (n,) of beliefs (n,)."""
     for j in range(steps.size):

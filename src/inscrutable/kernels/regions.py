@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from inscrutable.kernels.faces import place_on_face
-from inscrutable.kernels.options import bare, woven
+from inscrutable.kernels.options import inlined, uncounted
 from inscrutable.kernels.set_distance import Face
 
 UNKNOWN = -1
@@ -35,7 +35,7 @@ class Regions(NamedTuple):
     bounds: Any  # (low (U,), high (U,)) values that single rows leave to coordinates
 
 
-@woven
+@inlined
 def curves_of(regions: Any, number: int, n_states: int) -> Any:
     """The costs (X, k+1, k+1) of a region."""
     k = regions.size[number] + 1
@@ -43,7 +43,7 @@ def curves_of(regions: Any, number: int, n_states: int) -> Any:
     return regions.curves[first : first + n_states * k * k].reshape((n_states, k, k))
 
 
-@woven
+@inlined
 def rows_of(regions: Any, number: int, n_states: int) -> Any:
     """The rows (m, X, k+1) of a region."""
     k, m = regions.size[number] + 1, regions.n_rows[number]
@@ -51,7 +51,7 @@ def rows_of(regions: Any, number: int, n_states: int) -> Any:
     return regions.rows[first : first + m * n_states * k].reshape((m, n_states, k))
 
 
-@woven
+@inlined
 def face_of(regions: Any, number: int, n_states: int) -> Face:
     """Costs and rows of a region."""
     return Face(
@@ -62,7 +62,7 @@ def face_of(regions: Any, number: int, n_states: int) -> Face:
     )
 
 
-@woven
+@inlined
 def chart_of(regions: Any, number: int) -> Any:
     """The origin (U,) and Z (U, k) of a region."""
     n_actions, first = regions.bounds[0].size, regions.chart_at[number]
@@ -71,7 +71,7 @@ def chart_of(regions: Any, number: int) -> Any:
     return origin, regions.charts[first : first + n_actions * regions.size[number]].reshape((n_actions, -1))
 
 
-@woven
+@inlined
 def locate(regions: Any, number: int, action: Any, w: Any) -> None:
     """Fill w = (Z'(u − u_0), 1) of a decision u (U,)."""
     origin, span = chart_of(regions, number)
@@ -85,14 +85,14 @@ def locate(regions: Any, number: int, action: Any, w: Any) -> None:
     w[span.shape[1]] = 1.0
 
 
-@bare
+@uncounted
 def decision_in(regions: Any, number: int, w: Any, near: float, action: Any) -> None:
     """Fill the decision (U,) at w; what is within `near` of a bound is put on it."""
     origin, span = chart_of(regions, number)
     place_on_face(origin, span, regions.bounds, near, w, action)
 
 
-@bare
+@uncounted
 def has_multipliers(regions: Any, number: int, n_states: int) -> bool:
     """Whether every row that tells has a multiplier of its own, in order."""
     return bool(regions.n_set_rows[number] - n_states == regions.n_told[number])

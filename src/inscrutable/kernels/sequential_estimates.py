@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import part
+from inscrutable.kernels.options import internal
 
 _INSIDE = 0.95  # share of the way to a mixture without one of its answers that a step may go
 
@@ -26,7 +26,7 @@ class StepData(NamedTuple):
     barrier: float  # τ
 
 
-@part
+@internal
 def _last_share(data: StepData, estimate: Any, start: int) -> float:
     """What is left for the last answer of the mixture that begins at a coordinate."""
     rest = 1.0
@@ -35,7 +35,7 @@ def _last_share(data: StepData, estimate: Any, start: int) -> float:
     return rest
 
 
-@part
+@internal
 def own_cost(data: StepData, estimate: Any) -> float:
     """h(μ): |μ|², or −τ Σ log of the shares of every mixture; inf where one of them is not positive."""
     total = 0.0
@@ -55,7 +55,7 @@ def own_cost(data: StepData, estimate: Any) -> float:
     return data.barrier * total
 
 
-@part
+@internal
 def own_slope(data: StepData, estimate: Any, slope: Any) -> None:
     """∇h, shape (d,)."""
     if data.width == 0:
@@ -67,7 +67,7 @@ def own_slope(data: StepData, estimate: Any, slope: Any) -> None:
             slope[i] = data.barrier * (1.0 / rest - 1.0 / estimate[i])
 
 
-@part
+@internal
 def own_curve(data: StepData, estimate: Any, curve: Any) -> None:
     """∇²h, shape (d,d)."""
     curve[:] = 0.0
@@ -83,7 +83,7 @@ def own_curve(data: StepData, estimate: Any, curve: Any) -> None:
             curve[i, i] += data.barrier / estimate[i] ** 2
 
 
-@part
+@internal
 def longest(data: StepData, estimate: Any, step: Any) -> float:
     """How far an estimate can go along a step, a whole one at most, and keep some of each share."""
     length = 1.0

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.kernels.options import fused, part, summed
+from inscrutable.kernels.options import fused, internal, summed
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
@@ -55,7 +55,7 @@ class Point(NamedTuple):
     top: Any  # (B,)
 
 
-@part
+@internal
 def room_for_point(n: int, d: int, count: int) -> Point:
     """An empty point of n decisions."""
     return Point(
@@ -63,7 +63,7 @@ def room_for_point(n: int, d: int, count: int) -> Point:
     )
 
 
-@part
+@internal
 def factored(matrix: Any, factor: Any, n: int) -> None:
     """factor = Cholesky factor of the first n rows, with as much added to the diagonal as it takes."""
     largest = _TINY
@@ -94,7 +94,7 @@ def factored(matrix: Any, factor: Any, n: int) -> None:
             factor[i, j] = 1.0 if i == j else 0.0
 
 
-@part
+@internal
 def solve_factored(factor: Any, n: int, right: Any) -> None:
     """right = (L L')⁻¹ right for a Cholesky factor L of n rows."""
     for i in range(n):
@@ -107,7 +107,7 @@ def solve_factored(factor: Any, n: int, right: Any) -> None:
         right[i] /= factor[i, i]
 
 
-@part
+@internal
 def _non_negative(hessian: Any, right: Any, free: Any, found: Any) -> None:
     """max right·y − ½ y'Hy over y ≥ 0 by principal pivoting (Júdice and Pires, 1994), `free` being the first guess."""
     n = right.size
@@ -231,7 +231,7 @@ def _products(weights: Any, point: Point, found: Any) -> None:
             found[m, k] = found[k, m] = total
 
 
-@part
+@internal
 def _best_law(weights: Any, point: Point) -> float:
     """The law of the decisions for given estimates, by Newton's steps on those that are played; returns its value."""
     n, law = point.law.size, point.law
@@ -305,7 +305,7 @@ def _set_powers(data: StepData, price: float, columns: Any, point: Point) -> Non
         _powers(row)
 
 
-@part
+@internal
 def saddle_value(weights: Any, data: StepData, price: float, columns: Any, point: Point) -> float:
     """Φ at the point's estimates, with the law that attains it."""
     _set_powers(data, price, columns, point)
@@ -363,7 +363,7 @@ def moments(shares: Any, points: Any, mean: Any, spread: Any) -> None:
             spread[i, j] = total - mean[i] * mean[j]
 
 
-@part
+@internal
 def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, most: int, floor: float) -> float:
     """log c_m, least over the estimate by Newton's steps, or until it is at most `floor`."""
     d, count = data.points.shape
@@ -404,7 +404,7 @@ def least_gain(logs: Any, data: StepData, price: float, m: int, estimate: Any, m
     return gain
 
 
-@part
+@internal
 def remaining_logs(weights: Any, point: Point, logs: Any) -> None:
     """log p_b − log z_b."""
     for b in range(weights.size):
@@ -430,7 +430,7 @@ def _sum_of(weights: Any, one: Any, other: Any) -> float:
     return total
 
 
-@part
+@internal
 def _model(weights: Any, data: StepData, price: float, point: Point) -> SaddleModel:
     n, count = point.ratios.shape
     d = data.points.shape[0]
@@ -467,7 +467,7 @@ def _model(weights: Any, data: StepData, price: float, point: Point) -> SaddleMo
     return SaddleModel(played, gradient, hessian, mixed, law, gains)
 
 
-@part
+@internal
 def _saddle_step(model: SaddleModel, law: Any, found: Any) -> Any:
     """The step of the estimates, and the law `found` that goes with it, at the saddle point of the model over q ≥ 0."""
     n, size = model.mixed.shape
@@ -493,7 +493,7 @@ def _saddle_step(model: SaddleModel, law: Any, found: Any) -> Any:
     return step
 
 
-@part
+@internal
 def _first_length(weights: Any, data: StepData, price: float, point: Point, played: Any, step: Any) -> float:
     """How far log K may move, on average over the decisions of rows that count, for the model to be believed."""
     d, most, turns = data.points.shape[0], 0.0, np.empty(played.size)
@@ -513,7 +513,7 @@ def _first_length(weights: Any, data: StepData, price: float, point: Point, play
     return min(1.0, _LOGIT / max(most, _TINY))
 
 
-@part
+@internal
 def settled(weights: Any, data: StepData, price: float, columns: Any, point: Point) -> Point:
     """The saddle point on some decisions, from the law and the estimates given."""
     n, d = point.estimates.shape

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import internal, kernel
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_curve
 from inscrutable.kernels.sequential_saddle import (
     Point,
@@ -36,7 +36,7 @@ _LOWER = 0.1  # from one barrier of mixed answers to the next
 _WAYS = 4  # begun from ever larger prices of information, where Newton's steps stall: one step in a thousand small ones
 
 
-@part
+@internal
 def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Point, estimates: Any) -> None:
     """Estimates after every decision, to first order from the played one of the nearest slopes.
 
@@ -84,7 +84,7 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
             estimates[m, i] = point.estimates[nearest, i] + length * step[i]
 
 
-@part
+@internal
 def _joining(logs: Any, data: StepData, price: float, gains: Any, estimates: Any, apart: float) -> Any:
     """Decisions that could be played, the most tempting first, of different estimates; `gains` is mended on the way."""
     added, near = np.empty(_MOST_ADDED, np.int64), np.zeros(gains.size, np.bool_)
@@ -109,7 +109,7 @@ def _joining(logs: Any, data: StepData, price: float, gains: Any, estimates: Any
     return added[:count]
 
 
-@part
+@internal
 def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Point, gains: Any, estimates: Any) -> Any:
     """log c of all decisions, to where it is known to be at most nothing, and those that join.
 
@@ -139,7 +139,7 @@ def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Poi
     return added
 
 
-@part
+@internal
 def _covering(weights: Any, data: StepData) -> Any:
     """The decision of least mean regret; where caps forbid it to some beliefs, those of largest reach until each has one."""
     n_columns, count = data.values.shape
@@ -166,7 +166,7 @@ def _covering(weights: Any, data: StepData) -> Any:
             return chosen[:found]
 
 
-@part
+@internal
 def _joined(columns: Any, point: Point, added: Any, gains: Any, estimates: Any) -> Any:
     """The played decisions with those that join, and room for their law and estimates."""
     kept = np.flatnonzero(point.law > _RARELY)
@@ -182,7 +182,7 @@ def _joined(columns: Any, point: Point, added: Any, gains: Any, estimates: Any) 
     return both, longer
 
 
-@part
+@internal
 def _at_price(
     weights: Any, data: StepData, price: float, columns: Any, point: Point, gains: Any, estimates: Any
 ) -> Any:
@@ -205,7 +205,7 @@ def _at_price(
     return columns, point, worst
 
 
-@part
+@internal
 def _is_tied(weights: Any, data: StepData, kept: int, best: int) -> bool:
     """Whether two decisions cost the same on average, to rounding."""
     apart, size = 0.0, 0.0
@@ -216,7 +216,7 @@ def _is_tied(weights: Any, data: StepData, kept: int, best: int) -> bool:
     return apart >= -_RESIDUAL * size
 
 
-@part
+@internal
 def _copied(point: Point) -> Point:
     return Point(
         point.law.copy(),
@@ -228,13 +228,13 @@ def _copied(point: Point) -> Point:
     )
 
 
-@part
+@internal
 def _eased(data: StepData, barrier: float) -> StepData:
     """The data with another barrier."""
     return StepData(data.points, data.values, data.slopes, data.price, data.first_price, data.width, barrier)
 
 
-@part
+@internal
 def _begun(weights: Any, data: StepData, columns: Any) -> Point:
     """Some decisions, equally likely, with the prior's estimate after each; of mixtures of answers, the one that is best."""
     d, count = data.points.shape

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inscrutable.kernels.options import bare, bare_kernel, kernel, whole, woven
+from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.projection import project_in, room_for
 
 _FLAT = 1e-13  # a row that no belief of the simplex moves
-NO_ROW = whole(-1)
+NO_ROW = integer(-1)
 
 
 class Face(NamedTuple):
@@ -52,7 +52,7 @@ def distance_room(n_states: int, n_free: int, n_rows: int) -> DistanceRoom:
     )  # fmt: skip
 
 
-@woven
+@inlined
 def _equalities(face: Any, w: Any, rules: Any, room: Any) -> int:
     """Orthonormal rows of G'π = 0 in the reduced coordinates; −1 where they contradict each other."""
     n_states, n = rules.basis.shape
@@ -106,7 +106,7 @@ def _equalities(face: Any, w: Any, rules: Any, room: Any) -> int:
     return n_equal
 
 
-@woven
+@inlined
 def _inequalities(face: Any, w: Any, rules: Any, n_equal: int, reversed_row: int, room: Any) -> int:
     """Unit rows of Σ π_i R_ri·w ≥ 0 from `n_equal` on, and which r each is; returns where they end, −1 where one is broken.
 
@@ -148,7 +148,7 @@ def _inequalities(face: Any, w: Any, rules: Any, n_equal: int, reversed_row: int
     return last
 
 
-@bare_kernel
+@uncounted_kernel
 def nearest_belief(face: Any, w: Any, point: Any, rules: Any, reversed_row: int, out: Any, room: Any) -> float:
     """Fill `out` with the consistent belief nearest to `point` (X,) and return its distance; infinite where there is none.
 
@@ -185,7 +185,7 @@ def nearest_belief(face: Any, w: Any, point: Any, rules: Any, reversed_row: int,
     return float(np.sqrt(square))
 
 
-@bare
+@uncounted
 def cost_at(curves: Any, belief: Any, w: Any) -> float:
     """Σ π_i ½ w'C_i w."""
     total = 0.0

@@ -13,7 +13,7 @@ import numpy as np
 
 from inscrutable.kernels.belief_members import distance_in_hull
 from inscrutable.kernels.belief_sets import LARGER, cut_hull, hull_of, room_for
-from inscrutable.kernels.options import kernel, part
+from inscrutable.kernels.options import internal, kernel
 
 
 class Costs(NamedTuple):
@@ -77,7 +77,7 @@ ALL, SOME = -1, -2
 """What `judge_trials` returns when it judged all trials, or all but those with a privacy of NaN."""
 
 
-@part
+@internal
 def _costs_of(u: Any, costs: Any, belief: Any, table: Any, mean: Any) -> float:
     """Write G (U,X) and Gπ; return π·s(u)."""
     n_states, size = costs.linear.shape
@@ -98,7 +98,7 @@ def _costs_of(u: Any, costs: Any, belief: Any, table: Any, mean: Any) -> float:
     return cost
 
 
-@part
+@internal
 def _rows_of(u: Any, region: Any, slack: Any, tight: Any) -> tuple[float, bool]:
     """Write which rows an observer counts as tight; return the largest violation and whether u may be played."""
     size = 1.0
@@ -122,7 +122,7 @@ def _rows_of(u: Any, region: Any, slack: Any, tight: Any) -> tuple[float, bool]:
     return beyond / size, playable and beyond / size <= slack.feasible
 
 
-@part
+@internal
 def _pattern_of(tight: Any, patterns: Any) -> int:
     for p in range(patterns.tight.shape[0]):
         same = True
@@ -135,7 +135,7 @@ def _pattern_of(tight: Any, patterns: Any) -> int:
     return -1
 
 
-@part
+@internal
 def _times(rows: Any, n_rows: int, table: Any, out: Any) -> None:
     """out = rows @ table."""
     for r in range(n_rows):
@@ -146,7 +146,7 @@ def _times(rows: Any, n_rows: int, table: Any, out: Any) -> None:
             out[r, i] = total
 
 
-@part
+@internal
 def _distance_to_ends(point: Any, ends: Any) -> float:
     length, inner = 0.0, 0.0
     for x in range(point.size):
@@ -161,7 +161,7 @@ def _distance_to_ends(point: Any, ends: Any) -> float:
     return float(np.sqrt(squared))
 
 
-@part
+@internal
 def _is_finite(u: Any) -> bool:
     total = 0.0
     for value in u:
@@ -169,7 +169,7 @@ def _is_finite(u: Any) -> bool:
     return bool(np.isfinite(total))
 
 
-@part
+@internal
 def _scaled(table: Any, scale: float) -> None:
     """Divide by the largest entry, or by this scale where that is larger."""
     for j in range(table.shape[0]):

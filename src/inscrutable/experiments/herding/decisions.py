@@ -17,7 +17,7 @@ from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Decided:
+class TurnOutcomes:
     """What follows a decision at S public beliefs; its C outcomes are pairs of a public belief and a decision."""
 
     origin: np.ndarray  # (C,), the public belief, in ascending order
@@ -37,7 +37,7 @@ class Deciding:
     def __init__(self, problem: DecisionProblem, signals: Array, maker: Any) -> None:
         self.problem, self.signals, self.maker = problem, signals, maker
 
-    def at(self, public: Array) -> Decided:
+    def at(self, public: Array) -> TurnOutcomes:
         """Return the agent's decision at public beliefs (S,X)."""
         place, symbol, weight, private = self._private(public)
         points, row, number, share = self._law(private)
@@ -53,7 +53,7 @@ class Deciding:
         is_right = costs <= least + tolerances.NO_COST * np.abs(self.problem.state_costs(points)).max()
         own = np.maximum((private[row] * costs[number]).sum(axis=1) - forgone[row], 0.0)
         cascade, top = _cascades(origin, outcome, share, np.bincount(place, minlength=len(public)))
-        return Decided(
+        return TurnOutcomes(
             origin,
             chances,
             np.where(cascade[origin][:, None], public[origin], after / played[:, None]),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import sparse
 
-from inscrutable.experiments.herding.decisions import Decided, Deciding
+from inscrutable.experiments.herding.decisions import TurnOutcomes, Deciding
 from inscrutable.experiments.herding.reached import equal_beliefs
 from inscrutable.experiments.herding.results import HerdStatus, Simulation, SocialLearning, found_of
 from inscrutable.mechanisms.drawing import RowDraws
@@ -44,7 +44,7 @@ def simulated(
     return found_of(beliefs, joint, np.array(herds), np.array(turns), np.array(truths), simulation)
 
 
-def _outcomes(found: Decided, node: np.ndarray, states: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _outcomes(found: TurnOutcomes, node: np.ndarray, states: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """An outcome for each path (P,), drawn from the law of the decision in its true state."""
     n_nodes, n_states = found.regrets.shape
     place, state = np.nonzero(found.chances > 0)
@@ -55,7 +55,7 @@ def _outcomes(found: Decided, node: np.ndarray, states: np.ndarray, rng: np.rand
     return RowDraws(table)(states * n_nodes + node, rng)
 
 
-def _cascade(found: Decided, node: np.ndarray, states: np.ndarray) -> Array:
+def _cascade(found: TurnOutcomes, node: np.ndarray, states: np.ndarray) -> Array:
     inside = found.cascade[node]
     right = float((inside * found.settled[node, states]).mean())
     return np.array([right, float(inside.mean()) - right, 1.0 - float(inside.mean())])

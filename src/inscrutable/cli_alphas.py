@@ -1,22 +1,29 @@
-"""Decisions about private means, by command: `inscrutable protect --alphas`."""
+"""Decisions about private means, by command: `inscrutable protect --alphas` and `inscrutable backtest --alphas`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from inscrutable.cli_console import Speech, results, show_table
+from inscrutable.cli_console import Speech, replaced, results, show_table
 from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of
 
 if TYPE_CHECKING:
     import numpy as np
+    import pandas as pd
 
     from inscrutable.alphas import AlphaDecisionMaker
+    from inscrutable.budgets import Budget
 
 _BUDGET = "0.5"
+_MOMENTUM = "momentum"
+_OF_A_BACKTEST = (
+    "returns", "prices", "daily", "train_until", "riskless", "covariance", "risk_aversion", "budget", "seed", "out", "means",
+    "speech",
+)  # fmt: skip
 
 
 @Parameter(name="*")
@@ -67,7 +74,6 @@ class AlphaOptions:
     def maker(self, budget: str | None) -> AlphaDecisionMaker:
         """Return the rule that the files and numbers say."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
-        from inscrutable.budgets import Budget
         from inscrutable.datasets import read_covariance, read_returns
         from inscrutable.experiments.alpha_files import read_linear_world
 
@@ -78,14 +84,21 @@ class AlphaOptions:
             history = read_returns(self.returns)
             risk = history.cov() if self.factors is None else FactorRisk.from_returns(history, self.factors)
         assert self.risk_aversion is not None
-        asked = budget_of(_BUDGET if budget is None else budget)
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, trading_cost=self.trading_cost),
-            asked if isinstance(asked, Budget) else asked.share,
+            _budget(budget),
             prior_covariance=None if self.prior_covariance is None else read_covariance(self.prior_covariance),
             world=None if self.world is None else read_linear_world(self.world),
             objective=self.objective,
         )
+
+
+def _budget(given: str | None) -> Budget:
+    """The regret a step: a share is of what silence costs."""
+    from inscrutable.budgets import Budget
+
+    asked = budget_of(_BUDGET if given is None else given)
+    return asked if isinstance(asked, Budget) else Budget(asked.share)
 
 
 def protect_means(
@@ -110,3 +123,89 @@ def protect_means(
         show_table((100.0 * found.table()).round(2).astype(str), "Decisions, in percent")
     for line in found.summary().splitlines():
         results().print(line)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SignalOptions:
+    """Private means that take the place of regimes in a backtest.
+
+    Args:
+        alphas: Private expected returns instead of regimes: "momentum", or a CSV of your own about the row after each date:
+            dates, then one column per asset.
+        prior_covariance: With `--alphas`: CSV of their public covariance, each row a draw of its own.
+        world: With `--alphas`: JSON of the public linear Gaussian world that moves them. Default: a law that is estimated
+            from the alphas before the first decision.
+        objective: With `--alphas`: tell the fewest bits, or leave the largest mean square error.
+    """
+
+    alphas: Annotated[str | None, Parameter(group=DATA)] = None
+    prior_covariance: Annotated[Path | None, Parameter(group=DATA)] = None
+    world: Annotated[Path | None, Parameter(group=DATA)] = None
+    objective: Annotated[Literal["information", "error"] | None, Parameter(group=PRIVACY)] = None
+
+
+def alphas_go_with(**options: Any) -> None:
+    """Raise `UsageError` where options of a backtest do not go together; `options` are those that were given."""
+    means: SignalOptions = options.get("means", SignalOptions())
+    if means.alphas is None:
+        given = _given(means)
+        if given:
+            raise UsageError(f"--{given[0]} belongs to --alphas")
+        return
+    for name, value in options.items():
+        if name in _OF_A_BACKTEST:
+            continue
+        given = _given(value) if is_dataclass(value) else [name.replace("_", "-")]
+        if given:
+            option = "no-sequential" if given[0] == "sequential" and not value else given[0]
+            raise UsageError(
+                f"--alphas takes no --{option}: beside a backtest's data it takes --train-until, --riskless, --covariance, "
+                "--risk-aversion, --budget, --objective, --prior-covariance and --world"
+            )
+    if means.prior_covariance is not None and means.world is not None:
+        raise UsageError("--alphas needs at most one of --prior-covariance and --world")
+
+
+def _given(options: Any) -> list[str]:
+    return [
+        each.name.replace("_", "-")
+        for each in fields(options)
+        if getattr(options, each.name) not in (None, each.default)
+    ]
+
+
+def backtest_means(
+    options: SignalOptions,
+    table: pd.DataFrame,
+    riskless: pd.Series | None,
+    settings: dict[str, Any],
+    budget: str | None,
+    folder: Path,
+    speech: Speech,
+) -> None:
+    """Show what is given up and what is taken where private means are hidden, and write table, summary and figure."""
+    from inscrutable.datasets import read_covariance, read_signals
+    from inscrutable.experiments.alpha_files import read_linear_world
+    from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC
+    from inscrutable.experiments.alpha_run import AlphaSettings, run_alpha_backtest
+    from inscrutable.reports.alphas import write_alphas
+
+    assert options.alphas is not None
+    if options.prior_covariance is None and options.world is None:
+        speech.log(LAW_IS_PUBLIC.partition(" With")[0])
+    chosen = {name: value for name, value in settings.items() if value is not None}
+    found = run_alpha_backtest(
+        table,
+        None if options.alphas == _MOMENTUM else read_signals(options.alphas),
+        AlphaSettings(budget=_budget(budget), objective=options.objective or "information", **chosen),
+        riskless=riskless,
+        prior_covariance=None if options.prior_covariance is None else read_covariance(options.prior_covariance),
+        world=None if options.world is None else read_linear_world(options.world),
+    )
+    files = replaced(folder, "backtest", write_alphas(found, folder), speech)
+    if speech.json:
+        speech.summary_file(folder / "summary.json")
+        return
+    speech.sentence(f"{found}\n{found.maker.status.value}\n")
+    speech.files(files)

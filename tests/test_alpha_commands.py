@@ -23,6 +23,7 @@ from inscrutable import (
 )
 from inscrutable.datasets import load_industry_returns, read_covariance
 from inscrutable.experiments.alpha_files import read_linear_world
+from inscrutable.experiments.alpha_protect import protect_alphas
 
 NAMES = ["Oil", "Food", "Steel"]
 WORLD = {
@@ -82,6 +83,49 @@ def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: 
     assert code == 3
     assert "of another rule" in err
     assert (folder / "state").read_bytes() == before
+
+
+def test_months_with_what_everybody_reads(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    public = {"public_sensor": [[1.0, 1.0, 0.0]], "public_noise": [[1e-4]]}
+    (folder / "W.json").write_text(json.dumps({**WORLD, **public}), "utf-8")
+    maker = AlphaDecisionMaker(
+        AlphaProblem(read_covariance(folder / "V.csv"), 2.5), 0.5, world=read_linear_world(folder / "W.json")
+    )
+    sequence, told = maker.begin(), [0.0, 0.015, -0.005]
+    for month, reading in enumerate(told):
+        options: list[object] = ["--world", folder / "W.json", "--state", folder / "state", "--seed", month]
+        if month:
+            date = pd.DatetimeIndex(["2020-01-31"], name="date")
+            pd.DataFrame([[reading]], date, ["news"]).to_csv(folder / "Z.csv")
+            code, _, err = run(capsys, folder, *options, "--publish")
+            assert code == 3
+            assert "--public FILE" in err
+            options += ["--public", folder / "Z.csv"]
+            sequence.observe([reading])
+        code, out, err = run(capsys, folder, *options, "--json")  # looks, and records nothing
+        assert code == 0, err
+        code, out, err = run(capsys, folder, *options, "--publish", "--json")
+        assert code == 0, err
+        drawn = sequence.decide([0.03, 0.02, 0.01], rng=np.random.default_rng(month))
+        sequence.publish(drawn)
+        found = json.loads(out)
+        expected = dict(zip(maker.problem.asset_names or (), drawn.action.tolist(), strict=True))
+        assert found["decisions"]["2020-01-31"] == pytest.approx(expected)
+        assert found["bits_so_far"] == pytest.approx(sequence.total_bits)
+    dates = pd.date_range("2020-01-31", periods=3, freq="ME")
+    means = pd.DataFrame([[0.03, 0.02, 0.01]] * 3, dates, NAMES)
+    found_path = protect_alphas(maker, means, public=pd.DataFrame(told, dates), rng=np.random.default_rng(7))
+    path = maker.decide_path(means, public=np.array(told)[:, None], rng=np.random.default_rng(7))
+    np.testing.assert_allclose([each.action for each in found_path.decisions], path.actions, rtol=1e-9, atol=1e-12)
+    with pytest.raises(InputError, match="public=, or --public FILE"):
+        protect_alphas(maker, means, rng=np.random.default_rng(7))
+    code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--public", folder / "Z.csv")
+    assert code == 2
+    assert "--public is what a public sensor of --world says" in err
+    (folder / "W.json").write_text(json.dumps(WORLD), "utf-8")
+    code, _, err = run(capsys, folder, "--world", folder / "W.json", "--public", folder / "Z.csv")
+    assert code == 3
+    assert "no world with a public sensor" in err
 
 
 @pytest.mark.parametrize(

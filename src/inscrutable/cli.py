@@ -395,17 +395,7 @@ def protect(
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
-    means.check(
-        {
-            "model": model,
-            "belief": belief,
-            "beliefs": beliefs,
-            "weights": weights,
-            "target": target,
-            "certify": certify,
-            "out": out,
-        }
-    )
+    means.check(model=model, belief=belief, beliefs=beliefs, weights=weights, target=target, certify=certify, out=out)
     if means.alphas is not None:
         if publish and state is None:
             raise UsageError("--publish records a decision: give the file with --state")

@@ -35,6 +35,7 @@ class AlphaOptions:
         alphas: CSV of private means instead of a belief: dates, then one column per asset.
         prior_covariance: With `--alphas`: CSV of the public covariance of the alphas, each row a draw of its own.
         world: With `--alphas`: JSON of the public linear Gaussian world that moves them.
+        public: With `--world` that has a public sensor: CSV of what everybody read with each row, one column per number.
         covariance: With `--alphas`: CSV of the assets' covariance.
         returns: With `--alphas`: CSV of returns that the assets' covariance is estimated from.
         factors: With `--returns`: principal factors of that covariance, and specific variances. Default: all of it.
@@ -46,6 +47,7 @@ class AlphaOptions:
     alphas: Annotated[Path | None, Parameter(group=DATA)] = None
     prior_covariance: Annotated[Path | None, Parameter(group=DATA)] = None
     world: Annotated[Path | None, Parameter(group=DATA)] = None
+    public: Annotated[Path | None, Parameter(group=DATA)] = None
     covariance: Annotated[Path | None, Parameter(group=DATA)] = None
     returns: Annotated[Path | None, Parameter(group=DATA)] = None
     factors: Annotated[Whole | None, Parameter(group=DATA)] = None
@@ -53,8 +55,8 @@ class AlphaOptions:
     trading_cost: Annotated[float | None, Parameter(group=INVESTOR)] = None
     objective: Annotated[Literal["information", "error"], Parameter(group=PRIVACY)] = "information"
 
-    def check(self, others: dict[str, Any]) -> None:
-        """Raise `UsageError` where options do not go together; `others` are those of beliefs that were given."""
+    def check(self, **others: Any) -> None:
+        """Raise `UsageError` where options do not go together; `others` are those of beliefs."""
         mine = {name: value for name, value in vars(self).items() if value not in (None, "information")}
         if self.alphas is None:
             if mine:
@@ -68,6 +70,8 @@ class AlphaOptions:
                 raise UsageError(f"--alphas needs one of --{one.replace('_', '-')} and --{other}")
         if self.factors is not None and self.returns is None:
             raise UsageError("--factors are of the covariance that --returns gives")
+        if self.public is not None and self.world is None:
+            raise UsageError("--public is what a public sensor of --world says")
         if self.risk_aversion is None:
             raise UsageError("--alphas needs --risk-aversion, such as 5")
 
@@ -115,7 +119,10 @@ def protect_means(
 
     assert options.alphas is not None
     speech.log(LAW_IS_PUBLIC)
-    found = protect_alphas(options.maker(budget), read_signals(options.alphas), state, publish=publish, rng=rng)
+    read = None if options.public is None else read_signals(options.public)
+    found = protect_alphas(
+        options.maker(budget), read_signals(options.alphas), state, public=read, publish=publish, rng=rng
+    )
     if speech.json:
         speech.summary(found.figures())
         return

@@ -12,15 +12,18 @@ import pytest
 from inscrutable import (
     AlphaDecisionMaker,
     AlphaProblem,
+    AlphaSettings,
     FactorRisk,
     InputError,
     LinearGaussianWorld,
     alpha_backtest,
     cli,
     momentum_alphas,
+    run_alpha_backtest,
 )
 from inscrutable.datasets import load_industry_returns, read_labelled_matrix
 from inscrutable.experiments.alpha_files import read_linear_world
+from inscrutable.experiments.alpha_protect import protect_alphas
 
 NAMES = ["Oil", "Food", "Steel"]
 WORLD = {
@@ -80,6 +83,49 @@ def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: 
     assert code == 3
     assert "of another rule" in err
     assert (folder / "state").read_bytes() == before
+
+
+def test_months_with_what_everybody_reads(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    public = {"public_sensor": [[1.0, 1.0, 0.0]], "public_noise": [[1e-4]]}
+    (folder / "W.json").write_text(json.dumps({**WORLD, **public}), "utf-8")
+    maker = AlphaDecisionMaker(
+        AlphaProblem(read_covariance(folder / "V.csv"), 2.5), 0.5, world=read_linear_world(folder / "W.json")
+    )
+    sequence, told = maker.begin(), [0.0, 0.015, -0.005]
+    for month, reading in enumerate(told):
+        options: list[object] = ["--world", folder / "W.json", "--state", folder / "state", "--seed", month]
+        if month:
+            date = pd.DatetimeIndex(["2020-01-31"], name="date")
+            pd.DataFrame([[reading]], date, ["news"]).to_csv(folder / "Z.csv")
+            code, _, err = run(capsys, folder, *options, "--publish")
+            assert code == 3
+            assert "--public FILE" in err
+            options += ["--public", folder / "Z.csv"]
+            sequence.observe([reading])
+        code, out, err = run(capsys, folder, *options, "--json")  # looks, and records nothing
+        assert code == 0, err
+        code, out, err = run(capsys, folder, *options, "--publish", "--json")
+        assert code == 0, err
+        drawn = sequence.decide([0.03, 0.02, 0.01], rng=np.random.default_rng(month))
+        sequence.publish(drawn)
+        found = json.loads(out)
+        expected = dict(zip(maker.problem.asset_names or (), drawn.action.tolist(), strict=True))
+        assert found["decisions"]["2020-01-31"] == pytest.approx(expected)
+        assert found["bits_so_far"] == pytest.approx(sequence.total_bits)
+    dates = pd.date_range("2020-01-31", periods=3, freq="ME")
+    means = pd.DataFrame([[0.03, 0.02, 0.01]] * 3, dates, NAMES)
+    found_path = protect_alphas(maker, means, public=pd.DataFrame(told, dates), rng=np.random.default_rng(7))
+    path = maker.decide_path(means, public=np.array(told)[:, None], rng=np.random.default_rng(7))
+    np.testing.assert_allclose([each.action for each in found_path.decisions], path.actions, rtol=1e-9, atol=1e-12)
+    with pytest.raises(InputError, match="public=, or --public FILE"):
+        protect_alphas(maker, means, rng=np.random.default_rng(7))
+    code, _, err = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--public", folder / "Z.csv")
+    assert code == 2
+    assert "--public is what a public sensor of --world says" in err
+    (folder / "W.json").write_text(json.dumps(WORLD), "utf-8")
+    code, _, err = run(capsys, folder, "--world", folder / "W.json", "--public", folder / "Z.csv")
+    assert code == 3
+    assert "no world with a public sensor" in err
 
 
 @pytest.mark.parametrize(
@@ -171,3 +217,98 @@ def test_given_up_and_taken_are_the_worth_on_embedded_returns() -> None:
     assert list(found.table().columns[:3]) == ["worth", "given up", "taken"]
     with pytest.raises(InputError, match="other rows"):
         alpha_backtest(maker, alphas, excess, rng=np.random.default_rng(0))
+
+
+def backtest(capsys: pytest.CaptureFixture[str], *options: object) -> tuple[int, str, str]:
+    """A backtest of alphas by command."""
+    code = cli.main(["backtest", *map(str, options)])
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_a_backtest_of_alphas_by_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    dates = pd.date_range("2001-01-31", periods=60, freq="ME", name="date")
+    returns = pd.DataFrame(rng.normal(0.005, [0.06, 0.03, 0.04], (60, 3)), dates, NAMES)
+    own = pd.DataFrame(rng.normal(0.0, 0.01, (59, 3)), dates[:-1], NAMES)
+    for _ in range(3):  # signals that decay
+        own = 0.7 * own + 0.7 * own.shift(1).fillna(0.0)
+    returns.to_csv(tmp_path / "R.csv")
+    own[NAMES[::-1]].to_csv(tmp_path / "A.csv")
+    options = ["--returns", tmp_path / "R.csv", "--alphas", tmp_path / "A.csv", "--train-until", "2003-12"]
+    options += ["--risk-aversion", 3, "--budget", "0.4", "--seed", 2, "--out", tmp_path / "out"]
+    code, out, err = backtest(capsys, *options)
+    assert code == 0, err
+    assert "basis points a month, 24 months" in out
+    assert "if it was estimated from your own alphas" in err
+    table = pd.read_csv(tmp_path / "out" / "table.csv", index_col=0)
+    np.testing.assert_allclose(table["given up"] + table["taken"], table["worth"], atol=1e-8)
+    assert (tmp_path / "out" / "alphas.png").stat().st_size > 0
+
+    # The months, the law and what was earned by hand: a row decides on the next one's return.
+    past, training = own.iloc[:35].to_numpy(), returns.iloc[:36]
+    second = past.T @ past / 35
+    rate = (past[1:] * past[:-1]).sum() / np.sqrt((past[1:] ** 2).sum() * (past[:-1] ** 2).sum())
+    world = LinearGaussianWorld(rate * np.eye(3), (1 - rate**2) * second, np.eye(3), np.zeros((3, 3)))
+    maker = AlphaDecisionMaker(AlphaProblem(training.cov() * 35 / 36, 3.0), 0.4, world=world)
+    path = maker.decide_path(own.iloc[35:], rng=np.random.default_rng(2))
+    earned = (path.actions * returns.iloc[36:].to_numpy()).sum(axis=1)
+    np.testing.assert_allclose(table["published"], 1e4 * earned, rtol=1e-6)
+    np.testing.assert_allclose(
+        table["error"], ((own.iloc[35:].to_numpy() - path.estimates) ** 2).sum(axis=1), rtol=1e-6
+    )
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
+    assert summary["bits"]["by_law"] == pytest.approx(maker.bits)
+    code, out, _ = backtest(capsys, *options, "--json")
+    assert json.loads(out) == summary
+
+    own.drop(dates[40]).to_csv(tmp_path / "A.csv")
+    code, _, err = backtest(capsys, *options)
+    assert code == 3
+    assert "alphas lack 1 of the 24 dates of the decisions: 2004-05-31" in err
+    own.drop(dates[10]).to_csv(tmp_path / "A.csv")
+    code, _, err = backtest(capsys, *options)
+    assert code == 3
+    assert "alphas lack 1 of the 35 dates of the training sample: 2001-11-30" in err
+    own.iloc[34:].to_csv(tmp_path / "A.csv")
+    code, _, err = backtest(capsys, *options)
+    assert code == 3
+    assert "alphas have 1 rows before the first decision" in err
+    assert "--prior-covariance or --world" in err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--objective", "error"], "--objective belongs to --alphas"),
+        (["--alphas", "momentum", "--no-sequential"], "--alphas takes no --no-sequential"),
+        (["--alphas", "momentum", "--max-weight", "0.3"], "--alphas takes no --max-weight"),
+        (["--alphas", "momentum", "--public", "market"], "--alphas takes no --public"),
+        (["--alphas", "momentum", "--regimes", "2"], "--alphas takes no --regimes"),
+        (["--alphas", "momentum", "--world", "W", "--prior-covariance", "S"], "at most one of"),
+    ],
+)
+def test_options_that_a_backtest_of_alphas_does_not_take(
+    capsys: pytest.CaptureFixture[str], options: list[str], said: str
+) -> None:
+    code, _, err = backtest(capsys, *options)
+    assert code == 2
+    assert said in err
+
+
+def test_a_backtest_of_alphas_with_a_stated_law() -> None:
+    data = load_industry_returns()
+    returns, rates = data.returns.iloc[:120], data.riskless.iloc[:120]
+    settings = AlphaSettings(train_until="1955-12", objective="error", covariance="factor:2")
+    names = returns.columns
+    prior = pd.DataFrame(1e-5 * np.eye(12), names, names)
+    found = run_alpha_backtest(returns, None, settings, riskless=rates, prior_covariance=prior)
+    np.testing.assert_allclose(found.given_up + found.taken, found.worth, atol=1e-12)
+    means = momentum_alphas(returns.sub(rates, axis=0)).loc["1956-01":]
+    best = found.maker.problem.optimum(means)
+    assert found.realised is not None
+    earned = (best * returns.sub(rates, axis=0).loc["1956-01":].to_numpy()).sum(axis=1)
+    np.testing.assert_allclose(found.realised[:, 2], earned, rtol=1e-12)
+    assert found.maker.error == pytest.approx(float(np.trace(found.maker.error_covariance)))
+    with pytest.raises(InputError, match="labels than expected"):
+        run_alpha_backtest(returns, means.iloc[:, :11], settings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
+from typing import Literal
 
 import cvxpy as cp
 import numpy as np
@@ -425,6 +426,32 @@ def test_a_hundred_signals_over_time() -> None:
     limit = 0.5 * float(np.trace(theta @ np.asarray(moves.silence())))
     assert least_bits(moves, theta, limit).gap <= 1e-4
     assert most_error_over_time(moves, theta, np.eye(100), limit).gap <= 1e-4
+
+
+@pytest.mark.parametrize("objective", ["information", "error"])
+def test_an_iteration_that_is_cut_short_states_its_gap(
+    objective: Literal["information", "error"], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng, n = np.random.default_rng(FRESH_SEED), 22  # more than a cone programme is asked for
+    transition, root = stable(rng, n, 0.99), rng.standard_normal((n, n))
+    world = LinearGaussianWorld(transition, root @ root.T / n, np.eye(n), np.eye(n))
+    statuses = []
+    for most in (0, 300, 20_000):
+        monkeypatch.setattr("inscrutable.alphas.over_time._MOST_STEPS", most)
+        maker = AlphaDecisionMaker(problem_of(np.eye(n)), 0.5, world=world, objective=objective)
+        error, before = maker.error_covariance, maker.moves.predicted(maker.error_covariance)[0]
+        assert maker.regret <= maker.limit * (1 + 1e-8)
+        assert np.linalg.eigvalsh(error)[0] >= -1e-9 * np.trace(error)
+        assert np.linalg.eigvalsh(before - error)[0] >= -1e-7 * np.trace(error)
+        statuses.append((maker.status, maker.ceiling, maker.bits if objective == "information" else maker.error))
+    *short, (last, best, value) = statuses
+    assert last is AlphaStatus.OPTIMAL
+    assert AlphaStatus.BOUNDED in [status for status, _, _ in short]
+    sign = 1.0 if objective == "error" else -1.0
+    for _, ceiling, found in short:
+        assert sign * found <= sign * value * (1 + sign * 1e-4)
+        assert sign * ceiling >= sign * value * (1 - sign * 1e-4)
+    assert best == pytest.approx(value, rel=1e-4)
 
 
 # Trading that costs

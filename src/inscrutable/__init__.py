@@ -126,6 +126,8 @@ if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Na
     from inscrutable.errors import SolverError as SolverError
     from inscrutable.experiments.alpha_backtest import alpha_backtest as alpha_backtest
     from inscrutable.experiments.alpha_backtest import momentum_alphas as momentum_alphas
+    from inscrutable.experiments.alpha_run import AlphaSettings as AlphaSettings
+    from inscrutable.experiments.alpha_run import run_alpha_backtest as run_alpha_backtest
     from inscrutable.experiments.attack import attack_weights as attack_weights
     from inscrutable.experiments.audit import audit_pairs as audit_pairs
     from inscrutable.experiments.backtest import run_backtest as run_backtest

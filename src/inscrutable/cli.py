@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from inscrutable import __version__
-from inscrutable.cli_alphas import AlphaOptions, protect_means
+from inscrutable.cli_alphas import AlphaOptions, SignalOptions, alphas_go_with, backtest_means, protect_means
 from inscrutable.cli_attack import attack
 from inscrutable.cli_audit import audit
 from inscrutable.cli_compare import compare
@@ -127,7 +127,7 @@ def reproduce(
     speech.files(files)
 
 
-@app.command
+@app.command(validator=alphas_go_with)
 def backtest(
     *,
     returns: Annotated[Path | None, Parameter(group=DATA)] = None,
@@ -152,12 +152,14 @@ def backtest(
     disclosure: Annotated[str, Parameter(group=PRIVACY)] = "exact",
     seed: Seed = 0,
     out: Out = Path("backtest"),
+    means: SignalOptions = SignalOptions(),  # noqa: B008  # frozen
     strict: Annotated[bool, Parameter(group=OUTPUT, negative=(), show_default=False)] = False,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> int:
     """Walk a regime-switching investor through real returns while a rival reads its published weights.
 
-    Without a data option: the 12 US industries that come with the package, monthly, 1949 to 2017.
+    Without a data option: the 12 US industries that come with the package, monthly, 1949 to 2017. With `--alphas` the private
+    belief is expected returns instead, hidden from a rival who knows the rule.
 
     Args:
         returns: CSV of simple returns as fractions: dates in the first column, one column per asset.
@@ -183,7 +185,8 @@ def backtest(
         cost_bps: Cost per unit traded, in basis points. Default: 10.
         limits: What may be held.
         budget: What to spend on privacy: a share of |c*| such as 0.1 or 10%, a regret such as 5bp or regret:0.002 in the cost's
-            unit, or silence:0.5. Default: 0.1 for CDM and PDM, half the silence regret for the sequential rule (SDM).
+            unit, or silence:0.5. Default: 0.1 for CDM and PDM, half the silence regret for the sequential rule (SDM). With
+            `--alphas` a share is of what silence costs, 0.5 by default.
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         sequential: Play the sequential rule as well, whose prices take up to a minute to find.
@@ -196,11 +199,20 @@ def backtest(
             moves. All is written and printed nevertheless.
     """
     from inscrutable.experiments.backtest import BacktestSettings, run_backtest
-    from inscrutable.reports import backtest_verdict
-    from inscrutable.reports.backtest import text_of, warnings_of, write_backtest
+    from inscrutable.reports.backtest import write_backtest
 
     if sum(option is not None for option in (returns, prices)) + daily > 1:
         raise UsageError("--returns, --prices and --daily exclude one another: give one of them")
+    table, rate = _returns(returns, prices, daily)
+    is_embedded = rate is not None
+    rate = rate if riskless is None else _riskless(riskless)
+    if train_until is None:
+        train_until = "1989-12" if is_embedded else _middle(table)
+        speech.detail(f"Training sample: up to {train_until}")
+    if means.alphas is not None:
+        asked = {"risk_aversion": risk_aversion, "covariance": covariance, "train_until": train_until, "seed": seed}
+        backtest_means(means, table, rate, asked, budget, writable_folder(out), speech)
+        return 0
     chosen_measure, chosen_budget = measure_of(measure, target), None if budget is None else budget_of(budget, speech)
     own = _own_model(model, limits)
     if own is not None and own.world is not None and (regimes is not None or covariance is not None):
@@ -210,11 +222,6 @@ def backtest(
         from inscrutable.experiments.own_model import budget_of as stated
 
         chosen_budget = stated(part) if chosen_budget is None else chosen_budget
-    table, rate = _returns(returns, prices, daily)
-    is_embedded = rate is not None
-    if train_until is None:
-        train_until = "1989-12" if is_embedded else _middle(table)
-        speech.detail(f"Training sample: up to {train_until}")
     settings = BacktestSettings(
         count,
         _first(risk_aversion, None if part is None else part.risk_aversion, 5.0),
@@ -233,7 +240,6 @@ def backtest(
         raise UsageError("--regime-names says which columns of --beliefs are which: give both")
     held = None if beliefs is None else _own_beliefs(beliefs, regime_names, settings.regimes, speech, names)
     beside = beside_of(public, private, table, embedded=is_embedded)
-    rate = rate if riskless is None else _riskless(riskless)
     folder = writable_folder(out)
     fitting = f"fitting {count} regimes" if names is None else f"{settings.regimes} regimes of {model}, training sample"
     speech.log(f"{table.shape[1]} assets, {len(table)} rows; {fitting} up to {train_until}")
@@ -243,16 +249,20 @@ def backtest(
     files = [*write_backtest(result, folder), *write_report(result, folder)]
     files.append(_save_model(result, settings.train_until, folder))
     files = replaced(folder, "backtest", files, speech)
+    _show_backtest(result, folder, files, speech)
+    return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0
+
+
+def _show_backtest(result: Backtest, folder: Path, files: list[Path], speech: Speech) -> None:
+    from inscrutable.reports import backtest_verdict
+    from inscrutable.reports.backtest import text_of, warnings_of
+
     if speech.json:
         speech.summary_file(folder / "summary.json")
-    else:
-        found = [
-            "\n".join(each)
-            for each in (warnings_of(result), backtest_verdict.verdict(result), backtest_verdict.limits(result))
-        ]
-        speech.sentence("\n\n".join(filter(None, [text_of(result), *found])) + "\n")
-        speech.files(files)
-    return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0
+        return
+    parts = (warnings_of(result), backtest_verdict.verdict(result), backtest_verdict.limits(result))
+    speech.sentence("\n\n".join(filter(None, [text_of(result), *map("\n".join, parts)])) + "\n")
+    speech.files(files)
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -385,17 +395,7 @@ def protect(
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
-    means.check(
-        {
-            "model": model,
-            "belief": belief,
-            "beliefs": beliefs,
-            "weights": weights,
-            "target": target,
-            "certify": certify,
-            "out": out,
-        }
-    )
+    means.check(model=model, belief=belief, beliefs=beliefs, weights=weights, target=target, certify=certify, out=out)
     if means.alphas is not None:
         if publish and state is None:
             raise UsageError("--publish records a decision: give the file with --state")

@@ -1,14 +1,14 @@
-"""Decisions about private means, by command: `inscrutable protect --alphas`."""
+"""Decisions about private means, by command: `inscrutable protect --alphas` and `inscrutable backtest --alphas`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from inscrutable.cli_console import Speech, results, show_table
+from inscrutable.cli_console import Speech, replaced, results, show_table
 from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of
 
 if TYPE_CHECKING:
@@ -16,8 +16,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from inscrutable.alphas import AlphaDecisionMaker
+    from inscrutable.budgets import Budget
 
 _BUDGET = "0.5"
+_MOMENTUM = "momentum"
+_OF_A_BACKTEST = (
+    "returns", "prices", "daily", "train_until", "riskless", "covariance", "risk_aversion", "budget", "seed", "out", "means",
+    "speech",
+)  # fmt: skip
 
 
 @Parameter(name="*")
@@ -29,6 +35,7 @@ class AlphaOptions:
         alphas: CSV of private means instead of a belief: dates, then one column per asset.
         prior_covariance: With `--alphas`: CSV of the public covariance of the alphas, each row a draw of its own.
         world: With `--alphas`: JSON of the public linear Gaussian world that moves them.
+        public: With `--world` that has a public sensor: CSV of what everybody read with each row, one column per number.
         covariance: With `--alphas`: CSV of the assets' covariance.
         returns: With `--alphas`: CSV of returns that the assets' covariance is estimated from.
         factors: With `--returns`: principal factors of that covariance, and specific variances. Default: all of it.
@@ -40,6 +47,7 @@ class AlphaOptions:
     alphas: Annotated[Path | None, Parameter(group=DATA)] = None
     prior_covariance: Annotated[Path | None, Parameter(group=DATA)] = None
     world: Annotated[Path | None, Parameter(group=DATA)] = None
+    public: Annotated[Path | None, Parameter(group=DATA)] = None
     covariance: Annotated[Path | None, Parameter(group=DATA)] = None
     returns: Annotated[Path | None, Parameter(group=DATA)] = None
     factors: Annotated[Whole | None, Parameter(group=DATA)] = None
@@ -47,8 +55,8 @@ class AlphaOptions:
     trading_cost: Annotated[float | None, Parameter(group=INVESTOR)] = None
     objective: Annotated[Literal["information", "error"], Parameter(group=PRIVACY)] = "information"
 
-    def check(self, others: dict[str, Any]) -> None:
-        """Raise `UsageError` where options do not go together; `others` are those of beliefs that were given."""
+    def check(self, **others: Any) -> None:
+        """Raise `UsageError` where options do not go together; `others` are those of beliefs."""
         mine = {name: value for name, value in vars(self).items() if value not in (None, "information")}
         if self.alphas is None:
             if mine:
@@ -62,14 +70,20 @@ class AlphaOptions:
                 raise UsageError(f"--alphas needs one of --{one.replace('_', '-')} and --{other}")
         if self.factors is not None and self.returns is None:
             raise UsageError("--factors are of the covariance that --returns gives")
+        if self.public is not None and self.world is None:
+            raise UsageError("--public is what a public sensor of --world says")
         if self.risk_aversion is None:
             raise UsageError("--alphas needs --risk-aversion, such as 5")
 
     def maker(self, budget: str | None) -> AlphaDecisionMaker:
         """Return the rule that the files and numbers say."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
+<<<<<<< HEAD
         from inscrutable.budgets import Budget
         from inscrutable.datasets import read_returns
+=======
+        from inscrutable.datasets import read_covariance, read_returns
+>>>>>>> 27f8433bbea5a10b79055389e67dfea49d0c4f11
         from inscrutable.experiments.alpha_files import read_linear_world
 
         if self.covariance is not None:
@@ -79,20 +93,33 @@ class AlphaOptions:
             history = read_returns(self.returns)
             risk = history.cov() if self.factors is None else FactorRisk.from_returns(history, self.factors)
         assert self.risk_aversion is not None
-        asked = budget_of(_BUDGET if budget is None else budget)
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, trading_cost=self.trading_cost),
+<<<<<<< HEAD
             asked if isinstance(asked, Budget) else asked.share,
             prior_covariance=_square(self.prior_covariance),
+=======
+            _budget(budget),
+            prior_covariance=None if self.prior_covariance is None else read_covariance(self.prior_covariance),
+>>>>>>> 27f8433bbea5a10b79055389e67dfea49d0c4f11
             world=None if self.world is None else read_linear_world(self.world),
             objective=self.objective,
         )
 
 
+<<<<<<< HEAD
 def _square(path: Path | None) -> pd.DataFrame | None:
     from inscrutable.datasets import read_labelled_matrix
 
     return None if path is None else read_labelled_matrix(path, is_square=True)
+=======
+def _budget(given: str | None) -> Budget:
+    """The regret a step: a share is of what silence costs."""
+    from inscrutable.budgets import Budget
+
+    asked = budget_of(_BUDGET if given is None else given)
+    return asked if isinstance(asked, Budget) else Budget(asked.share)
+>>>>>>> 27f8433bbea5a10b79055389e67dfea49d0c4f11
 
 
 def protect_means(
@@ -109,7 +136,10 @@ def protect_means(
 
     assert options.alphas is not None
     speech.log(LAW_IS_PUBLIC)
-    found = protect_alphas(options.maker(budget), read_signals(options.alphas), state, publish=publish, rng=rng)
+    read = None if options.public is None else read_signals(options.public)
+    found = protect_alphas(
+        options.maker(budget), read_signals(options.alphas), state, public=read, publish=publish, rng=rng
+    )
     if speech.json:
         speech.summary(found.figures())
         return
@@ -117,3 +147,89 @@ def protect_means(
         show_table((100.0 * found.table()).round(2).astype(str), "Decisions, in percent")
     for line in found.summary().splitlines():
         results().print(line)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SignalOptions:
+    """Private means that take the place of regimes in a backtest.
+
+    Args:
+        alphas: Private expected returns instead of regimes: "momentum", or a CSV of your own about the row after each date:
+            dates, then one column per asset.
+        prior_covariance: With `--alphas`: CSV of their public covariance, each row a draw of its own.
+        world: With `--alphas`: JSON of the public linear Gaussian world that moves them. Default: a law that is estimated
+            from the alphas before the first decision.
+        objective: With `--alphas`: tell the fewest bits, or leave the largest mean square error.
+    """
+
+    alphas: Annotated[str | None, Parameter(group=DATA)] = None
+    prior_covariance: Annotated[Path | None, Parameter(group=DATA)] = None
+    world: Annotated[Path | None, Parameter(group=DATA)] = None
+    objective: Annotated[Literal["information", "error"] | None, Parameter(group=PRIVACY)] = None
+
+
+def alphas_go_with(**options: Any) -> None:
+    """Raise `UsageError` where options of a backtest do not go together; `options` are those that were given."""
+    means: SignalOptions = options.get("means", SignalOptions())
+    if means.alphas is None:
+        given = _given(means)
+        if given:
+            raise UsageError(f"--{given[0]} belongs to --alphas")
+        return
+    for name, value in options.items():
+        if name in _OF_A_BACKTEST:
+            continue
+        given = _given(value) if is_dataclass(value) else [name.replace("_", "-")]
+        if given:
+            option = "no-sequential" if given[0] == "sequential" and not value else given[0]
+            raise UsageError(
+                f"--alphas takes no --{option}: beside a backtest's data it takes --train-until, --riskless, --covariance, "
+                "--risk-aversion, --budget, --objective, --prior-covariance and --world"
+            )
+    if means.prior_covariance is not None and means.world is not None:
+        raise UsageError("--alphas needs at most one of --prior-covariance and --world")
+
+
+def _given(options: Any) -> list[str]:
+    return [
+        each.name.replace("_", "-")
+        for each in fields(options)
+        if getattr(options, each.name) not in (None, each.default)
+    ]
+
+
+def backtest_means(
+    options: SignalOptions,
+    table: pd.DataFrame,
+    riskless: pd.Series | None,
+    settings: dict[str, Any],
+    budget: str | None,
+    folder: Path,
+    speech: Speech,
+) -> None:
+    """Show what is given up and what is taken where private means are hidden, and write table, summary and figure."""
+    from inscrutable.datasets import read_covariance, read_signals
+    from inscrutable.experiments.alpha_files import read_linear_world
+    from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC
+    from inscrutable.experiments.alpha_run import AlphaSettings, run_alpha_backtest
+    from inscrutable.reports.alphas import write_alphas
+
+    assert options.alphas is not None
+    if options.prior_covariance is None and options.world is None:
+        speech.log(LAW_IS_PUBLIC.partition(" With")[0])
+    chosen = {name: value for name, value in settings.items() if value is not None}
+    found = run_alpha_backtest(
+        table,
+        None if options.alphas == _MOMENTUM else read_signals(options.alphas),
+        AlphaSettings(budget=_budget(budget), objective=options.objective or "information", **chosen),
+        riskless=riskless,
+        prior_covariance=None if options.prior_covariance is None else read_covariance(options.prior_covariance),
+        world=None if options.world is None else read_linear_world(options.world),
+    )
+    files = replaced(folder, "backtest", write_alphas(found, folder), speech)
+    if speech.json:
+        speech.summary_file(folder / "summary.json")
+        return
+    speech.sentence(f"{found}\n{found.maker.status.value}\n")
+    speech.files(files)

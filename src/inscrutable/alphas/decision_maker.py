@@ -60,13 +60,16 @@ class AlphaDecisionMaker:
         InputError: An argument is malformed, a budget is a share where silence costs without end, or inequalities meet a
             trading cost.
         ModelError: S or Q is indefinite, the world has no steady filter, or trading cannot follow the mean.
-        SolverError: At first use: the iteration over time did not settle.
+        SolverError: At first use: the iteration over time did not settle, and silence costs without end.
 
     Cost: one decision: O(k³), 15 s for 3,000 alphas with a dense S; where S is a `FactorRisk` with the exposures of the
     problem's and
     specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error of other
     weights than
-    those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals, "error" a minute.
+    those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals, "error" a minute where the
+    spectral radius of the transition is 0.95. Near one the iteration settles slowly: it ends after 20,000 steps
+    with the best rule so far, its gap and the status BOUNDED: at 0.99, "error" and half of silence, 40 signals had a gap of
+    1.3e-3 after 72 s.
 
     Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017)
     and Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.

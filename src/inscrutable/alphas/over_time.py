@@ -61,10 +61,19 @@ class LongRun:
         return float(abs(self.value - self.bound) / max(abs(self.bound), abs(self.value)))
 
 
-class _Goal(NamedTuple):
+@dataclass(eq=False)
+class _Steps:
+    """Steps that are left for all prices together."""
+
+    left: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Goal:
     moves: Moves
     theta: Array
     limit: float
+    steps: _Steps
     weights: Array | None = None  # Q; None where bits count
     unit: float = 1.0  # ε, what a nat costs in units of tr(QE)
 
@@ -89,23 +98,34 @@ class _State(NamedTuple):
         """P^{-1/2} U diag(values) U' P^{-1/2}."""
         return np.asarray((self.dual.T * values) @ self.dual)
 
+    def shown(self) -> _State:
+        """The same multiplier for a rule that shows the belief exactly: E = 0, which every rule may be mixed with."""
+        return self._replace(regret=0.0, error=np.zeros_like(self.error))
+
 
 def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
     """Return the stationary rule that tells the fewest bits a step at tr(ΘE) ≤ limit, limit > 0.
 
+    It ends after 20,000 steps of the iteration with the best rule so far and its bound.
+
     Raises:
-        SolverError: The iteration did not settle.
+        SolverError: No step settled, and silence costs without end.
 
     Cost: some thousand eigendecompositions of n×n matrices: some seconds for 100 signals.
     """
-    goal = _Goal(moves, theta, limit)
+    goal = _Goal(moves, theta, limit, _Steps(_MOST_STEPS))
     before = _start(moves)
     ahead = np.asarray(0.5 * np.linalg.inv(before))
-    low, high = _ends(goal, _first(goal, 0.5 * len(theta) / limit, before, ahead), 4.0)
+    try:
+        low, high = _ends(goal, _first(goal, 0.5 * len(theta) / limit, before, ahead), 4.0)
+    except SolverError:
+        law = _part_of_silence(goal)
+        return LongRun(law, law.weighed(theta), law.bits, 0.0)
     law = _mixed(goal, low, high)
     bound = max(
         least_bits_bound(moves, theta, limit, each.error, each.price, each.turned(np.maximum(0.5 - each.levels, 0.0)))
         for each in (low, high)
+        if each.regret > 0.0
     )
     return LongRun(law, law.weighed(theta), law.bits, max(min(bound, law.bits), 0.0))
 
@@ -117,10 +137,12 @@ def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: floa
     millionth of the error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal. Where
     that does not settle, which happens without a stationary law, few signals are left to a cone programme.
 
-    Raises:
-        SolverError: The iteration did not settle, and there are many signals or no solver of cone programmes.
+    All prices together take at most 20,000 steps; then the best rule so far is returned, with its bound.
 
-    Cost: some ten thousand eigendecompositions of n×n matrices.
+    Raises:
+        SolverError: No step settled, silence costs without end, and there are many signals or no solver of cone programmes.
+
+    Cost: some ten thousand eigendecompositions of n×n matrices, 40,000 at most.
     """
     found = failure = None
     try:
@@ -149,21 +171,42 @@ def _by_cones(moves: Moves, theta: Array, weights: Array, limit: float) -> LongR
 
 
 def _by_prices(moves: Moves, theta: Array, weights: Array, limit: float) -> LongRun:
-    before = _start(moves)
+    before, steps = _start(moves), _Steps(_MOST_STEPS)
     ahead = np.zeros_like(before)
     error = float(np.trace(weights @ before))
     price, factor = error / max(float(np.trace(theta @ before)), np.finfo(float).tiny), 4.0
+    best: LongRun | None = None
     for share in tolerances.ERROR_PRICES:
-        goal = _Goal(moves, theta, limit, weights, share * error / len(theta))
+        goal = _Goal(moves, theta, limit, steps, weights, share * error / len(theta))
         near = tolerances.REGRET_SPENT if share <= tolerances.ERROR_PRICES[-2] else tolerances.REGRET_NEARLY_SPENT
-        low, high = _ends(goal, _first(goal, price, before, ahead), factor, near)
+        try:
+            low, high = _ends(goal, _first(goal, price, before, ahead), factor, near)
+        except SolverError:
+            return _silent_part_with_error(goal) if best is None else best
         error = float(np.trace(weights @ high.error))
         price, before, ahead, factor = high.price, high.before, 0.1 * high.ahead, 1.05
-        if near == tolerances.REGRET_SPENT:
-            found = _with_error(goal, low, high)
-            if found.gap <= tolerances.ERROR_OVER_TIME_GAP:
-                break
-    return found
+        found = _with_error(goal, low, high)
+        best = found if best is None or found.gap < best.gap else best
+        if best.gap <= tolerances.ERROR_OVER_TIME_GAP or steps.left <= 0:
+            break
+    assert best is not None
+    return best
+
+
+def _part_of_silence(goal: _Goal) -> ErrorLaw:
+    """The law of the covariance of silence, made smaller until it spends the limit: with E any part of E is a rule."""
+    silence = goal.moves.silence()
+    if silence is None:
+        raise _unsettled(goal)
+    error = silence * min(1.0, goal.limit / float(np.sum(goal.theta * silence)))
+    return law_between(root_of(goal.moves.predicted(error)[0]), error)
+
+
+def _silent_part_with_error(goal: _Goal) -> LongRun:
+    law, silence = _part_of_silence(goal), goal.moves.silence()
+    assert goal.weights is not None
+    assert silence is not None
+    return LongRun(law, law.weighed(goal.theta), law.weighed(goal.weights), float(np.sum(goal.weights * silence)))
 
 
 def _with_error(goal: _Goal, low: _State, high: _State) -> LongRun:
@@ -217,7 +260,8 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) 
     """The fixed point at a price, from P and D."""
     cost, step, best = goal.cost(price), 1.0, np.inf
     moved, most_size = goal.moves.predicted(before)[1], np.trace(before) / tolerances.NO_VARIANCE
-    for count in range(most):
+    for count in range(min(most, goal.steps.left)):
+        goal.steps.left -= 1
         values, vectors = np.linalg.eigh(before)
         root = np.sqrt(np.maximum(values, tolerances.NO_VARIANCE * values[-1]))
         half, inverse = (vectors * root) @ vectors.T, (vectors / root) @ vectors.T
@@ -244,7 +288,7 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) 
 
 def _first(goal: _Goal, price: float, before: Array, ahead: Array) -> _State:
     """A fixed point at a price or above: below some price there may be none, where the belief has no stationary law."""
-    for _ in range(_MOST_TRIALS):
+    for _ in range(_MOST_TRIALS if goal.steps.left else 0):
         found = _settled(goal, price, before, ahead, 50 * _PATIENCE)
         if found is not None:
             return found
@@ -269,8 +313,11 @@ def _ends(goal: _Goal, first: _State, factor: float, near: float = tolerances.RE
         elif goal.moves.radius >= 1.0 - tolerances.STABLE and high is not None:
             least, price = price, state.price
         factor = min(factor**1.5, 16.0)
-    if low is None or high is None:
-        raise _unsettled(goal)
+    if high is None:
+        assert low is not None
+        return low, low.shown()
+    if low is None:
+        return high, high
     for count in range(_MOST_TRIALS):
         met = [each for each in (high, low) if abs(each.regret - goal.limit) <= near * goal.limit]
         if met:
@@ -299,8 +346,10 @@ def _between(goal: _Goal, low: _State, high: _State, count: int) -> _State | Non
 
 
 def _mixed(goal: _Goal, low: _State, high: _State) -> ErrorLaw:
-    """The law of a mixture of two errors that spends the limit."""
-    apart = low.regret - high.regret
-    share = float(np.clip((goal.limit - high.regret) / apart, 0.0, 1.0)) if apart > 0 else 1.0
-    error = share * low.error + (1.0 - share) * high.error
+    """The law of a mixture of two errors that spends the limit, or of a part of one that exceeds it."""
+    if low is high:
+        error = low.error * min(1.0, goal.limit / max(low.regret, np.finfo(float).tiny))
+    else:
+        share = float(np.clip((goal.limit - high.regret) / (low.regret - high.regret), 0.0, 1.0))
+        error = share * low.error + (1.0 - share) * high.error
     return law_between(root_of(goal.moves.predicted(error)[0]), error)

@@ -151,18 +151,21 @@ class AlphaSequence(KeptInFile):
     @property
     def expected_regret(self) -> float:
         """tr(ΘE_t), what this step's decision costs on average; with inequalities at most that."""
-        return self._plan.regret if self._is_settled else self._law.weighed(self._maker.theta)
+        return self._expected(self._law)[0]
 
     @property
     def expected_bits(self) -> float:
         """What this step's decision tells on average."""
-        return self._plan.bits if self._is_settled else self._law.bits
+        return self._expected(self._law)[1]
 
     def upcoming(self) -> tuple[float, float]:
         """Return the mean regret and the bits of the next decision: this step's, or the next one's where it is published."""
-        if self._published and not len(self._public_rows):
-            self._pass(np.zeros(0))
-        return self.expected_regret, self.expected_bits
+        return self._expected(self._next_law() if self._published else self._law)
+
+    def _expected(self, law: Any) -> tuple[float, float]:
+        if law is self._plan.law:
+            return self._plan.regret, self._plan.bits
+        return law.weighed(self._maker.theta), law.bits
 
     @property
     def _public_rows(self) -> Array:
@@ -231,21 +234,27 @@ class AlphaSequence(KeptInFile):
 
     def _pass(self, read: Array) -> None:
         self.n_steps += 1
-        was_published, self._published = self._published, False
+        law, error = self._next_law(), self._error()
+        self._published, self._law = False, law
         if self._is_fresh:
             self.mean = np.array(self._maker.start_mean)
             return
         moves = self._maker.moves
-        error = self._law.covariance if was_published else self._law.before
-        gained = moves.gain(error) @ (read - moves.public_sensor @ self.mean)
-        self.mean = moves.transition @ self.mean + gained
-        if was_published and self._is_settled:
-            return
+        self.mean = moves.transition @ self.mean + moves.gain(error) @ (read - moves.public_sensor @ self.mean)
+
+    def _error(self) -> Array:
+        """The observer's error covariance at the end of the step, (k,k)."""
+        return np.asarray(self._law.covariance if self._published else self._law.before)
+
+    def _next_law(self) -> Any:
+        """The law of the step after this one: what everybody will read moves the mean, not the covariances."""
+        if self._is_fresh or (self._published and self._is_settled):
+            return self._law
         assert self._sensor is not None
-        before, _ = moves.predicted(error)
+        before, _ = self._maker.moves.predicted(self._error())
         lasting = self._plan.law.before  # type: ignore[union-attr]
         near = np.abs(before - lasting).max() <= tolerances.SETTLED * np.abs(lasting).max()
-        self._law = self._plan.law if near else after_sensor(root_of(before), *self._sensor)
+        return self._plan.law if near else after_sensor(root_of(before), *self._sensor)
 
     def _now(self) -> None:
         if self._published:

@@ -31,6 +31,8 @@ class AlphaBacktest:
         taken: What one who plays the published decision at the same time gains above the constant one, shape (T,).
         realised: Returns of the constant, the published and the optimal decision, shape (T,3); None without returns.
         bits: What each decision told by the observer's law, shape (T,).
+        errors: (m − m̂)'Q(m − m̂), m̂ what the observer believes after the decision, shape (T,).
+        period: What a row is, in a word.
     """
 
     maker: AlphaDecisionMaker
@@ -40,33 +42,64 @@ class AlphaBacktest:
     taken: Array
     realised: Array | None
     bits: Array
+    errors: Array
+    period: str = "month"
 
     def table(self) -> pd.DataFrame:
         """Return one row a month, in basis points and bits."""
         found = pd.DataFrame(
             {"worth": self.worth, "given up": self.given_up, "taken": self.taken},
-            index=pd.Index([label_text(each) for each in self.index], name="month"),
+            index=pd.Index([label_text(each) for each in self.index], name=self.period),
         )
         if self.realised is not None:
             found[["constant", "published", "optimal"]] = self.realised
-        return (_POINTS * found).assign(bits=self.bits)
+        return (_POINTS * found).assign(bits=self.bits, error=self.errors)
+
+    def figures(self) -> dict[str, Any]:
+        """Return the means as plain data: money in basis points, and beside each figure what the law says."""
+        maker, points = self.maker, _POINTS
+        means = (points * float(each.mean()) for each in (self.worth, self.given_up, self.taken))
+        worth, given, taken = means
+        silence, regret = points * maker.silence_regret, points * maker.regret
+        realised = None if self.realised is None else (points * self.realised.mean(axis=0)).tolist()
+        return {
+            "period": self.period,
+            "n_periods": len(self.worth),
+            "worth": {"mean": worth, "by_law": silence},
+            "given_up": {"mean": given, "by_law": regret},
+            "taken": {"mean": taken, "by_law": silence - regret},
+            "bits": {"mean": float(self.bits.mean()), "by_law": maker.bits},
+            "error": {"mean": float(self.errors.mean()), "by_law": maker.error},
+            "ceiling": maker.ceiling,
+            "objective": maker.objective,
+            "status": maker.status.value,
+            "realised": realised
+            if realised is None
+            else dict(zip(("constant", "published", "optimal"), realised, strict=True)),
+        }
 
     def summary(self) -> str:
         """Return a few lines: means a month beside what the law of the alphas says."""
-        worth, given, taken = (_POINTS * float(each.mean()) for each in (self.worth, self.given_up, self.taken))
-        maker = self.maker
-        silence = _POINTS * maker.silence_regret
+        found = self.figures()
+
+        def line(name: str, what: str, number: str, of: str = "") -> str:
+            mean, law = found[what]["mean"], found[what]["by_law"]
+            share = f", {mean / found[of]['mean']:.0%} of the worth" if of and found[of]["mean"] > 0 else ""
+            return f"{name:<24}{format(mean, number)} ({format(law, number)}){share}"
+
         lines = [
-            f"basis points a month, {len(self.worth)} months, by the agent's belief; in brackets by the law of the alphas",
-            f"the alphas are worth   {worth:.2f} ({silence:.2f})",
-            f"hiding gives up        {given:.2f} ({_POINTS * maker.regret:.2f}), {given / worth:.0%} of the worth",
-            f"one who copies takes   {taken:.2f} ({silence - _POINTS * maker.regret:.2f}), {taken / worth:.0%}",
-            f"decisions tell         {self.bits.mean():.3f} bits ({maker.bits:.3f})",
+            f"basis points a {self.period}, {len(self.worth)} {self.period}s, by the agent's belief; in brackets by the law of "
+            "the alphas",
+            line("the alphas are worth", "worth", ".2f"),
+            line("hiding gives up", "given_up", ".2f", "worth"),
+            line("one who copies takes", "taken", ".2f", "worth"),
+            line("a decision tells, bits", "bits", ".3f"),
+            line("mean square error left", "error", ".4g"),
         ]
-        if self.realised is not None:
-            constant, published, optimal = _POINTS * self.realised.mean(axis=0)
+        if found["realised"] is not None:
+            constant, published, optimal = found["realised"].values()
             lines.append(
-                f"realised returns       {optimal:.2f} optimal, {published:.2f} published, {constant:.2f} constant"
+                f"{'realised returns':<24}{optimal:.2f} optimal, {published:.2f} published, {constant:.2f} constant"
             )
         return "\n".join(lines)
 
@@ -131,7 +164,9 @@ def alpha_backtest(
     risk, actions = problem.risk, path.actions
     gained = ((actions - constant) * problem.alphas(means)).sum(axis=1)
     taken = gained - problem.risk_aversion * (risk.quadratic(actions.T) - risk.quadratic(constant))
-    return AlphaBacktest(maker, tuple(alphas.index), worth, path.regrets, taken, realised, path.bits)
+    missed = means - path.estimates
+    errors = ((missed @ maker.weights) * missed).sum(axis=1)
+    return AlphaBacktest(maker, tuple(alphas.index), worth, path.regrets, taken, realised, path.bits, errors)
 
 
 def momentum_alphas(returns: pd.DataFrame, strength: float = 0.05) -> pd.DataFrame:

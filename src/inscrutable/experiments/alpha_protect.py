@@ -13,6 +13,7 @@ from inscrutable import validation
 from inscrutable.alphas import AlphaDecisionMaker, AlphaDraw
 from inscrutable.errors import InputError
 from inscrutable.labels import label_text
+from inscrutable.validation import Array
 
 LAW_IS_PUBLIC = (
     "The law of the alphas (the prior covariance or the world) counts as public: if it was estimated from your own alphas, it "
@@ -87,6 +88,7 @@ def protect_alphas(
     alphas: pd.DataFrame,
     state: str | Path | None = None,
     *,
+    public: pd.DataFrame | None = None,
     publish: bool = False,
     rng: np.random.Generator | None = None,
 ) -> ProtectedAlphas:
@@ -97,11 +99,14 @@ def protect_alphas(
         alphas: Means, one row a step, labelled by the problem's signals.
         state: The file that remembers the decisions so far; it is made where there is none, and takes one row a run. None: the
             rows are a sequence of their own, and all are drawn.
+        public: What everybody read with each row, (T,q), the same row labels, where the world has a public sensor. That of the
+            first decision is not used: it is in the law of the start.
         publish: With `state`: draw once and record; otherwise nothing is drawn.
         rng: The source of the draws; None: the operating system, because who knows a seed knows the draw.
 
     Raises:
-        InputError: Labels disagree, there are many rows for one step, or the file is of another rule or in use.
+        InputError: Labels disagree, what everybody read is missing, there are many rows for one step, or the file is of another
+            rule or in use.
 
     Cost: the rule's own, once, and O(k²) a row.
 
@@ -114,14 +119,13 @@ def protect_alphas(
     """
     source = np.random.default_rng() if rng is None else validation.generator(rng)
     means = maker.problem.check_mean(alphas, "alphas").reshape(-1, maker.problem.n_signals)
-    if maker.world is not None and maker.world.public is not None:
-        raise InputError(
-            "the world has a public sensor: decide with AlphaDecisionMaker.begin(), and tell observe(public) what it said"
-        )
+    read = _public_rows(maker, alphas, public)
     sequence = maker.begin()
     drawn = []
     if state is None:
-        for mean in means:
+        for step, mean in enumerate(means):
+            if step:
+                sequence.observe(None if read is None else read[step])
             drawn.append(sequence.decide(mean, rng=source))
             sequence.publish(drawn[-1])
     else:
@@ -132,6 +136,10 @@ def protect_alphas(
                 sequence.load(state)
             else:
                 sequence.save(state)
+            if read is not None and sequence.n_published:
+                sequence.observe(read[0])
+            elif publish and sequence.n_published:
+                _need_public(maker)
             if publish:
                 drawn.append(sequence.decide(means[0], rng=source))
                 sequence.publish(drawn[0])
@@ -148,3 +156,24 @@ def protect_alphas(
         sequence.total_bits,
         expected,
     )
+
+
+def _public_rows(maker: AlphaDecisionMaker, alphas: pd.DataFrame, public: pd.DataFrame | None) -> Array | None:
+    """What everybody read with each row of the alphas, (T,q); None where nothing was told."""
+    if public is None:
+        if len(alphas) > 1:
+            _need_public(maker)
+        return None
+    if maker.world is None or maker.world.public is None:
+        raise InputError("what everybody reads is given (public), but no world with a public sensor says what it tells")
+    if not public.index.equals(alphas.index):
+        raise InputError("public has other rows than alphas; expected what everybody read with each of them")
+    return validation.finite_array(public.to_numpy(), "public", ndim=2)
+
+
+def _need_public(maker: AlphaDecisionMaker) -> None:
+    if maker.world is not None and maker.world.public is not None:
+        raise InputError(
+            "the world has a public sensor: give what everybody read with each row (public=, or --public FILE); only the first "
+            "decision goes without"
+        )

@@ -141,28 +141,35 @@ class ReturnsSample:
         return self.returns.iloc[self.n_training :]
 
 
-def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: pd.Series | None) -> ReturnsSample:
-    """Return the sample, or raise `InputError` for whatever does not fit, with its date and label."""
+def sample_until(returns: pd.DataFrame, train_until: str, riskless: pd.Series | None) -> ReturnsSample:
+    """Return the sample that is cut at a date, or raise `InputError` for whatever does not fit, with its date and label."""
     table = _labelled(returns)
     dates = pd.DatetimeIndex(table.index)
-    n_training = _training_rows(dates, settings)
+    n_training = _training_rows(dates, train_until)
     n_held = len(dates) - n_training
-    is_fitted = settings.own is None or settings.own.world is None
-    rule = covariance_rule(settings.covariance, n_training, table.shape[1], settings.regimes)
-    least = settings.regimes * rule.least_observations(table.shape[1])
-    if is_fitted and n_training < least:
-        raise InputError(
-            f"the training sample has {n_training} rows ({_span(dates[:n_training])}); {settings.regimes} regimes of "
-            f"{table.shape[1]} assets need at least {least} for {rule.name} covariances: move train_until, or use fewer "
-            "regimes or assets"
-        )
     if n_held < 2:
-        raise InputError(f"{n_held} rows follow the training sample that ends {settings.train_until}; need at least 2")
-    base = np.zeros(n_held) if riskless is None else _aligned_riskless(riskless, dates[n_training:])
+        raise InputError(f"{n_held} rows follow the training sample that ends {train_until}; need at least 2")
+    base = np.zeros(n_held) if riskless is None else aligned_riskless(riskless, dates[n_training:])
     suspicious = suspicious_entries(table)
     for each in suspicious:
         _LOGGER.warning("suspicious returns: %s", each)
     return ReturnsSample(table, base, riskless is not None, n_training, frequency_of(dates), suspicious)
+
+
+def checked_market(returns: pd.DataFrame, settings: BacktestSettings, riskless: pd.Series | None) -> ReturnsSample:
+    """Return the sample, or raise `InputError` where it is too short for the regimes, and where `sample_until` does."""
+    sample = sample_until(returns, settings.train_until, riskless)
+    n_training, n_assets = sample.training.shape
+    is_fitted = settings.own is None or settings.own.world is None
+    rule = covariance_rule(settings.covariance, n_training, n_assets, settings.regimes)
+    least = settings.regimes * rule.least_observations(n_assets)
+    if is_fitted and n_training < least:
+        raise InputError(
+            f"the training sample has {n_training} rows ({_span(pd.DatetimeIndex(sample.training.index))}); {settings.regimes} "
+            f"regimes of {n_assets} assets need at least {least} for {rule.name} covariances: move train_until, or use fewer "
+            "regimes or assets"
+        )
+    return sample
 
 
 def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tuple[str, ...]) -> pd.DataFrame:
@@ -181,8 +188,8 @@ def beliefs_by_date(beliefs: pd.DataFrame, dates: pd.DatetimeIndex, regimes: tup
             f"beliefs have the columns {list(beliefs.columns)}, the regimes are {list(regimes)}, by rising volatility: which "
             "is which is for you to say; rename the columns, or give their names in the order of the regimes (--regime-names)"
         )
-    _check_dates(beliefs.index, "beliefs")
-    _refuse_missing(dates, beliefs.index, "beliefs", "the decisions")
+    check_dates(beliefs.index, "beliefs")
+    refuse_missing(dates, beliefs.index, "beliefs", "the decisions")
     by_name = set(beliefs.columns) == set(regimes)
     rows = beliefs[list(regimes) if by_name else list(range(len(regimes)))].loc[dates]
     checked = [
@@ -201,7 +208,7 @@ def _labelled(returns: pd.DataFrame) -> pd.DataFrame:
         raise InputError("returns have no rows; expected dates with one return per asset")
     if returns.shape[1] < 2:
         raise InputError(f"returns have {returns.shape[1]} column, expected at least 2 assets to choose from")
-    _check_dates(returns.index, "returns")
+    check_dates(returns.index, "returns")
     labels = [str(label) for label in returns.columns]
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
@@ -217,7 +224,8 @@ def _labelled(returns: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, index=returns.index, columns=labels)
 
 
-def _check_dates(index: pd.Index, what: str) -> None:
+def check_dates(index: pd.Index, what: str) -> None:
+    """Raise `InputError` unless an index is of increasing dates."""
     if not isinstance(index, pd.DatetimeIndex):
         raise InputError(f"{what} must have a DatetimeIndex, got {type(index).__name__}; see pandas.to_datetime")
     if index.hasnans:
@@ -228,9 +236,8 @@ def _check_dates(index: pd.Index, what: str) -> None:
         raise InputError(f"{what} have {after:%Y-%m-%d} after {before:%Y-%m-%d}; dates must increase, each once")
 
 
-def _training_rows(dates: pd.DatetimeIndex, settings: BacktestSettings) -> int:
+def _training_rows(dates: pd.DatetimeIndex, given: str) -> int:
     """Number of rows up to `train_until`; a month or a year stands for its last instant."""
-    given = settings.train_until
     try:
         end = pd.Period(given).end_time
     except (ValueError, TypeError, AttributeError):
@@ -249,15 +256,17 @@ def _span(dates: pd.DatetimeIndex) -> str:
     return f"{dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if len(dates) else "no dates"
 
 
-def _aligned_riskless(riskless: pd.Series, dates: pd.DatetimeIndex) -> Array:
+def aligned_riskless(riskless: pd.Series, dates: pd.DatetimeIndex) -> Array:
+    """Return the riskless returns of some dates, (T,)."""
     if not isinstance(riskless, pd.Series):
         raise InputError(f"riskless must be a Series with the dates of the returns, got {type(riskless).__name__}")
-    _check_dates(riskless.index, "riskless")
-    _refuse_missing(dates, riskless.index, "riskless", "the returns")
+    check_dates(riskless.index, "riskless")
+    refuse_missing(dates, riskless.index, "riskless", "the returns")
     return validation.finite_array(riskless.loc[dates].to_numpy(), "riskless", ndim=1)
 
 
-def _refuse_missing(wanted: pd.DatetimeIndex, found: pd.Index, what: str, of: str) -> None:
+def refuse_missing(wanted: pd.DatetimeIndex, found: pd.Index, what: str, of: str) -> None:
+    """Raise `InputError` where dates are missing, with the first of them."""
     missing = wanted[~wanted.isin(found)]
     if len(missing):
         some = ", ".join(f"{date:%Y-%m-%d}" for date in missing[:_LISTED])

@@ -89,7 +89,9 @@ def test_months_with_what_everybody_reads(capsys: pytest.CaptureFixture[str], fo
     public = {"public_sensor": [[1.0, 1.0, 0.0]], "public_noise": [[1e-4]]}
     (folder / "W.json").write_text(json.dumps({**WORLD, **public}), "utf-8")
     maker = AlphaDecisionMaker(
-        AlphaProblem(read_covariance(folder / "V.csv"), 2.5), 0.5, world=read_linear_world(folder / "W.json")
+        AlphaProblem(read_labelled_matrix(folder / "V.csv", is_square=True), 2.5),
+        0.5,
+        world=read_linear_world(folder / "W.json"),
     )
     sequence, told = maker.begin(), [0.0, 0.015, -0.005]
     for month, reading in enumerate(told):

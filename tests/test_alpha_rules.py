@@ -472,6 +472,9 @@ def test_trading_without_a_price_of_information_is_the_riccati_solution() -> Non
     # Means cost what makes the state's cost definite: they are moved by no trade.
     state = state + np.block([[np.zeros((n, n)), np.zeros((n, n))], [np.zeros((n, n)), 100.0 * np.eye(n)]])
     value = solve_discrete_are(moves, acts, state, costs, s=cross)
+    for _ in range(200):  # the solver's rounding, some 1e-8, leaves the value by its own recursion
+        seen = acts.T @ value @ moves + cross.T
+        value = moves.T @ value @ moves + state - seen.T @ np.linalg.solve(costs + acts.T @ value @ acts, seen)
     gain = np.linalg.solve(costs + acts.T @ value @ acts, acts.T @ value @ moves + cross.T)
     position, sequence = np.zeros(n), maker.begin()
     for _ in range(5):

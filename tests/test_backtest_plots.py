@@ -16,6 +16,7 @@ from inscrutable.reports.backtest_plots import (
     draw_backtest,
     draw_beliefs,
     draw_frontier,
+    draw_hidden,
     draw_month,
     draw_privacy_and_cost,
     draw_weights,
@@ -23,7 +24,7 @@ from inscrutable.reports.backtest_plots import (
 )
 from inscrutable.reports.style import as_written, drawing
 
-FIGURES = ("beliefs", "weights", "privacy_and_cost", "frontier", "month")
+FIGURES = ("hidden", "beliefs", "weights", "privacy_and_cost", "frontier", "month")
 
 
 def backtest(settings: BacktestSettings, n_assets: int) -> Backtest:
@@ -83,16 +84,31 @@ def test_panels_show_the_investor_and_every_reading(found: Backtest, kept: list[
     titles = [axis.get_title(loc="left") for axis in kept[0].axes]
     assert titles == [
         "investor's belief",
-        "read from the ODM",
-        "read from the CDM",
-        "read from the PDM, drawn",
-        "CDM, read by one who knows the method and follows it",
-        "PDM, drawn, read by one who knows the method and follows it",
+        "ODM: read at face value",
+        "CDM: read at face value",
+        "PDM, drawn: read at face value",
+        "CDM: read by one who knows the rules and follows all weights",
+        "PDM, drawn: read by one who knows the rules and follows all weights",
     ]
+    tops = found.beliefs.to_numpy().max(axis=1)
     for axis in kept[0].axes:
         assert axis.get_ylim() == (0.0, 1.0)
-        assert axis.get_ylabel() == "probability"
         assert len(axis.collections) == 3
+    drawn = [area.get_paths()[0].vertices[:, 1].max() for area in kept[0].axes[0].collections]
+    assert max(drawn) == pytest.approx(tops.max())  # as high as the likeliest regime is probable
+
+
+def test_the_first_picture_shows_both_rivals_and_the_ceiling(found: Backtest, kept: list[Any]) -> None:
+    draw_hidden(found, Path())
+    (axis,) = kept[0].axes
+    assert [text.get_text() for text in axis.get_yticklabels()] == [
+        "optimal (ODM)",
+        "counter-adversarial (CDM)",
+        "probabilistic (PDM)",
+    ]
+    marks = {float(line.get_xdata()[0]) for line in axis.lines if len(line.get_xdata()) == 1}
+    for figures in found.figures.values():
+        assert {figures["error_face_value"], figures["error_followed"]} <= marks
 
 
 def test_weights_reach_one_and_name_their_assets(found: Backtest, kept: list[Any]) -> None:
@@ -121,16 +137,19 @@ def test_time_panels_show_privacy_and_regret(found: Backtest, kept: list[Any]) -
 def test_frontier_shows_the_decisions_on_the_curves(found: Backtest, kept: list[Any]) -> None:
     step = step_of(found)
     draw_frontier(found, Path(), step)
-    left, right = kept[0].axes
-    marks = {line.get_label(): line for line in left.lines}
+    (axis,) = kept[0].axes
+    marks = {line.get_label(): line for line in axis.lines}
     lottery = found.episode.records["PDM"].lotteries
     assert lottery is not None
     assert marks["PDM, in expectation"].get_ydata()[0] == pytest.approx(lottery[step].expected_privacy)
     assert marks["CDM"].get_xdata()[0] <= 5.0 + 1e-9
-    mixed, single = marks["best lottery"].get_ydata(), marks["best single decision"].get_ydata()
+    mixed, single = marks["best lottery, in expectation"].get_ydata(), marks["best single decision"].get_ydata()
     assert (mixed >= single - 1e-12).all()
     assert (np.diff(mixed) >= -1e-12).all()
-    assert "% of |c*|" in right.get_ylabel()
+    assert "% of |c*|" in axis.get_xlabel()
+    slope = next(line for label, line in marks.items() if label.startswith("slope: "))
+    on = np.interp(slope.get_xdata(), marks["best lottery, in expectation"].get_xdata(), mixed)
+    assert (slope.get_ydata() >= on - 1e-3).all()  # a tangent of a concave curve lies above it
 
 
 def test_month_shows_the_distances(found: Backtest, kept: list[Any]) -> None:
@@ -172,4 +191,4 @@ def test_missed_goals_and_two_regimes(tmp_path: Path) -> None:
     )  # type: ignore[arg-type]
     written = draw_backtest(backtest(settings, 3), tmp_path)
     assert not any(path.name.startswith("month") for path in written)
-    assert len(written) == 8
+    assert len(written) == 10

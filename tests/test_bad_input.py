@@ -223,7 +223,7 @@ def test_a_flat_direction_without_end_is_either_solved_or_a_model_error():
         ({"measure": "maximal"}, "measure must be a privacy measure"),
         ({"budget": -0.1}, "budget must be at least 0, got -0.1"),
         ({"budget": np.nan}, "budget"),
-        ({"budget": "a lot"}, "budget must be a number"),
+        ({"budget": "a lot"}, "budget 'a lot': expected a share"),
         ({"on_empty": "ignore"}, "on_empty must be"),
         ({"method": "fast"}, "method must be"),
         ({"candidates": 5}, "candidate"),

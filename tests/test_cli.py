@@ -244,7 +244,11 @@ BAD_RETURNS = {
     "missing date": ("date,A,B\n2001-01,0.01,0.02\n,0.01,0.02\n", "line 3"),
     "column twice": ("date,A,A\n2001-01,0.01,0.02\n", "'A' is duplicated"),
     "empty": ("", "is empty"),
-    "short": ("date,A,B\n2001-01,0.01,0.02\n2001-02,0.01,0.02\n2001-03,0.01,0.02\n", "regimes of 2 assets need"),
+    "short": (
+        "date,A,B\n" + "".join(f"2001-{month:02d},0.01,0.0{month}\n" for month in range(1, 7)),
+        "regimes of 2 assets need",
+    ),
+    "shorter": ("date,A,B\n2001-01,0.01,0.02\n2001-02,0.01,0.02\n2001-03,0.01,0.02\n", "need at least 2"),
 }
 
 
@@ -341,7 +345,7 @@ def test_backtest_then_attack_then_protect(run, folder: Path, tmp_path: Path) ->
     code, out, err = run("backtest", "--prices", folder / "prices.csv", *common, "--train-until", "2005-06")
     assert code == 0
     assert "earns the return of month t+1" in out
-    assert "A rival who inverts the published weights" in out
+    assert "Read: from the optimal weights (ODM), a rival names" in out
     assert "model.json" in out
     assert "Decisions:" in err
     model = out_folder / "model.json"

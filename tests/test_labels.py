@@ -187,7 +187,47 @@ def decided(make: Callable[[], Any]) -> Callable[[Any], Any]:
 
 
 # Entry point, labelled input, what it is asked. A second name after a space says which argument.
+READ = pd.DataFrame(
+    ins.filter_beliefs(
+        ins.HiddenMarkovModel(STEADY, ins.CategoricalEmission([[0.8, 0.2], [0.3, 0.7]])),
+        np.random.default_rng(7).integers(0, 2, 60),
+    ).beliefs,
+    columns=STATES,
+)
+ACCURACY = ins.SensorFamily(lambda q: ins.CategoricalEmission([[q, 1 - q], [1 - q, q]]), [(0.55, 0.95)], ["accuracy"])
+CHOICES = ins.FiniteProblem(pd.DataFrame([[0.0, 1.0], [1.0, 0.0]], STATES))
+SIGNAL = ins.CategoricalEmission([[0.7, 0.3], [0.3, 0.7]])
+
+
+def read_transition(beliefs: Any) -> Any:
+    """The transition read from beliefs, its states in one order."""
+    world = ins.estimate_world(beliefs, n_symbols=2).world
+    return pd.DataFrame(world.transition, world.names, world.names).loc[STATES, STATES].to_numpy()
+
+
 ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
+    ("estimate_sensor beliefs", READ, lambda v: ins.estimate_sensor(v, STEADY).probabilities),
+    ("estimate_world", READ, read_transition),
+    (
+        "calibrate_sensor",
+        HOLDINGS,
+        lambda v: ins.calibrate_sensor(v, [0, 1, 0], PLAYED, ACCURACY, world=WALK).parameters,
+    ),
+    (
+        "AlphaDecisionMaker",
+        SPREAD["crisis"],
+        lambda v: ins.AlphaDecisionMaker(OWN, 0.5, prior_covariance=v).error_covariance,
+    ),
+    ("social_learning", INITIAL, lambda v: ins.social_learning(CHOICES, SIGNAL, n_agents=3, prior=v).regrets),
+    (
+        "herding_table",
+        INITIAL,
+        lambda v: (
+            ins.herding_table(CHOICES, SIGNAL, {"ODM": ins.OriginalDecisionMaker(CHOICES)}, n_agents=3, prior=v)[
+                "ODM"
+            ].regrets
+        ),
+    ),
     ("MarkowitzProblem means", MEANS, lambda v: costs(markowitz(means=v))),
     ("MarkowitzProblem covariances", SPREAD, lambda v: costs(markowitz(covariances=v))),
     ("MarkowitzProblem list", SPREAD["crisis"], lambda v: costs(markowitz(covariances=[SPREAD["calm"], v]))),
@@ -435,6 +475,8 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
 ]
 
 NO_ARRAYS = """
+    AlphaDraw AlphaPath AlphaSequence AlphaSettings AlphaStatus CalibratedSensor EstimatedSensor EstimatedWorld
+    HerdStatus HerdingTable LikelihoodStatus LinearView ProbeRanking SensorFamily SensorStatus SocialLearning
     AlphaDecision KalmanResult SteadyFilter ViewStatus steady_filter
     ActionExplanation Adversary AffordableBeliefs Budget Calibration CalibrationStatus CheapestPrivacy CostStatus
     Decision DecisionStatus Decisions Detectability DiskError Emission Envelope FilterResult FittedWorld Frontier
@@ -459,8 +501,11 @@ NO_ARRAYS = """
 """.split()  # noqa: SIM905
 """Public names that take no tables: objects of the library, numbers, names; results are made by the library."""
 
-ELSEWHERE = ["run_backtest"]
-"""Names whose tables have tests of their own: of dates and assets in `test_backtest`."""
+ELSEWHERE = [
+    *("run_backtest", "alpha_backtest", "run_alpha_backtest", "momentum_alphas"),
+    *("best_probe", "inverse_kalman_filter"),
+]
+"""Names whose tables have tests of their own, of dates and assets; and those that take arrays over time without labels."""
 
 
 def same(first: Any, second: Any) -> bool:

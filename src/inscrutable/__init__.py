@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:  # one name a line, written `from inscrutable.module import Name as Name`
     from inscrutable.adversaries import ActionExplanation as ActionExplanation

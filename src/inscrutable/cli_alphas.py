@@ -78,12 +78,7 @@ class AlphaOptions:
     def maker(self, budget: str | None) -> AlphaDecisionMaker:
         """Return the rule that the files and numbers say."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
-<<<<<<< HEAD
-        from inscrutable.budgets import Budget
         from inscrutable.datasets import read_returns
-=======
-        from inscrutable.datasets import read_covariance, read_returns
->>>>>>> 27f8433bbea5a10b79055389e67dfea49d0c4f11
         from inscrutable.experiments.alpha_files import read_linear_world
 
         if self.covariance is not None:
@@ -95,31 +90,25 @@ class AlphaOptions:
         assert self.risk_aversion is not None
         return AlphaDecisionMaker(
             AlphaProblem(risk, self.risk_aversion, trading_cost=self.trading_cost),
-<<<<<<< HEAD
-            asked if isinstance(asked, Budget) else asked.share,
-            prior_covariance=_square(self.prior_covariance),
-=======
             _budget(budget),
-            prior_covariance=None if self.prior_covariance is None else read_covariance(self.prior_covariance),
->>>>>>> 27f8433bbea5a10b79055389e67dfea49d0c4f11
+            prior_covariance=_square(self.prior_covariance),
             world=None if self.world is None else read_linear_world(self.world),
             objective=self.objective,
         )
 
 
-<<<<<<< HEAD
 def _square(path: Path | None) -> pd.DataFrame | None:
     from inscrutable.datasets import read_labelled_matrix
 
     return None if path is None else read_labelled_matrix(path, is_square=True)
-=======
+
+
 def _budget(given: str | None) -> Budget:
     """The regret a step: a share is of what silence costs."""
     from inscrutable.budgets import Budget
 
     asked = budget_of(_BUDGET if given is None else given)
     return asked if isinstance(asked, Budget) else Budget(asked.share)
->>>>>>> 27f8433bbea5a10b79055389e67dfea49d0c4f11
 
 
 def protect_means(
@@ -209,7 +198,7 @@ def backtest_means(
     speech: Speech,
 ) -> None:
     """Show what is given up and what is taken where private means are hidden, and write table, summary and figure."""
-    from inscrutable.datasets import read_covariance, read_signals
+    from inscrutable.datasets import read_signals
     from inscrutable.experiments.alpha_files import read_linear_world
     from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC
     from inscrutable.experiments.alpha_run import AlphaSettings, run_alpha_backtest
@@ -224,7 +213,7 @@ def backtest_means(
         None if options.alphas == _MOMENTUM else read_signals(options.alphas),
         AlphaSettings(budget=_budget(budget), objective=options.objective or "information", **chosen),
         riskless=riskless,
-        prior_covariance=None if options.prior_covariance is None else read_covariance(options.prior_covariance),
+        prior_covariance=_square(options.prior_covariance),
         world=None if options.world is None else read_linear_world(options.world),
     )
     files = replaced(folder, "backtest", write_alphas(found, folder), speech)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.budgets import Budget, as_budget
+from inscrutable.budgets import Budget, as_budget, is_budget
 from inscrutable.decision_makers.arguments import checked_choice, checked_measure, checked_on_empty
 from inscrutable.decision_makers.candidates import Candidates, candidates_for
 from inscrutable.decision_makers.cheapest_distance import cheapest_at_distance, shortened_on_its_face
@@ -82,7 +82,7 @@ class HidingDecisionMaker(Described):
     ) -> None:
         self.problem = checked_problem(problem)
         # The two have types that cannot be mistaken, so that either may come first.
-        if isinstance(measure, (Budget, float, int, str)) and not isinstance(measure, bool):
+        if isinstance(measure, (Budget, float, int)) or (isinstance(measure, str) and is_budget(measure)):
             measure, budget = self._swapped(measure, budget)
         self.measure = checked_measure(measure)
         self.budget = as_budget(budget)

@@ -17,7 +17,7 @@ from inscrutable.worlds.hidden_markov import HiddenMarkovModel
 def from_hmmlearn(model: Any) -> HiddenMarkovModel:
     """Return the world of a fitted `GaussianHMM` or `CategoricalHMM` of hmmlearn.
 
-    Formula: P = transmat_, rows sum to one; π_0 = startprob_; states in its order.
+    Formula: P = ``transmat_``, rows sum to one; π_0 = ``startprob_``; states in its order.
 
     Args:
         model: The fitted model; any kind of covariance.

@@ -275,7 +275,7 @@ def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]], col
     played, prices, every, start = game.played(shares), [], [], 0
     for block, part, some in zip(wide, parts, kept, strict=True):
         here = duals[start : start + len(part.sides)]
-        factors = np.where(part.columns >= 0, played[part.columns], 1.0)
+        factors = np.where(part.columns >= 0, played[np.maximum(part.columns, 0)], 1.0)
         prices.append(float(here @ (part.slopes * factors)))
         every.append(np.zeros(len(block.sides)))
         every[-1][some] = here

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import sparse
 
-from inscrutable.experiments.herding.decisions import TurnOutcomes, Deciding
+from inscrutable.experiments.herding.decisions import Deciding, TurnOutcomes
 from inscrutable.experiments.herding.reached import equal_beliefs
 from inscrutable.experiments.herding.results import HerdStatus, Simulation, SocialLearning, found_of
 from inscrutable.mechanisms.drawing import RowDraws

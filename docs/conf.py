@@ -44,7 +44,7 @@ html_show_sourcelink = False
 default_role = "code"
 autodoc_default_options = {
     "members": True,
-    "inherited-members": "Enum,Exception,tuple,BaseOptimization",
+    "inherited-members": "Enum,Exception,tuple",
 }
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"

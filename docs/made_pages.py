@@ -66,10 +66,18 @@ def api_pages(folder: Path) -> None:
         parts += [".. autosummary::\n   :nosignatures:\n"]
         parts += [*(f"   {name}" for name in names), ""]
         for name in names:
-            is_class = isinstance(getattr(inscrutable, name), type)
-            kind = "class" if is_class else "function"
-            parts.append(f"{name}\n{'-' * len(name)}\n\n.. auto{kind}:: {name}\n")
+            value = getattr(inscrutable, name)
+            kind = "class" if isinstance(value, type) else "function"
+            parts.append(f"{name}\n{'-' * len(name)}\n\n.. auto{kind}:: {name}")
+            parts += [*(["   :no-inherited-members:"] * is_foreign(value)), ""]
         folder.joinpath(f"{key}.rst").write_text("\n".join(parts), "utf-8")
+
+
+def is_foreign(value: Any) -> bool:
+    """Whether a class derives from one of another package, whose docstrings refer to pages that are not here."""
+    known = {"inscrutable", "builtins", "enum", "abc", "typing"}
+    bases = value.__mro__[1:] if isinstance(value, type) else ()
+    return any(base.__module__.split(".")[0] not in known for base in bases)
 
 
 def report_page(folder: Path) -> None:

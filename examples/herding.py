@@ -43,7 +43,7 @@ table = herding_table(problem, sensor, rules, n_agents=n_agents, rng=np.random.d
 
 # A lottery of the PDM takes some milliseconds: fewer paths.
 lotteries = ProbabilisticDecisionMaker(problem, budget=budget)
-found = social_learning(problem, sensor, lotteries, n_agents=n_agents, rng=np.random.default_rng(0), n_paths=150)
+found = social_learning(problem, sensor, lotteries, n_agents=n_agents, rng=np.random.default_rng(0), n_paths=60)
 table = HerdingTable((*table.names, "PDM"), (*table.found, found))
 print(table)
 

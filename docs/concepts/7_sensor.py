@@ -120,6 +120,7 @@ with drawing(6.4, 3.4) as (figure, axes):
     axes.axvline(0.8, color="0.6", linewidth=0.8)
     axes.set_xlabel("accuracy of the sensor; the true one is 0.8")
     axes.legend(frameon=False)
+    figure.savefig("sensor.png")
 
 # %%
 # In a linear Gaussian world the observer runs a Kalman filter on the agent's Kalman filter: `inverse_kalman_filter`. `inscrutable

@@ -91,7 +91,8 @@ def law_between(before: tuple[Array, Array], error: Array) -> ErrorLaw:
     basis, dual = before
     inside = dual @ error @ dual.T
     shares, turn = np.linalg.eigh(0.5 * (inside + inside.T))
-    shares = np.where(shares > 1.0 - tolerances.ALL_LEFT, 1.0, np.maximum(shares, 0.0))
+    # A share of rounding would draw noise of its root, some 1e-8, where all is to be shown.
+    shares = np.where(shares > 1.0 - tolerances.ALL_LEFT, 1.0, np.where(shares < tolerances.NO_VARIANCE, 0.0, shares))
     return ErrorLaw(basis @ turn, turn.T @ dual, shares)
 
 

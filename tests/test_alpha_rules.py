@@ -93,10 +93,13 @@ def test_one_decision_against_cone_programmes(share: float) -> None:
     n = 4
     theta, prior, weights = covariance(rng, n), covariance(rng, n), covariance(rng, n)
     limit = share * float(np.trace(theta @ prior))
-    error = cp.Variable((n, n), PSD=True)
-    rows = [prior - error >> 0, cp.trace(theta @ error) <= limit]
-    bits = 0.5 * (np.linalg.slogdet(prior)[1] - solved(cp.Maximize(cp.log_det(error)), rows)) / np.log(2.0)
-    most = solved(cp.Maximize(cp.trace(weights @ error)), rows)
+    # As a share X of the prior, E = R X R with R R = S: the determinant is then solved to all digits.
+    values, vectors = np.linalg.eigh(prior)
+    root = (vectors * np.sqrt(values)) @ vectors.T
+    kept_share = cp.Variable((n, n), PSD=True)
+    rows = [np.eye(n) - kept_share >> 0, cp.trace(root @ theta @ root @ kept_share) <= limit]
+    bits = -0.5 * solved(cp.Maximize(cp.log_det(kept_share)), rows) / np.log(2.0)
+    most = solved(cp.Maximize(cp.trace(root @ weights @ root @ kept_share)), rows)
     told = AlphaDecisionMaker(problem_of(theta), share, prior_covariance=prior)
     kept = AlphaDecisionMaker(
         problem_of(theta), share, prior_covariance=prior, objective="error", error_weights=weights

@@ -283,3 +283,21 @@ def test_a_set_of_beliefs_that_is_empty_is_refused() -> None:
     assert sets[1].is_empty
     with pytest.raises(InputError, match="is empty"):
         estimate_sensor(sets, UNDER_NOISE[2][0])
+
+
+@pytest.mark.parametrize("difference", [1e-1, 1e-2, 1e-3, 1e-5, 1e-6, 1e-7, 0.0])
+@pytest.mark.parametrize("known", [True, False])
+def test_states_that_move_nearly_alike_are_read_right_or_left_open(difference: float, known: bool) -> None:
+    """Rows of the transition that hardly differ: beliefs of double precision do not tell them apart."""
+    rng = np.random.default_rng(3)
+    transition = np.array([[0.6, 0.4], [0.6 - difference, 0.4 + difference]])
+    sensor = np.array([[0.7, 0.3], [0.2, 0.8]])
+    beliefs, symbols = [np.array([0.3, 0.7])], rng.integers(2, size=150)
+    for symbol in symbols:
+        weighed = sensor[:, symbol] * (transition.T @ beliefs[-1])
+        beliefs.append(weighed / weighed.sum())
+    found = estimate_world(np.array(beliefs), n_symbols=2, symbols=symbols if known else None)
+    if found.status is SensorStatus.IDENTIFIED:
+        assert np.abs(found.world.transition - transition).max() <= 1e-6
+    else:
+        assert difference <= 1e-3

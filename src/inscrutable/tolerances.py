@@ -532,3 +532,7 @@ PARAMETER_SLOPE = 1e-5
 
 PARAMETER_PLACE = 1e-6
 """Width, as a share of a parameter's range, at which the search for the largest likelihood ends: intervals are far wider."""
+
+TRANSITION_TOLD = 1e-9
+"""How much beliefs must determine a transition: the gap of the equations of a symbol's steps times the least singular value of
+the transition. Rounding over it is the error of the transition, here some 1e-7; below it the transition is left open."""

@@ -60,8 +60,10 @@ def of_symbols(before: Array, held: Array, symbols: np.ndarray) -> tuple[Array |
             continue
         matrices, gaps = symbol_matrices(before[None, some], held[None, some])
         found = transitions_of(matrices)[0]
-        if found.any() and gaps[0] > gap:
-            best, gap = found, float(gaps[0])
+        # Rounding moves M by itself over the gap, and P by that over its least singular value.
+        told = float(gaps[0] * np.linalg.svd(found, compute_uv=False)[-1])
+        if told > max(gap, tolerances.TRANSITION_TOLD):
+            best, gap = found, told
     return best, gap
 
 

@@ -124,6 +124,11 @@ def _guess(
             best = found
         if best is not None and best[1].noise <= tolerances.ROUGH_DISTANCE:
             break
+    if best is not None and told is None and best[1].noise <= tolerances.ROUGH_DISTANCE:
+        symbols = np.full(len(before), -1)
+        symbols[best[2]] = best[1].groups.symbols
+        if of_symbols(before, held, symbols)[0] is None:
+            return None
     return best
 
 

@@ -253,7 +253,12 @@ def test_short_lines_say_what_is_hidden_from_whom_at_what_price(found: Backtest,
     said = verdict(found)
     for line, part in zip(
         said,
-        ("Read: ", "takes the weights at face value", "knows the rules and follows all months", "Price: "),
+        (
+            "Read: ",
+            "naive observer, who takes the weights at face value",
+            "aware observer, who knows the rules and follows all months",
+            "Price: ",
+        ),
         strict=True,
     ):
         assert part in line

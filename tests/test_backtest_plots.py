@@ -87,8 +87,8 @@ def test_panels_show_the_investor_and_every_reading(found: Backtest, kept: list[
         "ODM: read at face value",
         "CDM: read at face value",
         "PDM, drawn: read at face value",
-        "CDM: read by one who knows the rules and follows all weights",
-        "PDM, drawn: read by one who knows the rules and follows all weights",
+        "CDM: read by the aware observer from all weights so far",
+        "PDM, drawn: read by the aware observer from all weights so far",
     ]
     tops = found.beliefs.to_numpy().max(axis=1)
     for axis in kept[0].axes:

@@ -1,4 +1,4 @@
-"""Bayes' rule for an observer who knows the mechanism: against loops by definition, and where it says nothing."""
+"""Bayes' rule for the aware observer: against loops by definition, and where it says nothing."""
 
 from __future__ import annotations
 

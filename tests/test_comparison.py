@@ -386,7 +386,7 @@ def test_the_same_seed_gives_the_same_figures(market: tuple[MarkowitzProblem, Pr
 
 
 def test_the_sentence_names_who_holds(found: Comparison) -> None:
-    for part in ("takes decisions at face value", "knows the mechanism and the prior", "sees 20 decisions"):
+    for part in ("naive observer", "aware observer, who knows the rule and the prior", "sees 20 decisions"):
         assert part in found.summary()
     for part in (f"{found.n_beliefs} beliefs", "bits", "candidate", "silence regret"):
         assert part in found.header()
@@ -448,14 +448,14 @@ def test_panels_show_every_observer_and_the_main_makers(found: Comparison, kept:
     axes = [axis for axis in kept[0].axes if axis.get_visible()]
     assert len(axes) == 1 + len(found.repeats)
     assert [axis.get_title(loc="left") for axis in axes][1:] == [
-        "knows the mechanism: 1 decision",
-        "knows the mechanism: 20 decisions on one belief",
+        "aware observer, one decision",
+        "aware observer, 20 decisions on one belief",
     ]
     assert len(comparison_plots.main_makers(found)) <= 6
     for place, axis in enumerate(axes):
         lines = {line.get_label(): line for line in axis.get_lines()}
-        assert set(lines) == {*comparison_plots.main_makers(found), "prior alone"}
-        np.testing.assert_allclose(lines["prior alone"].get_ydata(), found.prior_error)
+        assert set(lines) == {*comparison_plots.main_makers(found), "without decisions"}
+        np.testing.assert_allclose(lines["without decisions"].get_ydata(), found.prior_error)
         for maker in comparison_plots.main_makers(found):
             rows = found.of(maker)
             wanted = [row.naive_error if place == 0 else row.repeated_errors[place - 1] for row in rows]
@@ -494,7 +494,7 @@ def test_the_verb_writes_and_says_what_it_found(tmp_path: Path, capsys: pytest.C
     arguments = ["compare", "--resolution", "3", "--budgets", "silence:0.5", "--out", str(folder)]
     assert cli.main(arguments) == 0
     said = capsys.readouterr()
-    assert "Hidden from one who" in said.out
+    assert "Hidden from the aware observer" in said.out
     assert "comparison.csv" in said.out
     assert "What the columns mean" in said.out
     assert "Decision makers at budgets" in said.err

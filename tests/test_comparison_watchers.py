@@ -356,8 +356,8 @@ def test_reports_show_both_observers(moving: Comparison) -> None:
         assert title in table.columns
     row = moving.of("rate-distortion")[0]
     assert table["error, aware, over time"]["rate-distortion"].iloc[0] == f"{row.path_error:.3f}"
-    assert "one who knows the mechanism and follows the belief over time" in moving.summary()
-    assert "one who knows the mechanism and sees 10 decisions on one belief" in moving.summary()
+    assert "aware observer over time" in moving.summary()
+    assert "aware observer, who sees 10 decisions on one belief" in moving.summary()
     notes = " ".join(notes_of(moving))
     assert "paths of 40 decisions" in notes
     for column in table.columns:  # every column is explained where the table is
@@ -381,7 +381,7 @@ def test_the_picture_shows_the_observer_over_time(moving: Comparison, monkeypatc
     comparison_plots.draw_comparison(moving, Path())
     shown = [axis for axis in figures[0].axes if axis.get_visible()]
     assert len(shown) == 2 + len(moving.repeats)
-    assert shown[-1].get_title(loc="left") == "knows the mechanism: follows a belief that moves"
+    assert shown[-1].get_title(loc="left") == "aware observer, over time"
     lines = {line.get_label(): line for line in shown[-1].get_lines()}
     for maker in comparison_plots.main_makers(moving):
         np.testing.assert_allclose(lines[maker].get_ydata(), [row.path_error for row in moving.of(maker)])

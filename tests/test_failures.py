@@ -151,7 +151,7 @@ def test_newtons_method_says_where_it_did_not_settle(monkeypatch):
     problem = ConvexProblem.from_functions(
         lambda u: np.exp(rates * u).sum(axis=1), lambda u: rates * np.exp(rates * u), box([-9, -9], [9, 9])
     )
-    with pytest.raises(SolverError, match=r"did not settle for belief \[0\.5 0\.5\]: its last step promised"):
+    with pytest.raises(SolverError, match=r"did not converge for belief \[0\.5 0\.5\]: its last step promised"):
         problem.solve(PAIR)
 
 

@@ -1,4 +1,4 @@
-"""A backtest's page on one who knows the method and follows all that is published, with the sequential rule and its ceiling."""
+"""A backtest's page on the aware observer over time, with the sequential rule and its ceiling."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def found() -> Backtest:
 
 @pytest.fixture(scope="module")
 def without(found: Backtest) -> Backtest:
-    """The same with nobody who knows the method, as where the target is another one at every step."""
+    """The same without an aware observer, as where the target is another one at every step."""
     return replace(found, aware=None, sequential=None)
 
 
@@ -91,7 +91,7 @@ def test_figures_are_read_on_a_phone_too(
     tab.open(page, "#step=999")
     figures, shown = found.figures, "[...document.querySelectorAll('#errors-legend span')]"
     legend = tab.run(f"{shown}.map(each => each.textContent)")
-    told = f"SDM {figures['SDM']['error_followed']:.3g}, ceiling {figures['SDM']['error_ceiling']:.3g}"
+    told = f"sequential (SDM) {figures['SDM']['error_followed']:.3g}, ceiling {figures['SDM']['error_ceiling']:.3g}"
     assert told in legend
     assert (
         tab.run(f"new Set({shown}.map(each => each.firstChild.innerHTML)).size") == len(legend) == len(found.names) + 2

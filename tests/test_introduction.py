@@ -23,7 +23,7 @@ def test_verdicts_that_theory_decides() -> None:
     table = introduction_table(list(claims.values()))
     assert list(table.index) == list(claims)
     assert table.loc["herding", "decisions taken for optimal"] == ""
-    assert str(partial).endswith("holds only against one who takes decisions for optimal")
+    assert str(partial).endswith("holds only against the naive observer")
 
 
 def test_too_few_markets_are_refused() -> None:

@@ -229,7 +229,7 @@ def test_bad_worlds_are_refused() -> None:
     with pytest.raises(ModelError, match="pass `initial`"):
         walk.sample(3, rng=np.random.default_rng(0))
     assert steady_filter(walk).covariance[0, 0] == pytest.approx((np.sqrt(5.0) - 1.0) / 2.0, abs=1e-12)
-    with pytest.raises(ModelError, match="no filter settles"):
+    with pytest.raises(ModelError, match="no filter converges"):
         steady_filter(LinearGaussianWorld(np.diag([1.1, 0.5]), np.eye(2), [[0.0, 1.0]], one))
     with pytest.raises(ModelError, match="row 0 has no density"):
         kalman_filter(LinearGaussianWorld([[0.0]], [[0.0]], one, [[0.0]]), [1.0])

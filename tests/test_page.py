@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,16 @@ from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_bac
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare
 from inscrutable.reports import page as page_folder
 from inscrutable.reports import style
-from inscrutable.reports.page import PageContent, PageTable, backtest_page, can_write_pages, write_content, write_page
+from inscrutable.reports.page import (
+    PageContent,
+    PageFigure,
+    PageSlider,
+    PageTable,
+    backtest_page,
+    can_write_pages,
+    write_content,
+    write_page,
+)
 from inscrutable.reports.page.budget_sweep import BudgetSweep
 from inscrutable.reports.page.writing import embedded
 
@@ -138,7 +148,7 @@ def test_html_is_well_formed_and_made_for_all_readers(which: str, request: pytes
     assert {each["scope"] for each in read.all("th")} == {"col", "row"}
     assert "@media print" in read.inside["style"][0]
     headings = " ".join(read.inside["h2"])
-    assert all(word in headings for word in ("Verdict", "Table", "Failures", "Manifest"))
+    assert all(word in headings for word in ("Verdict", "Table", "What the words mean", "Manifest"))
 
 
 @both
@@ -370,6 +380,17 @@ def test_content_without_figures_is_a_page(tmp_path: Path) -> None:
     assert not read.all("figure")
 
 
+def test_a_slider_with_one_position_and_an_empty_list_of_failures_are_left_out(tmp_path: Path) -> None:
+    sliders = [PageSlider("one", "One", ["all"]), PageSlider("two", "Two", ["a", "b"])]
+    figures = [PageFigure("both", "Both", "c")]
+    content = PageContent("t", "h", ["v"], sliders=sliders, figures=figures, script="comparison.js")
+    read = Reader(write_content(content, tmp_path / "report.html"))
+    assert [each["id"] for each in read.all("input")] == ["two"]
+    assert not any("failed" in heading for heading in read.inside["h2"])
+    failed = Reader(write_content(replace(content, failures=["A failed."]), tmp_path / "failed.html"))
+    assert "What failed or was left out" in failed.inside["h2"]
+
+
 # ---- in a real browser --------------------------------------------------------------------------------
 
 needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")
@@ -456,7 +477,7 @@ def test_keys_move_both_sliders_and_what_they_should(found: Backtest, page: Path
     assert changed(later, richer) == of_step | {"sweep"}
     assert tab.run("location.hash") == f"#step=4&budget={len(data['amounts']) - 1}"
     rows = "[...document.querySelectorAll('#now tbody tr')].map(row => [...row.cells].map(cell => cell.textContent))"
-    cdm = next(row for row in tab.run(rows) if row[0] == "CDM")
+    cdm = next(row for row in tab.run(rows) if row[0] == "counter-adversarial (CDM)")
     held = {row[0]: row[1:] for row in tab.run(rows.replace("#now", "#weights"))}
     for k, name in enumerate(found.names):
         for asset, weight in found.weights(name).iloc[4].items():
@@ -467,6 +488,21 @@ def test_keys_move_both_sliders_and_what_they_should(found: Backtest, page: Path
     centre = np.mean(data["sets"][atom[0]], axis=0)
     assert [float(each) for each in cdm[3].split()] == pytest.approx(centre, abs=0.0051)
     assert tab.complaints == []
+
+
+@needs_browser
+def test_beliefs_are_as_high_as_the_likeliest_regime(page: Path, tab: browser.Browser) -> None:
+    tab.open(page, "#step=3&budget=0")
+    own = np.array(data_of(page)["beliefs"])
+    paths = tab.run(
+        "[...document.querySelectorAll('#beliefs path')].slice(0, 3).map(each => each.getAttribute('d') || '')"
+    )
+    for regime, path in enumerate(paths):
+        ends = [(float(low), float(high)) for low, high in re.findall(r"M\S+ ([\d.]+)V([\d.]+)H", path)]
+        # A strip is 56 units high.
+        assert [(low - high) / 56 for low, high in ends] == pytest.approx(
+            own.max(axis=1)[own.argmax(axis=1) == regime], abs=0.002
+        )
 
 
 @needs_browser

@@ -211,7 +211,7 @@ def test_attack_by_command_with_the_rule(small, tmp_path: Path, capsys: pytest.C
     published.to_csv(tmp_path / "weights.csv", index=False, float_format="%.17g")
     call = ["attack", "--model", str(file), "--weights", str(tmp_path / "weights.csv")]
     assert main([*call, "--mechanism", "cdm", "--budget", "regret:0.0001", "--out", str(tmp_path / "out")]) == 0
-    assert "to one who knows the rule (cdm)" in capsys.readouterr().out
+    assert "the aware observer, who knows the rule (cdm)" in capsys.readouterr().out
     assert len(pd.read_csv(tmp_path / "out" / "attack_over_time.csv")) == 2
     assert main([*call, "--mechanism", "sequential", "--state", str(state), "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["over_time"]) == 2

@@ -159,7 +159,7 @@ def backtest(
     """Walk a regime-switching investor through real returns while a rival reads its published weights.
 
     Without a data option: the 12 US industries that come with the package, monthly, 1949 to 2017. With `--alphas` the private
-    belief is expected returns instead, hidden from a rival who knows the rule.
+    belief is expected returns instead, hidden from the aware observer, who knows the rule.
 
     Args:
         returns: CSV of simple returns as fractions: dates in the first column, one column per asset.
@@ -371,8 +371,8 @@ def protect(
 ) -> None:
     """Say what to publish instead, what that costs, and what an observer then concludes.
 
-    With `--state` decisions are a sequence: the observer knows the rule and remembers every decision before. With `--alphas`
-    the private belief is numbers, such as expected returns, and the observer knows the rule as well.
+    With `--state` decisions are a sequence against the aware observer, who knows the rule and remembers every decision. With
+    `--alphas` the private belief is numbers, such as expected returns, and the observer is the aware one.
 
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes; for beliefs, not for `--alphas`.
@@ -391,7 +391,7 @@ def protect(
         map_: With `--normalise`: CSV with the columns name and asset.
         previous: CSV of the weights published last, one row, where turnover is limited; one belief at a time.
         limits: What may be held.
-        seed: Makes the draw repeatable. Without it the operating system draws, because a rival who knows the seed
+        seed: Makes the draw repeatable. Without it the operating system draws, because whoever knows the seed
             knows the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """

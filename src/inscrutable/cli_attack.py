@@ -35,7 +35,7 @@ def attack(
     """Read published weights back into the beliefs that explain them: what do my holdings say?
 
     Weights rounded to a few digits are read as such: the digits written in the file are counted. With `--mechanism` also
-    what one concludes from all rows so far who knows how the weights are made; rows are one step of the model apart.
+    what the aware observer, who knows the rule, concludes from all rows so far; rows are one step of the model apart.
 
     Args:
         model: The model.json of a backtest, or a model.toml of your own with regimes.
@@ -89,7 +89,7 @@ def attack(
     if over_time is not None:
         lines = over_time.lines()
         shown = lines if folder is None else lines.iloc[:_LONGEST_TABLE]
-        title = f"What all rows so far say to one who knows the rule ({mechanism}) and how the belief moves"
+        title = f"What the aware observer, who knows the rule ({mechanism}), concludes from all rows so far"
         show_table(shown, title if len(shown) == len(lines) else f"{title}; the first {len(shown)} rows")
     speech.sentence(found.summary())
     speech.files(files)

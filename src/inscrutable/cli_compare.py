@@ -26,9 +26,9 @@ def compare(
     out: Out = Path("comparison"),
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Set ways of hiding side by side, against a rival who takes decisions at face value and one who knows how they are made.
+    """Set ways of hiding side by side, against the naive observer and the aware one, who knows the rule.
 
-    The table also has a rival who follows the belief over time, and one who has to learn the risk aversion first.
+    The table also has an observer who follows the belief over time, and one who has to learn the risk aversion first.
 
     Every way spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
 
@@ -41,7 +41,7 @@ def compare(
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
         makers: Which decision makers are compared, by the table's names, such as CDM,PDM,rate-distortion; else all.
-        pairs: Such as 100,1000: beside them a rival who knows nothing but so many pairs of belief and decision.
+        pairs: Such as 100,1000: beside them an observer who has only so many pairs of belief and decision.
         disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
             `inscrutable disclose` compares such schedules. The sequential rule goes by it; the two that trade late or in part
             are then left out.

@@ -33,8 +33,8 @@ def disclose(
 ) -> None:
     """Set schedules of publication side by side: how often, how late, and which parts of each decision.
 
-    One row a schedule: the bits that a step tells, and how far a rival who knows the rule, the model and the schedule is off
-    about the present belief. Example: inscrutable disclose --disclosures "every(3); every(3)|delayed(2); top(5)"
+    One row a schedule: the bits that a step gives away, and the error of the aware observer, who knows the rule, the model and
+    the schedule, about the present belief. Example: inscrutable disclose --disclosures "every(3); every(3)|delayed(2); top(5)"
 
     Args:
         market: returns (the 12 US industries that come with the package, one step a month), paper (a random market), or the

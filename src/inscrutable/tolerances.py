@@ -123,11 +123,11 @@ RAY_END = 1e-2
 """Relative accuracy of the end of an affordable ray: a start for the polish, which does the rest."""
 
 EDGE_PROBE = 1e-6
-"""Step of the differences by which climbs along the budget's edge read the regret's slope: forward solves are exact to
+"""Step of the differences by which searches along the budget's boundary read the regret's slope: forward solves are exact to
 1e-12, so six digits are right."""
 
 EDGE_GAIN = 1e-5
-"""Share of the distance below which such a climb's step gains nothing: climbs on faces do the rest."""
+"""Share of the distance below which such a search's step gains nothing: searches within critical regions do the rest."""
 
 CHORD = 2e-8
 """A gain in expected privacy below this is not worth a lottery, nor one more pass over the candidates."""
@@ -137,7 +137,8 @@ CHORD_GAIN = 1e-6
 single decision, and halves the gap where the frontier is smooth. Privacies are stated to 1e-3."""
 
 ROW_IN_REACH = 1e-6
-"""A multiplier or spare slack below this at the end of a climb stopped it: the face beyond that row is searched too."""
+"""A multiplier or spare slack below this at the end of a local search stopped it: the critical region beyond that row is
+searched too."""
 
 NO_PRIVACY = 1e-7
 """A gain in privacy below this is not taken: regret is quadratic in the distance from the true belief, so a regret
@@ -162,8 +163,8 @@ GAP_STEP = 1e-9
 programmes resolve, else they return the same corner for ever."""
 
 PLANE_GAME = 1e-12
-"""Gain at which a plane, or a state, enters the basis of the lowest point of planes scaled to one: rounding of a small inverse,
-and far below what the gap asks for."""
+"""Gain at which a plane, or a state, enters the basis of the smallest maximum of linear functions scaled to one: rounding of a
+small inverse, and far below what the gap asks for."""
 
 NEAR_OPTIMAL = 1e-7
 """Excess regret allowed at the corners of a near-optimal set's outer polytope, relative to the decision's cost."""
@@ -450,7 +451,7 @@ STABLE = 1e-12
 
 RICCATI = 1e-12
 """Residual of a steady covariance, relative to its largest entry, to which the Riccati equation is solved: its inverse is how
-large a covariance may grow beside its noises before it counts as one that does not settle."""
+large a covariance may grow beside its noises before it counts as one that does not converge."""
 
 INTERIOR = 1e-11
 """Where an interior-point method for alphas ends, relative to the expected returns: near enough to tell which rows are tight;
@@ -498,7 +499,7 @@ OVER_TIME_GAP = 1e-4
 
 SAME_RULE = 1e-6
 """Relative difference up to which two computations of a rule on private means are one: other libraries round otherwise, and a
-rule over time is settled to a hundredth of it."""
+rule over time has converged to a hundredth of it."""
 
 DEGENERATE = 1e-8
 """The residual that is accepted of an interior point, relative to the slopes, where rows are so degenerate that no set of tight
@@ -528,7 +529,7 @@ SCORE_STEP = 1e-4
 are right to 1e-12, so that slopes are to 1e-8; what the curvature takes off is of the same size."""
 
 PARAMETER_SLOPE = 1e-5
-"""The same for the slopes that a climb to the largest likelihood goes by."""
+"""The same for the slopes that the maximisation of the likelihood uses."""
 
 PARAMETER_PLACE = 1e-6
 """Width, as a share of a parameter's range, at which the search for the largest likelihood ends: intervals are far wider."""

@@ -1,4 +1,4 @@
-"""An observer who knows the mechanism and a prior: Bayes' rule, decision by decision."""
+"""The aware observer, who knows the mechanism and a prior: Bayes' rule, decision by decision."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class Posterior(Saved):
 
 
 class BayesianAdversary:
-    """An observer who knows how decisions come about and what beliefs are likely.
+    """The aware observer: it knows the mechanism K(u|π) and a prior over beliefs.
 
     Formula: p(π_b|u) ∝ w_b K(u|π_b).
 

@@ -1,4 +1,4 @@
-"""An observer who knows what may be spent: the beliefs under which a decision is affordable."""
+"""The set of the budget-aware observer: the beliefs under which a decision is affordable."""
 
 from __future__ import annotations
 

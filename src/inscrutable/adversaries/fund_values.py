@@ -1,4 +1,4 @@
-"""What a fund's value says of its weights to one who knows the returns of what it may hold."""
+"""A fund's weights from its value and the returns of the assets that it may hold."""
 
 from __future__ import annotations
 

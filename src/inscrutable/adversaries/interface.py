@@ -13,7 +13,7 @@ from inscrutable.validation import Array
 class Adversary(Protocol):
     """An observer of single decisions.
 
-    Source: the paper, Section III-B; Kerckhoffs' principle for those who know more.
+    Source: the paper, Section III-B; Kerckhoffs' principle for observers who know the rule.
 
     Example:
         >>> from inscrutable import BayesianAdversary

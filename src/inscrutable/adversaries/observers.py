@@ -1,4 +1,4 @@
-"""Observers who know no mechanism: one takes decisions for optimal, one for nearly so, one knows what may be spent."""
+"""Observers who know no mechanism: the naive, the near-optimal and the budget-aware one."""
 
 from __future__ import annotations
 
@@ -269,7 +269,7 @@ class NearOptimalAdversary(PriorReader):
 
 
 class BudgetAwareAdversary(PriorReader):
-    """An observer who knows the agent's budget: what it knows for sure of an agent that stays within it.
+    """The budget-aware observer: the beliefs under which the decision is within the agent's budget.
 
     Formula: {π : ρ(π,u) ≤ budget at π}, which always holds the true belief; the estimate is the member nearest to the middle
     of its bounds, or under a prior Σ w_b π_b / Σ w_b over the prior's beliefs in the set.

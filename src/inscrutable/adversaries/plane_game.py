@@ -1,4 +1,4 @@
-"""The lowest point of the upper envelope of planes over the simplex: a small linear programme that grows by a plane at a time.
+"""The minimum over the simplex of a maximum of linear functions: a small linear programme, one cutting plane at a time.
 
 min_π max_j π·a_j over Δ_X is the value of a matrix game: max v with Σ_j w_j a_ji − z_i = v for every state i, Σ_j w_j = 1,
 w ≥ 0, z ≥ 0. A basis has X + 1 columns. A new plane leaves the old basis feasible, so a few exchanges of the simplex method

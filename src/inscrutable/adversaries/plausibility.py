@@ -1,4 +1,4 @@
-"""How nearly a decision can be explained: the least regret over all beliefs, by cutting planes on the value function.
+"""The plausibility gap (inverse-optimality gap): the least regret over all beliefs, by cutting planes on the value function.
 
 V(π) = min_u π·s(u) lies below π·s(v) for every decision v, so each solved belief gives a valid plane:
 ρ(π,u) ≥ π·(s(u) − s(v)), with equality where v = u*(π).

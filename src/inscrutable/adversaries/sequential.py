@@ -1,4 +1,4 @@
-"""The observer who knows the agent's trick and its world, and watches it decide again and again."""
+"""The aware observer over time: it knows the mechanism and the world, and sees decision after decision."""
 
 from __future__ import annotations
 

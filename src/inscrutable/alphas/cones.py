@@ -1,4 +1,4 @@
-"""The largest error over time as a cone programme, for few signals where the iteration does not settle."""
+"""The largest error over time as a cone programme, for few signals where the iteration does not converge."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def most_error_by_cones(moves: Moves, theta: Array, weights: Array, limit: float
         import cvxpy
     except ImportError as missing:
         raise SolverError(
-            "the rule over time did not settle; `pip install 'inscrutable[cvx]'` adds another method"
+            "the rule over time did not converge; `pip install 'inscrutable[cvx]'` adds another method"
         ) from missing
     cp: Any = cvxpy
     n = len(theta)

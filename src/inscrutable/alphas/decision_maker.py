@@ -1,4 +1,4 @@
-"""The decision maker whose private belief is numbers, against an observer who knows the rule."""
+"""The decision maker whose private belief is numbers, against the aware observer."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Objective = Literal["information", "error"]
 
 
 class AlphaDecisionMaker:
-    """The decision maker that tells an observer who knows the rule as little of its private mean as a mean regret pays for.
+    """The rule of least information about a private mean, against the aware observer, at an expected regret.
 
     Formula: with E the covariance of m − m̂ after a decision and Θ of the problem, tr(ΘE) is the mean regret. "information"
     tells
@@ -57,17 +57,17 @@ class AlphaDecisionMaker:
     Labelled tables are aligned with the problem's signals.
 
     Raises:
-        InputError: An argument is malformed, a budget is a share where silence costs without end, or inequalities meet a
+        InputError: An argument is malformed, a budget is a share where the silence regret is infinite, or inequalities meet a
             trading cost.
         ModelError: S or Q is indefinite, the world has no steady filter, or trading cannot follow the mean.
-        SolverError: At first use: the iteration over time did not settle, and silence costs without end.
+        SolverError: At first use: the iteration over time did not converge, and the silence regret is infinite.
 
     Cost: one decision: O(k³), 15 s for 3,000 alphas with a dense S; where S is a `FactorRisk` with the exposures of the
     problem's and
     specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error of other
     weights than
     those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals, "error" a minute where the
-    spectral radius of the transition is 0.95. Near one the iteration settles slowly: it ends after 20,000 steps
+    spectral radius of the transition is 0.95. Near one the iteration converges slowly: it ends after 20,000 steps
     with the best rule so far, its gap and the status BOUNDED: at 0.99, "error" and half of silence, 40 signals had a gap of
     1.3e-3 after 72 s.
 
@@ -175,7 +175,7 @@ class AlphaDecisionMaker:
             return self.budget.amount
         if not np.isfinite(self.silence_regret):
             raise InputError(
-                f"the budget is a share, {self.budget.amount:g}, of what silence costs, and silence costs without end: the "
+                f"the budget is a share, {self.budget.amount:g}, of the silence regret, which is infinite: the "
                 f"largest eigenvalue of transition has modulus {self.moves.radius:.10g}, expected less than 1; pass "
                 "Budget.regret(amount)"
             )

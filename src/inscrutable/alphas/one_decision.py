@@ -1,4 +1,4 @@
-"""One decision against an observer who knows the rule and the prior: the least he can be told, the most he can be left.
+"""One decision against the aware observer: the least mutual information and the largest error at an expected regret.
 
 Θ weighs errors by what they cost: deciding for m̂ instead of m costs (m̂ − m)'Θ(m̂ − m) more. With m ~ N(m̄, S), S = T T', every
 rule leaves some E = T X T', 0 ⪯ X ⪯ I, at an expected regret of at least tr(T'ΘT X), and the Gaussian one attains it.

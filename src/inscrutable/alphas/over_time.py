@@ -109,7 +109,7 @@ def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
     It ends after 20,000 steps of the iteration with the best rule so far and its bound.
 
     Raises:
-        SolverError: No step settled, and silence costs without end.
+        SolverError: No step converged, and the silence regret is infinite.
 
     Cost: some thousand eigendecompositions of n×n matrices: some seconds for 100 signals.
     """
@@ -135,12 +135,13 @@ def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: floa
 
     It is the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a
     millionth of the error. The optimum may jump at one price of regret; a mixture of its two ends is then optimal. Where
-    that does not settle, which happens without a stationary law, few signals are left to a cone programme.
+    that does not converge, which happens without a stationary law, few signals are left to a cone programme.
 
     All prices together take at most 20,000 steps; then the best rule so far is returned, with its bound.
 
     Raises:
-        SolverError: No step settled, silence costs without end, and there are many signals or no solver of cone programmes.
+        SolverError: No step converged, the silence regret is infinite, and there are many signals or no solver of cone
+        programmes.
 
     Cost: some ten thousand eigendecompositions of n×n matrices, 40,000 at most.
     """
@@ -241,7 +242,7 @@ def told_exactly(moves: Moves, theta: Array, weights: Array | None = None) -> Lo
             return LongRun(law, 0.0, value, value)
         before = after
     raise SolverError(
-        f"the error of an observer who is shown the decisions' part did not settle in {_MOST_STEPS} steps"
+        f"the error of an observer who is shown the decisions' part did not converge in {_MOST_STEPS} steps"
     )
 
 
@@ -252,7 +253,8 @@ def _start(moves: Moves) -> Array:
 
 def _unsettled(goal: _Goal) -> SolverError:
     return SolverError(
-        f"the rule over time did not settle in {_MOST_STEPS} steps, for {len(goal.theta)} signals at a regret of {goal.limit:g}"
+        f"the rule over time did not converge in {_MOST_STEPS} steps, for {len(goal.theta)} signals at a regret of "
+        f"{goal.limit:g}"
     )
 
 
@@ -280,7 +282,7 @@ def _settled(goal: _Goal, price: float, before: Array, ahead: Array, most: int) 
             regret = float(np.sum(goal.theta * error))
             return _State(price, regret, error, after, onwards, levels, dual)
         if (count + 1) % _PATIENCE == 0:
-            # Two scales of time settle where one goes back and forth: values ahead then move more slowly than covariances.
+            # Two time scales converge where one oscillates: values ahead then move more slowly than covariances.
             step, best = (max(0.4 * step, _LEAST_STEP) if apart > 0.5 * best else step), min(best, apart)
         before, ahead = after, ahead + step * (onwards - ahead)
     return None  # it goes back and forth: the optimum nearly jumps at this price

@@ -1,4 +1,4 @@
-"""Decisions about a private mean, one after the other, and the Kalman filter of an observer who knows the rule."""
+"""Decisions about a private mean, one after the other, and the Kalman filter of the aware observer."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class AlphaDraw(Saved):
 
     Args:
         action: u, shape (n,), what to hold.
-        estimate: m̂, shape (k,), what an observer who knows the rule believes of the mean when he has seen the decision.
+        estimate: m̂, shape (k,), the aware observer's mean after the decision.
         regret: What it costs beyond the best decision for the mean; with trading costs its part in the long run, (m̂ −
             m)'Θ(m̂ − m).
         status: How far the rule is from the best one.
@@ -111,7 +111,7 @@ class AlphaSequence(KeptInFile):
     At every step `decide` draws a decision, any number of times; `publish` records the one that was seen. Time passes with
     `observe`, which takes what everybody read where the world has a public sensor, or with the next `decide`. The sensor that
     the decisions are stays the same: from the law of the start, the covariance of silence where there is one and the rule's own
-    otherwise, the observer's covariance settles to the rule's.
+    otherwise, the observer's covariance converges to the rule's.
 
     Example:
         >>> from inscrutable.alphas.decision_maker import AlphaDecisionMaker

@@ -17,7 +17,7 @@ VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class AlphaState(Saved):
-    """What is saved of a sequence: no private mean, no generator and no seed. All of it is public to one who knows the rule.
+    """What is saved of a sequence: no private mean, no generator and no seed. The aware observer can compute all of it.
 
     Args:
         rule: What the rule is of; a file goes on under the same rule alone, so that what it is of stays frozen.

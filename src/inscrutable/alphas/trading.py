@@ -14,7 +14,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class TradingPolicy:
-    """The optimal trading of one who knows m: u_t = (1 − rate) u_{t−1} + rate · u*(ahead · m_t).
+    """The optimal trading where m is known: u_t = (1 − rate) u_{t−1} + rate · u*(ahead · m_t).
 
     Formula: q = (−γ + √(γ² + 4γκ))/2, rate = q/κ, ahead = (I + (q/γ)(I − A))⁻¹; deciding for m̂ instead of m costs in the
     long run (m̂ − m)'Θ(m̂ − m) a step, Θ = weight · ahead' Θ₀ ahead with weight = rate² (γ + κ + q)/γ and Θ₀ that without

@@ -47,7 +47,7 @@ class GlobalSearch:
     Raises:
         InputError: The gap is not between 0 and 1, or the number of calls is not positive.
 
-    Cost: a look at the candidates and a few climbs, more above three states; a proof at one per cent takes some hundred
+    Cost: the candidates and a few local searches, more above three states; a proof at one per cent takes some hundred
     forward solves for three states, some thousand for four; for linear costs one for every corner of the cells of beliefs
     that share a decision, once for all beliefs. Source: every plausible decision is optimal for some decoy,
     and a decoy's regret never falls along a ray from the true belief.
@@ -336,7 +336,7 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
 
 
 def _some_candidate_is_better(case: Case, belief: Array, found: Decision, limit: float) -> bool:
-    """Whether the search of faces stayed behind a candidate: where decisions are tied on a face, nothing climbs there."""
+    """Whether the search of critical regions stayed behind a candidate, as where decisions of a region are tied."""
     scores = score(belief, found.optimal_cost, case.candidates, case.measure, case.on_empty)
     index = scores.best(limit)
     return index is not None and bool(scores.privacies[index] > found.privacy + tolerances.NO_PRIVACY)
@@ -377,7 +377,7 @@ def shows_nothing(measure: PrivacyMeasure, belief: Array, privacy: float) -> boo
 
 def _most_private(goal: Goal, scores: Scores, index: int | None) -> tuple[Array | None, DecisionStatus]:
     start = None if index is None else Trial(scores.candidates.actions[index], float(scores.privacies[index]))
-    # Linear costs leave nothing to climb: on a face the consistent set is the same, and the cheapest end is a candidate.
+    # Linear costs need no local search: on a face the consistent set is constant, and its cheapest vertex is a candidate.
     found = polish(goal, scores) if goal.problem.linear_form() is None else None
     if found is not None and (start is None or found.privacy > start.privacy):
         return found.action, DecisionStatus.POLISHED

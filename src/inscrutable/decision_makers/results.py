@@ -36,7 +36,7 @@ class Decision(Saved):
         cost: π·s(ū), in the cost's unit.
         optimal_cost: c* = V(π), in the cost's unit.
         regret: cost − optimal cost, at least 0.
-        privacy: Ψ(ū) against an observer who takes the decision at face value.
+        privacy: Ψ(ū), the privacy against the naive observer.
         privacy_bound: No affordable decision has more privacy than this.
         decoy: A belief that the decision is optimal for, shape (X,); NaN where there is none.
         status: How the decision came about.
@@ -176,7 +176,7 @@ class MixedDecision(Saved):
     def sample(self, *, rng: np.random.Generator | None = None) -> Decision:
         """Return one atom as a `Decision`, drawn by its probability.
 
-        `rng` None draws from the operating system's entropy, because a rival who knows the seed knows the draw.
+        `rng` None draws from the operating system's entropy, because whoever knows the seed knows the draw.
         """
         source = np.random.default_rng() if rng is None else validation.generator(rng)
         index = int(source.choice(len(self.probabilities), p=self.probabilities))

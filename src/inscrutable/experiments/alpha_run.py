@@ -65,7 +65,7 @@ def run_alpha_backtest(
     prior_covariance: pd.DataFrame | None = None,
     world: LinearGaussianWorld | None = None,
 ) -> AlphaBacktest:
-    """Walk an investor with private expected returns through real returns, against an observer who knows the rule.
+    """Walk an investor with private expected returns through real returns, against the aware observer.
 
     Formula: what everybody knows of the alphas is `prior_covariance` or `world`. Without these it is estimated from the T rows
     before the first decision: m_{t+1} = ρ m_t + w, with S = (1/T) Σ m_t m_t', ρ = Σ m_t'm_{t+1} / √(Σ|m_t|² Σ|m_{t+1}|²), and

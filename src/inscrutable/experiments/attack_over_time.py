@@ -1,4 +1,4 @@
-"""What an observer concludes from all weights so far who knows how they are made and how the investor's belief moves."""
+"""What the aware observer concludes from all weights so far; it knows the rule and how the investor's belief moves."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from inscrutable.mechanisms.played import PlaysMany
 
 @dataclass(frozen=True, eq=False)
 class AttackOverTime:
-    """What one who knows the rule holds after each row.
+    """The aware observer's belief after each row.
 
     Args:
         attack: The same weights read one by one, at face value.
@@ -61,7 +61,7 @@ class AttackOverTime:
 def attack_over_time(
     attack: Attack, rule: str, budget: Budget | float | None = None, *, state: str | Path | None = None
 ) -> AttackOverTime:
-    """Return what an observer concludes from all rows up to each who knows the rule, its budget and the model.
+    """Return what the aware observer, who knows the rule, its budget and the model, concludes from all rows up to each.
 
     Rows follow each other in time, one step apart. A decision that the rule plays under no belief of the grid counts as the
     nearest that it plays.

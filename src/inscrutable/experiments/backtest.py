@@ -81,7 +81,7 @@ def run_backtest(
     Timing: at the end of row t the investor holds p(x_{t+1} | returns up to t) under the training sample's world,
     decides as ODM, CDM, PDM and SDM (the sequential rule), and earns the return of row t+1. The first decision is made at
     the end of the training sample. One rival is the paper's: it knows means, covariances and γ, and takes what is published
-    (of a lottery, the draw) at face value. Others know the decision makers, too, and how often which belief is held: one
+    (of a lottery, the draw) at face value. The aware observers also know the rules and the prior: one
     reads every decision alone, one remembers all before it and knows how the belief moves.
 
     Args:

@@ -1,4 +1,4 @@
-"""Rivals who know how the published weights are made, how often the investor holds which belief, and how it moves."""
+"""The aware observers of a backtest: they know the rules, the prior, and how the belief moves."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Beside(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AwareReading:
-    """What rivals read who know the mechanism and the prior: one from each decision alone, one from all up to it.
+    """What the aware observers read: one from each decision alone, one from all up to it.
 
     Args:
         prior: The long-run law of the belief in the fitted world, on a grid: what the rival holds likely.
@@ -50,8 +50,8 @@ class AwareReading:
         followed: Posterior means given all decisions so far, shape (T,X), by decision maker.
         bits: What each decision tells beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
         beside_public: The same as `followed` by one who also reads what is public; empty where that is nothing.
-        ceilings: Root mean square error that no rule of a decision maker's long-run regret leaves the rival who follows, in
-            the long run of the fitted world; NaN where it was not computed.
+        ceilings: Root mean square error that no rule of a decision maker's long-run regret leaves the aware observer over time,
+            in the long run of the fitted world; NaN where it was not computed.
         disclosed: As `followed`, of one who is shown what the settings' disclosure shows; empty where that is everything.
 
     Source: Kerckhoffs' principle with Bayes' rule.
@@ -120,7 +120,7 @@ def read_knowingly(
     rng: np.random.Generator,
     beside: Beside = Beside(),  # noqa: B008  # frozen
 ) -> AwareReading | None:
-    """Return what rivals read who know the decision makers; None where they follow a target per step."""
+    """Return what the aware observers read; None where the target changes per step."""
     if isinstance(measure, DesiredObfuscation) and follows_steps(measure):
         return None
     disclosure, returns, public = beside

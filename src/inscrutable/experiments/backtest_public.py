@@ -91,8 +91,8 @@ class BesideWeights:
 
     Args:
         said: What is followed, in words.
-        everything: Of one who follows all returns with this model and sees no weights.
-        without: Of one who follows what is public and sees no weights; None where nothing is.
+        everything: Of an observer who follows all returns with this model and sees no weights.
+        without: Of an observer who follows what is public and sees no weights; None where nothing is.
         face: The belief nearest to that among those that explain the weights, by decision maker.
         followed: Given the weights and the rule as well, by decision maker; empty where that was not computed.
     """

@@ -54,7 +54,7 @@ class Backtest:
         episode: What each decision maker published and what the rival made of it.
         performance: What each decision maker earned.
         comparisons: Sharpe ratios against the ODM's.
-        aware: What rivals read who know how the weights are made; None where a target is given per step.
+        aware: What the aware observers read; None where a target is given per step.
         sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
         public: What rivals hold who follow what is public; None in results of before there were any.
 
@@ -111,14 +111,14 @@ class Backtest:
         return self._frame(self._of(name).decisions.action, self.assets)
 
     def aware_estimates(self, name: str) -> pd.DataFrame:
-        """Return what the rival concludes who knows how the weights are made and reads each alone, (T,X) by date of decision.
+        """Return the aware observer's estimates from each decision alone, (T,X) by date of decision.
 
         NaN without such a rival, and for the sequential rule, whose weights say nothing without those before them.
         """
         return self._read_as(name, {} if self.aware is None else self.aware.estimates)
 
     def followed_estimates(self, name: str) -> pd.DataFrame:
-        """Return what the rival concludes from all weights so far who knows how they are made, (T,X); NaN without one."""
+        """Return the aware observer's estimates from all weights so far, (T,X); NaN without one."""
         return self._read_as(name, {} if self.aware is None else self.aware.followed)
 
     def disclosed_estimates(self, name: str) -> pd.DataFrame:
@@ -285,7 +285,7 @@ def _privacy_figures(result: Backtest, name: str) -> dict[str, float]:
 
 
 def _aware_figures(result: Backtest, name: str) -> dict[str, float]:
-    """What rivals read who know how the weights are made, beside one who sees no weights."""
+    """Figures of the aware observers, beside those of an observer who sees no weights."""
     aware, beliefs, unknown = result.aware, result.beliefs.to_numpy(), float("nan")
     read = estimate_quality(result.aware_estimates(name).to_numpy(), beliefs)
     followed = estimate_quality(result.followed_estimates(name).to_numpy(), beliefs)

@@ -31,7 +31,7 @@ SHARE_OF_SILENCE = 0.5
 """Of the silence regret, which the rule spends unless told otherwise."""
 
 _OTHER_DRAWS = 8
-"""Draws that say how much of a verdict is luck; a second each for 300 decisions."""
+"""Further draws that show how a verdict varies with the draw; a second each for 300 decisions."""
 
 _MOST_BELIEFS = 150
 """Beliefs of the rule's grid. On 500 its prices take four times as long, and the error moves by 0.003 (embedded returns)."""

@@ -210,24 +210,27 @@ class Comparison(Saved):
         )
         last = len(self.repeats) - 1
         seen = {
-            "takes decisions at face value": [(row.naive_error, row.naive_top_state) for row in rows],
-            "knows the mechanism and the prior": [(row.bayes_error, row.top_state_accuracy) for row in rows],
+            "naive observer, who takes decisions at face value": [
+                (row.naive_error, row.naive_top_state) for row in rows
+            ],
+            "aware observer, who knows the rule and the prior": [
+                (row.bayes_error, row.top_state_accuracy) for row in rows
+            ],
         }
         if self.is_moving:
             following = (
-                "knows the mechanism and follows the belief over time, by the chain of beliefs, on which it stays as it is in "
-                f"{self.stays:.0%} of the steps"
+                f"aware observer over time, on a chain where the belief stays as it is in {self.stays:.0%} of the steps"
             )
             seen[following] = [(row.path_error, row.path_top_state) for row in rows]
         if self.repeats[last] > 1:
-            later = f"knows the mechanism and sees {self.repeats[last]} decisions on one belief"
+            later = f"aware observer, who sees {self.repeats[last]} decisions on one belief"
             later += ", which the sequential rule takes to move by that chain" if self.ceilings else ""
             seen[later] = [(float(row.repeated_errors[last]), float(row.repeated_top_state[last])) for row in rows]
         asked = Requirement(self.prior_error, self.prior_top_state)
         lines = [
             f"At an expected regret of {worth}:",
             *(
-                f"Hidden from one who {who}: "
+                f"Hidden from the {who}: "
                 f"{asked.judge([Reached(row.maker, *each) for row, each in zip(rows, found, strict=True)])}."
                 for who, found in seen.items()
             ),
@@ -246,7 +249,7 @@ class Comparison(Saved):
         kept = [row.maker for row in rows if row.sensor_error >= 1.0]
         told = (
             f"The sensor behind the beliefs is read from {SENSOR_STEPS} decisions taken at face value with an error from "
-            f"{least.sensor_error:.2f} ({least.maker}) to {most.sensor_error:.2f} ({most.maker}) of that of one who sees none"
+            f"{least.sensor_error:.2f} ({least.maker}) to {most.sensor_error:.2f} ({most.maker}) times the error without any"
         )
         return f"{told}; it stays hidden by {', '.join(kept)}." if kept else f"{told}: none hides it."
 

@@ -36,14 +36,14 @@ class ComparisonRow(Saved):
         naive_privacy: Mean distance of the belief from Π(u), over decisions that some belief explains.
         naive_error: Of the naive observer: the mean of the corners of Π(u).
         near_optimal_error: Of one who allows for the expected regret asked for, with the prior.
-        budget_aware_error: Of one who knows the largest regret of any decision, with the prior.
-        bayes_error: Of one who knows the mechanism and the prior.
+        budget_aware_error: Of the budget-aware observer, who knows the largest regret of any decision, with the prior.
+        bayes_error: Of the aware observer, who knows the mechanism and the prior.
         least_error: The same for the belief that is hidden worst.
         mutual_information: In bits.
         min_entropy_leakage: In bits.
         maximal_leakage: In bits.
         naive_top_state: How often the naive observer names a most likely state.
-        top_state_accuracy: How often the one who knows the mechanism does.
+        top_state_accuracy: How often the aware observer does.
         auc: Area under the curve of telling hiding from not hiding by the likelihoods of single decisions; ½ is nothing.
         read_auc: Area under the curve of telling hiding from not hiding by naive readings of single decisions; ½ is nothing.
         expected_gap: Expected plausibility gap of the decisions, in the cost's unit.
@@ -57,7 +57,7 @@ class ComparisonRow(Saved):
             shape (S,); of others than the sequential rule the same.
         told_regret: The expected regret that the sequential rule then has, at the same prices; NaN for others.
         strength: Steps of a delay, or the fraction traded; NaN for others.
-        path_error: Of one who knows the mechanism and how the belief moves, and follows it from decision to decision; NaN
+        path_error: Of the aware observer over time, who knows how the belief moves and sees every decision; NaN
             where that is not known. Its ceiling is the prior's error too.
         path_error_se: Its standard error, over independent paths.
         path_top_state: How often that one names a most likely state.
@@ -66,7 +66,7 @@ class ComparisonRow(Saved):
         path_ceiling: An error over time that no rule of the same expected regret exceeds; NaN but for the sequential rule.
         path_error_half: The error over time where beliefs stay half as long as the sequential rule takes them to.
         path_error_double: The same where they stay twice as long.
-        learned_low: Least risk aversion that explains every decision of a path to one who knows all of the cost but that, and
+        learned_low: Least risk aversion that explains every decision of a path where the rest of the cost is known, and
             takes decisions for optimal; NaN where none explains them all, and for costs without one.
         learned_high: The greatest.
         learned_holds: 1 where the true risk aversion is among these, 0 where it is not or there are none; NaN for costs
@@ -125,7 +125,7 @@ class ComparisonRow(Saved):
 
 
 def learned_from_data(observed: Observed, pairs: tuple[int, ...], disclosure: Disclosure) -> Array:
-    """Return the errors (S,) of one who knows nothing but that many pairs of belief and of what is shown of a decision."""
+    """Return the errors (S,) of an observer who has only that many pairs of belief and of what is shown of a decision."""
     shown = str(Disclosure(disclosure.maps))
     return np.array([observed.read_by({"name": "data", "pairs": n, "disclosure": shown}).error for n in pairs])
 

@@ -1,4 +1,4 @@
-"""How well the agent's sensor is read from its decisions in a comparison, by one who takes them at face value.
+"""How well the agent's sensor is read from its decisions in a comparison, taken at face value.
 
 A comparison has beliefs and how they move, not the sensor that they come from. A sensor of one symbol per state stands in for
 it, in a chain that mostly stays: its filter holds the beliefs of a path, and the agent decides by the nearest belief of the

@@ -39,7 +39,7 @@ N_PATHS = 100
 """Independent paths, the same ones for every decision maker."""
 
 GAMMA_RANGE = 10.0
-"""Times the risk aversion, up or down, that one who does not know it thinks possible."""
+"""Factor around the risk aversion that an observer who does not know it thinks possible."""
 
 _PATH_SEED = 1
 _DENSE = 0.1
@@ -62,9 +62,9 @@ def watched(
     rng: np.random.Generator,
     disclosure: Disclosure = Disclosure(),  # noqa: B008  # frozen
 ) -> Watched:
-    """Return what is hidden from one who knows the rule and sees every decision of a path, or what is disclosed of them.
+    """Return the error of the aware observer who sees every decision of a path, or what is disclosed of them.
 
-    `bayes_error` is that of one who knows the rule and sees the last decision alone: its mean over paths is known, so what
+    `bayes_error` is that of the aware observer who sees the last decision alone: its mean over paths is known, so what
     the paths at hand are off by there is taken off here, unless decisions are left out or late.
     """
     chain = setting.chain
@@ -169,7 +169,7 @@ def learned(
 
 
 def learned_cost(problem: MarkowitzProblem, actions: Array) -> LearnedCost:
-    """Return what decisions (T,U) tell of the risk aversion to one who knows all else and takes them for optimal."""
+    """Return the risk aversions that explain decisions (T,U) which are taken for optimal, all else being known."""
     true = problem.risk_aversion
     limits = true / GAMMA_RANGE, true * GAMMA_RANGE
     adversary = CostLearningAdversary.risk_aversion(problem.means, problem.covariances, limits, problem.constraints)

@@ -1,4 +1,4 @@
-"""How often, how late, and how much of it? Decisions under several disclosures, read by one who follows the belief."""
+"""Decisions under several disclosures (how often, how late, which parts), read by the aware observer over time."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def under_disclosures(
     regret: float | None = None,
     progress: Progress | None = None,
 ) -> DisclosureTable:
-    """Return what a mechanism tells under several disclosures one who knows it and how the belief moves.
+    """Return what a mechanism gives away under several disclosures to the aware observer over time.
 
     Formula: those of `path_leakage`, averaged over the later half of the steps; every disclosure is read on the same paths.
 

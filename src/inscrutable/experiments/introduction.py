@@ -39,8 +39,8 @@ class IntroductionVerdict(Enum):
     """What was measured of a claim of the introduction."""
 
     HOLDS = "holds"
-    AT_FACE_VALUE = "holds only against one who takes decisions for optimal"
-    KNOWING = "holds only against one who knows the rule"
+    AT_FACE_VALUE = "holds only against the naive observer"
+    KNOWING = "holds only against the aware observer"
     FAILS = "fails"
 
 
@@ -53,7 +53,7 @@ class IntroductionClaim:
         text: The claim.
         criterion: The test in words.
         naive: Against a rival who takes every decision for optimal; None where it is not asked about.
-        knowing: Against one who knows the rule and has seen all decisions before.
+        knowing: Against the aware observer, who knows the rule and has seen all decisions before.
         verdict: What both say.
     """
 
@@ -72,7 +72,7 @@ def introduction_claims(n_markets: int = 8, *, rng: np.random.Generator) -> tupl
     """Return the claims of the paper's introduction, judged over random markets and sensors.
 
     Hiding costs at most a tenth of E|c*|: the paper's CDM, the longest affordable delay, the smallest affordable fraction of
-    each trade. The rival who knows the rule follows a belief that stays with probability 0.8. Herds are those of two states,
+    each trade. The aware observer follows a belief that stays with probability 0.8. Herds are those of two states,
     two choices and two symbols with chances drawn uniformly, as many sensors as markets; who hides plays ε-randomised response,
     ε = 1.
 

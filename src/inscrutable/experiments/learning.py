@@ -30,7 +30,7 @@ class LearningCurve(Saved):
             and decision, and over repeats.
         error_se: Standard errors over repeats, shape (S,).
         top_state: How often it names a most likely state, shape (S,).
-        bayes_error: What is left to one who knows the mechanism and the prior: no number of pairs brings less.
+        bayes_error: Error of the aware observer, below which no number of pairs leads.
         prior_error: What one errs by who sees no decision and knows the mean belief.
 
     Source: `learning_curve`.

@@ -168,7 +168,7 @@ class Uniform(MakerSection):
 
 
 class Stackelberg(MakerSection):
-    """The mechanism that leaves one who knows it the largest error, with a budget per belief; `gap` is the proof's,
+    """The committed mechanism that maximises the aware observer's error, with a budget per belief; `gap` is the proof's,
     `loss` what is made large: the square error, or the loss of the section [rival]."""
 
     takes = Takes.EACH
@@ -349,7 +349,7 @@ class PartialTrades(_WithMemory):
 
 
 class Sequential(_WithMemory):
-    """The rule that goes by what its decisions have told already, for the error or information of one who follows it."""
+    """The sequential rule, which decides by the law of the observer who follows it, for its error or its information."""
 
     name: Literal["sequential"]
     information_price: Grid[NonNegative] | None = None

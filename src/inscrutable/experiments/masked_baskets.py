@@ -18,7 +18,7 @@ class MaskedBasketFile(PlanFile):
     """Funds of constant weights, so many in each repeat, and what is shown of them every day.
 
     "fresh mask" draws a mask anew every day, "kept mask" once; masks sum to zero. "value" shows the fund's return, with some
-    noise, to one who knows the returns of its assets.
+    noise, to an observer who knows the returns of its assets.
     """
 
     kind: Literal["masked basket"] = "masked basket"

@@ -72,7 +72,7 @@ MEASURES: Mapping[str, Measure] = {
     ),
     "mutual_information": Measure(
         "bits told",
-        "bits told: what one decision tells about the belief, to one who knows the mechanism.",
+        "bits told: the mutual information of one decision and the belief, for the aware observer.",
         attrgetter("leakage.mutual_information"),
         -1,
     ),
@@ -100,7 +100,7 @@ MEASURES: Mapping[str, Measure] = {
     ),
     "prior_error": Measure(
         "error without a decision",
-        "error without a decision: what is left to one who knows no more than the law of beliefs.",
+        "error without a decision: of an observer who knows only the prior.",
         attrgetter("played.prior_error"),
     ),
     "prior_entropy": Measure(

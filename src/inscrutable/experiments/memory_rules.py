@@ -1,7 +1,7 @@
 """Late and partial trading: rules that decide by what came before, judged on a moving belief.
 
 Such a rule is no mechanism K(u|π), but in the middle of a long path of a `BeliefChain` today's belief and today's decision
-have a joint law, and with it a mechanism: the one that observers without knowledge of the rule face. One who knows the rule
+have a joint law, and with it a mechanism: the one that observers without knowledge of the rule face. The aware observer
 reads it backwards. After a delay of d steps the decision is the optimal one of the belief d steps ago, and what is left to
 guess is how the belief has moved since: R^d K. A fraction f of the trade gives the target away: v_t = (u_t − (1 − f) u_{t−1})/f
 is the optimal decision, to the last digit, so nothing is hidden from one who also saw the decision before.
@@ -75,7 +75,7 @@ def delayed(setting: Setting, regret: float) -> Behaviour | None:
 
 @dataclass(frozen=True, eq=False)
 class _Late:
-    """What one sees who knows of the delay."""
+    """What the aware observer sees, who knows the delay."""
 
     problem: DecisionProblem
     chain: BeliefChain
@@ -131,7 +131,8 @@ def _traded(setting: Setting, targets: Array, fraction: float) -> Behaviour:
 
 @dataclass(frozen=True, eq=False)
 class _Decoded:
-    """What one sees who knows the fraction and saw the decision before: the optimal decision nearest to the target."""
+    """What the aware observer sees, who knows the fraction and saw the decision before: the optimal decision nearest to the
+    target."""
 
     optimal: Mechanism
     problem: DecisionProblem

@@ -89,7 +89,7 @@ class Observed:
 
     @cached_property
     def leakage(self) -> Leakage:
-        """What single decisions tell one who knows the rule."""
+        """What single decisions tell the aware observer."""
         memory = self.behaviour.memory
         return self.played if memory is None else leakage(memory(1), self.setting.prior, loss=self.setting.loss)
 
@@ -116,7 +116,7 @@ class Observed:
         return Budget.regret(self.played.worst_regret) if promise is None else promise
 
     def leakage_shown(self, disclosure: Disclosure) -> Leakage:
-        """Return what single decisions tell one who knows the rule and is shown parts of them."""
+        """Return what parts of single decisions tell the aware observer."""
         if disclosure.is_exact:
             return self.leakage
         memory = self.behaviour.memory

@@ -31,7 +31,7 @@ from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyM
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
-PARTS = 3  # of the work: CDM, PDM, and what an observer concludes who knows the budget
+PARTS = 3  # of the work: CDM, PDM, and the set of the budget-aware observer
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +49,9 @@ class Protection:
         deterministic: The most private affordable weights (CDM).
         lotteries: The lotteries of largest expected privacy (PDM).
         drawn: One draw of each lottery.
-        aware_bounds: What an observer concludes from the CDM's weights who knows the regret that was allowed in that row:
-            least and greatest probability of each regime with ρ(π',ū) within it, shape (T,X,2); π is always inside.
+        aware_bounds: What the budget-aware observer concludes, who knows the regret that was allowed in that row, from the
+            CDM's weights: least and greatest probability of each regime with ρ(π',ū) within it, shape (T,X,2); π is always
+            inside.
         planned: How the planned weights were read, where the beliefs came from weights; else None.
         certified: The relative gap that a proof was asked for, or None; `deterministic.privacy_bound` and
             `lotteries.privacy_bound` are then proven.
@@ -88,12 +89,12 @@ class Protection:
             by_lot = f" for {float(np.mean(self.lotteries.expected_privacy)):.3f} in expectation"
         return (
             f"{rows}the weights to publish cost {spent:.3g} of regret{share}{bought}, the lottery "
-            f"{max(lottery, 0.0):.3g}{by_lot}, against an observer who takes weights at face value{self._proven()}"
+            f"{max(lottery, 0.0):.3g}{by_lot}, against the naive observer{self._proven()}"
         )
 
     @cached_property
     def verdict(self) -> str:
-        """Whether the beliefs are hidden from an observer who takes the weights at face value.
+        """Whether the beliefs are hidden from the naive observer, who takes the weights at face value.
 
         One who sees no weights guesses the long-run law of the model's regimes, and names its likeliest. Empty where the
         regimes have no unique long-run law.
@@ -110,9 +111,9 @@ class Protection:
             for name, played in (("CDM", self.deterministic), ("PDM", self.drawn))
         ]
         return (
-            f"Hidden from an observer who takes the weights at face value: {asked.judge(reached)}.\n"
+            f"Hidden from the naive observer, who takes the weights at face value: {asked.judge(reached)}.\n"
             f"{asked.meaning(without='weights', state='regime', cases='the rows')}\n"
-            "A backtest and a comparison judge an observer who knows how the weights are made."
+            "A backtest and a comparison judge the aware observer, who knows the rule."
         )
 
     def _proven(self) -> str:

@@ -126,8 +126,8 @@ class ProtectedStep:
         """Return a few sentences: cost, what the observer holds, and what was published."""
         lines = [
             f"This step costs {self.expected.own_regret:.3g} of regret in expectation under your belief, "
-            f"{self.expected.regret:.3g} by the observer's law, and tells {self.expected.bits:.3f} bits on average.",
-            f"An observer who knows the rule and has seen {_counted(self.n_published - (self.published is not None))} holds "
+            f"{self.expected.regret:.3g} by the observer's law, and gives away {self.expected.bits:.3f} bits on average.",
+            f"The aware observer, who has seen {_counted(self.n_published - (self.published is not None))}, believes "
             f"{self._named(self.before)}.",
         ]
         if self.is_off_grid:
@@ -185,7 +185,7 @@ def protect_step(
         state: The file of the sequence; it is made where there is none.
         budget: Long-run mean regret; None is the model's.
         publish: Whether to draw once, record what was drawn, and return it; otherwise nothing is drawn.
-        rng: The source of the draw; None: the operating system, because who knows a seed knows the draw.
+        rng: The source of the draw; None: the operating system, because whoever knows the seed knows the draw.
 
     Raises:
         InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use; it is unchanged.

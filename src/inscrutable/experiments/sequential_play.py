@@ -79,7 +79,7 @@ class SequentialPlay:
 
     @cached_property
     def watched(self) -> Watched:
-        """What is hidden from one who follows the belief through every decision."""
+        """The error of the aware observer who sees every decision."""
         found = self._long_run[0]
         prices = self.maker.calibration  # its simulation of the same observer is much longer
         error = float(np.sqrt(prices.loss))
@@ -98,7 +98,7 @@ class SequentialPlay:
         )
 
     def repeated(self, steps: tuple[int, ...], *, told: bool) -> Repeated:
-        """Return what decisions on one belief tell one who knows that it stays; `told`: the rule knows it too.
+        """Return the errors on one belief that the observer knows to stay; `told`: the rule knows it too.
 
         Prices are those of the long run either way, so that the regret of a rule that is told is its own.
         """
@@ -110,7 +110,7 @@ class SequentialPlay:
         at = made + schedule.lag  # when they are seen
         found, _ = self._followed(maker, still, (STILL_PATHS, int(at[-1]) + 1))
         # The error after the first decision is known, and paths say how much it falls from there. A slope fitted to a dozen
-        # paths in place of one would be luck.
+        # paths in place of one would depend on the draw.
         since, before = found.squared[at], 0.0
         if schedule.is_immediate:
             since, before = since - found.squared[0], maker.begin().expected.loss

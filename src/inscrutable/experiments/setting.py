@@ -120,7 +120,7 @@ def path_prior(beliefs: Array) -> Prior:
 
 
 class Memory(Protocol):
-    """How one who knows a rule with a memory reads its decisions, and what it publishes along a path."""
+    """How the aware observer reads the decisions of a rule with a memory, and what the rule publishes along a path."""
 
     @property
     def decided(self) -> tuple[Mechanism, int]:
@@ -134,7 +134,7 @@ class Memory(Protocol):
 
 
 class Watched(NamedTuple):
-    """What is hidden from one who knows the rule and follows the belief through every decision; NaN where that is not known."""
+    """The error of the aware observer over time; NaN where that is not known."""
 
     error: float = float("nan")  # root mean square
     error_se: float = float("nan")
@@ -165,7 +165,7 @@ class Play(Protocol):
 
     @property
     def watched(self) -> Watched:
-        """What is hidden from one who follows it."""
+        """The error of the aware observer over time."""
 
     def repeated(self, steps: tuple[int, ...], *, told: bool) -> Repeated:
         """Return what decisions on one belief tell; `told`: the rule knows that it stays, as the observer does."""
@@ -181,7 +181,7 @@ class Behaviour(NamedTuple):
     promise: Budget | None = None
     """The largest regret of any decision it makes; None where only an expectation is promised."""
     memory: Memory | None = None
-    """How one who knows the rule reads it, where it has a memory; None: each decision is a draw of `mechanism`."""
+    """How the aware observer reads it, where it has a memory; None: each decision is a draw of `mechanism`."""
     strength: float = float("nan")
     """What was set so that the regret is spent: steps of a delay, the fraction traded; NaN for others."""
     asked: float | None = None

@@ -40,7 +40,7 @@ class StationarityRows(NamedTuple):
 def stationarity_rows(active: Array, equalities: Array) -> StationarityRows:
     """Return P (k,U) and Q (m,U) for active rows (n,U) and equality rows (e,U).
 
-    P g is what least squares over λ and ν leaves of g, in the decision's coordinates. Where the rows are independent,
+    P g is the residual of g after least squares over λ and ν, in the decision's coordinates. Where the rows are independent,
     Q holds the rows of the negative pseudo-inverse that give λ, without those of bounds that fix a coordinate from both
     sides. Cost: bounds and few other rows are solved on the free coordinates; the rest are decomposed.
     """

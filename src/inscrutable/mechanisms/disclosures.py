@@ -392,7 +392,7 @@ def bus_prices(problem: DispatchProblem | None = None) -> Disclosure:
 
 
 def portfolio_return() -> Disclosure:
-    """Return the disclosure of what decisions earn, to one who knows the returns of every asset.
+    """Return the disclosure of what decisions earn, to an observer who knows the returns of every asset.
 
     Formula: u_t'r_{t+1}, with r_{t+1} the returns of the period for which u_t is held.
 

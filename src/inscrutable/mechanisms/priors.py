@@ -93,7 +93,7 @@ def uniform_prior(n_states: int, resolution: int) -> Prior:
     Raises:
         InputError: A number is not whole or below 1, or the grid is too large for the memory.
 
-    Source: the prior of an observer who knows nothing of the world.
+    Source: the prior of an observer without knowledge of the world.
 
     Example:
         >>> len(uniform_prior(3, 30))

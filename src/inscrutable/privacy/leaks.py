@@ -1,4 +1,4 @@
-"""What a mechanism gives away to an observer who knows it: information, errors and guesses, with what it costs."""
+"""Leakage to the aware observer: information, errors and guesses, with what the mechanism costs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Leakage(Saved):
-    """What one decision tells an observer who knows the mechanism and the prior.
+    """Leakage of one decision to the aware observer, who knows the mechanism and the prior.
 
     Formula: with p(b,u) = w_b K(u|π_b), p(u) = Σ_b p(b,u) and μ_u = E[π|u], the fields below.
 
@@ -108,7 +108,7 @@ class Leakage(Saved):
         """Return a few lines for a person to read."""
         share = "" if np.isnan(self.silence_share) else f" ({self.silence_share:.1%} of the silence regret)"
         lines = [
-            f"against an observer who knows the mechanism; {self.n_beliefs} beliefs, {self.n_actions} played decisions",
+            f"against the aware observer, who knows the mechanism; {self.n_beliefs} beliefs, {self.n_actions} played decisions",
             f"information  {self.mutual_information:.4f} of {self.prior_entropy:.4f} bits "
             f"(min-entropy leakage {self.min_entropy_leakage:.4f}, maximal leakage {self.maximal_leakage:.4f})",
             f"error        {self.bayes_error:.4f} of {self.prior_error:.4f} without the decision "
@@ -134,7 +134,7 @@ def leakage(
     loss: Loss | None = None,
     disclosure: Disclosure | str | None = None,
 ) -> Leakage:
-    """Return what one decision of a mechanism tells an observer who knows it and holds a prior.
+    """Return the leakage of one decision of a mechanism to the aware observer, who knows it and holds a prior.
 
     Formula: those of `Leakage`.
 

@@ -32,7 +32,7 @@ class Loss(ABC):
 
     @abstractmethod
     def least(self, beliefs: Array) -> Array:
-        """Return L(δ_π), what is lost even by one who knows the belief, for beliefs (n,X): shape (n,)."""
+        """Return L(δ_π), the loss where the belief is known, for beliefs (n,X): shape (n,)."""
 
     @abstractmethod
     def excess(self, beliefs: Array, estimates: Array) -> Array:
@@ -71,7 +71,7 @@ class SquaredError(Loss):
     unit = "squared units of belief"
 
     def least(self, beliefs: Array) -> Array:
-        """Return zeros: nothing is lost by one who knows the belief."""
+        """Return zeros: nothing is lost where the belief is known."""
         return np.zeros(len(beliefs))
 
     def excess(self, beliefs: Array, estimates: Array) -> Array:

@@ -33,7 +33,8 @@ _SIDE = 1.96
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PathLeakage(Saved):
-    """What the decisions u_0..u_t on a belief that moves tell an observer who knows the mechanism and how beliefs move.
+    """Leakage of the decisions u_0..u_t on a belief that moves to the aware observer, who knows the mechanism and how beliefs
+    move.
 
     All arrays have shape (T,), one entry a step; information is in bits, errors are in units of belief.
 

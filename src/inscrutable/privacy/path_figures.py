@@ -37,7 +37,7 @@ class PathFigures(NamedTuple):
     state: Array
     squared: Array
     lost: Array  # what a rival loses; the square error where no other loss was asked for
-    prior: Array | None = None  # square error of one who follows what is public and sees no decision
+    prior: Array | None = None  # square error from what is public alone, without decisions
     prior_lost: Array | None = None  # what that one loses
     interpolation_error: float = 0.0
     is_sampled: bool = True

@@ -30,7 +30,7 @@ _SIDE = 1.96
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RepeatedLeakage(Saved):
-    """What n independent decisions made under one and the same belief tell an observer who knows the mechanism.
+    """Leakage of n independent decisions under one belief to the aware observer.
 
     Formula: p(π_b|u_1..u_n) ∝ w_b Π_t K(u_t|π_b).
 
@@ -112,7 +112,7 @@ def repeated_leakage(
     rng: np.random.Generator,
     n_draws: int = 1000,
 ) -> RepeatedLeakage:
-    """Return what repeated decisions under one and the same belief tell an observer who knows the mechanism.
+    """Return the leakage of repeated decisions under one belief to the aware observer.
 
     Formula: those of `RepeatedLeakage`, as averages over sampled beliefs and decisions; the same sequences serve every n.
 

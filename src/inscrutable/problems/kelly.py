@@ -122,8 +122,8 @@ class KellyProblem(DecisionProblem):
     def costs_are_unique(self) -> bool:
         """Whether the wealth in each single state's outcomes fixes it in all outcomes, and no decision can lose all of it.
 
-        The logarithm bends in wealth, so that all optimal decisions leave the same wealth in every outcome of positive
-        probability. A belief may rule out all states but one; what its outcomes do not feel, no outcome may feel.
+        The logarithm is strictly concave in wealth, so that all optimal decisions leave the same wealth in every outcome of
+        positive probability. A belief may rule out all states but one; what its outcomes do not feel, no outcome may feel.
         """
         bends = np.einsum("xs,xsu,xsv->xuv", self.probabilities, self.gross_returns, self.gross_returns)
         possible = self.gross_returns[self.probabilities > 0]

@@ -1,6 +1,6 @@
 """Smooth convex costs over a polyhedron: Newton's method, each step a quadratic programme solved by an active set.
 
-At u the model g'd + ½d'(H + δI)d is minimised over u + d ∈ C. Near the solution the step is full and the active set settles,
+At u the model g'd + ½d'(H + δI)d is minimised over u + d ∈ C. Near the solution the step is full and the active set stays,
 so the last step leaves what `quadratic_programme` leaves: the KKT equations to a few roundings, bounds to the last digit.
 """
 
@@ -68,7 +68,7 @@ def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layo
         if not left.size:
             return points
     raise SolverError(
-        f"Newton's method did not settle for belief {held[left[0]]}: its last step promised {fall.max():.1e} of the cost"
+        f"Newton's method did not converge for belief {held[left[0]]}: its last step promised {fall.max():.1e} of the cost"
     )
 
 

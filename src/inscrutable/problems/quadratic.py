@@ -79,7 +79,7 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def costs_are_unique(self) -> bool:
-        """Whether every state's cost bends in all directions inside C but those along which no state's cost changes."""
+        """Whether every state's cost is strictly convex inside C, but for directions along which no state's cost changes."""
         scale = float(np.abs(self.hessians).max())
         weight = (scale or 1.0) / max(float(np.abs(self.linear).max()), tolerances.TINY)
         felt = np.vstack([*self.hessians, weight * self.linear])
@@ -87,7 +87,7 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def bends(self) -> bool:
-        """Whether every state's cost bends in all directions that keep the equalities: no decisions are tied."""
+        """Whether every state's cost is strictly convex on the equality null space: no decisions are tied."""
         return bent_alike(self.hessians, np.eye(self.n_actions), self.constraints.A_eq)
 
     def quadratic_form(self) -> QuadraticForm | None:
@@ -99,7 +99,7 @@ class QuadraticProblem(DecisionProblem):
         return QuadraticForm(self.hessians, self.linear, self.constants, self.constraints)
 
     def linear_form(self) -> LinearForm | None:
-        """Return g_i and C where no cost bends."""
+        """Return g_i and C where every cost is linear."""
         flat = self._has_these_costs and not self.hessians.any()
         if self.lifted is not None:
             return (
@@ -151,7 +151,7 @@ class QuadraticProblem(DecisionProblem):
     def _merged(self) -> Merged | None:
         """The feasible set in which of coordinates that are copies the first is left; None where there are none.
 
-        Of tied decisions the one is taken that holds one copy: its face has no ties, so that searches can climb there.
+        Of tied decisions the one that holds one copy is taken: its face has no ties, so that local searches work there.
         """
         if self.constraints.needs_lift:
             return None
@@ -191,7 +191,7 @@ class QuadraticProblem(DecisionProblem):
 
     @cached_property
     def _vertices(self) -> VertexTable | None:
-        """The vertices among which linear costs choose, of ties always the same; None where some cost bends."""
+        """The vertices among which linear costs choose, of ties always the same; None where some cost is not linear."""
         if self.hessians.any():
             return None
         region = self.constraints
@@ -274,14 +274,14 @@ class LiftedCosts(NamedTuple):
     is_searched: bool
 
     def quadratic_form(self) -> QuadraticForm | None:
-        """Return the quadratic costs; None where a bend lies so near to a bound or another, within a hundredth of the least
+        """Return the quadratic costs; None where a kink lies so near to a bound or another, within a hundredth of the least
         slack, that the way between them could not be told from rounding."""
         stated = self.problem
         form = QuadraticForm(stated.hessians, stated.linear, stated.constants, stated.constraints, self.lift)
         return form if self.is_searched else None
 
     def smooth_form(self) -> SmoothForm:
-        """Return the same with its gradients; an observer counts as a bend what is tight."""
+        """Return the same with its gradients; an observer counts a tight row as a kink."""
         form = self.problem.smooth_form()
         return SmoothForm(form.constraints, form.gradients, self.lift, form.size)
 
@@ -322,8 +322,8 @@ def _stated(problem: DecisionProblem) -> QuadraticProblem | None:
 
 
 def bent_alike(hessians: Array, felt: Array, equalities: Array) -> bool:
-    """Whether each of the hessians (X,U,U) bends in all directions that keep the equalities (e,U), but those that no row
-    of `felt` (n,U) feels."""
+    """Whether each of the hessians (X,U,U) is positive definite on the null space of the equalities (e,U), but for directions
+    that no row of `felt` (n,U) changes along."""
     inside = _null_space(equalities) if len(equalities) else np.eye(hessians.shape[1])
     idle = _null_space(felt @ inside, float(np.linalg.norm(felt)))
     bent = inside @ _null_space(idle.T) if idle.shape[1] else inside

@@ -1,8 +1,8 @@
-"""Coordinates split where a cost or a limit bends in them: what is added above, taken away below, filled between two bends.
+"""Coordinates split at the breakpoints of a cost or a limit: added above, taken away below, filled between two breakpoints.
 
-A coordinate with bends b_1 < … < b_K is u_j = b_1 − m + s_1 + … + s_{K−1} + p: m, p ≥ 0, and 0 ≤ s_k ≤ b_{k+1} − b_k. A convex
-function Σ w_k |u_j − b_k| is linear in these variables where they are filled in order, and nowhere smaller. A quadratic cost
-keeps its value there and bends in all the new directions as it does in the old ones: η x_k x_l, with its least curvature η,
+A coordinate with breakpoints b_1 < … < b_K is u_j = b_1 − m + s_1 + … + s_{K−1} + p: m, p ≥ 0, and 0 ≤ s_k ≤ b_{k+1} − b_k. A
+convex function Σ w_k |u_j − b_k| is linear in these variables where they are filled in order, and nowhere smaller. A quadratic
+cost keeps its value there and its curvature in all the new directions: η x_k x_l, with its least curvature η,
 costs nothing in order and something out of order.
 """
 
@@ -27,7 +27,7 @@ class MagnitudeLimit(NamedTuple):
     """A limit on a sum of magnitudes, Σ_kj w_kj |u_j − b_kj| + a'u ≤ L.
 
     Args:
-        weights: w ≥ 0, shape (K,U): each coordinate has up to K bends.
+        weights: w ≥ 0, shape (K,U): each coordinate has up to K breakpoints.
         centers: b, shape (K,U), in the decision's unit.
         most: L, in the decision's unit times that of the weights.
         name: What messages call it.
@@ -53,12 +53,12 @@ class MagnitudeLimit(NamedTuple):
 
 
 class Segments:
-    """The variables of a feasible set in which coordinates bend.
+    """The variables of a feasible set whose coordinates have breakpoints.
 
     Args:
         region: The rows of the feasible set in the decision itself.
-        bends: Places (U,), NaN for none, where coordinates bend; several arrays where coordinates have several.
-        limits: Limits on sums of magnitudes, whose bends are added; the room that each leaves is one more variable.
+        bends: Places (U,), NaN for none, where coordinates have a breakpoint; several arrays where coordinates have several.
+        limits: Limits on sums of magnitudes, whose breakpoints are added; the slack of each is one more variable.
     """
 
     def __init__(self, region: Polyhedron, bends: Sequence[Array] = (), limits: Sequence[MagnitudeLimit] = ()) -> None:
@@ -78,13 +78,13 @@ class Segments:
         self.columns[self._place, np.arange(self._place.size)] = self._sign / self.stretch
 
     def _inside(self, j: int, places: Array) -> Array:
-        """The different bends of a coordinate that lie between its bounds, in order."""
+        """The different breakpoints of a coordinate that lie between its bounds, in order."""
         near = tolerances.FEASIBILITY
         known = np.unique(places[(places > self._lower[j] + near) & (places < self._upper[j] - near)])
         return known[np.diff(known, prepend=-np.inf) > near]
 
     def _set_up(self, kinks: list[Array], size: int) -> None:
-        """Columns: added above the last bend, taken away below the first, filled between, and coordinates without bends."""
+        """Columns: added above the last breakpoint, taken away below the first, filled between, and coordinates without any."""
         bent = [j for j in range(size) if kinks[j].size]
         plain = [j for j in range(size) if not kinks[j].size]
         between = [(j, k) for j in bent for k in range(kinks[j].size - 1)]
@@ -103,7 +103,7 @@ class Segments:
         self._ends = np.concatenate([*(np.asarray(each) for each in ends), self._upper[plain] - self.base[plain]])
 
     def slopes(self, weights: Array, centers: Array) -> Array:
-        """Return what a unit of each variable adds to Σ_j w_j |u_j − b_j|, shape (V,); all b_j that count are bends."""
+        """Return what a unit of each variable adds to Σ_j w_j |u_j − b_j|, shape (V,); all b_j that count are breakpoints."""
         lowest = np.where(self._kind == _DOWN, self._lower[self._place], self._start)
         lowest = np.where(self._kind == _PLAIN, self._lower[self._place], lowest)
         above = lowest >= centers[self._place] - tolerances.FEASIBILITY

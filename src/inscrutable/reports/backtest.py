@@ -119,26 +119,28 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("mean_regret_of_silence", "regret, mean, % of the silence regret", _PERCENT, ".0f"),
         _Row("mean_privacy", f"privacy, mean ({type(result.settings.measure).__name__})", style=".3f"),
         _Row("n_privacy_not_finite", f"  {word}s left out: goal missed, or set empty", style=".0f"),
-        _Row("share_regime_named", f"{word}s in which the rival names the likeliest regime, %", _PERCENT, ".1f"),
+        _Row(
+            "share_regime_named", f"{word}s in which the naive observer names the likeliest regime, %", _PERCENT, ".1f"
+        ),
         _Row("base_rate", "  by always naming the commonest one, %", _PERCENT, ".1f"),
         _Row("n_empty_sets", f"  {word}s left out: no belief explains the weights", style=".0f"),
-        _Row("error_face_value", "error of the rival's estimate, r.m.s.", style=".3f"),
-        _Row("share_regime_named_aware", f"{word}s in which a rival who knows the method names it, %", _PERCENT, ".1f"),
-        _Row("error_aware", "  error of that rival's estimate, r.m.s.", style=".3f"),
+        _Row("error_face_value", "error of the naive observer's estimate, r.m.s.", style=".3f"),
+        _Row("share_regime_named_aware", f"{word}s in which the aware observer names it, %", _PERCENT, ".1f"),
+        _Row("error_aware", "  error of its estimate, r.m.s.", style=".3f"),
         _Row("error_without", "  the same without seeing any weights", style=".3f"),
-        _Row("bits_aware", "  what one decision tells that rival, bits"),
+        _Row("bits_aware", "  leakage of one decision, bits"),
         _Row(
             "share_regime_named_followed",
-            f"{word}s in which one who also follows all {word}s names it, %",
+            f"{word}s in which it names it from all {word}s so far, %",
             _PERCENT,
             ".1f",
         ),
-        _Row("error_followed", "  error of that one's estimate, r.m.s.", style=".3f"),
+        _Row("error_followed", "  error of its estimate from all so far, r.m.s.", style=".3f"),
         _Row("error_ceiling", "  the most that any rule of its regret leaves, long run", style=".3f"),
-        _Row("bits_followed", "  what one more decision tells that one, bits"),
+        _Row("bits_followed", "  leakage of one more decision, bits"),
         *_disclosed_rows(result),
         _Row("worth_secret", f"worth of the beliefs to a rival who invests alike, bp per {word}", _BASIS_POINTS),
-        _Row("worth_followed", "  of reading the weights, to one who follows them all", _BASIS_POINTS),
+        _Row("worth_followed", "  of reading all weights so far", _BASIS_POINTS),
         _Row("worth_copied", "  of holding the published weights, as they are", _BASIS_POINTS),
         *_public_rows(result),
         _Row("n_nothing_affordable", f"{word}s in which no privacy was affordable", style=".0f"),
@@ -150,8 +152,8 @@ def _disclosed_rows(result: Backtest) -> list[_Row]:
     if shown == EXACT:
         return []
     return [
-        _Row("share_regime_named_disclosed", f"{word}s in which one who is shown {shown} names it, %", _PERCENT, ".1f"),
-        _Row("error_disclosed", f"  error of what {shown} lets it estimate, r.m.s.", style=".3f"),
+        _Row("share_regime_named_disclosed", f"{word}s in which it names it from {shown}, %", _PERCENT, ".1f"),
+        _Row("error_disclosed", f"  error of its estimate from {shown}, r.m.s.", style=".3f"),
     ]
 
 
@@ -176,24 +178,24 @@ def _public_notes(result: Backtest) -> list[str]:
     said = []
     if public.without is not None:
         said.append(
-            f"Public: the rival follows {public.said}, with the investor's model of it. At face value it takes the belief "
+            f"Public: the observer follows {public.said}, with the investor's model of it. At face value it takes the belief "
             f"nearest to its own among those that explain the weights.{_misled(result)}"
         )
     return [*said, _all_public(result)]
 
 
 def _all_public(result: Backtest) -> str:
-    """What one needs no weights for."""
+    """What the returns alone give away."""
     figures = result.figures[result.names[0]]
     error = figures["error_all_returns"]
     if error <= tolerances.SAME_BELIEF:
         return (
-            "All: these returns are public, and the belief comes from them alone: one who follows them with this model needs "
-            "no weights, and nothing is left to hide from that one."
+            "All: these returns are public, and the belief comes from them alone: an observer who follows them with this model "
+            "needs no weights, and nothing can be hidden from it."
         )
     return (
-        "All: these returns are public; one who follows them with this model and sees no weights errs by "
-        f"{error:.3f}: that is what the investor's own information keeps."
+        "All: these returns are public; an observer who follows them with this model and sees no weights errs by "
+        f"{error:.3f}, because the investor has information of its own."
     )
 
 
@@ -223,14 +225,14 @@ def notes_of(result: Backtest) -> list[str]:
             if result.fit.covariance in ("sample", "given")
             else [f"Covariances are not full ones: {result.fit.size}."]
         ),
-        "The rival knows means, covariances and γ, takes the published weights (of a lottery, the draw) at face value, "
-        "and guesses the centre of the beliefs that explain them.",
+        "Naive observer: knows means, covariances and γ, takes the published weights (of a lottery, the draw) for optimal, and "
+        "guesses the centre of the beliefs that explain them.",
         *_aware_notes(result),
         *_public_notes(result),
         "Turnover counts from the last published weights after they drifted with returns; the first purchase is left out.",
         f"Intervals: studentised circular block bootstrap, {REPLICATES} samples (Ledoit and Wolf 2008).",
         f"Silence regret: {result.silence_regret * _BASIS_POINTS:.2f} bp per {word}, the mean regret of the one constant "
-        "portfolio that suits these beliefs best, known only in hindsight; it would give away nothing but their mean.",
+        "portfolio that suits these beliefs best, known only in hindsight (the value of information, in costs).",
     ]
 
 
@@ -256,18 +258,18 @@ def _limit_notes(result: Backtest) -> list[str]:
 
 def _aware_notes(result: Backtest) -> list[str]:
     if result.aware is None:
-        return ["The target changes from step to step, so no rival who knows the method is modelled."]
+        return ["The target changes from step to step, so no aware observer is modelled."]
     prior, word = result.aware.prior, result.market.frequency.word
     return [
-        "The rival who knows the method knows each decision maker, budget included, and how often the fitted regimes lead to "
+        "Aware observer: knows each decision maker, budget included, and how often the fitted regimes lead to "
         f"which belief (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits, error {prior.error:.3f} without weights); "
-        "it reads the nearest decision that is played on that grid, each alone, and guesses the posterior mean. One who also "
-        f"follows all {word}s remembers every decision and knows how the belief moves in the fitted regimes, but for one "
+        "it reads the nearest decision that is played on that grid, each alone, and guesses the posterior mean. Over time "
+        f"it remembers every decision and knows how the belief moves in the fitted regimes, but for one "
         f"{word} in a hundred, when it may go anywhere.",
-        "Worth: a rival with the investor's own problem holds what suits the long-run mean of the belief, or what it reads, or "
-        "the published weights themselves; judged by the investor's beliefs, against the first. Nobody can be stopped from "
-        "copying: what the weights are worth to that rival and what hiding costs the investor add up to what the beliefs are "
-        "worth.",
+        "Worth: a rival, an observer with the investor's own problem, holds what suits the long-run mean of the belief, or "
+        "what it reads, or the published weights themselves; judged by the investor's beliefs, against the first. Nobody can "
+        "be stopped from copying: what the weights are worth to that rival and what hiding costs the investor add up to what "
+        "the beliefs are worth.",
     ]
 
 
@@ -276,16 +278,16 @@ def _sequential_notes(result: Backtest) -> list[str]:
     if part is None:
         return []
     word, beliefs = result.market.frequency.word, len(part.maker.beliefs)
-    share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of what silence costs there"
+    share = "" if result.settings.budget is not None else f", {SHARE_OF_SILENCE:.0%} of the silence regret there"
     return [
-        "SDM, the sequential rule, knows what the rival holds who follows it. It may spend "
+        "SDM, the sequential rule, knows what the aware observer believes. It may spend "
         f"{part.maker.limit * _BASIS_POINTS:.2f} bp per {word} on average in the long run of the fitted regimes{share}, and "
         f"spends {part.path.own_regrets.mean() * _BASIS_POINTS:.2f} here, in expectation over each draw. Its price, of "
         f"information alone, was simulated on a grid of {beliefs} beliefs, off which lie {part.path.n_off_grid} of "
         f"{len(result.beliefs)} beliefs here.",
-        "No rule leaves the rival who follows it more than the ceiling, in expectation in the long run of the fitted regimes, "
-        f"on that grid and {len(part.maker.table.columns)} candidate portfolios; without weights it errs by "
-        f"{part.maker.chain.prior.error:.3f} there.",
+        "Ceiling: no rule of the same regret leaves an observer who follows it a larger error, in expectation in the long run "
+        f"of the fitted regimes, on that grid and {len(part.maker.table.columns)} candidate portfolios; without weights it "
+        f"errs by {part.maker.chain.prior.error:.3f} there.",
     ]
 
 
@@ -293,8 +295,8 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
     """Write everything about a backtest into a folder: tables, paths, pictures, and a summary that is all text.
 
     `table.csv`; `beliefs.csv` (fit to be read again as a user's beliefs); per decision maker `weights_*.csv`,
-    `estimates_*.csv` (what the rival concludes), `aware_*.csv` (what one concludes who knows the method), `followed_*.csv`
-    (the same of one who remembers all weights before) and `path_*.csv` (regret, privacy, return per decision); five figures
+    `estimates_*.csv` (estimates of the naive observer), `aware_*.csv` (of the aware one), `followed_*.csv` (of the aware one
+    who remembers all weights before) and `path_*.csv` (regret, privacy, return per decision); five figures
     as PNG and SVG; `summary.json`. Each file appears whole or not at all; the same backtest gives the same bytes.
 
     Args:
@@ -325,10 +327,10 @@ def write_backtest(result: Backtest, folder: str | os.PathLike[str], *, month: s
         table(result.weights(name), f"weights_{name}.csv", f"published at the end of (held over the next {word})")
         table(result.estimates(name), f"estimates_{name}.csv", f"read from the weights of (about the next {word})")
         if result.aware is not None:
-            header = f"read by a rival who knows the method from the weights of (about the next {word})"
+            header = f"read by the aware observer from the weights of (about the next {word})"
             if name in result.aware.estimates:
                 table(result.aware_estimates(name), f"aware_{name}.csv", header)
-            header = f"read by a rival who knows the method from all weights up to (about the next {word})"
+            header = f"read by the aware observer from all weights up to (about the next {word})"
             table(result.followed_estimates(name), f"followed_{name}.csv", header)
         table(result.path(name), f"path_{name}.csv", f"decided at the end of (earns the next {word})")
     written += draw_backtest(result, target, month=month)

@@ -1,4 +1,4 @@
-"""The pictures of a backtest: beliefs and what the rival read, weights, privacy and cost over time, and one month close up."""
+"""The pictures of a backtest: beliefs and what observers read, weights, privacy and cost over time, and one month close up."""
 
 from __future__ import annotations
 
@@ -75,15 +75,16 @@ def step_of(result: Backtest, month: str | None = None) -> int:
 
 
 def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
-    """Draw what each decision maker leaves a rival at face value and one who knows the rules, as `hidden`; none without."""
+    """Draw the errors of the naive and of the aware observer under each decision maker, as `hidden`; none without the
+    latter."""
     if result.aware is None or len(result.names) == 1:
         return []
     own = result.figures[result.names[0]]
     asked = Requirement(own["error_without"], own["base_rate"])
     names, rows = result.names, np.arange(len(result.names))[::-1]
     kinds = {
-        "error_face_value": "takes the weights at face value",
-        "error_followed": "knows the rules, follows all weights",
+        "error_face_value": "naive: takes weights at face value",
+        "error_followed": "aware: knows the rules, follows all weights",
     }
     with drawing(_HIDDEN_WIDTH, 0.42 * len(names) + 1.25) as (figure, axis):
         for row, name in zip(rows, names, strict=True):
@@ -106,18 +107,18 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
         axis.set_yticks(rows, [spelled(name) for name in names])
         axis.set_ylim(-0.6, len(names) - 0.4)
         axis.set_xlim(left=0.0)
-        axis.set_xlabel("error of the rival's estimate of the belief, root mean square")
+        axis.set_xlabel("error of the observer's estimate of the belief, root mean square")
         figure.legend(loc="outside lower center", ncols=3, columnspacing=1.0, handletextpad=0.3)
         return save_figure(figure, folder, "hidden")
 
 
 def draw_beliefs(result: Backtest, folder: Path) -> list[Path]:
-    """Draw the investor's likeliest regime above what rivals read from each decision maker's weights, as `beliefs`."""
+    """Draw the investor's likeliest regime above what observers read from each decision maker's weights, as `beliefs`."""
     panels = {"investor's belief": result.beliefs}
     panels |= {f"{_published(result, name)}: read at face value": result.estimates(name) for name in result.names}
     if result.aware is not None:
         panels |= {
-            f"{_published(result, name)}: read by one who knows the rules and follows all weights": result.followed_estimates(
+            f"{_published(result, name)}: read by the aware observer from all weights so far": result.followed_estimates(
                 name
             )
             for name in result.names[1:]

@@ -17,17 +17,18 @@ FULL_NAMES = {"ODM": "optimal", "CDM": "counter-adversarial", "PDM": "probabilis
 
 
 def spelled(name: str) -> str:
-    """Return a decision maker's full name with its abbreviation."""
-    return f"{FULL_NAMES[name]} ({name})" if name in FULL_NAMES else name
+    """Return a decision maker's name with its abbreviation written out; settings after a comma stay."""
+    short, comma, settings = name.partition(",")
+    return f"{FULL_NAMES[short]} ({short}){comma}{settings}" if short in FULL_NAMES else name
 
 
 def verdict(result: Backtest) -> list[str]:
-    """Return what was found, a line each: what a rival reads, what is hidden from whom, and what it costs."""
+    """Return what was found, a line each: what an observer reads, what is hidden from whom, and what it costs."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     own = figures[odm]
     lines = [
-        f"Read: from the {FULL_NAMES['ODM']} weights ({odm}), a rival names the investor's likeliest regime in "
+        f"Read: from the {FULL_NAMES['ODM']} weights ({odm}), an observer names the investor's likeliest regime in "
         f"{_share(own['share_regime_named'])} of {len(result.beliefs)} {word}s; always naming the commonest is right in "
         f"{_share(own['base_rate'])}."
     ]
@@ -35,20 +36,25 @@ def verdict(result: Backtest) -> list[str]:
         return lines
     if result.aware is None:
         named = _and([f"{_share(figures[name]['share_regime_named'])} ({name})" for name in hiding])
-        lines.append(f"Read from altered weights at face value: {named}.")
+        lines.append(f"Read by the naive observer from altered weights: {named}.")
     else:
         asked = _asked(result)
         for who, error, named in (
-            ("takes the weights at face value", "error_face_value", "share_regime_named"),
-            (f"knows the rules and follows all {word}s", "error_followed", "share_regime_named_followed"),
+            ("naive observer, who takes the weights at face value", "error_face_value", "share_regime_named"),
+            (
+                f"aware observer, who knows the rules and follows all {word}s",
+                "error_followed",
+                "share_regime_named_followed",
+            ),
         ):
             reached = [Reached(name, figures[name][error], figures[name][named]) for name in hiding]
-            lines.append(f"Hidden from a rival who {who}: {asked.judge(reached)}.")
+            lines.append(f"Hidden from the {who}: {asked.judge(reached)}.")
     return [*lines, _price(result, hiding)]
 
 
 def limits(result: Backtest) -> list[str]:
-    """Return what the verdict rests on, a line each: what "hidden" means, luck, ceilings, and whom nothing is hidden from."""
+    """Return what the verdict rests on, a line each: what "hidden" means, other draws, ceilings, and whom nothing is hidden
+    from."""
     names = "; ".join(f"{name}: {FULL_NAMES[name]}" for name in result.names if name in FULL_NAMES)
     budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
     if result.sequential is not None and result.settings.budget is None:
@@ -90,8 +96,8 @@ def _beyond_public(result: Backtest) -> list[str]:
     if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
         return []
     return [
-        "These returns are public: a rival who follows all of them with this model needs no weights, and nothing is hidden "
-        "from it."
+        "These returns are public: an observer who follows all of them with this model needs no weights, and nothing is "
+        "hidden from it."
     ]
 
 
@@ -103,19 +109,21 @@ def _ceilings(result: Backtest) -> list[str]:
         return []
     without = result.sequential.maker.chain.prior.error
     return [
-        f"Ceiling, in the long run of the fitted regimes: no rule that costs as much as {_and(list(known))} leaves a rival who "
-        f"follows it an error above {_and([f'{most:.2f}' for most in known.values()])}, of {without:.2f} without weights."
+        f"Ceiling, in the long run of the fitted regimes: no rule that costs as much as {_and(list(known))} leaves an aware "
+        f"observer who follows it an error above {_and([f'{most:.2f}' for most in known.values()])}, of {without:.2f} without "
+        "weights."
     ]
 
 
 def _luck(result: Backtest, asked: Requirement) -> list[str]:
-    """How often the sequential rule would have hidden the belief had it drawn otherwise."""
+    """In how many other draws the sequential rule hides the belief."""
     if result.sequential is None or not result.sequential.others:
         return []
     beliefs, others = result.beliefs.to_numpy(), result.sequential.others
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
     return [
-        f"Luck: {held or 'none'} of {len(others)} other draws of {SEQUENTIAL} would have hidden it from that rival."
+        f"Luck: {held or 'none'} of {len(others)} other draws of {SEQUENTIAL} would have hidden the belief from the aware "
+        "observer."
     ]
 
 
@@ -124,7 +132,7 @@ def _and(words: Sequence[str]) -> str:
 
 
 def cautions(result: Backtest) -> list[str]:
-    """Return what the verdict leaves out: hiding that did not hide, and silence that would have been cheaper."""
+    """Return what the verdict leaves out: hiding that did not hide, and a constant portfolio that would have cost less."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     told = figures[odm]["share_regime_named"]
@@ -132,7 +140,7 @@ def cautions(result: Backtest) -> list[str]:
     for name in hiding:
         named = figures[name]["share_regime_named"]
         if len(result.regimes) == 2 and named < 0.5 * figures[odm]["base_rate"]:
-            said.append(f"{name}: with two regimes, a rival who reads the opposite is right in {1 - named:.0%}.")
+            said.append(f"{name}: with two regimes, an observer who reads the opposite is right in {1 - named:.0%}.")
         elif result.aware is None and named > Requirement(0.0, figures[odm]["base_rate"]).most_named:
             said.append(
                 f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(told)}."

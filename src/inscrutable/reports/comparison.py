@@ -174,12 +174,12 @@ def notes_of(comparison: Comparison) -> list[str]:
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
         "All decision makers of one budget are made to spend the same expected regret under the prior, to a millionth from "
-        f"below; budgets per belief are {per_belief}, scaled until they do. One that finds nothing more to buy "
-        "or comes in steps, as rounding and delay do, spends less; the first column says what.",
+        f"below; budgets per belief are {per_belief}, scaled until they do. A rule whose parameter moves "
+        "in steps, such as rounding or a delay, spends less; the first column says how much.",
         _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate, in units of belief. naive: takes decisions for "
         "optimal; near-optimal: allows for the expected regret; budget-aware: knows the largest regret of any decision (both "
-        "with the prior); aware: knows the mechanism and the prior. Where a decision makes no sense to an observer, its "
+        "with the prior); aware: knows the rule and the prior. Where no belief explains a decision to an observer, its "
         "estimate is the belief that leaves it the least regret.",
         *_columns_told(comparison),
         *_on_paths(comparison),
@@ -189,10 +189,10 @@ def notes_of(comparison: Comparison) -> list[str]:
         "them leads to names it.",
         *_watchers(comparison),
         *_rival(comparison),
-        "told from honest, AUC: how well one decision is told from an optimal one by what the naive observer reads from it; "
-        "0.5 is nothing, 1 certainty.",
+        "told from honest, AUC: detectability, the area under the curve of a test of one decision against an optimal one by "
+        "the naive observer's reading; 0.5 is chance, 1 certainty.",
         "comparison.csv has further figures, and all to full precision; its columns are the fields of "
-        "`inscrutable.experiments.comparison_measures.ComparisonRow`, whose documentation defines each.",
+        "ComparisonRow in inscrutable.experiments.comparison_measures, whose documentation defines each.",
         *(
             [f"Left out, because they do not suit the problem: {', '.join(comparison.left_out)}."]
             if comparison.left_out
@@ -236,20 +236,20 @@ def _on_paths(comparison: Comparison) -> list[str]:
     if "partial trades" in comparison.makers:
         found.append(
             "partial trades: a fraction of the way to the optimal decision at every step; aware: knows the fraction and the "
-            "decision before, from which the optimal one follows exactly. Those who do not know the rule read one decision by "
-            "itself."
+            "decision before, from which the optimal one follows exactly. An observer who does not know the rule reads "
+            "each decision by itself."
         )
     if comparison.ceilings:
         found.append(
-            "sequential: goes by what its decisions have told already, and by the chain of beliefs that it is given. After "
+            "sequential: decides by the observer's law and by the chain of beliefs that it is given. After "
             "several decisions on one belief its error is shown twice: where the rule takes the belief to move by that chain, "
             "while it happens to stay, and where the rule knows that it stays, at the same prices (rule told; its regret is "
             "then its own, told_regret in the CSV file). Long-run figures are simulated, the expected regret among them, which "
-            "is the one asked for up to its standard error; single decisions are read by one who knows what the rule plays in "
-            "the long run. stays half, twice as long: the error over time where the chain that the rule takes to be true is "
+            "is the one asked for up to its standard error; single decisions are read by an observer who knows the rule's "
+            "long-run law. stays half, twice as long: the error over time where the chain that the rule takes to be true is "
             "wrong about how long beliefs stay. ceiling: no rule of the same expected regret "
-            "leaves one who follows it a larger error over time, on this chain of these beliefs; no figure here holds without "
-            "the chain."
+            "leaves the aware observer a larger error over time, on this chain of these beliefs. All these figures hold for "
+            "this chain alone."
         )
     return found
 
@@ -259,7 +259,7 @@ def _watchers(comparison: Comparison) -> list[str]:
     found = []
     if comparison.is_moving:
         found.append(
-            "aware, over time: knows the mechanism and how beliefs move, and follows the belief through every decision so far. "
+            "aware, over time: knows the rule and how beliefs move, and follows the belief through every decision so far. "
             f"Its error is over the later half of {N_PATHS} paths of {PATH_STEPS} decisions (root mean square; standard "
             "errors in the CSV file). Without decisions its error is that of the prior at every step."
         )
@@ -278,9 +278,9 @@ def _watchers(comparison: Comparison) -> list[str]:
         found.append("Nobody has to learn the risk aversion, because the cost has none.")
     if _reads_sensor(comparison):
         found.append(
-            f"error, sensor: of the sensor read from {SENSOR_STEPS} decisions on one path by one who knows how the state "
-            "moves and takes decisions at face value (Frobenius, best names of the symbols), as a share of the error of one "
-            "who sees none; 0 is read exactly, 1 or more is hidden. A sensor that names the state in "
+            f"error, sensor: of the sensor read from {SENSOR_STEPS} decisions on one path by an observer who knows how the "
+            "state moves and takes decisions at face value (Frobenius, best names of the symbols), as a share of the error "
+            "without any; 0 is read exactly, 1 or more is hidden. A sensor that names the state in "
             f"{ACCURACY:.0%} of the steps stands in for the agent's, in a chain that stays in {STAYS:.0%}; beliefs between "
             "those of the prior are shown as far from the truth as the nearest one's decision is."
         )
@@ -298,15 +298,15 @@ def _rival(comparison: Comparison) -> list[str]:
     if not comparison.rival:
         return []
     found = (
-        "worth to the rival: by how much one decision lowers what the rival loses on average, who knows the mechanism and the "
-        f"prior, in the rival's own unit ({comparison.rival}). It loses {comparison.prior_loss:.4g} without any decision, and "
+        "worth to the rival, who knows the rule and the prior: by how much one decision lowers its mean loss, "
+        f"in its own unit ({comparison.rival}). It loses {comparison.prior_loss:.4g} without any decision, and "
         f"{comparison.secret_worth:.4g} less where it knows the belief: no decision is worth more."
     )
     if comparison.rival_is_own:
         found += (
             " Its problem is the agent's own: it can play what it sees, so that the worth of reading and the expected regret "
             "add up to the silence regret at least, whatever the rule (a decision that comes late or altered excepted). "
-            "Hiding protects the view from one with another problem, or who comes later."
+            "Hiding protects the view from a rival with another problem, or who comes later."
         )
     return [found]
 

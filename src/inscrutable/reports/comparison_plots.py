@@ -46,18 +46,18 @@ class _Panel(NamedTuple):
 
 
 def _panels(comparison: Comparison) -> list[_Panel]:
-    found = [_Panel("takes the decision at face value", lambda row: row.naive_error, lambda row: 0.0)]
+    found = [_Panel("naive observer, one decision", lambda row: row.naive_error, lambda row: 0.0)]
     found += [_after(n, place) for place, n in enumerate(comparison.repeats)]
     if comparison.is_moving:
-        title = "knows the mechanism: follows a belief that moves"
+        title = "aware observer, over time"
         found.append(_Panel(title, lambda row: row.path_error, lambda row: row.path_error_se, comparison.ceilings))
     return found
 
 
 def _after(n: int, place: int) -> _Panel:
-    decisions = "1 decision" if n == 1 else f"{n} decisions on one belief"
+    decisions = "one decision" if n == 1 else f"{n} decisions on one belief"
     return _Panel(
-        f"knows the mechanism: {decisions}",
+        f"aware observer, {decisions}",
         lambda row: float(row.repeated_errors[place]),
         lambda row: float(row.repeated_error_se[place]),
     )
@@ -146,7 +146,9 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
         along = scale * np.array([row.expected_regret for row in rows])
         errors, spreads = (np.array([each(row) for row in rows]) for each in (panel.error, panel.spread))
         _curve(axes, along, errors, _SIDE * spreads, maker, looks[maker])
-    axes.axhline(comparison.prior_error, color=BLACK, linestyle="--", linewidth=0.8, zorder=1, label="prior alone")
+    axes.axhline(
+        comparison.prior_error, color=BLACK, linestyle="--", linewidth=0.8, zorder=1, label="without decisions"
+    )
     if panel.ceilings:
         along = scale * np.array(list(panel.ceilings))
         heights = list(panel.ceilings.values())

@@ -33,7 +33,7 @@ def protect_table(protection: Protection) -> pd.DataFrame:
         A frame on (row label, what). What: the optimal weights (ODM), the weights to publish (CDM), every atom of the
         lottery (PDM) and its draw. Columns: its probability (none for the draw); the regret in the cost's unit
         and as a share of |c*|; the privacy Ψ under the chosen measure; the distance from the belief to what an observer
-        concludes who takes the weights at face value, and that conclusion, the centre of its set, for each regime; its
+        concludes, the naive one, and that conclusion, the centre of its set, for each regime; its
         most likely regime; the weights of all assets.
 
     Example: see `write_protect`.

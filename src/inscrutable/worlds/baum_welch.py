@@ -1,9 +1,9 @@
-"""Baum-Welch for Gaussian observations: one climb from one starting point.
+"""Baum-Welch for Gaussian observations: one run from one starting point.
 
 With smoothed probabilities γ_t(i) and expected transition counts N_ij, a step sets π_0 = γ_0, P_ij = N_ij / Σ_j N_ij,
 μ_i = Σ_t γ_t(i) y_t / Σ_t γ_t(i), and Σ_i to the weighted covariance with its eigenvalues raised to the floor: the
 maximiser of the expected log-likelihood under that floor, so the likelihood never decreases. A covariance that is shrunk
-or made of factors is no maximiser: the climb then ends where the likelihood no longer changes.
+or made of factors is no maximiser: the run then ends where the likelihood no longer changes.
 """
 
 from __future__ import annotations

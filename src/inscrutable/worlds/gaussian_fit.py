@@ -28,7 +28,7 @@ TRIALS = 12
 industries the best of twelve reaches in one restart what single starts reach in ten."""
 
 HEATS = ((10, 4), (25, 1))
-"""After so many steps, so many of the starting points go on; the last one is climbed to the end."""
+"""After so many steps, so many of the starting points go on; the last one is run to convergence."""
 
 MOST_PARAMETERS = 0.25
 """Effective parameters per number of the sample from which a fit is doubted. In simulated markets of 12 to 60 assets, fits
@@ -226,7 +226,8 @@ def _rank(restart: Restart) -> tuple[bool, float]:
 
 
 def _restart(data: Standardised, n_states: int, rule: CovarianceRule, rng: np.random.Generator) -> Climb:
-    """Race the starting points in heats and climb from the last one left, collapsed ones dropping out first."""
+    """Run all starting points some steps, drop the worst and repeat; run the last to convergence. Collapsed ones drop out
+    first."""
     climbs = [Climb(data, starting_responsibilities(data.rows, n_states, kind, rng), rule) for kind in range(TRIALS)]
     for n_steps, n_kept in HEATS:
         for climb in climbs:

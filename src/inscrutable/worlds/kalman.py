@@ -116,7 +116,7 @@ def kalman_filter(
 
 @dataclass(frozen=True, eq=False)
 class SteadyFilter:
-    """What the agent's filter settles to in a world that does not change: m_{t+1} = A m_t + K ν_t with ν ~ N(0, S).
+    """The steady state of the agent's filter in a world that does not change: m_{t+1} = A m_t + K ν_t with ν ~ N(0, S).
 
     Args:
         predicted_covariance: P⁻, error of the prediction of x_t, shape (n,n).
@@ -155,7 +155,7 @@ def steady_filter(world: LinearGaussianWorld) -> SteadyFilter:
         world: The world; it need not be stable where what is read shows all that is not.
 
     Raises:
-        ModelError: Matrices change with time, or no filter settles: something grows that is not read.
+        ModelError: Matrices change with time, or no filter converges: a mode that the sensor does not observe grows.
 
     Cost: O(n³). Source: Anderson and Moore, Optimal Filtering (1979), chapter 4.
 
@@ -187,25 +187,27 @@ def steady_filter(world: LinearGaussianWorld) -> SteadyFilter:
 
 
 def _riccati(move: Array, process: Array, sensor: Array, noise: Array) -> Array:
-    """The P⁻ to which predictions settle."""
+    """The P⁻ to which predictions converge."""
     try:
         found = _symmetric(np.asarray(solve_discrete_are(move.T, sensor.T, process, noise)))
         residual = np.abs(_predicted(found, move, process, sensor, noise) - found).max()
         if residual <= tolerances.RICCATI * np.abs(found).max() and np.isfinite(residual):
             return found
     except (np.linalg.LinAlgError, ValueError):
-        pass  # a noise that is singular, or eigenvalues on the circle that nothing moves: steps settle all the same
+        pass  # singular noise, or eigenvalues on the unit circle that no noise excites: the iteration below converges
     found, last = process + np.eye(len(process)) * np.abs(process).max(), np.inf
     for _ in range(_MOST_STEPS):
         after = _predicted(found, move, process, sensor, noise)
         change, size = float(np.abs(after - found).max()), float(np.abs(after).max())
         if not np.isfinite(size) or size > 1.0 / tolerances.RICCATI * max(np.abs(process).max(), np.abs(noise).max()):
-            raise ModelError("no filter settles in this world: something grows without end that is not read")
+            raise ModelError(
+                "no filter converges in this world: a mode that the sensor does not observe grows without bound"
+            )
         if change <= tolerances.RICCATI * size and change >= last:  # down to rounding
             return after
         found, last = after, change if change else -1.0
     raise ModelError(
-        f"no filter settles in this world: after {_MOST_STEPS} steps its covariance still moves by {last:.1e}"
+        f"no filter converges in this world: after {_MOST_STEPS} steps its covariance still moves by {last:.1e}"
     )
 
 

@@ -280,7 +280,7 @@ def _both(best: Array, k: int, step: float) -> tuple[Array, Array]:
 
 
 def _intervals(information: Array, best: Array, bounds: Array) -> Array:
-    """95 % intervals (K,2) within the bounds; the bounds where the likelihood does not bend down."""
+    """95 % intervals (K,2) within the bounds; the bounds where the likelihood is not concave."""
     width = bounds[:, 1] - bounds[:, 0]
     scaled = information * np.outer(width, width)
     values = np.linalg.eigvalsh(scaled)

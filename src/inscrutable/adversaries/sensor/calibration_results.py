@@ -40,7 +40,7 @@ class CalibratedSensor(Saved):
 
     Args:
         parameters: θ̂, shape (K,).
-        intervals: 95 % intervals within the bounds, shape (K,2); the bounds where the likelihood does not bend down.
+        intervals: 95 % intervals within the bounds, shape (K,2); the bounds where the likelihood is not concave.
         log_likelihoods: The profile of each parameter at `grid`, shape (K,G), natural logarithms; −inf where decisions are
             impossible.
         status: Whether the decisions determine the parameters.

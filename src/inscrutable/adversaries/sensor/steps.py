@@ -19,7 +19,7 @@ class FilterSteps(NamedTuple):
     Args:
         predicted: P'π_{k−1}, shape (K,X).
         held: π_k, shape (K,X).
-        weights: Inverse variance of what a sensor's column leaves of `held`, in units of that of one belief, shape (K,).
+        weights: Inverse variance of the residual of `held` after a sensor's column, in units of that of one belief, shape (K,).
         numbers: k−1 of each step, shape (K,); steps that cannot be used are left out.
     """
 

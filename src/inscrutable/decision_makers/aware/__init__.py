@@ -1,1 +1,1 @@
-"""Decision makers that survive an observer who knows them: least information, and largest error."""
+"""Decision makers against the aware observer: least information, and largest error."""

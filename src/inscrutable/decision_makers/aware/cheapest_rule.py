@@ -150,7 +150,7 @@ def least_regret(
     candidates: Candidates | ArrayLike | None = None,
     gap: float = tolerances.LEAST_REGRET_GAP,
 ) -> LeastRegret:
-    """Return the cheapest rule that gives all of some guarantees against an observer who knows it.
+    """Return the rule of least expected regret that gives all of some guarantees against the aware observer.
 
     Formula: min_K Σ_b w_b Σ_m K(u_m|π_b) ρ(π_b,u_m) over tables K(u|π) that give every guarantee. n secrets alike, of which the
     wrong one costs 1, under ε nats of pointwise maximal leakage: 1 − min(1, e^ε/n).

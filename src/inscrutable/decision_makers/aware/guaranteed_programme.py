@@ -1,4 +1,5 @@
-"""The cheapest table K(u|π) that gives some guarantees: a linear programme, with cutting planes for what is no row.
+"""The cheapest table K(u|π) that gives some guarantees: a linear programme, with cutting planes for guarantees that are not
+linear.
 
 On arrays alone. A guarantee is linear in K, or holds where all of infinitely many rows do, which are found as they are needed.
 Playing what another belief would have played, K'(·|π) = (1 − θ) K(·|π) + θ a with a law a that looks at no belief, moves

@@ -1,4 +1,4 @@
-"""What an agent can promise of every decision it publishes, whatever the observer who knows its rule does."""
+"""Guarantees of every published decision against the aware observer."""
 
 from __future__ import annotations
 

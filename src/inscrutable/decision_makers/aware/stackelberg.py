@@ -1,4 +1,4 @@
-"""The decision maker of whose belief an observer who knows how it decides makes the largest error."""
+"""The committed mechanism that maximises the Bayes estimation error of the aware observer: persuasion, a Stackelberg game."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SMALL = 20_000
 
 
 class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
-    """The decision maker that leaves an observer who knows it the largest mean square error about the belief.
+    """The committed mechanism that maximises the aware observer's mean square error about the belief, at an expected regret.
 
     Formula: max_K min_μ Σ_b p_b Σ_m K(u_m|π_b) ‖π_b − μ_m‖² with Σ_m K(u_m|π_b) ρ(π_b,u_m) ≤ r_b for every belief; the
     best μ_m is the posterior mean after u_m. A belief outside the prior's support answers the fixed estimates: it plays the
@@ -50,7 +50,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
         plausible_only: Whether candidates that no belief explains are left out.
         gap: Asked for between `value` and `bound`, as a share of the bound; None is 1e-6 up to 20,000 pairs of belief
-            and candidate, and 0.01 above. With a loss both are counted from what is lost even by one who knows the belief.
+            and candidate, and 0.01 above. With a loss both are above the loss where the belief is known.
         loss: What the observer loses, in the place of the square error ‖π − μ‖²: `NamingError()`, `RivalProblem(problem)`.
 
     Raises:
@@ -102,7 +102,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
 
     @property
     def gap(self) -> float:
-        """(bound − value) / bound, both less what is lost even by one who knows the belief; zero where the bound is."""
+        """(bound − value) / bound, both above the loss where the belief is known; zero where the bound is."""
         none = tolerances.NO_ERROR * self._found.prior_error
         short = self.bound - self.value
         return 0.0 if short <= none else short / (self.bound - self._found.least)
@@ -120,7 +120,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
     def summary(self) -> str:
         """Return two lines for a person to read."""
         return (
-            f"loss of one who knows the mechanism  {self.value:.6g} of at most {self.bound:.6g} ({self.loss.unit})\n"
+            f"loss of the aware observer  {self.value:.6g} of at most {self.bound:.6g} ({self.loss.unit})\n"
             f"{len(self.estimates)} decisions for {len(self.prior)} beliefs; {self.status.value}"
         )
 
@@ -164,7 +164,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         return columns, _answers(table, gains, limits)
 
     def _gains(self, beliefs: Array) -> Array:
-        """What the fixed answers lose beyond what is lost by one who knows the belief, shape (T,M)."""
+        """The loss of the fixed answers above the loss where the belief is known, shape (T,M)."""
         answers = self._found.answers
         if answers is None:
             return np.asarray(((beliefs[:, None, :] - self.estimates[None]) ** 2).sum(axis=2))
@@ -182,7 +182,7 @@ class _Solution:
     bound: float
     prior_error: float  # beyond `least`
     goal: float
-    least: float = 0.0  # what is lost by one who knows the belief
+    least: float = 0.0  # the loss where the belief is known
     answers: Array | None = (
         None  # what the rival's mixed answers cost in each state, where it has a decision of its own
     )

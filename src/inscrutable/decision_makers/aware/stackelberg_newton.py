@@ -236,7 +236,7 @@ def _longest(values: Array, move: Array) -> float:
 def _lengths(now: _Point, move: _Point, allowed: np.ndarray) -> tuple[float, float]:
     """How far rows and unspent budgets, and how far the other side, may go until something is zero."""
     rows = min(_longest(np.where(allowed, now.rows, 1.0), move.rows), _longest(now.unspent, move.unspent))
-    # A spare bends: S + t S' − t² |μ'|². Where it never falls the denominator below is zero.
+    # A slack is quadratic: S + t S' − t² |μ'|². Where it never falls the denominator below is zero.
     bend = (move.estimates**2).sum(axis=1)
     fall = np.sqrt(move.spare**2 + 4.0 * bend * now.spare) - move.spare
     worst = float(np.where(allowed, fall / now.spare, 0.0).max(initial=0.0))

@@ -30,7 +30,7 @@ class Lots:
     statuses: tuple[DecisionStatus, ...]
 
     def results(self) -> MixedDecisions:
-        """Return the lotteries as a result, with what an observer makes of each atom at face value."""
+        """Return the lotteries as a result, with the naive observer's set of each atom."""
         sets, measure = self.candidates.sets, MaximalObfuscation()
         privacies = np.array([_distances(sets, *each) for each in zip(self.numbers, self.beliefs, strict=True)])
         return MixedDecisions(

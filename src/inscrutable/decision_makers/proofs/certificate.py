@@ -159,7 +159,7 @@ class Prover:
         return np.where(usable, reference.sign * np.where(usable, distances, 0.0), -np.inf)
 
     def _halved(self, cells: DescribedCells, nearly: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cut along the edge that is long and on which V bends; at a kink where cells would `nearly` be done without."""
+        """Cut along a long edge on which V is curved; at a kink where cells would `nearly` be done without."""
         corners, kinks = cells.corners, cells.kinks
         pairs = edges(corners.shape[1])
         points, costs = self.points.beliefs[corners], self.points.costs[corners]
@@ -266,7 +266,7 @@ class Prover:
 
 
 def _smooth_cells(problem: DecisionProblem, points: OraclePoints) -> SmoothCells | None:
-    """What is known between corners, where costs say how much they bend."""
+    """Bounds between corners, where costs give their curvature."""
     quadratic = quadratic_problem(problem)
     if quadratic is not None:
         form = whitened(quadratic)

@@ -1,4 +1,4 @@
-"""Cells of beliefs in which no belief is the nearest that explains its decision, for costs that say how much they bend.
+"""Cells of beliefs in which no belief is the nearest that explains its decision, for costs that give their curvature.
 
 A decision counts with its nearest consistent belief, for which it is optimal too. Where fewer coordinates of a decision are
 free than a belief has, its consistent beliefs are a fibre that runs through many cells, and of them only those matter that

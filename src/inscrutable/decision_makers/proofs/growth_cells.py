@@ -1,6 +1,6 @@
 """Regrets on cells of beliefs for growth, costs −Σ_s p_is log(r_is'u): bounds whose error falls with the cell's size squared.
 
-Wealth w_k = r_k'u is interpolated along with the decision, and a logarithm's slope 1/w bends in closed form:
+Wealth w_k = r_k'u is interpolated along with the decision, and the curvature of a logarithm's slope 1/w has a closed form:
 Σ_j θ_j/w_jk − 1/w̃_k = Σ_{j<l} θ_j θ_l (w_jk − w_lk)²/(w_jk w_lk w̃_k). At y = Σ θ_j y_j, with outcomes' weights W_k(y), the
 conditions of optimality are broken by
 

@@ -1,4 +1,4 @@
-"""Cuts where a row ceases to be tight: optimal decisions bend there, and cells that end there lose little to it.
+"""Cuts where a row becomes inactive: optimal decisions have a kink there, and bounds on cells that end there are tighter.
 
 Without them 6 instead of 3 of 60 lotteries over four states are not proved to 1 %; single decisions are proved without too.
 """

@@ -24,7 +24,7 @@ from inscrutable.validation import Array
 
 
 def whitened(problem: QuadraticProblem) -> Whitened | None:
-    """Return the coordinates, None where the mean of the costs does not bend in all directions inside C."""
+    """Return the coordinates, None where the mean of the costs is not strictly convex inside C."""
     return whitened_by(problem, problem.hessians)
 
 
@@ -33,12 +33,12 @@ class QuadraticCells(SmoothCells):
 
     @property
     def bends(self) -> bool:
-        """Whether every belief's cost bends in all directions inside C."""
+        """Whether every belief's cost is strictly convex inside C."""
         least = np.linalg.eigvalsh(self.form.hessians)
         return bool((least[:, 0] > tolerances.CURVATURE * least[:, -1]).all())
 
     def is_blind(self, regrets: Array, near: Nearness) -> np.ndarray:
-        """Return which cells (C,) need bounds by optimal costs: all where some belief's cost does not bend."""
+        """Return which cells (C,) need bounds by optimal costs: all where some belief's cost is not strictly convex."""
         return np.full(len(regrets), not self.bends)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What is known of decisions between the corners of a cell of beliefs, where costs bend and say how much.
+"""What is known of decisions between the corners of a cell of beliefs, where costs are convex and give their curvature.
 
 Let u_j be the optimal decisions at a cell's corners y_j and ũ their interpolation at y. Where the conditions of optimality
 that ũ breaks are bounded, and the costs' curvature from below, the optimal decision u*(y) is near ũ; so are all states'
@@ -64,7 +64,7 @@ class Nearness(NamedTuple):
 
 
 def whitened_by(problem: DecisionProblem, hessians: Array) -> Whitened | None:
-    """Return the coordinates for the states' curvatures (X,U,U), None where their mean does not bend in all directions
+    """Return the coordinates for the states' curvatures (X,U,U), None where their mean is not strictly convex
     inside C."""
     region = problem.constraints
     inside = complement(region.A_eq, problem.n_actions)

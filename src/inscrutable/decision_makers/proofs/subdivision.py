@@ -18,9 +18,9 @@ from inscrutable.validation import Array
 
 _FLOOR = -3.0  # below the normalised costs, which lie between 0 and 1
 _MOST_ROUNDS = 200
-_SURE = 40  # calls after which a problem with a decision for nearly every belief is taken for one that bends
+_SURE = 40  # calls after which a problem with a decision for nearly every belief is taken for one with curved costs
 _BENT = 0.7
-_TRIED_SHARE = 0.1  # of the oracle calls, where costs may bend
+_TRIED_SHARE = 0.1  # of the oracle calls, where costs may be curved
 _BLOCK_ENTRIES = 20_000_000
 _MOST_CORNERS = 1e9  # that a polytope of so many sides may have; those that are met have far fewer
 

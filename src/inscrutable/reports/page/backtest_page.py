@@ -15,7 +15,7 @@ from inscrutable.experiments.holding import Requirement, estimate_quality
 from inscrutable.geometry import BeliefSet
 from inscrutable.reports.backtest import notes_of, timing_of, warnings_of, written_table
 from inscrutable.reports.backtest_plots import draw_hidden, step_of
-from inscrutable.reports.backtest_verdict import cautions, limits, verdict
+from inscrutable.reports.backtest_verdict import cautions, limits, spelled, verdict
 from inscrutable.reports.page.budget_sweep import BudgetSweep, PlayedAt
 from inscrutable.reports.page.content import PageContent, PageFigure, PagePicture, PageSlider, PageTable
 from inscrutable.reports.page.manifest import hash_of, versions_told
@@ -48,7 +48,7 @@ def backtest_content(result: Backtest, title: str | None, manifest: Mapping[str,
         lead=_lead(result),
         limits=limits(result),
         cautions=[*warnings_of(result), *cautions(result)],
-        tables=[PageTable("Figures of the backtest", ["", *result.names], written_table(result))],
+        tables=[PageTable("Figures of the backtest", ["", *map(spelled, result.names)], written_table(result))],
         sliders=[
             PageSlider("step", f"Decision at the end of {word}", sweep.dates, start),
             PageSlider("budget", "Budget for privacy", budgets, sweep.own),
@@ -106,6 +106,7 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
         "regimes": result.regimes,
         "colours": [REGIME_COLOURS[i % len(REGIME_COLOURS)] for i in range(len(result.regimes))],
         "makers": sweep.names,
+        "spelled": {name: spelled(name) for name in result.names},
         "looks": {name: look._asdict() for name, look in looks.items()},
         "lotteries": [name for name in sweep.names if result.episode.records[name].lotteries is not None],
         "word": result.market.frequency.word,
@@ -148,7 +149,7 @@ def _published_weights(sweep: BudgetSweep) -> dict[str, Any]:
 
 
 def _followed(sweep: BudgetSweep) -> dict[str, Any] | None:
-    """What one holds who follows what was published, what it has told so far, and how far off that one is so far."""
+    """The belief of the aware observer over time, the bits published so far, and its error so far."""
     result = sweep.result
     if result.aware is None:
         return None
@@ -191,7 +192,7 @@ class _Sets:
 
 
 def _entry(each: PlayedAt, scale: float, sets: _Sets) -> list[Any]:
-    """[atoms [set, probability, regret in the budget's unit, privacy], drawn, estimate of the one who knows]."""
+    """[atoms [set, probability, regret in the budget's unit, privacy], drawn, estimate of the aware observer]."""
     atoms = [
         [sets.place(found), round(atom.probability, _DIGITS), _significant(atom.regret / scale), _rounded(atom.privacy)]
         for atom, found in zip(each.atoms, each.sets, strict=True)
@@ -269,13 +270,14 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
             "What the observer reads from one decision",
             f"Star: the private belief π. For every decision maker {shown} that explain its decision, for an observer who "
             f"takes it at face value{distance}; hollow or faint: the lottery's other decisions, with their probabilities. "
-            "Dashed ring: what an observer concludes who knows the method.",
+            "Dashed ring: the estimate of the aware observer, who knows the rule.",
         ),
         PageFigure(
             "frontier",
             "Privacy against regret, every budget",
             "Solid: the best single decision; dashed: the best lottery, in expectation; the vertical line is the budget. "
-            "The slope of the dashed line there is the privacy that one more unit of expected regret buys.",
+            "The black line is the tangent of the dashed one at the budget: its slope is the privacy that one more unit of "
+            "expected regret buys.",
         ),
         PageFigure(
             "now", "This decision in numbers", "What was played at this budget, what it cost, what was read.", True
@@ -297,8 +299,9 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
         PageFigure(
             "beliefs",
             "What each observer believes, at this budget",
-            "Shares of the regimes: first the investor's own belief, then what is read from what was published (of a lottery, "
-            "the draw) at face value, and by an observer who knows the method. Gaps: no belief explains the decision.",
+            "Colour: the likeliest regime; height: its probability. First the investor's own belief, then what is read from "
+            "what was published (of a lottery, the draw) at face value, and by the aware observer. Gaps: no belief explains "
+            "the decision.",
             True,
         ),
         *_followed_figures(result),
@@ -316,25 +319,26 @@ def _followed_figures(result: Backtest) -> list[PageFigure]:
         without = result.sequential.maker.chain.prior.error
         ceiling = (
             " Dashed, the ceiling: the most that any rule of the same regret leaves, in expectation in the long run of the "
-            f"fitted regimes, where one who sees no weights errs by {without:.2f}."
+            f"fitted regimes, where an observer who sees no weights errs by {without:.2f}."
         )
     return [
         PageFigure(
             "followed",
-            f"What one holds who knows the method and follows all {word}s",
-            "Shares of the regimes: first the investor's own belief, then what is held by one who remembers all that was "
-            "published, and knows how it is made and how the belief moves. At the backtest's own budget.",
+            f"What the aware observer believes who follows all {word}s",
+            "Colour: the likeliest regime; height: its probability. First the investor's own belief, then what the aware "
+            "observer believes who remembers all that was published and knows how the belief moves. At the backtest's own "
+            "budget.",
             True,
         ),
         PageFigure(
             "bits",
-            f"What the {word}s have told that one",
-            f"What each {word} tells beyond those before it, added up; the numbers are those at the decision above. At the "
+            f"Information that the {word}s have given that observer",
+            f"Bits that each {word} adds to those before it, summed; the numbers are those at the decision above. At the "
             "backtest's own budget.",
         ),
         PageFigure(
             "errors",
-            "What is still hidden from that one",
+            "Error of that observer",
             f"Error of the estimate over all {word}s so far, root mean square; the numbers are those at the decision above. At "
             f"the backtest's own budget.{ceiling}",
         ),
@@ -348,10 +352,10 @@ def _budget_table(sweep: BudgetSweep, figures: Mapping[str, Mapping[str, Any]], 
         "privacy": "privacy, mean",
         "regret": "regret, % of |c*|" if result.budget.is_relative else "regret, mean",
         "naive": "error, at face value",
-        "aware": "error, knows the method",
+        "aware": "error, aware observer",
     }
     for name in hiding:
-        columns += [f"{name}: {label}" for label in keys.values()]
+        columns += [f"{spelled(name)}: {label}" for label in keys.values()]
     rows = []
     for b, text in enumerate(budgets):
         cells = [text]
@@ -366,7 +370,7 @@ def _budget_table(sweep: BudgetSweep, figures: Mapping[str, Mapping[str, Any]], 
 def _asset_tables(result: Backtest) -> list[PageTable]:
     weights = {name: result.weights(name).mean() for name in result.names}
     rows = [[label, *(f"{_PERCENT * weights[name][label]:.1f}" for name in result.names)] for label in result.assets]
-    return [PageTable("Mean weights, % of wealth", ["Asset", *result.names], rows)]
+    return [PageTable("Mean weights, % of wealth", ["Asset", *map(spelled, result.names)], rows)]
 
 
 def _failures(result: Backtest) -> list[str]:
@@ -399,7 +403,7 @@ def _own_notes(result: Backtest, sweep: BudgetSweep) -> list[str]:
             "At the backtest's own budget the page shows what was published. At other budgets it shows the best of "
             f"{len(result.candidates)} candidates without the last polish: at the own budget these reach a mean privacy of "
             f"{rough[both].mean():.3f} (CDM) where {fine[both].mean():.3f} was published. Lotteries are drawn with the same "
-            "luck at every budget but the own one. The observer who knows the method knows each budget as well."
+            "luck at every budget but the own one. The aware observer knows each budget as well."
         )
     if len(sweep.steps) < len(result.beliefs):
         notes.append(

@@ -104,7 +104,7 @@ class BudgetSweep:
     """What a backtest's CDM and PDM play at every budget, at no more than `MOST_STEPS` of its steps.
 
     At the backtest's own budget that is what was published; at others it is the best of the candidates, without the last
-    polish. Of a lottery one decision is drawn, with the same luck at every budget.
+    polish. Of a lottery one decision is drawn, by the same uniform number at every budget.
 
     Args:
         result: The backtest.

@@ -9,6 +9,7 @@ import numpy as np
 
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.labels import capital
+from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.comparison import main_columns, notes_of, short_table, worth
 from inscrutable.reports.comparison_plots import main_makers
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
@@ -41,20 +42,20 @@ def comparison_content(comparison: Comparison, title: str | None, manifest: Mapp
             PageFigure(
                 "both",
                 "Both observers at this expected regret",
-                "Left mark, hollow: what is left to the one who knows; filled: to the one who takes decisions at face value. "
-                "Dotted, of all decisions so far: no rule of the same expected regret exceeds it.",
+                "Error of the estimate; hollow: of the aware observer, who knows the rule; filled: of the naive one, who takes "
+                "decisions at face value. Dotted, of all decisions so far: no rule of the same expected regret exceeds it.",
                 True,
             ),
             PageFigure(
                 "naive",
-                "Takes one decision at face value",
-                "Error of the estimate (root mean square) against the expected regret; dashed: the prior alone. The vertical "
+                "Naive observer: takes one decision at face value",
+                "Error of the estimate (root mean square) against the expected regret; dashed: without decisions. The vertical "
                 "line is the expected regret of the table.",
             ),
             PageFigure(
                 "aware",
-                "Knows the mechanism and the prior",
-                "The same for an observer who knows how decisions are made; bars are 95 % intervals where sampled."
+                "Aware observer: knows the rule and the prior",
+                "The same for the aware observer; bars are 95 % intervals where sampled."
                 + (
                     " Dotted, of all decisions so far: no rule of the same expected regret exceeds it."
                     * bool(comparison.ceilings)
@@ -98,7 +99,7 @@ def _table(comparison: Comparison, place: int, text: str, columns: list[str] | N
     frame = short_table(comparison, comparison.budgets[place])
     heading = f"Expected regret of {text}" if columns else f"All figures at an expected regret of {text}"
     frame = frame[columns] if columns else frame
-    rows = [[str(name), *map(str, row)] for name, row in zip(frame.index, frame.to_numpy(), strict=True)]
+    rows = [[spelled(str(name)), *map(str, row)] for name, row in zip(frame.index, frame.to_numpy(), strict=True)]
     return PageTable(heading, ["Decision maker", *frame.columns], rows, ("budget", place))
 
 
@@ -110,6 +111,7 @@ def page_data(comparison: Comparison) -> dict[str, Any]:
     return {
         "makers": comparison.makers,
         "main": main_makers(comparison),
+        "spelled": {name: spelled(name) for name in comparison.makers},
         "looks": {name: look._asdict() for name, look in looks.items()},
         "budgets": [float(f"{scale * budget:.6g}") for budget in comparison.budgets],
         "unit": "% of the silence regret" if silent else "the cost's unit",
@@ -144,10 +146,15 @@ def _failures(comparison: Comparison) -> list[str]:
         rows = comparison.of(maker)
         spent = [row for row in rows if row.budget > 0 and row.expected_regret < _SPENT_LESS * row.budget]
         if spent:
-            shares = ", ".join(f"{row.expected_regret / row.budget:.0%} of {row.budget:.3g}" for row in spent)
-            found.append(f"{maker} finds nothing more to buy, or comes in steps, and spends {shares}.")
+            shares = ", ".join(
+                f"{row.expected_regret / row.budget:.0%} of a regret of {row.budget:.3g}" for row in spent
+            )
+            found.append(
+                f"{spelled(maker)} spends less than the budget, because no decision gains by more or its parameter moves in "
+                f"steps: {shares}."
+            )
         odd = [row for row in rows if row.implausible_share > 0]
         if odd:
-            shares = ", ".join(f"{row.implausible_share:.1%} at {row.budget:.3g}" for row in odd)
-            found.append(f"{maker}: no belief explains a share of its decisions: {shares}.")
+            shares = ", ".join(f"{row.implausible_share:.1%} at a regret of {row.budget:.3g}" for row in odd)
+            found.append(f"No belief explains some decisions of {spelled(maker)}: {shares}.")
     return found

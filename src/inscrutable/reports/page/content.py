@@ -28,7 +28,7 @@ class PageTable:
 
 @dataclass(frozen=True)
 class PageSlider:
-    """A slider: one position per text.
+    """A slider: one position per text; with a single one it is left out.
 
     Args:
         name: Its name in the address, as in `#budget=3`, and in the script; letters only.
@@ -41,6 +41,11 @@ class PageSlider:
     label: str
     texts: Sequence[str]
     start: int = 0
+
+    @property
+    def is_movable(self) -> bool:
+        """Whether there is more than one position."""
+        return len(self.texts) > 1
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of
 from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.labels import capital
+from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
 from inscrutable.reports.style import Look, looks_of
@@ -79,11 +80,11 @@ _NOTES = (
     "intervals say.",
     "Decision makers rank at equal expected regret. Where regrets differ, all are taken at the least that one with the budget "
     "spends, between what a decision maker does there and the optimal decision, or what it does at a smaller budget "
-    '(“about”); those without a budget are compared with the middle one. `hold = "mean"` in [budgets] makes all that take a '
-    "budget spend the same.",
-    "A protection is judged at the same equal regret, where `error` and `top_state` are measured: both parts must hold.",
-    "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian knows "
-    "how decisions are made.",
+    "(“about”); those without a budget are compared with the middle one. With the key hold set to mean in [budgets] all that "
+    "take a budget spend the same.",
+    "A protection is judged at the same equal regret, where the measures error and top_state are taken: both parts must hold.",
+    "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian is the "
+    "aware observer, who knows the rule.",
 )
 
 
@@ -120,7 +121,7 @@ def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTa
         cells = [_cell(means.mean[setting, place, f], means.half_width[setting, place, f]) for f in range(len(counts))]
         done = f"{counts.max()} of {repeats}" if counts.max() < repeats else str(counts.max())
         times = [f"{costs[place]:.2g}" if costs[place] > 0 else "–"] if differ else []
-        rows.append([maker, "–" if budget is None else f"{budget:g}", done, *cells, *times])
+        rows.append([spelled(maker), "–" if budget is None else f"{budget:g}", done, *cells, *times])
     titles = [_TIMES] if differ else []
     columns = ["Decision maker", "budget", "repeats", *map(title_of, means.figures), *titles]
     heading = means.settings[setting] or "All figures"
@@ -149,7 +150,7 @@ def _sliders(means: StudyMeans, shown: Sequence[int], worth: str) -> list[PageSl
         PageSlider("budget", "Budget", [worth.format(each) for each in means.amounts], middle),
         PageSlider("setting", "Setting", [means.settings[place] for place in shown], means.first_setting(shown)),
     ]
-    return [each for each in found if len(each.texts) > 1]
+    return [each for each in found if each.is_movable]
 
 
 def _first_figure(means: StudyMeans) -> int:

@@ -5,7 +5,7 @@
   const hiding = makers.slice(1);
   const steps = data.dates.length;
   const isLottery = (name) => data.lotteries.includes(name);
-  // An entry is [atoms [set, probability, regret, privacy], drawn, estimate of the one who knows].
+  // An entry is [atoms [set, probability, regret, privacy], drawn, estimate of the aware observer].
   const entry = (name, step, budget) => data.played[name][name === makers[0] ? 0 : budget][step];
   const mean = (corners) => corners.length
     ? regimes.map((_, i) => corners.reduce((sum, corner) => sum + corner[i], 0) / corners.length) : null;
@@ -15,7 +15,8 @@
     ? null : atoms.reduce((sum, atom) => sum + atom[1] * atom[part], 0);
   // A cross stays visible on a dot, a dot hides a cross.
   const onTop = (list, name) => [...list].sort((a, b) => (looks[name(a)].marker === "x") - (looks[name(b)].marker === "x"));
-  const names = (name) => (isLottery(name) ? `${name}, drawn` : name);
+  const spelled = (name) => data.spelled[name];
+  const names = (name) => (isLottery(name) ? `${spelled(name)}, drawn` : spelled(name));
   const played = (name) => (isLottery(name) ? `the ${name}'s draw` : `the ${name}`);
 
   // ---- the belief simplex: a triangle for three regimes, bars for any other number
@@ -161,7 +162,14 @@
     if (bend.length) bend.push([shown, height(mixed, shown)]);
     line(drawing, scaled(bend), looks.PDM.colour, "--");
     cursor(frame, factor * amount);
-    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end" }, `one more ${unit === "% of |c*|" ? unit : "unit of regret"} buys ${short(price)}`);
+    if (amount > 0 && mixed.length) {
+      // The tangent at the budget, as far as it stays within the frame.
+      const reached = height(mixed, amount);
+      const top = Math.max(...heights, 0.01) * 1.05;
+      const ends = [0.5 * amount, Math.min(1.5 * amount, shown, price > 0 ? amount + (top - reached) / (factor * price) : shown)];
+      line(drawing, ends.map((x) => place([factor * x, reached + factor * price * (x - amount)])), "#000", "-", 1);
+    }
+    svg(drawing, "text", { x: frame.inside.right, y: frame.inside.bottom - 10, "text-anchor": "end" }, `slope: one more ${unit === "% of |c*|" ? unit : "unit of regret"} buys ${short(price)}`);
     for (const name of onTop(makers, (each) => each)) {
       const [atoms] = entry(name, step, budget);
       const look = looks[name];
@@ -211,7 +219,7 @@
 
   function drawWeights(step) {
     const [assets, others, rows] = weights.steps[step];
-    const row = table("weights", "Published weights of this decision", `${texts.step[step]}: % of wealth`, ["Asset", ...weights.makers]);
+    const row = table("weights", "Published weights of this decision", `${texts.step[step]}: % of wealth`, ["Asset", ...weights.makers.map(spelled)]);
     const labels = assets.map((asset) => weights.assets[asset]).concat(others ? [`${others} other${others > 1 ? "s" : ""}`] : []);
     labels.forEach((label, k) => row([label, ...rows.map((shares) => (shares[k] / 10).toFixed(1))], k < assets.length ? "" : "atom"));
   }
@@ -219,14 +227,14 @@
   function drawNumbers(step, budget) {
     const row = table(
       "now", "This decision in numbers", `${texts.step[step]}: belief ${guess(beliefs[step])} (${regimes.join(", ")})`,
-      ["Played", `regret, ${unit}`, "privacy Ψ", "read at face value", "read by one who knows the method"],
+      ["Played", `regret, ${unit}`, "privacy Ψ", "read at face value", "read by the aware observer"],
     );
     for (const name of makers) {
       const [atoms, drawn, aware] = entry(name, step, budget);
       const cost = expected(atoms, 2);
       const mixed = isLottery(name) && atoms.length > 1;
       row([
-        mixed ? `${name}, in expectation` : name, cost === null ? "–" : short(factor * cost), short(expected(atoms, 3)),
+        mixed ? `${spelled(name)}, in expectation` : spelled(name), cost === null ? "–" : short(factor * cost), short(expected(atoms, 3)),
         mixed ? "" : guess(centres[atoms[drawn][0]]), mixed ? "" : guess(aware),
       ]);
       if (!mixed) continue;
@@ -282,12 +290,12 @@
     }
     for (const name of hiding) {
       const rows = data.dates.map((_, t) => entry(name, t, budget)[2]);
-      if (rows.some((each) => each)) strips.push([`read from ${played(name)} by one who knows the method`, rows]);
+      if (rows.some((each) => each)) strips.push([`read from ${played(name)} by the aware observer`, rows]);
     }
     drawStrips("beliefs", step, strips);
   }
 
-  // Strips [title, beliefs], one below the other.
+  // Strips [title, beliefs], one below the other: as high as the probability of the likeliest regime, in its colour.
   function drawStrips(id, step, strips) {
     const [tall, gap] = [56, 26];
     const { drawing, width } = empty(id, strips.length * (tall + gap) + 24, strips.map(([title, rows]) => `${title} at ${texts.step[step]}: ${guess(rows[step] || null)}`).join("; "));
@@ -295,13 +303,11 @@
     strips.forEach(([title, rows], k) => {
       const top = k * (tall + gap) + 18;
       svg(drawing, "text", { x: 8, y: top - 5 }, title);
-      let below = rows.map(() => 0);
+      const y = (share) => at(top + tall * (1 - share));
+      const first = rows.map((row) => (row ? row.indexOf(Math.max(...row)) : -1));
       regimes.forEach((_, i) => {
-        const above = rows.map((row, t) => (row ? below[t] + row[i] : 0));
-        const y = (share) => at(top + tall * (1 - share));
-        const path = rows.map((row, t) => (row ? `M${at(px(t))} ${y(below[t])}V${y(above[t])}H${at(px(t + 1))}V${y(below[t])}Z` : "")).join("");
+        const path = rows.map((row, t) => (first[t] === i ? `M${at(px(t))} ${y(0)}V${y(row[i])}H${at(px(t + 1))}V${y(0)}Z` : "")).join("");
         svg(drawing, "path", { d: path, fill: data.colours[i], stroke: data.colours[i], "stroke-width": 0.3 });
-        below = above;
       });
       svg(drawing, "rect", { x: 8, y: top, width: width - 16, height: tall, fill: "none", stroke: GREY, "stroke-width": 0.5 });
       const x = at(px(step + 0.5));
@@ -311,9 +317,9 @@
     for (const [t, year] of years(width)) svg(drawing, "text", { x: at(px(t)), y: foot, "text-anchor": px(t) > 24 ? "middle" : "start" }, year);
   }
 
-  // ---- one who knows the method and follows every decision, at the backtest's own budget
+  // ---- the aware observer who follows every decision, at the backtest's own budget
   function drawFollowed(step) {
-    const held = Object.entries(followed.beliefs).map(([name, rows]) => [`held by one who follows the ${name} all along`, rows]);
+    const held = Object.entries(followed.beliefs).map(([name, rows]) => [`held by the aware observer who follows the ${name}`, rows]);
     drawStrips("followed", step, [["the investor's own belief π", beliefs], ...held]);
   }
 
@@ -331,7 +337,7 @@
     }
     legend(id, [
       ...series.map(([name, heights]) => [
-        `${name} ${short(heights[step])}${name in ceilings ? `, ceiling ${short(ceilings[name])}` : ""}`,
+        `${spelled(name)} ${short(heights[step])}${name in ceilings ? `, ceiling ${short(ceilings[name])}` : ""}`,
         sampleMark(looks[name].marker, looks[name].colour, name !== makers[0], looks[name].line),
       ]),
       ...levels.map(([text, height, colour, style]) => [`${text} ${short(height)}`, sampleMark(null, colour, false, style)]),
@@ -373,12 +379,12 @@
   function legends() {
     const maker = (name) => [names(name), sampleMark(looks[name].marker, looks[name].colour, name !== makers[0])];
     legend("simplex", [["belief π", sampleMark("*", "#000", true)], ...makers.map(maker)]);
-    legend("frontier", [["best single decision", sampleMark(null, looks.CDM.colour, false, "-")], ["best lottery", sampleMark(null, looks.PDM.colour, false, "--")], ...makers.map((name) => [name, maker(name)[1]])]);
-    for (const id of ["privacy", "cost"]) legend(id, makers.map((name) => [name, maker(name)[1]]));
+    legend("frontier", [["best single decision", sampleMark(null, looks.CDM.colour, false, "-")], ["best lottery", sampleMark(null, looks.PDM.colour, false, "--")], ["its slope at the budget", sampleMark(null, "#000", false, "-")], ...makers.map((name) => [spelled(name), maker(name)[1]])]);
+    for (const id of ["privacy", "cost"]) legend(id, makers.map((name) => [spelled(name), maker(name)[1]]));
     for (const id of followed ? ["beliefs", "followed"] : ["beliefs"]) legend(id, regimes.map((name, i) => [name, sampleArea(data.colours[i])]));
     legend("sweep", hiding.flatMap((name) => [
-      [`${name}, at face value`, sampleMark(looks[name].marker, looks[name].colour, true, "-")],
-      [`${name}, knows the method`, sampleMark(looks[name].marker, looks[name].colour, "#fff", ":")],
+      [`${spelled(name)}, at face value`, sampleMark(looks[name].marker, looks[name].colour, true, "-")],
+      [`${spelled(name)}, aware`, sampleMark(looks[name].marker, looks[name].colour, "#fff", ":")],
     ]));
   }
 

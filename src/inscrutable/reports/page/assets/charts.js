@@ -178,8 +178,10 @@ const Page = (() => {
   }
 
   function follow(redraw) {
-    const inputs = Object.keys(texts).map((name) => document.getElementById(name));
-    const position = () => Object.fromEntries(inputs.map((input) => [input.id, Number(input.value)]));
+    // What has one position has no slider: it stays at its first.
+    const inputs = Object.keys(texts).map((name) => document.getElementById(name)).filter((input) => input);
+    const fixed = Object.fromEntries(Object.keys(texts).map((name) => [name, 0]));
+    const position = () => ({ ...fixed, ...Object.fromEntries(inputs.map((input) => [input.id, Number(input.value)])) });
     let waiting = false;
     const show = () => {
       waiting = false;

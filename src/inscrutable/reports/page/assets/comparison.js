@@ -1,7 +1,7 @@
 // The page of a comparison.
 (() => {
   const { data, texts, svg, at, marks, line, short, chart, cursor, legend, sampleMark, choice, follow, GREY } = Page;
-  const { makers, looks, rows } = data;
+  const { makers, looks, rows, spelled } = data;
   const value = (row, seen) => (seen === null ? row.naive : row.aware[seen]);
   const all = makers.flatMap((name) => rows[name]);
   const widest = Math.max(...all.map((row) => row.regret), ...data.budgets, 0) || 1;
@@ -11,7 +11,7 @@
 
   function errors(id, budget, seen) {
     const frame = chart(id, {
-      height: 340, label: `Error of the estimate against the expected regret; the prior alone leaves ${short(data.prior)}`,
+      height: 340, label: `Error of the estimate against the expected regret; without decisions it is ${short(data.prior)}`,
       x: [0, 1.03 * widest], y: [0, highest], xLabel: `expected regret, ${data.unit}`, yLabel: "error of the estimate, root mean square",
     });
     const { drawing, place, inside, py } = frame;
@@ -34,30 +34,30 @@
     const shown = makers.map((name) => [name, rows[name].find((row) => row.budget === budget) || (rows[name].length === 1 ? rows[name][0] : null)]).filter(([, row]) => row);
     const most = seen === texts.seen.length - 1 ? data.ceilings.find(([regret]) => regret === data.budgets[budget]) : undefined;
     const { drawing, px, inside } = chart("both", {
-      height: 26 * shown.length + 58, left: 150, x: [0, highest], y: [0, 1], yTicks: [], xLabel: "error of the estimate",
-      label: shown.map(([name, row]) => `${name}: at face value ${short(row.naive)}, ${texts.seen[seen]} to one who knows ${short(row.aware[seen])}`).join("; "),
+      height: 26 * shown.length + 58, left: 14 + 6.2 * Math.max(...shown.map(([name]) => spelled[name].length)), x: [0, highest], y: [0, 1], yTicks: [], xLabel: "error of the estimate",
+      label: shown.map(([name, row]) => `${spelled[name]}: naive ${short(row.naive)}, aware after ${texts.seen[seen]} ${short(row.aware[seen])}`).join("; "),
     });
     svg(drawing, "line", { x1: at(px(data.prior)), x2: at(px(data.prior)), y1: inside.top, y2: inside.bottom, stroke: "#000", "stroke-dasharray": "6 4" });
     if (most) line(drawing, [[px(most[1]), inside.top], [px(most[1]), inside.bottom]], "#000", ":");
     shown.forEach(([name, row], k) => {
       const y = inside.top + 14 + 26 * k;
       const look = looks[name];
-      svg(drawing, "text", { x: inside.left - 10, y: y + 4, "text-anchor": "end" }, name);
+      svg(drawing, "text", { x: inside.left - 10, y: y + 4, "text-anchor": "end" }, spelled[name]);
       line(drawing, [[px(row.aware[seen]), y], [px(row.naive), y]], GREY, "-", 1);
       marks(drawing, look.marker, [[px(row.naive), y]], 5, look.colour, true);
       svg(drawing, "circle", { cx: at(px(row.aware[seen])), cy: y, r: 6, fill: "#fff", stroke: look.colour, "stroke-width": 2 });
     });
   }
 
-  const alone = ["prior alone", sampleMark(null, "#000", false, "--")];
+  const alone = ["without decisions", sampleMark(null, "#000", false, "--")];
   const ceiling = ["no rule exceeds, over time", sampleMark(null, "#000", false, ":")];
   legend("both", [
-    ["takes one decision at face value", sampleMark("s", "#000", true)],
-    ["knows the mechanism and the prior", sampleMark("o", "#000", "#fff")],
+    ["naive observer: takes one decision at face value", sampleMark("s", "#000", true)],
+    ["aware observer: knows the rule and the prior", sampleMark("o", "#000", "#fff")],
     alone, ...(data.ceilings.length ? [ceiling] : []),
   ]);
   follow(({ budget, seen }) => {
-    const entries = makers.filter(isDrawn).map((name) => [name, sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]);
+    const entries = makers.filter(isDrawn).map((name) => [spelled[name], sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]);
     legend("naive", [...entries, alone]);
     legend("aware", [...entries, alone, ...(data.ceilings.length ? [ceiling] : [])]);
     errors("naive", budget, null);

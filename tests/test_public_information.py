@@ -20,6 +20,7 @@ from inscrutable import (
     ModelError,
     PublicPart,
     SequentialAdversary,
+    delayed,
     filter_beliefs,
     path_leakage,
     reachable_beliefs,
@@ -156,7 +157,7 @@ def test_the_law_is_that_of_enumeration(
 class Told:
     """Figures of `path_leakage` by every path of reports and decisions."""
 
-    def __init__(self, world: HiddenMarkovModel, plays: Mechanism, n_steps: int, *, told: bool = True) -> None:
+    def __init__(self, world: HiddenMarkovModel, plays: Mechanism, n_steps: int, lag: int = 0) -> None:
         reports = all_reports(world)
         paths: list[tuple[tuple[int, ...], tuple[int, ...], np.ndarray, np.ndarray, float]] = []
         for said in product(range(len(reports)), repeat=n_steps):
@@ -168,17 +169,18 @@ class Told:
                 law = beliefs[-1] @ world.transition
             held = np.array(beliefs)
             places = np.linalg.norm(plays.beliefs[None] - held[:, None], axis=2).argmin(axis=1)
-            read = tuple(reports[s][0] if told else 0 for s in said)
+            read = tuple(reports[s][0] for s in said)
             for columns in product(range(len(plays.actions)), repeat=n_steps):
                 shares = plays.probabilities[places, columns]
                 paths.append((read, columns, held, shares, chance * float(shares.prod())))
         self.added, self.error, self.prior, self.belief = (np.zeros(n_steps) for _ in range(4))
         for t in range(n_steps):
             groups: dict[str, dict[object, list[tuple[np.ndarray, float]]]] = {"all": {}, "before": {}, "read": {}}
+            seen = max(t - lag, -1)  # the latest decision that is seen by now
             for read, columns, beliefs, _, weight in paths:
                 for name, key in (
-                    ("all", (read[: t + 1], columns[: t + 1])),
-                    ("before", (read[: t + 1], columns[:t])),
+                    ("all", (read[: t + 1], columns[: seen + 1])),
+                    ("before", (read[: t + 1], columns[: max(seen, 0)])),
                     ("read", read[: t + 1]),
                 ):
                     groups[name].setdefault(key, []).append((beliefs[t], weight))
@@ -186,8 +188,9 @@ class Told:
             self.error[t], self.prior[t] = self.spread(groups["all"]), self.spread(groups["read"])
             laws = {name: {key: self.law(rows) for key, rows in held.items()} for name, held in groups.items()}
             for read, columns, beliefs, shares, weight in paths:
-                now, before = (read[: t + 1], columns[: t + 1]), (read[: t + 1], columns[:t])
-                self.added[t] += weight * np.log2(shares[t] * mass["before"][before] / mass["all"][now])
+                now, before = (read[: t + 1], columns[: seen + 1]), (read[: t + 1], columns[: max(seen, 0)])
+                if seen >= 0:
+                    self.added[t] += weight * np.log2(shares[seen] * mass["before"][before] / mass["all"][now])
                 here = tuple(beliefs[t].round(10))
                 self.belief[t] += weight * np.log2(laws["all"][now][here] / laws["read"][read[: t + 1]][here])
 
@@ -209,13 +212,16 @@ class Told:
         return float(np.sqrt(total))
 
 
+@pytest.mark.parametrize("lag", [0, 1, 2, 4])
 @pytest.mark.parametrize(("kind", "n_symbols"), [("sensor", 2), ("part", 3)])
-def test_what_paths_tell_is_that_of_enumeration(monkeypatch: pytest.MonkeyPatch, kind: str, n_symbols: int) -> None:
+def test_what_paths_tell_is_that_of_enumeration(
+    monkeypatch: pytest.MonkeyPatch, kind: str, n_symbols: int, lag: int
+) -> None:
     rng = np.random.default_rng([SEED, 21, n_symbols])
     world = random_world(rng, kind, 2, n_symbols)
     plays = random_mechanism(rng, reachable_beliefs(world, 3), 2)
-    truth = Told(world, plays, 3)
-    exact = path_leakage(world, plays, 3, rng=rng, n_draws=2000)
+    truth = Told(world, plays, 3, lag)
+    exact = path_leakage(world, plays, 3, rng=rng, n_draws=2000, disclosure=delayed(lag))
     assert exact.n_draws == 0
     for found, wanted in (
         (exact.added, truth.added),
@@ -226,7 +232,7 @@ def test_what_paths_tell_is_that_of_enumeration(monkeypatch: pytest.MonkeyPatch,
         assert np.abs(found - wanted).max() < EXACT**0.5
         assert np.abs(found**2 - wanted**2).max() < EXACT
     monkeypatch.setattr(over_time, "enumerated", lambda *_: None)
-    drawn = path_leakage(world, plays, 3, rng=rng, n_draws=2000)
+    drawn = path_leakage(world, plays, 3, rng=rng, n_draws=2000, disclosure=delayed(lag))
     assert drawn.n_draws == 2000
     assert np.abs(drawn.prior_error - truth.prior).max() < 0.03
     for found, error, wanted in (

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from itertools import product
 from pathlib import Path
 
+import cvxpy as cp
 import numpy as np
 import pytest
 
@@ -15,11 +17,15 @@ from inscrutable import (
     GaussianEmission,
     HiddenMarkovModel,
     InputError,
+    NamingError,
     PriceCalibration,
     Prior,
     SequentialAdversary,
     SequentialDecisionMaker,
+    delayed,
+    every,
     path_leakage,
+    uniform_prior,
 )
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 
@@ -113,6 +119,98 @@ def test_a_world_with_public_symbols_makes_such_a_chain_and_paths_tell_less_beyo
     drawn = real.sample(40_000, rng=rng).public[:, 0]
     share = np.array([cut.prior.weights @ each.sum(axis=1) for each in cut.public])
     assert np.abs(share - np.bincount(np.searchsorted([-0.5, 0.5, 1.5], drawn)) / len(drawn)).max() < 0.02
+
+
+def moving(rng: np.random.Generator, n_public: int = 2) -> BeliefChain:
+    """Six beliefs that move as they like, with symbols that depend on the new one."""
+    beliefs = uniform_prior(3, 2).beliefs
+    moves = 0.6 * np.eye(len(beliefs)) + 0.4 * rng.dirichlet(np.ones(len(beliefs)), len(beliefs))
+    reading = rng.dirichlet(np.ones(n_public), len(beliefs))
+    law = np.linalg.matrix_power(moves, 400)[0]
+    return BeliefChain(Prior(beliefs, law), moves, [moves * column for column in reading.T])
+
+
+def rule_on(chain: BeliefChain, disclosure: object, loss: object, prices: PriceCalibration) -> SequentialDecisionMaker:
+    options = {"disclosure": disclosure, "loss": loss, "calibration": prices}
+    rng = np.random.default_rng([SEED, 9])
+    return SequentialDecisionMaker(FiniteProblem(1.0 - np.eye(3)), Budget.regret(0.2), chain=chain, rng=rng, **options)
+
+
+@pytest.mark.parametrize(
+    ("disclosure", "steps"), [(delayed(1), [1]), (delayed(2), [2]), (every(2) | delayed(1), [1, 2])]
+)
+def test_a_late_step_is_the_best_against_one_who_reads_meanwhile(disclosure: object, steps: list[int]) -> None:
+    rng = np.random.default_rng([SEED, 8])
+    chain, price, told = moving(rng), 0.5, 0.05
+    maker = rule_on(chain, disclosure, NamingError(), PriceCalibration.at(price, told))
+    regrets = maker.table.regrets
+    law = rng.dirichlet(np.ones(len(chain.prior)))
+    beliefs, tables = chain.prior.beliefs, [each.toarray() for each in chain.public]
+    ahead = []  # what each sequence of symbols makes of the belief, times its probability
+    for step in steps:
+        for said in product(range(2), repeat=step):
+            moved = beliefs
+            for z in reversed(said):
+                moved = tables[z] @ moved
+            ahead.append(moved)
+
+    def value(joint: object, minimum: object, nats: object, total: object) -> object:
+        named = sum(minimum(moved.T @ joint[:, m]) for moved in ahead for m in range(3))
+        return 1.0 - named / len(steps) - price * total(joint, regrets) - told * nats
+
+    held = np.asarray(maker.mechanism_for(Prior(beliefs, law)).probabilities.toarray())
+    joint = law[:, None] * held
+    nats = float((joint * np.log(held / joint.sum(axis=0)))[joint > 0].sum())
+    mine = value(joint, np.max, nats, lambda one, other: float((one * other).sum()))
+    rows = cp.Variable(held.shape, nonneg=True)
+    shared = cp.multiply(law[:, None], rows)
+    played = cp.sum(shared, axis=0)
+    told_nats = cp.sum(cp.rel_entr(shared, cp.multiply(law[:, None], cp.vstack([played] * len(law)))))
+    best = cp.Problem(
+        cp.Maximize(value(shared, cp.max, told_nats, lambda one, other: cp.sum(cp.multiply(one, other)))),
+        [cp.sum(rows, axis=1) == 1],
+    ).solve(solver=cp.CLARABEL)
+    assert mine == pytest.approx(best, abs=2e-5)
+    assert maker.table.stakes.loss_of(law) == pytest.approx(
+        1.0 - sum(float(np.max(law @ moved)) for moved in ahead) / len(steps), abs=1e-12
+    )
+
+
+@pytest.mark.parametrize("loss", [None, NamingError()])
+@pytest.mark.parametrize("disclosure", [delayed(1), every(2) | delayed(1)])
+def test_what_a_late_observer_holds_is_what_the_adversary_finds(disclosure: object, loss: object) -> None:
+    rng = np.random.default_rng([SEED, 10])
+    chain = moving(rng)
+    maker = rule_on(chain, disclosure, loss, PriceCalibration.at(1.0, 0.1))
+    places, read = (each[:, 0] for each in chain.public_paths(9, 1, rng=rng))
+    path = maker.decide_path(chain.prior.beliefs[places], public=read, rng=rng)
+    shown = np.full(9, np.nan)
+    for s in range(9):
+        if disclosure.schedule.shows(s) and s + 1 < 9:
+            shown[s + 1] = path.actions[s]
+    held = SequentialAdversary(chain, maker, disclosure=disclosure).filter(shown, public=read)
+    assert np.abs(held.mean - path.observer_means).max() < 1e-9
+    assert path.observer_means[0] == pytest.approx(chain.prior.weights @ chain.public[read[0]] @ chain.prior.beliefs / (
+        chain.prior.weights @ chain.public[read[0]].sum(axis=1)
+    ))  # fmt: skip
+    # Over all paths: a rule that is seen late tells no more than at once, and less than all is hidden.
+    found = path_leakage(chain, maker, 4, rng=rng, n_draws=200, disclosure=disclosure, loss=loss)
+    assert (found.bayes_error <= found.prior_error + 1e-9).all()
+    assert found.bayes_error[0] == pytest.approx(found.prior_error[0])
+    assert found.added[0] == 0.0 < found.added[1]
+
+
+def test_a_late_rule_is_calibrated_with_what_is_read() -> None:
+    rng = np.random.default_rng([SEED, 11])
+    chain = chain_of(np.array([[0.6, 0.4], [0.4, 0.6]]))
+    options = {"information_price": float("inf"), "disclosure": every(2) | delayed(1)}
+    maker = SequentialDecisionMaker(GUESS, Budget.regret(0.1), chain=chain, rng=rng, **options)
+    prices = maker.calibration
+    assert prices.regret == pytest.approx(0.1, abs=0.005)
+    places, read = (each[:, 0] for each in chain.public_paths(600, 1, rng=rng))
+    path = maker.decide_path(np.eye(2)[places], public=read, rng=rng)
+    assert path.expected_regrets.mean() == pytest.approx(prices.regret, abs=6 * prices.regret_se + 0.03)
+    assert path.losses.mean() <= maker.ceiling + 0.05
 
 
 def test_it_goes_to_disk_and_back(tmp_path: Path) -> None:

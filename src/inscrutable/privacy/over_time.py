@@ -161,11 +161,12 @@ def path_leakage(
             knows the memory, all of them are followed instead, and the figures are exact.
         loss: What a rival wants the belief for, such as `RivalProblem(problem)`; None leaves its figures out.
         disclosure: What the observer is shown of decisions, how often and how late, such as `every(3) | delayed(2)`, also as
-            text; None is all, at once. What is seen at step t then tells of `added` there, whichever decision it is.
+            text; None is all, at once. What is seen at step t then tells of `added` there, whichever decision it is, beyond
+            all that was read of what is public by then.
 
     Raises:
         InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs; or a disclosure
-            needs returns, is not a rule's own, hides steps of a public memory, or is late where something is public at once.
+            needs returns, is not a rule's own, or hides steps of a public memory.
 
     Cost: T·n_draws steps of the filter, equal sequences once: B² multiplications each on a chain of B beliefs, or as many
         as its entries; of a rule as many mechanisms.
@@ -194,11 +195,6 @@ def path_leakage(
         )
     wanted = None if loss is None else checked_loss(loss, rule.beliefs.shape[1])
     reader = InverseFilter(moves_of(world, BeliefPoints(rule.beliefs)), rule)
-    if reader.moves.n_public > 1 and shown.schedule.lag:
-        raise InputError(
-            f"{shown} shows decisions late, and something is public at once: path_leakage does not follow both, "
-            "SequentialAdversary does"
-        )
     unseen = unseen_beliefs(reader, count)
     figures = partial(Baseline, reader, unseen, wanted)
     found = enumerated(reader, figures(), count, draws, shown.schedule)

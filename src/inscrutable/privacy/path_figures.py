@@ -7,6 +7,7 @@ same are one.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ from inscrutable.worlds.public import UNREAD
 
 _MOST_HELD = 2**22
 """Numbers in the laws held at once, 32 MB: of more paths one block follows after the other."""
+_MOST_READ = 2**16
+"""Laws that are followed at most through all that may be read until a decision is seen."""
 _BELIEF, _SQUARED, _LOST, _PRIOR, _ROWS = 1, 3, 4, 5, 7
 """Rows of figures: after what is added the information on belief and state, square errors, losses; and of one who sees none."""
 
@@ -93,10 +96,11 @@ class Baseline:
         if self._laws is not None:
             self._laws = self._laws.repeated(before)
 
-    @property
-    def means(self) -> Array:
-        """E[π_t] of one who sees no decision, shape (T,X)."""
-        return self._unseen.mean
+    def means(self, step: int) -> Array:
+        """Return E[π_t] of those who see no decision, shape (L,X)."""
+        if self._laws is None:
+            return self._unseen.mean[step][None]
+        return np.asarray(self._laws.of_belief() @ self._points)
 
     def without(self, n_steps: int) -> Array:
         """Return what there is to say of each step before a decision is seen, shape (7,T)."""
@@ -160,47 +164,91 @@ def enumerated(
     laws = _told_starts(reader)[0] if told else reader.predicted(None)[0]
     chances = reader.rule.initial[laws.memory] if told else np.ones(1)
     last: list[Any] = [None] * len(chances)
+    if is_public:
+        _read_before(reader, prior, (laws, chances), found[:, : schedule.lag])
     for s in range(n_steps - schedule.lag):
         t = s + schedule.lag
         if is_public:
             laws, chances, before = _every_reading(reader, prior, laws, chances, is_first=s == 0)
             last = [last[k] for k in before]
-            found[_PRIOR:, t] = [chances @ each for each in prior.own(t)]
         elif s:
             laws = reader.predicted(laws)[0]
         if len(laws.memory) > len(chances) or len(chances) > most:
             return None
-        if not schedule.shows(s):
+        unread = 0.0
+        if schedule.shows(s):
+            if is_public and schedule.lag:
+                begun = _read_on(reader, prior, (laws, chances), schedule.lag)
+                if begun is None:
+                    return None
+                unread = begun.bits
+            grown: list[tuple[Laws, Array]] = []
+            count, seen = 0, []
+            for i, chance in enumerate(chances):
+                one = laws.repeated(np.array([i]))
+                tables = reader.rule.at(one.of_belief()[0], last[i])
+                after = _every_decision(tables, one, told)
+                if after is None or count + len(after[1]) > most:
+                    return None
+                found[0, t] += chance * after[2]
+                grown.append((after[0], chance * after[1]))
+                count += len(after[1])
+                seen += [tables.action(column) for column in after[3]]
+            known = np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
+            if is_public:
+                prior.followed(np.repeat(np.arange(len(chances)), [len(each) for _, each in grown]))
+                known = np.hstack([known, prior.rows])
+            laws, chances, kept = _merged(
+                side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]), known
+            )
+            last = [seen[k] for k in kept]
+            prior.followed(kept)
+        else:
             laws = _passed(reader, laws)
-            found[_BELIEF:_PRIOR, t] = [
-                chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:4]
-            ]
+        if not is_public:
+            held = reader.later(laws, schedule.lag)[0]
+            found[_BELIEF:_PRIOR, t] = [chances @ each for each in prior.figures(held, t)[:4]]
             continue
-        grown: list[tuple[Laws, Array]] = []
-        count, seen = 0, []
-        for i, chance in enumerate(chances):
-            one = laws.repeated(np.array([i]))
-            tables = reader.rule.at(one.of_belief()[0], last[i])
-            after = _every_decision(tables, one, told)
-            if after is None or count + len(after[1]) > most:
-                return None
-            found[0, t] += chance * after[2]
-            grown.append((after[0], chance * after[1]))
-            count += len(after[1])
-            seen += [tables.action(column) for column in after[3]]
-        known = np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
-        if is_public:
-            prior.followed(np.repeat(np.arange(len(chances)), [len(each) for _, each in grown]))
-            known = np.hstack([known, prior.rows])
-        laws, chances, kept = _merged(
-            side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]), known
-        )
-        last = [seen[k] for k in kept]
-        prior.followed(kept)
-        found[_BELIEF:_PRIOR, t] = [
-            chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:4]
-        ]
+        later = _read_on(reader, prior, (laws, chances), schedule.lag)
+        if later is None:
+            return None
+        if schedule.shows(s):  # what is read until a decision is seen foretells it
+            found[0, t] = max(found[0, t] - (later.bits - unread), 0.0)
+        found[_BELIEF:_PRIOR, t] = [later.chances @ each for each in later.prior.figures(later.laws, t)[:4]]
+        found[_PRIOR:, t] = [later.chances @ each for each in later.prior.own(t)]
     return _made(found[:, None], is_public, is_sampled=False)
+
+
+class _ReadOn(NamedTuple):
+    """Laws after every sequence of symbols read in some steps, with their chances and one who sees no decision.
+
+    The bits are E log2 of the probability of these symbols given what was known before.
+    """
+
+    laws: Laws
+    chances: Array
+    prior: Baseline
+    bits: float
+
+
+def _read_on(reader: InverseFilter, prior: Baseline, known: tuple[Laws, Array], n_steps: int) -> _ReadOn | None:
+    """Let steps pass whose decisions are not seen yet, by everything that may be read; None where that is too much."""
+    laws, chances = known
+    begun, own = chances, copy(prior)
+    for _ in range(n_steps):
+        if len(chances) * reader.moves.n_public > _MOST_READ:
+            return None
+        laws, chances, before = _every_reading(reader, own, laws, chances, is_first=False)
+        begun = begun[before]
+    return _ReadOn(laws, chances, own, float(chances @ np.log2(chances / begun)))
+
+
+def _read_before(reader: InverseFilter, prior: Baseline, known: tuple[Laws, Array], found: Array) -> None:
+    """Fill in the figures (7,T) of the steps before the first decision is seen, in which symbols are read."""
+    (laws, chances), own = known, copy(prior)
+    for t in range(found.shape[1]):
+        laws, chances, _ = _every_reading(reader, own, laws, chances, is_first=t == 0)
+        found[_SQUARED:_PRIOR, t] = found[_PRIOR:, t] = [chances @ each for each in own.own(t)]
 
 
 def _made(found: Array, is_public: bool, error: float = 0.0, *, is_sampled: bool = True) -> PathFigures:
@@ -281,6 +329,18 @@ def sampled(
     return _made(found, draws.public is not None, max(part.worst for part in parts))
 
 
+class _Observers(NamedTuple):
+    """Observers side by side, and which of them follows each of D paths."""
+
+    which: np.ndarray  # (D,)
+    laws: Laws  # of L observers
+    errors: Array  # (L,): the largest interpolation error so far
+    prior: Baseline  # those who see no decision, in the same order
+    logs: Any = 0.0  # (D,): log2 of the probability of what was read
+    error: Any = 0.0  # (L,): the interpolation error of the last step
+    before: Any = None  # (L,): observers of the step before
+
+
 class _Sampling:
     """Some paths that are followed together."""
 
@@ -305,8 +365,8 @@ class _Sampling:
         n_steps, count = self._draws.places.shape
         read = self._draws.public
         found = self.found = np.repeat(self._prior.without(n_steps)[:, None], count, axis=1)
-        if self._draws.beliefs is not None and schedule.lag:
-            self._measure_before(found, schedule.lag)
+        if schedule.lag:
+            self._before(found[:, :, : schedule.lag])
         which, laws, error = self._started()
         errors = error
         for s in range(n_steps - schedule.lag):
@@ -315,31 +375,52 @@ class _Sampling:
                 laws, error = self._reader.predicted(laws)
                 errors = np.maximum(errors, error)
             elif s and read is not None:
-                which, laws, error, errors = self._read_public(which, laws, errors, read[s])
-            if read is not None:
-                found[_PRIOR:, :, t] = np.stack(self._prior.own(t))[:, which]
+                step = self._read_public(_Observers(which, laws, errors, self._prior), read[s])
+                which, laws, errors, error = step.which, step.laws, step.errors, step.error
+                self._last = [self._last[k] for k in step.before] if self._last else []
+            ahead = None if read is None else read[s + 1 : t + 1]
             if schedule.shows(s):
+                begun = None if ahead is None else self._later(_Observers(which, laws, errors, self._prior), ahead)
                 which, laws, totals, errors, shares = self._decided(laws, which, np.stack([errors, error]), s)
                 with np.errstate(divide="ignore"):
                     found[0, :, t] = np.where(totals[which] > 0, np.log2(shares) - np.log2(totals[which]), 0.0)
+                if begun is not None:
+                    found[0, :, t] += begun.logs
             else:
+                begun = None
                 laws = self._unseen(laws, s)
-            held, more = self._reader.later(laws, schedule.lag)
-            worst = np.maximum(errors, more)
-            self.worst = max(self.worst, float(worst.max()))
-            belief, state, squared, lost, mean = self._prior.figures(held, t)
-            found[_BELIEF:_PRIOR, :, t] = np.stack([belief, state, squared, lost])[:, which]
-            if self._draws.beliefs is not None:
-                off = np.stack(self._prior.off_grid(self._draws.beliefs[t], mean[which]))
-                rows = slice(_SQUARED, _PRIOR)
-                found[rows, :, t] = np.where(worst[which] > tolerances.SAME_BELIEF, off, found[rows, :, t])
+            if ahead is None:
+                held, more = self._reader.later(laws, schedule.lag)
+                later = _Observers(which, held, np.maximum(errors, more), self._prior)
+            else:
+                later = self._later(_Observers(which, laws, errors, self._prior), ahead)
+                found[_PRIOR:, :, t] = np.stack(later.prior.own(t))[:, later.which]
+                if begun is not None:
+                    found[0, :, t] -= later.logs
+            self._measure(found, later, t)
 
-    def _measure_before(self, found: Array, lag: int) -> None:
-        """Take the true distance from the estimate at the steps before the first decision is seen."""
-        assert self._draws.beliefs is not None
-        if self.worst > tolerances.SAME_BELIEF:
-            for t, beliefs in enumerate(self._draws.beliefs[:lag]):
-                found[_SQUARED:_PRIOR, :, t] = self._prior.off_grid(beliefs, self._prior.means[t][None])
+    def _measure(self, found: Array, held: _Observers, t: int) -> None:
+        """Enter what is held of the belief of a step."""
+        which, worst = held.which, held.errors
+        self.worst = max(self.worst, float(worst.max()))
+        belief, state, squared, lost, mean = held.prior.figures(held.laws, t)
+        found[_BELIEF:_PRIOR, :, t] = np.stack([belief, state, squared, lost])[:, which]
+        if self._draws.beliefs is not None:
+            off = np.stack(self._prior.off_grid(self._draws.beliefs[t], mean[which]))
+            rows = slice(_SQUARED, _PRIOR)
+            found[rows, :, t] = np.where(worst[which] > tolerances.SAME_BELIEF, off, found[rows, :, t])
+
+    def _before(self, found: Array) -> None:
+        """Enter the steps before the first decision is seen: what was read, and the true distance from the estimate."""
+        prior, which = copy(self._prior), np.zeros(found.shape[1], dtype=np.intp)
+        for t in range(found.shape[2]):
+            if self._draws.public is not None:
+                seen, place = np.unique(np.column_stack([which, self._draws.public[t]]), axis=0, return_inverse=True)
+                prior.read(*seen.T)
+                which = place.reshape(-1)
+                found[_SQUARED:_PRIOR, :, t] = found[_PRIOR:, :, t] = np.stack(prior.own(t))[:, which]
+            if self._draws.beliefs is not None and self.worst > tolerances.SAME_BELIEF:
+                found[_SQUARED:_PRIOR, :, t] = prior.off_grid(self._draws.beliefs[t], prior.means(t)[which])
 
     def _unseen(self, laws: Laws, s: int) -> Laws:
         """Return the laws after a decision that is not shown, and let what is remembered move."""
@@ -373,22 +454,30 @@ class _Sampling:
         laws = side_by_side([each[0] for each in first])
         return which.reshape(-1), laws.divided(laws.totals()), np.concatenate([each[1] for each in first])
 
-    def _read_public(
-        self, which: np.ndarray, laws: Laws, errors: Array, symbols: np.ndarray
-    ) -> tuple[np.ndarray, Laws, Array, Array]:
-        """Return observers, laws, present and largest errors a step later, after what each path's public symbol tells.
+    def _read_public(self, known: _Observers, symbols: np.ndarray) -> _Observers:
+        """Return the observers a step later, after what each path's public symbol tells.
 
         A symbol that a grid rules out is not read.
         """
-        seen, place = np.unique(np.column_stack([which, symbols]), axis=0, return_inverse=True)
-        before, read = seen.T
-        found, error = self._reader.predicted(laws.repeated(before), read=read)
-        lost = ~(found.totals() > 0)
+        seen, place = np.unique(np.column_stack([known.which, symbols]), axis=0, return_inverse=True)
+        (before, read), which = seen.T, place.reshape(-1)
+        found, error = self._reader.predicted(known.laws.repeated(before), read=read)
+        totals = found.totals()
+        lost = ~(totals > 0)
         if lost.any():
-            found, error = self._reader.predicted(laws.repeated(before), read=np.where(lost, UNREAD, read))
-        self._prior.read(before, read)
-        self._last = [self._last[k] for k in before] if self._last else []
-        return place.reshape(-1), found.divided(found.totals()), error, np.maximum(errors[before], error)
+            found, error = self._reader.predicted(known.laws.repeated(before), read=np.where(lost, UNREAD, read))
+            totals = found.totals()
+        known.prior.read(before, read)
+        logs = known.logs + np.log2(np.where(lost, 1.0, totals))[which]
+        errors = np.maximum(known.errors[before], error)
+        return _Observers(which, found.divided(totals), errors, known.prior, logs, error, before)
+
+    def _later(self, known: _Observers, read: np.ndarray) -> _Observers:
+        """Return the observers after steps (n,D) in which they read their path's symbols and see no decision."""
+        known = known._replace(prior=copy(known.prior), logs=np.zeros(len(known.which)))
+        for symbols in read:
+            known = self._read_public(known, symbols)
+        return known
 
     def _decided(
         self, laws: Laws, which: np.ndarray, errors: Array, t: int

@@ -57,7 +57,7 @@ class _Market(NamedTuple):
     law: ChainLaw
     limit: float
     draws: Array  # (P,T) uniform numbers
-    reads: Array | None = None  # (P,T) the same for what everybody reads; None where nothing is public
+    reads: Array | None = None  # (P,T,period) the same for what everybody reads; None where nothing is public
 
 
 def calibrated(
@@ -65,7 +65,8 @@ def calibrated(
 ) -> PriceCalibration:
     """Return the prices of largest simulated loss whose simulated mean regret is the limit."""
     draws = rng.random((_PATHS, _LAST))
-    market = _Market(table, law, limit, draws, None if law.n_public is None else rng.random(draws.shape))
+    reads = None if law.n_public is None else rng.random((*draws.shape, table.period))
+    market = _Market(table, law, limit, draws, reads)
     silence, unit = _silence(table), table.unit
     if silence <= limit or not unit > 0:
         told = float("inf") if asked is None else asked
@@ -155,7 +156,7 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
     found = np.empty((3 + len(controls), len(draws)))
     state, kept, step = law.start(), -1, None
     if reads is not None:
-        state = law.moved(state, law.drawn(state, float(reads[0])))
+        state = law.moved(state, law.drawn(state, float(reads[0, -1])))
     for t, draw in enumerate(draws):
         step = rule.step(law.weights(state), kept, step)
         found[:3, t] = (
@@ -169,10 +170,11 @@ def _followed(rule: StepRule, law: ChainLaw, draws: Array, reads: Array | None) 
         atom = order[min(int(np.searchsorted(levels, draw * levels[-1], side="right")), len(order) - 1)]
         kept = int(step.numbers[atom])
         state = law.seen(state, step.rows[:, atom])
-        if reads is not None:  # every decision is then shown
-            state = law.moved(state, law.drawn(state, float(reads[(t + 1) % len(reads)])))
-        else:
+        if reads is None:
             state = law.later(state, rule.table.period)
+        else:
+            for uniform in reads[(t + 1) % len(reads)]:
+                state = law.moved(state, law.drawn(state, float(uniform)))
     return found
 
 

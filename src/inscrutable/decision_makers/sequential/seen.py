@@ -42,14 +42,21 @@ def classes_of(columns: Columns, disclosure: Disclosure) -> Classes:
 
 
 class Knowledge:
-    """The estimates of an observer to whom all decisions come so many steps late, from the laws after every decision."""
+    """The estimates of an observer to whom all decisions come so many steps late, from the laws after every decision.
+
+    What everybody reads comes at once.
+    """
 
     def __init__(self, law: ChainLaw, lag: int, loss: Loss) -> None:
-        self._law, self._lag, self._loss = law, lag, loss
-        self._laws = deque([law.prior.weights] * (lag + 1), maxlen=lag + 1)
+        self._law, self._loss = law, loss
+        self._laws = deque([law.prior.weights] * (lag + 1), maxlen=lag + 1)  # of the present belief
 
-    def after(self, law: Array) -> tuple[Array, float]:
-        """Return the present estimate (X,) and its mean loss, where the decision of now leads to a law."""
+    def after(self, law: Array, read: int | None = None) -> tuple[Array, float]:
+        """Return the present estimate (X,) and its mean loss, where the decision of now leads to a law.
+
+        `read` is the symbol that everybody read before it.
+        """
+        self._laws = deque([self._law.moved(each, read) for each in self._laws], maxlen=self._laws.maxlen)
         self._laws.append(law)
-        present, beliefs = self._law.later(self._laws[0], self._lag), self._law.prior.beliefs
+        present, beliefs = self._laws[0], self._law.prior.beliefs
         return present @ beliefs, float(self._loss.bayes_risk(present, beliefs))

@@ -149,7 +149,10 @@ class DecisionSequence(KeptInFile):
     @property
     def is_shown(self) -> bool:
         """Whether the decision of this step will be seen; one that is not is the best under the belief."""
-        return self._table.disclosure.schedule.shows(self.n_steps + self._published)
+        passed = self.n_steps + self._published
+        if self._law.n_public is not None:  # what is read before the first decision counts as a step, too
+            passed = max(passed - 1, 0)
+        return self._table.disclosure.schedule.shows(passed)
 
     @property
     def is_exact(self) -> bool:

@@ -9,13 +9,17 @@ t + d … t + d + n − 1. Its mean loss in these, as a function of the law p of
 
     L(p) = (1/n) Σ_j L_0(T'^j p),   j = d … d + n − 1:
 
-again a loss of the same kind. Of a square error the points are y_b = (E[x_{t+j} | b])_j / √n, and there is besides what is
+again a loss of the same kind. Where everybody reads a symbol at every step, it is Σ_z L_0 of the law after each sequence z of j
+symbols, p T_z1 … T_zj, times its probability. A rival has an answer for each of them; where there are more than
+`_MOST_READINGS`, and of a square error, the loss of one who does not read them stands for it: it is no smaller. Of a square error the points are y_b = (E[x_{t+j} | b])_j / √n, and there is besides what is
 uncertain whatever is known of b; a rival has an answer for each j, with points (E[x_{t+j} | b])_j / n.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -28,6 +32,10 @@ from inscrutable.privacy import Loss, SquaredError
 from inscrutable.privacy.losses import DecisionLoss
 from inscrutable.problems import FiniteProblem
 from inscrutable.validation import Array
+
+
+_MOST_READINGS = 30
+"""Answers of a rival to what it may have read: a step takes as many times as long as with one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +119,13 @@ def stakes_of(loss: Loss, chain: BeliefChain, schedule: Schedule) -> Stakes:
         return Stakes(found, base, np.maximum(spare, 0.0), 0, basis, prior.mean)
     costs = _answers(loss, prior.beliefs.shape[1])
     directions = 0.5 * (costs[:, -1:] - costs[:, :-1]).T
-    expected = _expected(prior.beliefs @ np.vstack([directions, costs[:, -1]]).T, chain, schedule)
-    found = np.hstack([each[:, :-1] for each in expected]) / len(expected)
-    width = len(directions)
+    values, width = prior.beliefs @ np.vstack([directions, costs[:, -1]]).T, len(directions)
+    read = _read(values, chain, schedule)
+    expected = _expected(values, chain, schedule) if read is None else read
+    n_steps = schedule.period
+    found = np.hstack([each[:, :-1] for each in expected]) / n_steps
     base = np.maximum(2.0 * found.reshape(len(found), -1, width).max(axis=-1), 0.0).sum(axis=-1)
-    spare = np.mean([each[:, -1] for each in expected], axis=0) - base
+    spare = np.sum([each[:, -1] for each in expected], axis=0) / n_steps - base
     made = Stakes(found, base, spare, width, directions, np.zeros(len(costs)))
     if not made.loss_of(prior.weights) - made.floor(prior.weights) > 0.0:
         raise InputError(
@@ -133,6 +143,22 @@ def _expected(values: Array, chain: BeliefChain, schedule: Schedule) -> list[Arr
             step = forward @ step
         if number >= schedule.lag:
             found.append(step)
+    return found
+
+
+def _read(values: Array, chain: BeliefChain, schedule: Schedule) -> list[Array] | None:
+    """Return the same for every sequence of public symbols, times its probability; None where nothing is read or too much."""
+    if chain.public is None or schedule.is_immediate:
+        return None
+    tables: list[Any] = [sparse.csr_array(each) for each in chain.public]
+    found, step = [], [values]
+    for number in range(schedule.lag + schedule.period):
+        if number:
+            if len(found) + len(step) * len(tables) > _MOST_READINGS:
+                return None
+            step = [table @ each for table in tables for each in step]
+        if number >= schedule.lag:
+            found += step
     return found
 
 

@@ -253,7 +253,7 @@ def _limit_notes(result: Backtest) -> list[str]:
     told = "; ".join(
         f"{key} {value if not isinstance(value, dict) else ', '.join(map(str, value))}" for key, value in given.items()
     )
-    return [f"Limits on weights, which the rival knows: {told}."]
+    return [f"Limits on weights, which observers know: {told}."]
 
 
 def _aware_notes(result: Backtest) -> list[str]:

@@ -84,11 +84,11 @@ def test_panels_show_the_investor_and_every_reading(found: Backtest, kept: list[
     titles = [axis.get_title(loc="left") for axis in kept[0].axes]
     assert titles == [
         "investor's belief",
-        "ODM: read at face value",
-        "CDM: read at face value",
-        "PDM, drawn: read at face value",
-        "CDM: read by the aware observer from all weights so far",
-        "PDM, drawn: read by the aware observer from all weights so far",
+        "optimal (ODM): read at face value",
+        "counter-adversarial (CDM): read at face value",
+        "probabilistic (PDM), drawn: read at face value",
+        "counter-adversarial (CDM): read by the aware observer from all weights so far",
+        "probabilistic (PDM), drawn: read by the aware observer from all weights so far",
     ]
     tops = found.beliefs.to_numpy().max(axis=1)
     for axis in kept[0].axes:
@@ -141,8 +141,8 @@ def test_frontier_shows_the_decisions_on_the_curves(found: Backtest, kept: list[
     marks = {line.get_label(): line for line in axis.lines}
     lottery = found.episode.records["PDM"].lotteries
     assert lottery is not None
-    assert marks["PDM, in expectation"].get_ydata()[0] == pytest.approx(lottery[step].expected_privacy)
-    assert marks["CDM"].get_xdata()[0] <= 5.0 + 1e-9
+    assert marks["probabilistic (PDM),\nin expectation"].get_ydata()[0] == pytest.approx(lottery[step].expected_privacy)
+    assert marks["counter-adversarial (CDM)"].get_xdata()[0] <= 5.0 + 1e-9
     mixed, single = marks["best lottery, in expectation"].get_ydata(), marks["best single decision"].get_ydata()
     assert (mixed >= single - 1e-12).all()
     assert (np.diff(mixed) >= -1e-12).all()
@@ -157,7 +157,7 @@ def test_month_shows_the_distances(found: Backtest, kept: list[Any]) -> None:
     draw_month(found, Path(), step)
     axis = kept[0].axes[0]
     labels = [text.get_text() for text in axis.get_legend().get_texts()]
-    assert f"Π(CDM), distance {found.privacy('CDM')[step]:.2f}" in labels
+    assert f"counter-adversarial (CDM): distance {found.privacy('CDM')[step]:.2f}" in labels
     assert "π, the true belief" in labels
     assert f"{found.dates[step]:%Y-%m-%d}" in axis.get_title()
 

@@ -2,8 +2,8 @@
 World
 =====
 
-A *state* x moves from step to step and nobody sees it; a *sensor* reports an *observation* y that depends on it. Together
-they are a hidden Markov model: P says how the state moves, p(y | x) what the sensor reports.
+A hidden *state* x moves from step to step; a *sensor* reports an *observation* y that depends on it. Together they are a hidden
+Markov model: P is the transition matrix of the state, p(y | x) the *observation model*.
 
 Here the state is the regime of a market, and the sensor a monthly signal of volatility that is low, middle or high.
 """

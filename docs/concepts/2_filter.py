@@ -2,14 +2,13 @@
 Filter
 ======
 
-What the agent knows is its *private belief* π: the probability of each state, given all that its sensor has reported so
-far. With B(y) the diagonal of p(y | x) and P the transition matrix, one step is
+The agent's *private belief* π is its posterior: the probability of each state, given all observations so far. With B(y) the diagonal of p(y | x) and P the transition matrix, one step is
 
 .. code-block:: text
 
    π[k+1] ∝ B(y[k+1]) P' π[k]
 
-The belief is what the agent acts upon, and what an observer of its actions would like to know.
+The agent decides by this belief, and an observer of its decisions wants to know it.
 """
 
 import numpy as np
@@ -35,8 +34,8 @@ print("belief in the last month      ", found.beliefs[-1].round(2))
 print("belief about the month after  ", found.predicted[-1].round(2))
 
 # %%
-# ``beliefs`` says what is known of a month at its end, ``predicted`` what is known of the month after. A decision that pays
-# off in the next month belongs to the latter.
+# ``beliefs`` holds the posterior of a month at its end, ``predicted`` that of the month after. A decision that pays off in the
+# next month belongs to the latter.
 
 with drawing(6.0, 2.4) as (figure, axes):
     axes.stackplot(

@@ -8,8 +8,8 @@ A decision u costs c(i, u) in state i. The agent does not know the state, so it 
 
    u*(π) = argmin Σ_i π_i c(i,u) over u ∈ C,    V(π) = min Σ_i π_i c(i,u) over u ∈ C
 
-The *state costs* s(u) = (c(1,u), …, c(X,u)) do not depend on the belief. What a decision costs above the optimum is its
-*regret* ρ(π, u) = π·s(u) − V(π), which is never negative.
+The *state costs* s(u) = (c(1,u), …, c(X,u)) do not depend on the belief. The *regret* of a decision is its cost above the optimum,
+ρ(π, u) = π·s(u) − V(π) ≥ 0.
 """
 
 import numpy as np
@@ -34,8 +34,8 @@ print("V(belief)   ", problem.optimal_cost(belief).round(5))
 print("regret of equal weights", problem.regret(belief, np.full(3, 1 / 3)).round(6))
 
 # %%
-# From certain calm to certain crisis, the best weights move, and each of them says where on the way the belief is. The
-# optimal cost V is concave, and the regret of acting as if one held another belief never falls with the distance to it.
+# From certain calm to certain crisis the optimal weights move, and each of them reveals the belief on the way. The optimal cost V is
+# concave, and the regret of acting under another belief never falls with the distance to it along a ray.
 
 crisis = np.linspace(0.0, 1.0, 201)
 beliefs = np.column_stack([1 - crisis, np.zeros(201), crisis])

@@ -2,8 +2,8 @@
 Privacy
 =======
 
-*Privacy* Ψ says how wrong an observer is. The paper has five measures of what Π(u) says about the true belief π. The one used
-most, *maximal obfuscation*, is the distance from the belief to everything that the naive observer thinks possible:
+*Privacy* Ψ is the error of the naive observer. The paper has five measures of how Π(u) differs from the true belief π. The one used
+most, *maximal obfuscation*, is the distance of the belief from Π(u):
 
 .. code-block:: text
 
@@ -48,8 +48,9 @@ for measure in (
     print(f"{type(measure).__name__:20} {measure(belief, instead):6.3f}")
 
 # %%
-# Who hides acts as if it held another belief, a *decoy*. Every decoy has a privacy and a price. What a tenth of ``|c*|`` affords
-# is a region around the belief; its farthest decoy is what a counter-adversarial decision maker plays.
+# An agent that hides plays the optimal decision of another belief, a *decoy* (the field: a misreport). Every decoy has a privacy and a
+# regret. The decoys with a regret of at most a tenth of ``|c*|`` form a region around the belief; the counter-adversarial decision maker plays the
+# decision of the most private one.
 
 candidates = decoy_grid(problem, 60)
 regrets = candidates.state_costs @ belief - problem.optimal_cost(belief)
@@ -63,14 +64,17 @@ afforded = regrets <= 0.1 * abs(problem.optimal_cost(belief))
 with drawing(4.6, 3.8, subplot_kw={"projection": "ternary"}) as (figure, axes):
     ternary_labels(axes, regimes)
     axes.scatter(
-        *candidates.decoys[~afforded].T, s=5, color="#dddddd", label="too dear"
+        *candidates.decoys[~afforded].T,
+        s=5,
+        color="#dddddd",
+        label="above the budget",
     )
     shown = axes.scatter(
         *candidates.decoys[afforded].T,
         s=11,
         c=privacy[afforded],
         cmap="viridis",
-        label="affordable",
+        label="within the budget",
     )
     axes.plot(
         *belief[:, None], "*", color="#000000", markersize=8, label="private belief"
@@ -82,8 +86,8 @@ with drawing(4.6, 3.8, subplot_kw={"projection": "ternary"}) as (figure, axes):
     figure.savefig("privacy.png")
 
 # %%
-# Against an observer who knows the rule, privacy is what the decision leaves unknown: *leakage* in bits, and the error of the
-# best estimate, both under a prior over beliefs. Of the optimal decisions:
+# Against the *aware observer*, who knows the rule and a prior over beliefs, the measures are the *leakage* I(π; u) in bits and the error of
+# the best estimate. Of the optimal decisions:
 
 prior = uniform_prior(3, 20)
 print(

@@ -2,8 +2,9 @@
 Decision maker
 ==============
 
-The *original* decision maker (ODM) takes the cheapest decision. The *counter-adversarial* one (CDM) takes the most private
-decision that a cost budget affords; the *probabilistic* one (PDM) draws from a lottery whose budget holds on average.
+The *original* decision maker (ODM) takes the decision of least expected cost. The *counter-adversarial* one (CDM) takes the decision of
+the largest privacy within a budget of regret; the *probabilistic* one (PDM) draws from a *lottery* (a randomised decision) that keeps
+the budget on average.
 
 .. code-block:: text
 
@@ -42,8 +43,8 @@ pdm = ProbabilisticDecisionMaker(problem, budget=0.1).decide(belief)
 print(cdm.summary(), pdm.summary(), sep="\n\n")
 
 # %%
-# What is held, and what that says. The bars are the lottery: the decisions it mixes, as high as their probabilities. A draw
-# without a generator comes from the operating system, because a rival who knows the seed knows the draw.
+# Left the portfolios, right the beliefs that explain them. The bars are the lottery: its decisions, as high as their probabilities. A
+# draw without a generator comes from the operating system, because whoever knows the seed knows the draw.
 
 drawn = pdm.sample(rng=np.random.default_rng(0))
 with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
@@ -65,8 +66,9 @@ with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
     figure.savefig("decisions.png")
 
 # %%
-# The *frontier* holds every budget at once. For lotteries it is the concave envelope of the points that single decisions reach, and
-# its slope says how much privacy one more unit of regret buys (``Frontier.price``); the inverse is the *price of privacy*.
+# The *frontier* is the privacy-utility trade-off: the largest privacy at every budget. For lotteries it is the concave envelope of that
+# of single decisions. Its slope (``Frontier.price``), the dual variable of the budget, is the privacy that one more unit of regret buys; the
+# inverse, the regret of one more unit of privacy, is the *price of privacy*.
 
 frontier = privacy_frontier(problem, belief)
 regrets = np.linspace(0.0, 0.5 * abs(cdm.optimal_cost), 301)
@@ -99,4 +101,4 @@ with drawing(4.4, 2.8) as (figure, axes):
 
 # %%
 # These two are made against the naive observer. :class:`~inscrutable.RateDistortionDecisionMaker` and
-# :class:`~inscrutable.StackelbergDecisionMaker` are made against one who knows the rule; :doc:`/how-to-choose` says which to use.
+# :class:`~inscrutable.StackelbergDecisionMaker` are made against the aware observer; :doc:`/how-to-choose` says which to use.

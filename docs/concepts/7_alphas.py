@@ -49,13 +49,13 @@ print(f"in the long run {steady_filter(world).covariance[0, 0]:.3f}")
 # What weights say
 # ----------------
 #
-# An observer who knows V, γ and C reads weights backwards: u is best for every m with
+# An observer who knows V, γ and C solves the inverse problem: u is optimal for every m with
 #
 # .. math:: Bm \in 2\gamma Vu + N_C(u),
 #
 # N_C(u) the cone of the constraints that are tight. Without constraints that is one point, which is Sharpe's reverse
-# optimisation and the prior of Black and Litterman. A budget row leaves a common shift free, so that only differences are told;
-# a weight at a limit tells one side. Differences are best taken from an asset off its limits: a portfolio that holds an asset at its
+# optimisation and the prior of Black and Litterman. A budget row leaves a common shift free, so that only differences are identified;
+# a weight at a limit gives one inequality. Differences are best taken from an asset off its limits: a portfolio that holds an asset at its
 # cap may have any expected return above a number. The factors of a risk model are never multiplied out: thousands of assets take milliseconds.
 
 rng = np.random.default_rng(3)
@@ -69,7 +69,7 @@ views = implied_views(problem, weights, reference="Chips")
 print(views)
 
 # %%
-# The same weights, read as at most two basis points a month worse than the best. Assets that are not held tell an upper limit
+# The same weights, read as at most two basis points a month worse than the best. Assets that are not held give an upper limit
 # alone: the arrows have no end.
 
 near = implied_views(problem, weights, regret=0.0002, reference="Chips")
@@ -93,4 +93,4 @@ for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
     print(f"  the true view is {MaximalObfuscation()(mean, read):.5f} away")
 
 # %%
-# That is one decision against an observer who takes it at face value. One who knows that it is altered reads on.
+# That is one decision against the naive observer. The aware observer infers more.

@@ -2,16 +2,16 @@
 Over time
 =========
 
-Who decides once a month is watched for years. A table K(u | π), drawn from afresh at every step, averages out: what it told
-is told again, and paid for again. The *sequential rule* keeps account of what the observer already holds. At every step it
-solves one problem with the observer's law p_t of the belief in the place of the prior, at two fixed prices,
+Leakage accumulates over repeated decisions. Independent draws from a fixed mechanism K(u | π) average out. The *sequential rule*
+decides by the observer's law p_t of the belief, given all earlier decisions: at every step it solves the one-step problem with p_t as
+the prior, at two fixed prices,
 
 .. code-block:: text
 
    K_t = argmax_K  E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u)   under p_t,    p_{t+1} = predict(Bayes(p_t, u_t))
 
-with the observer's loss L (here the variance of its estimate), the regret ρ and the information I. The price s is such that
-the mean regret in the long run is the budget.
+with the observer's loss L (here the variance of its estimate), the regret ρ and the mutual information I. The price s is such that
+the long-run mean regret is the budget.
 """
 
 import numpy as np
@@ -88,13 +88,14 @@ with drawing(7.4, 3.2, ncols=2, width_ratios=[3, 2]) as (figure, (left, right)):
 # 3. So the optimum is Ψ(p) − λ H(p), with Ψ the concave envelope of max_u ψ_u.
 # 4. An optimal mechanism puts p_u where Ψ(p_u) = ψ_u(p_u): otherwise p_u could be split further, at a gain.
 # 5. From p_u, to play u for certain has the value ψ_u(p_u) − λ H(p_u) = Ψ(p_u) − λ H(p_u), which is the optimum.
-# 6. A decision that is played for certain tells nothing, so the law stays p_u, and the same holds at the next step.
+# 6. A decision that is played for certain reveals nothing, so the law stays p_u, and the same holds at the next step.
 #
 # The conditions: the same prices, decisions and caps at every step, an exact optimum, and, among equal optima, the one of least
 # information. The rule tests whether the last decision is still optimal for certain before it solves anything else.
 #
-# **It is not so** for a belief that happens to stay while the rule takes it to move. The rule then believes that what it told
-# grows old, tells a little again, and an observer who knows better adds it up: the solid curve of the sequential rule falls.
+# **It does not hold** for a belief that happens to stay while the rule assumes that it moves. The rule then assumes that its earlier
+# information ages, reveals a little again, and an observer who knows that the belief stays accumulates it: the solid curve of the
+# sequential rule falls.
 
 for row in found.rows:
     once, last = row.repeated_errors[[0, -1]]
@@ -113,9 +114,8 @@ print(f"{'no rule':16s}over time more than {told.path_ceiling:.2f}")
 # **With a memory alone.** Where the observer can come to hold finitely many laws only, `SequentialDecisionMaker.as_mechanism()`
 # returns the rule as a mechanism whose memory is the law: tables instead of a solver. Otherwise a status says so.
 #
-# **A delay is enough** where beliefs move faster than it. After d steps the observer knows the belief of d steps ago and is left
-# with the moves since: with a chain of two states that flips with probability p its guess is wrong with probability
-# (1 − (1 − 2p)^d)/2. A belief that rests longer than the delay is read like any other, as the left panel shows.
+# **A delay is enough** where beliefs move faster than it. After d steps the observer knows the belief of d steps ago, and its error is
+# the movement since then: with a chain of two states that flips with probability p its guess is wrong with probability
+# (1 − (1 − 2p)^d)/2. A belief that rests longer than the delay is read exactly, as the left panel shows.
 #
-# What a rival can make of all this, and from whom nothing protects, says the
-# :ref:`next page <sphx_glr_made_concepts_7_worth.py>`.
+# The :ref:`page on worth <sphx_glr_made_concepts_7_worth.py>` says what a rival gains by all this, and from whom nothing protects.

@@ -2,16 +2,15 @@
 The sensor behind the beliefs
 =============================
 
-A filter turns what a sensor reports into beliefs, so beliefs say how the sensor reports. Whoever sees π₀, π₁, … and knows
-the transition P has, at every step, the column of the sensor B for the symbol that the agent saw, up to a factor:
+Beliefs depend on the sensor (the observation model B), so beliefs reveal it. An observer who sees π₀, π₁, … and knows the transition P
+has, at every step, the column of B for the symbol that the agent saw, up to a factor:
 
 .. code-block:: text
 
    π_k = diag(b) P'π_{k−1} / 1'diag(b) P'π_{k−1}     so     b ∝ π_k / P'π_{k−1}, entry by entry
 
-As many symbols, so many directions; the factors follow, because the rows of B sum to one. With more symbols than states they do
-not, and how often each symbol was seen has to give them: the result's status says which case it is, and its intervals how
-exactly the entries are known.
+With no more symbols than states the factors follow, because the rows of B sum to one. With more symbols they do not, and the
+frequencies of the symbols have to give them: the result's status names the case, and its intervals the accuracy of the entries.
 """
 
 import numpy as np
@@ -59,10 +58,9 @@ for noise in (1e-4, 1e-3, 1e-2):
     )
 
 # %%
-# Decisions say less than beliefs. Below, an agent of two states chooses one of two actions, and mixes them the more, the less it
-# is sure. An observer that knows how it chooses, and sets the states itself, compares sensors by the probability that they give
-# to the decisions: the normalisers of its inverse filter. Which states tell most of the accuracy is known before anything is
-# seen, by Fisher's information; `best_probe` ranks sequences.
+# Decisions contain less information than beliefs. Below, an agent of two states chooses one of two actions, and mixes them the more, the
+# less certain it is. An observer who knows the rule, and sets the states itself, compares sensors by the likelihood of the decisions: the
+# normalisers of its inverse filter. `best_probe` ranks sequences of states by Fisher information, before any decision is seen.
 
 two = HiddenMarkovModel(
     [[0.8, 0.2], [0.3, 0.7]], CategoricalEmission([[0.8, 0.2], [0.2, 0.8]])
@@ -91,8 +89,8 @@ ranking = best_probe(
 print(ranking)
 
 # %%
-# Mixing hides the sensor, too: the less an agent lets its belief decide, the flatter is the likelihood of its sensor. A flat or
-# open profile is said by the status, and an interval then reaches the bound.
+# Mixing hides the sensor, too: the less the decision depends on the belief, the flatter is the likelihood of the sensor. Where it is
+# flat the sensor is not *identified*: the status says so, and the interval reaches the bound.
 
 
 def decisions(
@@ -124,8 +122,7 @@ with drawing(6.4, 3.4) as (figure, axes):
 
 # %%
 # In a linear Gaussian world the observer runs a Kalman filter on the agent's Kalman filter: `inverse_kalman_filter`. `inscrutable
-# compare` sets the rules of this package side by side: its column *error, sensor* says how well the sensor is read from a
-# hundred decisions of each that are taken at face value.
+# compare` has a column *error, sensor*: the error of the sensor estimated from a hundred decisions of each rule, taken at face value.
 #
 # Sources: Mattila, Rojas, Krishnamurthy and Wahlberg (NeurIPS 2017, and arXiv 2001.11809); Krishnamurthy and Rangaswamy (arXiv
 # 1905.07230).

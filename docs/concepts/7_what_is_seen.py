@@ -3,7 +3,7 @@ What is seen, and when
 ======================
 
 So far every observer saw each decision exactly and at once. Real ones read a quarterly filing 45 days late, weights in round
-per cent, or a fund's value. A *disclosure* says what is shown. It is data, composed with ``|``, the first part first:
+per cent, or a fund's value. A *disclosure* is the part of a decision that is shown, and when. It is data, composed with ``|`` from left to right:
 
 .. code-block:: text
 
@@ -13,8 +13,8 @@ per cent, or a fund's value. A *disclosure* says what is shown. It is data, comp
    long_only()          no short positions         portfolio_return()   what the decision earns
    only(places)         some coordinates           bus_prices(problem)  prices at a network's buses
 
-A map of single decisions merges columns of K(u | π): decisions that look the same are one. A schedule leaves out updates: the
-observer's law moves by prediction alone until the next decision is shown.
+A disclosure of single decisions is a garbling: it merges columns of K(u | π). A schedule leaves out updates: the observer's law moves
+by prediction alone until the next decision is shown.
 """
 
 import numpy as np
@@ -45,7 +45,7 @@ print(shown.summary())
 print(shown(played.actions[:6]).round(2))
 
 # %%
-# Of single decisions less is told where more looks alike:
+# A single decision leaks less where more decisions look alike:
 
 for disclosure in (None, rounded(1), rounded(0)):
     found = leakage(played, chain.prior, disclosure=disclosure)
@@ -88,10 +88,10 @@ print(table.lines())
 # How long does a masked basket stay masked?
 # -------------------------------------------
 #
-# Some funds publish a basket every day that is *almost* theirs. If the mask is drawn afresh each day, a rival averages it away:
-# the standard error of a weight is σ/√n after n days. A mask that is kept does not average out. And a fund's value tells on: of
-# U assets whose returns are known, U − 1 days give the weights of a fund that is rebalanced to the same every day exactly
-# (`infer_weights`), up to the error of what is published. The study `studies/masked_basket.toml` measures all three.
+# Some funds publish a basket every day that is *almost* theirs. If the mask is drawn afresh each day, an observer averages it away:
+# the standard error of a weight is σ/√n after n days. A mask that is kept does not average out. A fund's value also reveals its weights:
+# with U assets of known returns, U − 1 days determine the weights of a fund that is rebalanced to the same weights every day
+# (`infer_weights`), up to the error of the published values. The study `studies/masked_basket.toml` measures all three.
 
 from tempfile import TemporaryDirectory
 
@@ -133,6 +133,6 @@ with drawing(7.0, 3.0) as (figure, axes):
 # ------------------
 #
 # `form_13f()` and `n_port()` are the calendars of two US forms, in steps of months, with the date they were looked up and where
-# they are written. A library may alter decisions, never a disclosure that the law prescribes.
+# they are written. Alter decisions, never a disclosure that the law prescribes.
 
 print(form_13f().summary())

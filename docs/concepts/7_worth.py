@@ -2,8 +2,8 @@
 What is it worth to the rival?
 ==============================
 
-Few rivals want the belief itself. They want to win something by it: a trade, a wager, a name for the state. What a rival loses
-by what it does not know is a *loss* L(p) of its law p of the belief, the Bayes risk of a decision of its own:
+A *rival* is an observer who gains by knowing the belief: a trade, a wager, a name for the state. Its *loss* L(p) under its law p of the
+belief is the Bayes risk of its own decision problem:
 
 .. code-block:: text
 
@@ -11,7 +11,7 @@ by what it does not know is a *loss* L(p) of its law p of the belief, the Bayes 
    worth of the secret     L(prior) − E L(the belief is known)
    worth of reading   W =  L(prior) − E L(p_u),   p_u the law after the decision u
 
-`SquaredError()` is the variance of its estimate, what all other figures are in; `NamingError()` the chance that it names the
+`SquaredError()` is the variance of its estimate, the default everywhere; `NamingError()` the probability that it names the
 wrong state; `RivalProblem(problem)` the cost of its own decision problem on the same states, in its own unit. Reading is worth
 nothing where decisions tell nothing, and never more than the secret.
 """
@@ -50,8 +50,8 @@ for name, loss in rivals.items():
     print(f"{name:22s}the secret is worth {told.secret_worth:.4f} ({loss.unit})")
 
 # %%
-# An agent that knows what the rival wants can hide that. `StackelbergDecisionMaker(..., loss=)` leaves the rival the largest loss
-# at an expected regret; below, for each rival, what reading is still worth.
+# An agent that knows the rival's problem can hide what matters to it. `StackelbergDecisionMaker(..., loss=)` maximises the rival's loss
+# at an expected regret; below, for each rival, the worth of reading that remains.
 
 silence = leakage(optimal, prior, problem).silence_regret
 shares = np.linspace(0.0, 1.0, 6)
@@ -77,18 +77,18 @@ with drawing(7.4, 3.2) as (figure, axes):
     figure.savefig("worth.png")
 
 # %%
-# **Nobody can be stopped from copying.** The rival with the agent's own problem sees the decision in time and can play it: it then
-# pays what the agent pays. So, with r₀ the silence regret, which is what the belief is worth to both,
+# **Copying cannot be prevented.** A rival with the agent's own problem sees the decision in time and can play it, at the agent's cost.
+# So, with r₀ the silence regret, the value of the information in the belief to both,
 #
 # .. code-block:: text
 #
 #    W ≥ r₀ − E ρ:    share given up + share taken ≥ 1,
 #
-# with equality where every decision is the best one for the law that it leaves. No rule lies below the dotted line for that rival,
-# however clever it is. The rule above, whose budget holds at every belief, lies on it at first and above it later. For a rival with
-# another problem there is no such line: at first the wager and the name are hidden for less. To hide a view protects it from one
-# with other assets or limits, one who wagers on the regime, one who comes later and one who wants the next decision, and never
-# from one who trades the same at the same moment.
+# with equality where every decision is optimal for the posterior mean after it. No rule lies below the dotted line for that rival.
+# The rule above, whose budget holds at every belief, lies on it at first and above it later. There is no such line for a rival with
+# another problem: at first the wager and the name are hidden for less. Hiding protects a view from a rival with other assets or limits, from
+# one who wagers on the regime, from a later one, and from one who predicts the next decision; not from one who trades the same at the same
+# moment.
 #
 # `inscrutable compare --rival FILE` prints the worth of every rule's decisions and draws this picture for all of them;
 # `inscrutable backtest` says in basis points what the weights were worth to a rival who invests alike.

@@ -2,7 +2,7 @@
 When others learn from my decision
 ==================================
 
-So far the observer only watched. In social learning it decides next. A state is drawn once; agent *n* has a signal of its own
+So far the observer only inferred. In social learning it decides next. A state is drawn once; agent *n* has a signal of its own
 and has seen the decisions of agents 1 … *n* − 1. Everybody knows the prior, the sensor and the rule K(u | π) of each agent, so that
 a decision moves the *public belief* q by Bayes' rule::
 

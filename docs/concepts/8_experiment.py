@@ -2,7 +2,7 @@
 Experiment
 ==========
 
-One decision proves little. A *study* is a grid, worlds × problems × decision makers × budgets × observers × repeats, written
+A *study* is a grid, worlds × problems × decision makers × budgets × observers × repeats, written
 down as plain data; every value that is a list stands for each of its elements.
 """
 
@@ -29,8 +29,8 @@ columns = ["decision_maker", "budget", "adversary", "error", "prior_error"]
 print(rows[columns].round(3).to_string(index=False))
 
 # %%
-# The unit of the budget is the *silence regret*: what it costs to play the best constant decision, which says nothing. The
-# error is that of the observer's estimate; above the dotted line it errs by more than before it looked.
+# The unit of the budget is the *silence regret*, the expected regret of the best constant decision (the value of information). The error
+# is that of the observer's estimate; above the dotted line it is larger than without any decision.
 
 with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
     for axes, (observer, part) in zip(
@@ -60,5 +60,5 @@ with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
 # ``inscrutable study run FILE --out DIR --jobs -1`` does the same from a TOML file, on all cores or a Dask cluster. Rows go to
 # one SQLite file; a study that was stopped or killed goes on with ``inscrutable study resume DIR``.
 #
-# ``inscrutable backtest`` walks an investor through real returns, ``inscrutable compare`` sets ways of hiding side by side,
-# and ``inscrutable reproduce`` does the paper's numerical section.
+# ``inscrutable backtest`` does so for an investor and real returns, ``inscrutable compare`` for all rules and observers, and ``inscrutable
+# reproduce`` for the paper's numerical section.

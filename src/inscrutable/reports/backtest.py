@@ -127,7 +127,7 @@ def _rows(result: Backtest) -> list[_Row]:
         _Row("error_face_value", "error of the naive observer's estimate, r.m.s.", style=".3f"),
         _Row("share_regime_named_aware", f"{word}s in which the aware observer names it, %", _PERCENT, ".1f"),
         _Row("error_aware", "  error of its estimate, r.m.s.", style=".3f"),
-        _Row("error_without", "  the same without seeing any weights", style=".3f"),
+        _Row("error_without", "  error without any weights, r.m.s.", style=".3f"),
         _Row("bits_aware", "  leakage of one decision, bits"),
         _Row(
             "share_regime_named_followed",
@@ -136,7 +136,7 @@ def _rows(result: Backtest) -> list[_Row]:
             ".1f",
         ),
         _Row("error_followed", "  error of its estimate from all so far, r.m.s.", style=".3f"),
-        _Row("error_ceiling", "  the most that any rule of its regret leaves, long run", style=".3f"),
+        _Row("error_ceiling", "  ceiling: largest such error of any rule of that regret", style=".3f"),
         _Row("bits_followed", "  leakage of one more decision, bits"),
         *_disclosed_rows(result),
         _Row("worth_secret", f"worth of the beliefs to a rival who invests alike, bp per {word}", _BASIS_POINTS),
@@ -253,7 +253,7 @@ def _limit_notes(result: Backtest) -> list[str]:
     told = "; ".join(
         f"{key} {value if not isinstance(value, dict) else ', '.join(map(str, value))}" for key, value in given.items()
     )
-    return [f"Limits on weights, which the rival knows: {told}."]
+    return [f"Limits on weights, which observers know: {told}."]
 
 
 def _aware_notes(result: Backtest) -> list[str]:

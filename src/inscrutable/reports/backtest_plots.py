@@ -83,8 +83,8 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
     asked = Requirement(own["error_without"], own["base_rate"])
     names, rows = result.names, np.arange(len(result.names))[::-1]
     kinds = {
-        "error_face_value": "naive: takes weights at face value",
-        "error_followed": "aware: knows the rules, follows all weights",
+        "error_face_value": "naive observer, at face value",
+        "error_followed": "aware, from all weights",
     }
     with drawing(_HIDDEN_WIDTH, 0.42 * len(names) + 1.25) as (figure, axis):
         for row, name in zip(rows, names, strict=True):
@@ -101,7 +101,7 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
             "without weights", (asked.error_without, 1.01), xycoords=("data", "axes fraction"), fontsize=7, ha="center"
         )
         for label, look in zip(
-            [*kinds.values(), "ceiling"], (("o", "none"), ("o", "full"), ("|", "full")), strict=True
+            [*kinds.values(), "ceiling of the aware"], (("o", "none"), ("o", "full"), ("|", "full")), strict=True
         ):
             axis.plot([], [], linestyle="none", color=BLACK, marker=look[0], fillstyle=look[1], label=label)
         axis.set_yticks(rows, [spelled(name) for name in names])
@@ -282,7 +282,7 @@ def draw_month(result: Backtest, folder: Path, step: int) -> list[Path]:
 def _label_of(name: str, found: BeliefSet, belief: Array) -> str:
     if found.is_empty:
         return f"{name}: no belief explains the weights"
-    return f"Π({name}), distance {found.distance(belief):.2f}"
+    return f"{name}: distance {found.distance(belief):.2f}"
 
 
 def _draw_set(axis: Any, found: BeliefSet, look: Any, label: str, *, faint: bool = False) -> None:
@@ -328,8 +328,10 @@ def _mark_decisions(axis: Any, result: Backtest, step: int, scale: float) -> Non
                 )
             continue
         lottery = record.lotteries[step]
-        axis.plot(scale * lottery.regrets, lottery.privacies, fillstyle="none", label=f"{name}, atoms", **dots)
-        axis.plot(scale * lottery.expected_regret, lottery.expected_privacy, label=f"{name}, in expectation", **dots)
+        axis.plot(scale * lottery.regrets, lottery.privacies, fillstyle="none", label=f"{spelled(name)}, atoms", **dots)
+        axis.plot(
+            scale * lottery.expected_regret, lottery.expected_privacy, label=f"{spelled(name)},\nin expectation", **dots
+        )
 
 
 def _largest_atom(result: Backtest, step: int) -> float:
@@ -391,7 +393,7 @@ def _main_assets(result: Backtest) -> tuple[list[str], list[str]]:
 
 
 def _published(result: Backtest, name: str) -> str:
-    return f"{name}, drawn" if result.episode.records[name].is_drawn else name
+    return f"{spelled(name)}, drawn" if result.episode.records[name].is_drawn else spelled(name)
 
 
 def _plain_ticks(axis: Any) -> None:

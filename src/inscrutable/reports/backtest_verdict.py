@@ -122,7 +122,7 @@ def _luck(result: Backtest, asked: Requirement) -> list[str]:
     beliefs, others = result.beliefs.to_numpy(), result.sequential.others
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
     return [
-        f"Luck: {held or 'none'} of {len(others)} other draws of {SEQUENTIAL} would have hidden the belief from the aware "
+        f"Other draws: {held or 'none'} of {len(others)} of {SEQUENTIAL} would have hidden the belief from the aware "
         "observer."
     ]
 

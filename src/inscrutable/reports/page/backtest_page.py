@@ -82,11 +82,11 @@ def _lead(result: Backtest) -> PagePicture | None:
         drawn = [path.read_text("utf-8") for path in pictures]
     word = result.market.frequency.word
     caption = (
-        f"What each way to invest leaves a rival over {len(result.beliefs)} {word}s. Grey: too close to the investor's belief "
-        "to count as hidden. Dashed: a rival who sees no weights. Ceiling: no rule of the same cost leaves a rival who follows "
-        "it more, in the long run."
+        f"Error of two observers under each way to invest, over {len(result.beliefs)} {word}s. Grey: too close to the "
+        "investor's belief to count as hidden. Dashed: without weights. Ceiling: no rule of the same cost leaves the aware "
+        "observer a larger error in the long run; it does not bound the naive one's."
     )
-    return PagePicture("Error of two rivals", caption, drawn[0]) if drawn else None
+    return PagePicture("Error of two observers", caption, drawn[0]) if drawn else None
 
 
 def budget_texts(result: Backtest, amounts: Array) -> list[str]:

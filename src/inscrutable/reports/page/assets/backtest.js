@@ -64,8 +64,8 @@
       for (let i = 0; i < 3; i += 1) {
         const ends = [1, 2].map((j) => regimes.map((_, r) => (r === i ? k / 5 : r === (i + j) % 3 ? 1 - k / 5 : 0)));
         line(drawing, ends.map(place), "#e4e4e4", "-", 1);
-        const [x, y] = place(ends[0]);
-        const [across, down, side] = [[-6, 4, "end"], [0, 15, "middle"], [6, 4, "start"]][i];
+        const [x, y] = place(ends[1]); // the sides that the pictures beside the page use
+        const [across, down, side] = [[6, 4, "start"], [-6, 4, "end"], [0, 15, "middle"]][i];
         svg(drawing, "text", { x: at(x + across), y: at(y + down), "text-anchor": side, class: "tick" }, (k / 5).toFixed(1));
       }
     }
@@ -276,7 +276,8 @@
     const frame = timeChart(id, step, series, { yLabel, least });
     for (const [name, values] of onTop(series, ([name]) => name)) {
       const points = values.map((value, t) => value === null ? null : frame.place([t, value])).filter((each) => each);
-      marks(frame.drawing, looks[name].marker, points, Math.max(1.8, Math.min(4, width / steps / 4)), looks[name].colour, name !== makers[0]);
+      // Dots are hollow, so that a cross shows in one.
+      marks(frame.drawing, looks[name].marker, points, Math.max(1.8, Math.min(4, width / steps / 4)), looks[name].colour, name !== makers[0] && looks[name].marker !== "o");
     }
   }
 

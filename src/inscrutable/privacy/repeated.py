@@ -16,7 +16,7 @@ from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy.leaks import entropy, leakage
 from inscrutable.privacy.sampling import adjusted_means
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 _BLOCK = 2**21
@@ -29,7 +29,7 @@ _SIDE = 1.96
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RepeatedLeakage(Saved):
+class RepeatedLeakage(Summarised, Saved):
     """What n independent decisions made under one and the same belief tell an observer who knows the mechanism.
 
     Formula: p(π_b|u_1..u_n) ∝ w_b Π_t K(u_t|π_b).
@@ -78,9 +78,6 @@ class RepeatedLeakage(Saved):
         """Bits that each further decision adds between one n and the next, from n = 0 on, shape (S,)."""
         added = np.diff(self.mutual_information, prepend=0.0)
         return np.asarray(added / np.diff(self.n_steps, prepend=0))
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a line for each n, with 95 % intervals."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from inscrutable import validation
 from inscrutable.errors import InputError
+from inscrutable.saved import Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds.baum_welch import Climb, Standardised, standardised
 from inscrutable.worlds.covariances import CovarianceRule, covariance_rule
@@ -67,7 +68,7 @@ class Restart:
 
 
 @dataclass(frozen=True)
-class FittedWorld:
+class FittedWorld(Summarised):
     """The best world of several restarts.
 
     Args:
@@ -96,9 +97,6 @@ class FittedWorld:
     covariance: str = "sample"
     n_rows: int = 0
     n_columns: int = 0
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     @property
     def best(self) -> Restart:

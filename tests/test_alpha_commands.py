@@ -22,8 +22,8 @@ from inscrutable import (
     run_alpha_backtest,
 )
 from inscrutable.datasets import load_industry_returns, read_labelled_matrix
-from inscrutable.experiments.alpha_files import read_linear_world
 from inscrutable.experiments.alpha_protect import protect_alphas
+from inscrutable.experiments.alpha_run import read_linear_world
 
 NAMES = ["Oil", "Food", "Steel"]
 WORLD = {

@@ -178,7 +178,7 @@ def test_files_that_are_wrong_name_the_place(folder: Path) -> None:
     with pytest.raises(InputError, match="go together"):
         read_linear_world(file)
     file.write_text("{", "utf-8")
-    with pytest.raises(InputError, match="no JSON"):
+    with pytest.raises(InputError, match="not JSON"):
         read_linear_world(file)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,7 +24,7 @@ from inscrutable.experiments.backtest_inputs import (
     sample_until,
 )
 from inscrutable.experiments.sections import Matrix, Section, shortened
-from inscrutable.files import PathLike, path_of
+from inscrutable.files import PathLike, path_of, read_json
 from inscrutable.validation import Array
 from inscrutable.worlds import LinearGaussianWorld
 from inscrutable.worlds.covariances import covariance_rule
@@ -205,16 +204,13 @@ def read_linear_world(path: PathLike) -> LinearGaussianWorld:
         ModelError: A covariance is indefinite.
     """
     source = path_of(path, "a world")
+    data = read_json(source, "the JSON of a linear Gaussian world")
     try:
-        found = LinearWorldFile.model_validate(json.loads(source.read_text("utf-8")))
-    except OSError as error:
-        raise InputError(f"{source} cannot be read: {error.strerror or error}") from error
+        found = LinearWorldFile.model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
         raise InputError(f"{source}, {place}: {first['msg']}; got {shortened(first['input'])}") from None
-    except ValueError as error:
-        raise InputError(f"{source} is no JSON: {error}") from None
     if (found.public_sensor is None) != (found.public_noise is None):
         raise InputError(f"{source}: public_sensor and public_noise go together, and one is missing")
     transition: Any = found.transition

@@ -22,8 +22,8 @@ from inscrutable import (
     run_alpha_backtest,
 )
 from inscrutable.datasets import load_industry_returns, read_labelled_matrix
-from inscrutable.experiments.alpha_files import read_linear_world
 from inscrutable.experiments.alpha_protect import protect_alphas
+from inscrutable.experiments.alpha_run import read_linear_world
 
 NAMES = ["Oil", "Food", "Steel"]
 WORLD = {
@@ -178,7 +178,7 @@ def test_files_that_are_wrong_name_the_place(folder: Path) -> None:
     with pytest.raises(InputError, match="go together"):
         read_linear_world(file)
     file.write_text("{", "utf-8")
-    with pytest.raises(InputError, match="no JSON"):
+    with pytest.raises(InputError, match="not JSON"):
         read_linear_world(file)
 
 

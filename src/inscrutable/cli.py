@@ -207,7 +207,7 @@ def backtest(
     is_embedded = rate is not None
     rate = rate if riskless is None else _riskless(riskless)
     if train_until is None:
-        train_until = "1989-12" if is_embedded else _middle(table)
+        train_until = "1989-12" if is_embedded else f"{table.index[(len(table) - 1) // 2]:%Y-%m-%d}"
         speech.detail(f"Training sample: up to {train_until}")
     if means.alphas is not None:
         asked = {"risk_aversion": risk_aversion, "covariance": covariance, "train_until": train_until, "seed": seed}
@@ -330,10 +330,6 @@ def _own_beliefs(
     pairs = ", ".join(f"{column} is {name}" for column, name in zip(columns, names, strict=True))
     speech.log(f"Beliefs of {path}: {pairs}")
     return read_beliefs(path, names=columns).set_axis(list(names), axis=1)
-
-
-def _middle(table: pd.DataFrame) -> str:
-    return f"{table.index[(len(table) - 1) // 2]:%Y-%m-%d}"
 
 
 def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:

@@ -79,7 +79,7 @@ class AlphaOptions:
         """Return the rule that the files and numbers say."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
         from inscrutable.datasets import read_returns
-        from inscrutable.experiments.alpha_files import read_linear_world
+        from inscrutable.experiments.alpha_run import read_linear_world
 
         if self.covariance is not None:
             risk: Any = _square(self.covariance)
@@ -199,9 +199,8 @@ def backtest_means(
 ) -> None:
     """Show what is given up and what is taken where private means are hidden, and write table, summary and figure."""
     from inscrutable.datasets import read_signals
-    from inscrutable.experiments.alpha_files import read_linear_world
     from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC
-    from inscrutable.experiments.alpha_run import AlphaSettings, run_alpha_backtest
+    from inscrutable.experiments.alpha_run import AlphaSettings, read_linear_world, run_alpha_backtest
     from inscrutable.reports.alphas import write_alphas
 
     assert options.alphas is not None

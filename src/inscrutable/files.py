@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from inscrutable.errors import DiskError, InputError
 
@@ -69,6 +71,22 @@ def path_of(value: PathLike, what: str) -> Path:
     if not isinstance(value, (str, os.PathLike)):
         raise InputError(f"{what} must be given by its path, got {type(value).__name__}: {value!r:.60}")
     return Path(value)
+
+
+def read_json(path: Path, what: str) -> Any:
+    """Return the data of a JSON file, or raise one `InputError`; `what` a file of this kind is."""
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {reason(error)}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not UTF-8 text; expected {what}") from None
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg})") from None
+    except ValueError as error:  # a number of thousands of digits
+        raise InputError(f"{path} is not JSON that can be read: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path} is nested too deeply to be {what}") from None
 
 
 def remove(temporary: Path, *, unless: Path) -> None:

@@ -24,6 +24,17 @@ def saved_choice(choice: type[_Choice]) -> type[_Choice]:
     return choice
 
 
+class Summarised:
+    """A result that prints its summary."""
+
+    def summary(self) -> str:
+        """Return what there is to read of it."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+
 class Saved:
     """A frozen dataclass that can be saved and loaded; a field with metadata `saved=False` is left out.
 

@@ -18,7 +18,7 @@ from inscrutable.mechanisms import Disclosure, Mechanism, Prior
 from inscrutable.mechanisms.disclosed import disclosed, single_decisions
 from inscrutable.mechanisms.joint import Joint, joint_law, top_states
 from inscrutable.mechanisms.matching import checked_mechanism
-from inscrutable.saved import Saved, saved_choice
+from inscrutable.saved import Saved, Summarised, saved_choice
 from inscrutable.validation import Array
 
 
@@ -40,7 +40,7 @@ class PosteriorStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Posterior(Saved):
+class Posterior(Summarised, Saved):
     """What an observer holds likely of the belief after one decision.
 
     Formula: p(π_b|u) = w_b K(u|π_b) / Σ_b' w_b' K(u|π_b').
@@ -111,9 +111,6 @@ class Posterior(Saved):
     def credible_region(self, level: float = 0.9) -> Array:
         """Return the fewest beliefs that hold at least `level` of the weight, shape (k,X), heaviest first."""
         return np.asarray(self.beliefs[self.credible_indices(level)])
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

@@ -18,7 +18,7 @@ from inscrutable.adversaries.plausibility import closed_planes, weights_of_plane
 from inscrutable.errors import InputError
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems import DecisionProblem, SmoothForm, checked_problem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 _MOST_LISTED = 6
@@ -27,7 +27,7 @@ _MUCH = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ActionExplanation(Saved):
+class ActionExplanation(Summarised, Saved):
     """What a decision's explanation by beliefs has and lacks.
 
     Formula: r(u) = min_{π ∈ Δ} ρ(π,u) = max_{v ∈ C} min_i (c(i,u) − c(i,v)).
@@ -66,9 +66,6 @@ class ActionExplanation(Saved):
     rate: float
     tight: tuple[str, ...]
     coordinates: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

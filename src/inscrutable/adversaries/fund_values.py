@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.axes import Axis
 from inscrutable.errors import InputError
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class InferredWeights(Saved):
+class InferredWeights(Summarised, Saved):
     """The weights behind a fund's returns.
 
     Args:
@@ -47,9 +47,6 @@ class InferredWeights(Saved):
         if not self.is_identified:
             return np.full(len(self.weights), np.inf)
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one line for a person to read."""

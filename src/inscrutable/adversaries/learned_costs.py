@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.adversaries.cost_family import CostFamily, ExplainedDecisions, pieces_of
 from inscrutable.errors import InputError
-from inscrutable.saved import Saved, saved_choice
+from inscrutable.saved import Saved, Summarised, saved_choice
 from inscrutable.validation import Array
 
 
@@ -35,7 +35,7 @@ class CostStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LearnedCost(Saved):
+class LearnedCost(Summarised, Saved):
     """The values of a cost's parameter that explain every decision seen.
 
     Formula: {θ : for every u_t some π ∈ Δ makes u_t optimal under the cost θ}.
@@ -62,9 +62,6 @@ class LearnedCost(Saved):
     status: CostStatus
     rounding: float = 0.0
     family: CostFamily | None = field(default=None, repr=False, metadata={"saved": False})
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     @property
     def is_identified(self) -> bool:

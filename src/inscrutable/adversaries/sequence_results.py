@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
-from inscrutable.saved import Saved, saved_choice
+from inscrutable.saved import Saved, Summarised, saved_choice
 from inscrutable.validation import Array
 
 
@@ -42,7 +42,7 @@ class SequenceStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class InferredBeliefs(Saved):
+class InferredBeliefs(Summarised, Saved):
     """The observer's law of the agent's private belief at each of T steps.
 
     Formula: weights[t,b] = Pr(π_t = π_b | what was seen), mean_t = Σ_b weights[t,b] π_b, spread_t² = E‖π_t − mean_t‖².
@@ -82,9 +82,6 @@ class InferredBeliefs(Saved):
     effective_size: Array
     interpolation_error: Array
     n_particles: int = 0
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def __len__(self) -> int:
         return len(self.statuses)

@@ -71,12 +71,8 @@ def _frame(given: Any) -> pd.DataFrame:
         upright = not isinstance(held.index, pd.DatetimeIndex) and (
             assets == ["weights"] or all(isinstance(each, int) for each in held.columns)
         )
-        return held.T.reset_index(drop=True) if upright and _are_names(held.index) else held
+        return held.T.reset_index(drop=True) if upright and all(isinstance(each, str) for each in held.index) else held
     raise InputError(
         "weights must be a mapping from assets (PyPortfolioOpt), a frame (Riskfolio, cvxportfolio) or a result with the frame "
         f"w, got {type(held).__name__}: {few([repr(held)[:60]])}"
     )
-
-
-def _are_names(index: pd.Index) -> bool:
-    return all(isinstance(each, str) for each in index)

@@ -18,14 +18,14 @@ from inscrutable.decision_makers.indicated import Case
 from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 _WAYS = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CheapestPrivacy(Saved):
+class CheapestPrivacy(Summarised, Saved):
     """The cheapest decision found that reaches a privacy.
 
     Args:
@@ -49,9 +49,6 @@ class CheapestPrivacy(Saved):
     share: float
     privacy: float
     action: Array
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a sentence for a person to read."""

@@ -17,12 +17,12 @@ from inscrutable.decision_makers.results import Decision, DecisionStatus
 from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Frontier(Saved):
+class Frontier(Summarised, Saved):
     """The best privacy of the candidates as a function of regret, without and with lotteries.
 
     Args:
@@ -48,9 +48,6 @@ class Frontier(Saved):
     points: Array
     corners: Array
     indices: np.ndarray
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a line for a person to read."""

@@ -28,7 +28,7 @@ from inscrutable.mechanisms.disclosed import disclosed
 from inscrutable.mechanisms.disclosures import Disclosure
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.joint import Joint, top_states
-from inscrutable.privacy.sampling import adjusted_means
+from inscrutable.privacy.repeated import adjusted_means
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 

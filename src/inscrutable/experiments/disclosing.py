@@ -15,7 +15,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms import Disclosure, Mechanism, MechanismRule
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.privacy import path_leakage
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 USUAL = (
@@ -54,7 +54,7 @@ class DisclosureRow(Saved):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DisclosureTable(Saved):
+class DisclosureTable(Summarised, Saved):
     """One mechanism under several disclosures, or a rule made for each of them.
 
     Args:
@@ -110,9 +110,6 @@ class DisclosureTable(Saved):
 
     def _share(self, row: DisclosureRow) -> float:
         return row.error / self.prior_error if self.prior_error > 0 else float("nan")
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return which disclosure hides most of the present belief, and which least."""

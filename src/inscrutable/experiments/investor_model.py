@@ -6,7 +6,6 @@ in full, so a loaded model solves to the same digits; nothing in the file is eve
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -22,7 +21,7 @@ from inscrutable import validation
 from inscrutable.budgets import Budget
 from inscrutable.datasets import write_json
 from inscrutable.errors import InputError, InscrutableError
-from inscrutable.files import path_of
+from inscrutable.files import path_of, read_json
 from inscrutable.problems import MarkowitzProblem, Polyhedron, turnover
 from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.problems.segments import MagnitudeLimit
@@ -238,20 +237,7 @@ def checked_model(model: Any) -> InvestorModel:
 
 
 def _read(source: Path) -> dict[str, Any]:
-    try:
-        text = source.read_text("utf-8")
-    except OSError as error:
-        raise InputError(f"{source} cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{source} is not UTF-8 text; expected a model.json saved by a backtest") from None
-    try:
-        data = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{source}, line {error.lineno}, column {error.colno}: not JSON ({error.msg})") from None
-    except ValueError as error:  # a number of thousands of digits
-        raise InputError(f"{source} is not JSON that can be read: {error}") from None
-    except RecursionError:
-        raise InputError(f"{source} is nested too deeply to be a model") from None
+    data = read_json(source, "a model.json saved by a backtest")
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise InputError(f'{source} is no saved model: expected a JSON object with "format": "{FORMAT}"')
     if data.get("version") != VERSION:

@@ -14,14 +14,14 @@ from inscrutable.experiments.guesses import guess_error, guesses_of, top_state_s
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy import leakage
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 REPEATS = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LearningCurve(Saved):
+class LearningCurve(Summarised, Saved):
     """The error of an observer of data alone, by the number of pairs it has learned from.
 
     Args:
@@ -49,9 +49,6 @@ class LearningCurve(Saved):
     top_state: Array
     bayes_error: float
     prior_error: float
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a line per number of pairs."""

@@ -91,7 +91,7 @@ class SequentialPlay:
             prices.loss_se / (2.0 * error) if error > 0 else 0.0,
             min(float(found.named[WATCHED_FIRST:].mean()), 1.0),
             float(bits.mean()),
-            _standard_error(bits),
+            float(bits.std(ddof=1) / np.sqrt(len(bits))),
             float(np.sqrt(self.maker.ceiling)),
             float(np.sqrt(half.squared[WATCHED_FIRST:].mean())),
             float(np.sqrt(double.squared[WATCHED_FIRST:].mean())),
@@ -239,7 +239,3 @@ def _averaged(last: Mechanism, weighed: Any, seen: Array) -> Mechanism:
     rest = sparse.diags_array((~some).astype(np.float64)) @ last.sparse
     table = rest if weighed is None else scale @ weighed + rest
     return Mechanism(last.beliefs, last.actions, sparse.csr_array(table), last.regrets)
-
-
-def _standard_error(values: Array) -> float:
-    return float(values.std(ddof=1) / np.sqrt(len(values)))

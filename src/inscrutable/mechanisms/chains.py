@@ -16,12 +16,13 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import Prior, grid_visits, predicted
+from inscrutable.saved import Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BeliefChain:
+class BeliefChain(Summarised):
     """A Markov chain on the points of a prior, whose law at every step is the prior.
 
     Formula: Pr(π_{t+1} = π_b' | π_t = π_b) = T_bb' with w T = w; backwards in time R_bb' = w_b' T_b'b / w_b.
@@ -134,9 +135,6 @@ class BeliefChain:
         for step in range(1, count):
             found[step] = drawn(found[step - 1] % size, rng)
         return (found, None) if self.public is None else (found % size, found // size)
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one line for a person to read."""

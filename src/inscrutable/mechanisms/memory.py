@@ -14,7 +14,7 @@ from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.played import Mechanism, checked_costs, merged, stochastic_table
 from inscrutable.mechanisms.priors import Prior
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
@@ -46,7 +46,7 @@ class MechanismRule(Protocol):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MemoryMechanism(Saved):
+class MemoryMechanism(Summarised, Saved):
     """How often each decision is played under each belief and memory, and what is then remembered.
 
     Formula: K(u_m, n' | π_b, n) ≥ 0, Σ_{m,n'} K(u_m, n' | π_b, n) = 1, for memories n = 0..N−1; before the first decision n has
@@ -135,9 +135,6 @@ class MemoryMechanism(Saved):
         )
         table.sum_duplicates()
         return table
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one line for a person to read."""

@@ -16,7 +16,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms.priors import Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 _MOST_DENSE = 2**24
@@ -39,7 +39,7 @@ class HasActions(Protocol):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mechanism(Saved):
+class Mechanism(Summarised, Saved):
     """How often each decision is played under each belief, and what it costs there.
 
     Formula: K(u_m | π_b) ≥ 0, Σ_m K(u_m | π_b) = 1; regrets ρ(π_b, u_m).
@@ -112,9 +112,6 @@ class Mechanism(Saved):
         if not isinstance(table, np.ndarray):
             return np.asarray(table.multiply(self.regrets).sum(axis=1)).reshape(-1)
         return np.asarray(np.einsum("bm,bm->b", table, self.regrets))
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one line for a person to read."""

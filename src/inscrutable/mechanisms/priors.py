@@ -12,13 +12,13 @@ from inscrutable.axes import Axis
 from inscrutable.errors import InputError
 from inscrutable.filtering import filter_beliefs
 from inscrutable.geometry import simplex_grid
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prior(Saved):
+class Prior(Summarised, Saved):
     """A law of the private belief on finitely many points of the simplex.
 
     Formula: p(π_b) = w_b, Σ w_b = 1.
@@ -71,9 +71,6 @@ class Prior(Saved):
     def error(self) -> float:
         """√Σ w_b ‖π_b − mean‖², what an observer is off by who sees no decision (root mean square)."""
         return float(np.sqrt(self.weights @ ((self.beliefs - self.mean) ** 2).sum(axis=1)))
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one line for a person to read."""

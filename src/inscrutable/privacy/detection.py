@@ -15,12 +15,12 @@ from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Detectability(Saved):
+class Detectability(Summarised, Saved):
     """How well one decision tells an agent who hides from one who does not, under a prior over beliefs.
 
     Formula: p(u) = Σ_b w_b K(u|π_b) for the mechanism, q(u) = Σ_b w_b [u = u*(π_b)] for the optimal decisions, and
@@ -66,9 +66,6 @@ class Detectability(Saved):
     gaps: Array
     likelihood_ratios: Array
     excuses: Array
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

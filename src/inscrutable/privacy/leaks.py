@@ -13,12 +13,12 @@ from inscrutable.mechanisms.disclosed import disclosed, single_decisions
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy.losses import Loss, checked_loss, on_simplex
 from inscrutable.problems import DecisionProblem, checked_problem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Leakage(Saved):
+class Leakage(Summarised, Saved):
     """Leakage of one decision to the aware observer, who knows the mechanism and the prior.
 
     Formula: with p(b,u) = w_b K(u|π_b), p(u) = Σ_b p(b,u) and μ_u = E[π|u], the fields below.
@@ -100,9 +100,6 @@ class Leakage(Saved):
     def worth_share(self) -> float:
         """What reading is worth as a share of what the secret is; NaN where that is worth nothing."""
         return self.worth / self.secret_worth if self.secret_worth > 0 else float("nan")
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

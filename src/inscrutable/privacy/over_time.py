@@ -21,7 +21,7 @@ from inscrutable.mechanisms.disclosed import disclosed_rule
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.privacy.losses import Loss, checked_loss
 from inscrutable.privacy.path_figures import Baseline, PathDraws, PathFigures, enumerated, sampled, unseen_beliefs
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 from inscrutable.worlds.public import joint_symbols
@@ -32,7 +32,7 @@ _SIDE = 1.96
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PathLeakage(Saved):
+class PathLeakage(Summarised, Saved):
     """Leakage of the decisions u_0..u_t on a belief that moves to the aware observer, who knows the mechanism and how beliefs
     move.
 
@@ -101,9 +101,6 @@ class PathLeakage(Saved):
         if self.loss is None or self.prior_loss is None:
             return None
         return np.maximum(self.prior_loss - self.loss, 0.0)
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def __len__(self) -> int:
         return len(self.added)

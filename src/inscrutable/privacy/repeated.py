@@ -15,8 +15,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import Joint, joint_law
 from inscrutable.privacy.leaks import entropy, leakage
-from inscrutable.privacy.sampling import adjusted_means
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 _BLOCK = 2**21
@@ -29,7 +28,7 @@ _SIDE = 1.96
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RepeatedLeakage(Saved):
+class RepeatedLeakage(Summarised, Saved):
     """Leakage of n independent decisions under one belief to the aware observer.
 
     Formula: p(π_b|u_1..u_n) ∝ w_b Π_t K(u_t|π_b).
@@ -78,9 +77,6 @@ class RepeatedLeakage(Saved):
         """Bits that each further decision adds between one n and the next, from n = 0 on, shape (S,)."""
         added = np.diff(self.mutual_information, prepend=0.0)
         return np.asarray(added / np.diff(self.n_steps, prepend=0))
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a line for each n, with 95 % intervals."""
@@ -263,3 +259,17 @@ def _limits(joint: Joint) -> tuple[float, float]:
     means /= share[:, None]
     squared = ((joint.beliefs - means[group]) ** 2).sum(axis=1)
     return entropy(share), float(np.sqrt(joint.weights @ squared))
+
+
+def adjusted_means(values: Array, controls: Array) -> tuple[Array, Array]:
+    """Return the means (k,) of sampled values (n,k) and their standard errors, with controls (n,c) whose mean is zero.
+
+    Source: control variates; slopes of one half serve the other: fitted to the sample they adjust, they would bias its mean.
+    """
+    adjusted = np.array(values)
+    for own, other in ((slice(0, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(0, None, 2))):
+        centred = controls[other] - controls[other].mean(axis=0)
+        slopes = np.linalg.pinv(centred, rcond=tolerances.RANK) @ (values[other] - values[other].mean(axis=0))
+        adjusted[own] -= controls[own] @ slopes
+    spread = adjusted.std(axis=0, ddof=1)
+    return np.asarray(adjusted.mean(axis=0)), np.asarray(spread / np.sqrt(len(values)))

@@ -23,12 +23,12 @@ from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.linear_programmes import Rows, minimise
 from inscrutable.problems.constraints import Polyhedron
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RevealedPreferences(Saved):
+class RevealedPreferences(Summarised, Saved):
     """What choices at known prices say of the utility behind them.
 
     Formula: U(x) = min_t (u_t + λ_t p_t'(x − e x_t)) with u_s ≤ u_t + λ_t p_t'(x_s − e x_t) and λ > 0: concave, increasing and
@@ -64,9 +64,6 @@ class RevealedPreferences(Saved):
     utilities: Array
     multipliers: Array
     goods: Names | None = None
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     @property
     def slopes(self) -> Array:

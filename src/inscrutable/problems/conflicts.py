@@ -9,13 +9,14 @@ from scipy import sparse
 
 from inscrutable import tolerances
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise, minimum
+from inscrutable.saved import Summarised
 from inscrutable.validation import Array
 
 _MOST_LISTED = 12
 
 
 @dataclass(frozen=True)
-class RowConflict:
+class RowConflict(Summarised):
     """Rows of a feasible set that no decision satisfies together; without any one of them some decision would.
 
     Formula: rows A_ub u ≤ b_ub and A_eq u = b_eq contradict one another where y ≥ 0 and w exist with
@@ -41,9 +42,6 @@ class RowConflict:
     amounts: tuple[float, ...]
     relaxed: tuple[str, ...]
     relaxations: tuple[float, ...]
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one sentence for a person to read."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from inscrutable.saved import Saved, saved_choice
+from inscrutable.saved import Saved, Summarised, saved_choice
 from inscrutable.validation import Array
 
 
@@ -32,7 +32,7 @@ class LikelihoodStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CalibratedSensor(Saved):
+class CalibratedSensor(Summarised, Saved):
     """The parameters of a sensor by maximum likelihood, with the profile of the likelihood.
 
     Formula: θ̂ = argmax_θ log Pr_θ(u_0..u_{T−1} | x_0..x_{T−1}); intervals θ̂_k ± 1.96 √(H⁻¹)_kk with H the negative second
@@ -68,9 +68,6 @@ class CalibratedSensor(Saved):
     names: tuple[str, ...]
     information: Array
 
-    def __repr__(self) -> str:
-        return self.summary()
-
     @property
     def log_likelihood(self) -> float:
         """The largest log-likelihood."""
@@ -91,7 +88,7 @@ class CalibratedSensor(Saved):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ProbeRanking(Saved):
+class ProbeRanking(Summarised, Saved):
     """How much probes, sequences of states, would tell of a sensor's parameters.
 
     Args:
@@ -115,9 +112,6 @@ class ProbeRanking(Saved):
     best: int
     is_exact: bool
     names: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

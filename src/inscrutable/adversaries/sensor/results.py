@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from inscrutable.saved import Saved, saved_choice
+from inscrutable.saved import Saved, Summarised, saved_choice
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
@@ -53,22 +53,15 @@ class SensorStatus(Enum):
     )
 
 
-class _Answer(Saved):
+class _Answer(Summarised, Saved):
     """What data say of a model, with whether they determine it."""
 
     status: SensorStatus
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     @property
     def is_identified(self) -> bool:
         """Whether the data determine the answer, up to the names of the symbols."""
         return self.status == SensorStatus.IDENTIFIED
-
-    def summary(self) -> str:
-        """Return a few lines for a person to read."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False, repr=False)

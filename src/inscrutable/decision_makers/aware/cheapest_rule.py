@@ -22,6 +22,7 @@ from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
+from inscrutable.saved import Summarised
 
 _DECOYS = 60
 """Decoys among the candidates where none are given: programmes grow with beliefs times candidates."""
@@ -43,7 +44,7 @@ class LeastRegretStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LeastRegret:
+class LeastRegret(Summarised):
     """The cheapest rule that gives some guarantees; it decides for the beliefs that the prior gives weight.
 
     Args:
@@ -84,9 +85,6 @@ class LeastRegret:
     conflict: tuple[int, ...]
     status: LeastRegretStatus
     columns: Columns | None = None
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     @property
     def gap(self) -> float:

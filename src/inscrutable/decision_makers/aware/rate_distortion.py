@@ -19,6 +19,7 @@ from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, 
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.problems import DecisionProblem
+from inscrutable.saved import Summarised
 from inscrutable.validation import Array
 
 
@@ -123,7 +124,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
 
 
 @dataclass(frozen=True, eq=False)
-class RateDistortionCurve:
+class RateDistortionCurve(Summarised):
     """Least rates at many budgets, with their bounds.
 
     Args:
@@ -145,9 +146,6 @@ class RateDistortionCurve:
     rates: Array
     bounds: Array
     prices: Array
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a table for a person to read."""

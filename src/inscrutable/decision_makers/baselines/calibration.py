@@ -15,6 +15,7 @@ from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.geometry.crossings import Bracket, narrowed
 from inscrutable.mechanisms import Prior, mechanism
+from inscrutable.saved import Summarised
 
 _SCAN = 7
 """Values between the ends that are tried where the ends lie on the same side of the target."""
@@ -43,7 +44,7 @@ class CalibrationStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration:
+class Calibration(Summarised):
     """A decision maker of a family with an expected regret as near below a target as was found.
 
     Iterating gives the decision maker and its expected regret.
@@ -74,9 +75,6 @@ class Calibration:
     def __iter__(self) -> Iterator[Any]:
         yield self.decision_maker
         yield self.regret
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one line for a person to read."""

@@ -14,6 +14,7 @@ from inscrutable.decision_makers.sequential.laws import ChainLaw
 from inscrutable.decision_makers.sequential.prices import PriceCalibration
 from inscrutable.decision_makers.sequential.step import Step, StepRule, StepTable
 from inscrutable.mechanisms.memory import MemoryMechanism
+from inscrutable.saved import Summarised
 from inscrutable.validation import Array
 
 
@@ -30,7 +31,7 @@ class FiniteStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FiniteRule:
+class FiniteRule(Summarised):
     """A sequential rule as a mechanism with a memory, or why it is none.
 
     Args:
@@ -50,9 +51,6 @@ class FiniteRule:
 
     def __post_init__(self) -> None:
         validation.read_only(self, "laws")
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one line for a person to read."""

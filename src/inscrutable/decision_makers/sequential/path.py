@@ -9,12 +9,12 @@ import numpy as np
 
 from inscrutable import validation
 from inscrutable.decision_makers.sequential.prices import PriceStatus, loss_text
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PathDecisions(Saved):
+class PathDecisions(Summarised, Saved):
     """Decisions along a path of T beliefs.
 
     Args:
@@ -57,9 +57,6 @@ class PathDecisions(Saved):
 
     def __len__(self) -> int:
         return len(self.regrets)
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

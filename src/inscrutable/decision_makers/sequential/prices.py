@@ -10,7 +10,7 @@ import numpy as np
 from inscrutable import validation
 from inscrutable.decision_makers.sequential.step import Prices
 from inscrutable.errors import InputError
-from inscrutable.saved import Saved, saved_choice
+from inscrutable.saved import Saved, Summarised, saved_choice
 from inscrutable.validation import Array
 
 _SQUARED = "SquaredError()"
@@ -41,7 +41,7 @@ class PriceStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PriceCalibration(Saved):
+class PriceCalibration(Summarised, Saved):
     """Prices of regret and information, and the long-run means that were simulated at them.
 
     Args:
@@ -99,9 +99,6 @@ class PriceCalibration(Saved):
     def prices(self, index: int) -> Prices:
         """Return the prices of one of the draws."""
         return Prices(float(self.regret_prices[index]), float(self.information_price))
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

@@ -19,6 +19,7 @@ from inscrutable.decision_makers.sequential.step import Step, StepRule, StepTabl
 from inscrutable.errors import InputError
 from inscrutable.files import PathLike
 from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.saved import Summarised
 from inscrutable.validation import Array
 
 
@@ -58,7 +59,7 @@ class Prepared(Protocol):
         """The prices, found when they are first needed."""
 
 
-class DecisionSequence(KeptInFile):
+class DecisionSequence(Summarised, KeptInFile):
     """Decisions one after the other, with what the observer holds of the belief; `SequentialDecisionMaker.begin` makes it.
 
     At every step `decide` says what to draw from, any number of times; `publish` records the one decision that was drawn and
@@ -334,9 +335,6 @@ class DecisionSequence(KeptInFile):
         except InputError as error:
             raise InputError(f"{path} cannot be gone on with: {error}") from None
         return found
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import pandas as pd
 
 from inscrutable.axes import few
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 
 LEVEL = 0.95
 POWER = 0.8
@@ -137,7 +137,7 @@ def _percent(share: float) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PairsAudit(Saved):
+class PairsAudit(Summarised, Saved):
     """What published decisions tell of secrets to one who has data and no model: *at least so much*.
 
     Args:
@@ -194,9 +194,6 @@ class PairsAudit(Saved):
     def block_frame(self) -> pd.DataFrame:
         """Return how well each block of rows was read for each secret, with the fields of `BlockScore`."""
         return _frame([(each.name, part) for each in self.secrets for part in each.blocks])
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return the verdict, what was done, and how the data were treated."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from inscrutable.saved import Saved, saved_choice
+from inscrutable.saved import Saved, Summarised, saved_choice
 from inscrutable.validation import Array
 
 
@@ -31,7 +31,7 @@ class HerdStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SocialLearning(Saved):
+class SocialLearning(Summarised, Saved):
     """N agents who decide in turn, each on a signal of its own and on all decisions before.
 
     Formula: π_n ∝ q_{n−1}(x) p(y_n|x), u_n ~ K(·|π_n), q_n ∝ q_{n−1}(x) Σ_y p(y|x) K(u_n|π(q_{n−1},y)).
@@ -105,9 +105,6 @@ class SocialLearning(Saved):
             },
             index=pd.RangeIndex(1, self.n_agents + 1, name="agent"),
         )
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return a few lines for a person to read."""

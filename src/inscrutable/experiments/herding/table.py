@@ -15,7 +15,7 @@ from inscrutable.experiments.herding.results import SocialLearning
 from inscrutable.experiments.herding.turns import social_learning
 from inscrutable.mechanisms.played import PlaysMany
 from inscrutable.problems import DecisionProblem
-from inscrutable.saved import Saved
+from inscrutable.saved import Saved, Summarised
 from inscrutable.worlds import Emission
 
 _KNOWN = 0.75
@@ -23,7 +23,7 @@ _KNOWN = 0.75
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HerdingTable(Saved):
+class HerdingTable(Summarised, Saved):
     """The same agents with several rules; the first rule is the one that the others are compared with.
 
     Args:
@@ -92,9 +92,6 @@ class HerdingTable(Saved):
         ):
             cells[title] = ["never" if np.isnan(value) else form.format(value) for value in table[column]]
         return pd.DataFrame(cells, index=table.index)
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return the table, and which rules help the others."""

@@ -225,7 +225,7 @@ def facts_of(study: Study) -> dict[str, str]:
     return {
         "study": study.plan.model_dump_json(),
         "data_hash": study.data_hash or "",
-        "worlds": _prepared(study),
+        "worlds": json.dumps(kind_of(study.plan).prepared(study.plan, study.base, study.grid)),
         "extensions": as_text(study.extensions),
         "manifest": json.dumps(manifest),
     }
@@ -235,10 +235,6 @@ def versions() -> dict[str, str]:
     """Return what the figures may hang on: Python, packages and the kind of machine."""
     machine = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
     return machine | {name: version(name) for name in _PACKAGES}
-
-
-def _prepared(study: Study) -> str:
-    return json.dumps(kind_of(study.plan).prepared(study.plan, study.base, study.grid))
 
 
 def work_of(study: Study, worlds: str) -> Work:

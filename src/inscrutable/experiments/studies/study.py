@@ -26,6 +26,7 @@ from inscrutable.experiments.studies.reading import StudySource, checked_study, 
 from inscrutable.experiments.studies.store import opened, speaking
 from inscrutable.experiments.studies.tasks import DONE, FAILED, TaskGrid
 from inscrutable.files import path_of
+from inscrutable.saved import Summarised
 
 PathLike = str | os.PathLike[str]
 
@@ -63,7 +64,7 @@ def tasks_text(number: int) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Study:
+class Study(Summarised):
     """A grid of markets, decision makers, budgets and adversaries, and the rows that came of it.
 
     Args:
@@ -231,9 +232,6 @@ class Study:
         if self.folder is None:
             raise InputError(f"the study {self.plan.name!r} has no rows yet: run_study(study, folder) makes them")
         return self.folder
-
-    def __repr__(self) -> str:
-        return self.summary()
 
     def summary(self) -> str:
         """Return one line for a person to read."""

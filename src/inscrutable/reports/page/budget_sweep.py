@@ -157,7 +157,11 @@ class BudgetSweep:
             return self._published(name)
         candidates, rule = self.result.candidates, _RULES[name]
         limits = self.amounts[budget] * self.scale
-        atoms = [self._at(name, t, rule(front, limits[t])) for t, front in enumerate(self.frontiers)]
+        atoms = [
+            # Where nothing affordable counts, the optimal decision is played.
+            rule(front, limits[t]) or (Atom(len(candidates), 1.0, 0.0, -np.inf),)
+            for t, front in enumerate(self.frontiers)
+        ]
         drawn = [self._drawn(each, t) for t, each in enumerate(atoms)]
         optimal = self.result.episode.records["ODM"].decisions
         actions = np.array(
@@ -184,10 +188,6 @@ class BudgetSweep:
             )
             for t, each in enumerate(atoms)
         )
-
-    def _at(self, name: str, t: int, atoms: tuple[Atom, ...]) -> tuple[Atom, ...]:
-        """Where nothing affordable counts, the optimal decision is played."""
-        return atoms or (Atom(len(self.result.candidates), 1.0, 0.0, -np.inf),)
 
     def _drawn(self, atoms: tuple[Atom, ...], t: int) -> int:
         reached = np.cumsum([atom.probability for atom in atoms])

@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,14 +18,17 @@ import numpy as np
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.comparison import Comparison
-from inscrutable.experiments.reproduction import Reproduction
+from inscrutable.experiments.comparison_study import comparison_of
+from inscrutable.experiments.reproduction import Reproduction, ReproductionSettings, reproduction_of
 from inscrutable.experiments.studies import Study
+from inscrutable.experiments.studies.comparison_tasks import ComparisonFile
 from inscrutable.files import PathLike, whole_file
 from inscrutable.reports.page.backtest_page import backtest_content
 from inscrutable.reports.page.comparison_page import comparison_content
 from inscrutable.reports.page.content import PageContent
+from inscrutable.reports.page.manifest import manifest_of
 from inscrutable.reports.page.reproduction_page import reproduction_content
-from inscrutable.reports.page.whole_page import content_of
+from inscrutable.reports.page.study_page import study_content
 
 _ENGINE = "jinja2"
 _TEMPLATE = "page.html"
@@ -174,3 +178,23 @@ def _finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_finite(each) for each in value]
     return value
+
+
+def content_of(study: Study, title: str | None, manifest: Mapping[str, str]) -> PageContent:
+    """Return the content of a study's page; `manifest` are further lines of its own.
+
+    Raises:
+        InputError: The study was not run; or it is no grid, and not finished.
+    """
+    if isinstance(study.plan, ComparisonFile):
+        comparison, note = comparison_of(study)
+        return _with_facts(comparison_content(comparison, title, {"market": note, **manifest}), study)
+    if isinstance(study.plan, ReproductionSettings):
+        return _with_facts(reproduction_content(reproduction_of(study), title, manifest), study)
+    return study_content(study, title, manifest)
+
+
+def _with_facts(content: PageContent, study: Study) -> PageContent:
+    """The content with the versions that the rows were made by, not those that read them, and all the study's keys."""
+    own = {key: value for key, value in content.manifest.items() if not key.startswith("version of ")}
+    return replace(content, manifest={**manifest_of(study), **own})

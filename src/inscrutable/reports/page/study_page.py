@@ -83,7 +83,9 @@ _NOTES = (
     "budget spend the same.",
     "A protection is judged at the same equal regret, where `error` and `top_state` are measured: both parts must hold.",
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian knows "
-    "how decisions are made.",
+    "how decisions are made; data has seen pairs of belief and decision alone; sequential knows how decisions are made and how "
+    "the belief moves, and follows it through all of them: its error is that of the later half of 40 decisions. Where it reads "
+    "something beside them, the figures without a decision are its own.",
 )
 
 

@@ -32,6 +32,7 @@ from inscrutable.experiments.comparison_watchers import followed, learned, learn
 from inscrutable.experiments.memory_rules import LONGEST_DELAY, PAST, delayed, partly
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.setting import Behaviour, Setting, behaviour_of
+from inscrutable.mechanisms.calendars import Schedule
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.joint import joint_law
 from inscrutable.reports import comparison_plots
@@ -89,7 +90,7 @@ def test_what_is_followed_equals_every_path(n_late: int) -> None:
     chain = uneven_chain()
     played = some_mechanism(chain)
     sequences = list(product(range(3), repeat=3))
-    over_time, alone, named, surprise = followed(chain, played, np.array(sequences).T, n_late)
+    over_time, alone, named, surprise = followed(chain, played, np.array(sequences).T, Schedule(lag=n_late))
     for d, seen in enumerate(sequences):
         for t in range(3):
             error, chance, naming = hidden(chain, played, seen[: t + 1], n_late)
@@ -98,6 +99,33 @@ def test_what_is_followed_equals_every_path(n_late: int) -> None:
             assert over_time[t, d] == pytest.approx(error, abs=1e-12)
             assert named[t, d] == pytest.approx(naming, abs=1e-12)
             assert alone[t, d] == pytest.approx(hidden(chain, played, seen[t : t + 1], n_late)[0], abs=1e-12)
+
+
+@pytest.mark.parametrize(("lag", "period"), [(0, 1), (1, 1), (2, 2)])
+def test_what_is_followed_beside_a_public_symbol_equals_every_path(lag: int, period: int) -> None:
+    chain, rng = uneven_chain(), np.random.default_rng(5)
+    share = rng.uniform(0.1, 0.9, size=(3, 3))
+    tables = [chain.transition.toarray() * each for each in (share, 1 - share)]
+    read_by = BeliefChain(chain.prior, chain.transition, tables)
+    played, schedule = some_mechanism(chain), Schedule(period, 0, lag)
+    cases = list(product(product(range(3), repeat=3), product(range(2), repeat=3 + lag)))
+    columns, read = (np.array([case[k] for case in cases]).T for k in (0, 1))
+    over_time, _, named, _ = followed(read_by, played, columns, schedule, read)
+    beliefs, own, weights = chain.prior.beliefs, np.asarray(played.probabilities), chain.prior.weights
+    for d in rng.choice(len(cases), size=20, replace=False):
+        for t in range(3):
+            law = np.zeros(3)
+            for path in product(range(3), repeat=t + lag + 2):  # from a step before the first decision
+                chance = weights[path[0]]
+                for s in range(t + lag + 1):
+                    chance *= tables[read[s, d]][path[s], path[s + 1]]
+                    chance *= own[path[s + 1], columns[s, d]] if s <= t and s % period == 0 else 1.0
+                law[path[-1]] += chance
+            law /= law.sum()
+            wanted = sum(law[b] * ((beliefs[b] - law @ beliefs) ** 2).sum() for b in range(3))
+            assert over_time[t, d] == pytest.approx(wanted, abs=1e-12)
+            top = beliefs == beliefs.max(axis=1, keepdims=True)
+            assert named[t, d] == pytest.approx((law @ top).max(), abs=1e-12)
 
 
 def test_the_error_over_time_is_that_of_all_paths(monkeypatch: pytest.MonkeyPatch) -> None:

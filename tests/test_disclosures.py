@@ -485,7 +485,7 @@ def test_a_study_asks_observers_by_what_they_are_shown(tmp_path: Any) -> None:
     errors = means[means["measure"] == "error"].set_index("adversary")["mean"]
     assert errors["bayesian, exact"] <= errors["bayesian, rounded(1)"] <= errors["bayesian, top(1)|rounded(1)"]
     plan["adversaries"] = [{"name": "bayesian", "disclosure": "every(3)"}]
-    with pytest.raises(InputError, match="single decisions"):
+    with pytest.raises(InputError, match="alone reads"):
         ins.Study.of(plan)
 
 

@@ -16,10 +16,11 @@ from scipy import stats
 import browser
 from inscrutable import InputError, Study, cli, run_study
 from inscrutable.experiments.holding import Reached, Requirement
-from inscrutable.experiments.studies.grid import Variant
+from inscrutable.experiments.studies.grid import StudyGrid, Variant
 from inscrutable.experiments.studies.means import StudyMeans, labels, means_of
 from inscrutable.experiments.studies.ranking import ranking
 from inscrutable.experiments.studies.store import STORE
+from inscrutable.experiments.studies.sweeps import sweep_of
 from inscrutable.reports.page import study_page, write_page
 from study_runs import SMALL
 from test_page import EVIL, Reader, changed, data_of, drawings
@@ -249,11 +250,11 @@ def test_page_opens_and_keys_move_what_they_should(
     tab.run("document.getElementById('figure').focus()")
     tab.press("ArrowRight")
     second = drawings(tab)
-    assert changed(start, second) == {"tradeoff", "spread"}
+    assert changed(start, second) == {"tradeoff", "spread", "sweptA"}
     tab.press("Tab")
     tab.press("End")
     third = drawings(tab)
-    assert changed(second, third) == {"tradeoff", "spread"}
+    assert changed(second, third) == {"tradeoff", "spread", "sweptA"}
     tab.press("Tab")
     tab.press("ArrowRight")
     assert changed(third, drawings(tab)) == {"tradeoff", "spread"}
@@ -280,10 +281,74 @@ def test_odd_studies_are_drawn_and_printed_too(tab: browser.Browser, tmp_path: P
         study = run_study(Study.of(plan), tmp_path / str(number), limit=limit)
         tab.open(write_page(study, tmp_path / f"{number}.html"))
         drawn = drawings(tab)
-        assert set(drawn) == {"tradeoff", "spread"}
+        assert set(drawn) == {"tradeoff", "spread", *(["sweptA"] if plan["problem"] else [])}
         assert not re.search(r"NaN|undefined|Infinity", "".join(drawn.values()))
         tab.printed(tmp_path / "page.pdf")
         assert 1 <= len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) <= 8
+    assert tab.complaints == []
+
+
+SWEPT: dict[str, Any] = {
+    "name": "two keys",
+    "world": {"kind": "random", "persistence": [0.5, 0.8, 0.9]},
+    "problem": {"risk_aversion": [2.0, 5.0]},
+    "beliefs": {"kind": "grid", "resolution": 3},
+    "candidates": {"resolution": 3},
+    "decision_makers": ["coin", "uniform"],
+    "budgets": {"values": [0.1, 0.3]},
+    "measures": ["error", "expected_regret"],
+}
+
+
+def test_two_swept_keys_are_an_axis_and_curves(tmp_path: Path) -> None:
+    study = run_study(Study.of(SWEPT), tmp_path / "study")
+    page = write_page(study, tmp_path / "page.html")
+    told, cells, rows = data_of(page)["sweep"], data_of(page)["cells"], study.frame()
+    assert (told["axis"], told["values"], told["ticks"]) == ("world.persistence", [0.5, 0.8, 0.9], None)
+    assert [[curve[1] for curve in facet] for facet in told["facets"]] == [["coin"] * 2, ["uniform"] * 2]
+    names = [f"problem.risk_aversion = {each}" for each in (2, 5)]
+    for facet in told["facets"]:
+        assert [curve[0] for curve in facet] == names
+        for (_, maker, settings), aversion in zip(facet, (2.0, 5.0), strict=True):
+            play = [each[0] for each in data_of(page)["plays"]].index(data_of(page)["makers"].index(maker))
+            for persistence, setting in zip(told["values"], settings, strict=True):
+                mine = (rows["world.persistence"] == persistence) & (rows["problem.risk_aversion"] == aversion)
+                (wanted,) = rows[mine & (rows.decision_maker == maker) & (rows.budget == 0.1)]["error"]
+                assert cells[setting][play][0][0] == pytest.approx(wanted, rel=1e-5)
+    assert "curves are the values of problem.risk_aversion" in page.read_text("utf-8")
+
+
+def test_more_keys_are_facets_and_what_is_not_drawn_is_said() -> None:
+    plan = SWEPT | {"beliefs": {"kind": "grid", "resolution": [3, 4]}}
+    plan["world"] = {"kind": "random", "assets": list(range(2, 12)), "persistence": [0.5, 0.8, 0.9]}
+    plan["candidates"] = {"kind": ["decoys", "actions"], "resolution": 3}
+    plan["problem"] = {"risk_aversion": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]}
+    found = sweep_of(StudyGrid(Study.of(plan).plan), ["coin", "uniform"])
+    assert found is not None
+    assert (found.axis, found.curves_of) == ("world.assets", "problem.risk_aversion")
+    assert [len(curves) for _, curves in found.facets] == [6] * 6
+    assert found.facets[0][0] == "coin, world.persistence = 0.5, beliefs.resolution = 3, candidates.kind = decoys"
+    assert found.left_out == "6 of 7 values of problem.risk_aversion are drawn; 6 of 24 figures are drawn"
+    words = sweep_of(StudyGrid(Study.of(SWEPT | {"world": {"kind": "random"}, "problem": {}}).plan), ["coin"])
+    assert words is None
+    plan = SWEPT | {"world": {"kind": "random", "sensor": ["categorical", "gaussian"]}, "problem": {}}
+    words = sweep_of(StudyGrid(Study.of(plan).plan), ["coin", "uniform"])
+    assert words is not None
+    assert (words.axis, words.is_numeric, words.curves_of) == ("world.sensor", False, "")
+    assert [curve.name for curve in words.facets[0][1]] == ["coin", "uniform"]
+
+
+@needs_browser
+def test_swept_keys_are_drawn(tab: browser.Browser, tmp_path: Path) -> None:
+    tab.complaints.clear()
+    for number, changes in enumerate(({}, {"world": {"kind": "random", "sensor": ["categorical", "gaussian"]}})):
+        study = run_study(Study.of(SWEPT | changes), tmp_path / str(number))
+        tab.open(write_page(study, tmp_path / f"{number}.html"), "#figure=0&budget=1")
+        drawn = drawings(tab)
+        assert set(drawn) == {"tradeoff", "spread", "sweptA", "sweptB"}
+        assert not re.search(r"NaN|undefined|Infinity", "".join(drawn.values()))
+        assert drawn["sweptA"].count("<path") == 4  # two curves, a line and a row of marks each
+        tab.screenshot(tmp_path / f"{number}.png")
     assert tab.complaints == []
 
 

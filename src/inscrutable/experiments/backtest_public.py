@@ -26,7 +26,7 @@ from inscrutable.validation import Array
 from inscrutable.worlds import GaussianEmission, HiddenMarkovModel, PublicPart
 
 NOTHING, MARKET, ALL = "none", "market", "all"
-_SYMBOLS = 8
+PUBLIC_SYMBOLS = 8
 """Quantiles that a public number is cut into: simulated steps are too few for many more."""
 
 
@@ -209,7 +209,7 @@ def _cut(
 ) -> PublicWorld:
     with_it = HiddenMarkovModel(world.transition, world.emission, world.initial, names=world.names, public=public)
     known = read.iloc[: market.n_training].to_numpy()
-    cuts = np.unique(np.quantile(known, np.arange(1, _SYMBOLS) / _SYMBOLS))
+    cuts = np.unique(np.quantile(known, np.arange(1, PUBLIC_SYMBOLS) / PUBLIC_SYMBOLS))
     return PublicWorld(said, with_it, read, cuts)
 
 

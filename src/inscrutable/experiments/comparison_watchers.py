@@ -61,23 +61,26 @@ def watched(
     bayes_error: float,
     rng: np.random.Generator,
     disclosure: Disclosure = Disclosure(),  # noqa: B008  # frozen
+    beside: BeliefChain | None = None,
 ) -> Watched:
     """Return the error of the aware observer who sees every decision of a path, or what is disclosed of them.
 
     `bayes_error` is that of the aware observer who sees the last decision alone: its mean over paths is known, so what
-    the paths at hand are off by there is taken off here, unless decisions are left out or late.
+    the paths at hand are off by there is taken off here, unless decisions are left out or late. `beside` is the setting's
+    chain with tables of what the observer reads itself.
     """
-    chain = setting.chain
+    chain = setting.chain if beside is None else beside
     if chain is None:
         return Watched()
     if behaviour.play is not None:
         return behaviour.play.watched
     decided, n_late = (behaviour.mechanism, 0) if behaviour.memory is None else behaviour.memory.decided
     decided, schedule = disclosed(decided, disclosure), disclosure.schedule
-    drawn = RowDraws(sparse.csr_array(decided.observed))(_paths(setting, PATH_STEPS, N_PATHS), rng)
-    counted = max((PATH_STEPS - PATH_STEPS // 2) // schedule.period, 1) * schedule.period  # whole periods
+    path, read = _read_paths(setting, chain, n_late + schedule.lag)
+    drawn = RowDraws(sparse.csr_array(decided.observed))(path, rng)
+    counted = _counted(schedule)
     over_time, alone, named, surprise = (
-        each[-counted:].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, n_late, schedule)
+        each[-counted:].mean(axis=0)[:, None] for each in followed(chain, decided, drawn, schedule.moved(n_late), read)
     )
     # What a decision adds is the surprise that it is, less the one that is left where the belief is known.
     own = float(chain.prior.weights @ _entropies(decided.observed)) / schedule.period
@@ -95,6 +98,29 @@ def watched(
     )
 
 
+def unwatched(setting: Setting, beside: BeliefChain, disclosure: Disclosure) -> tuple[float, float]:
+    """Return the error, and how often a most likely state is named, of one who follows what is read beside decisions alone."""
+    count = len(beside.prior)
+    silent = Mechanism(beside.prior.beliefs, np.zeros((1, 1)), np.ones((count, 1)), np.zeros((count, 1)))
+    path, read = _read_paths(setting, beside, disclosure.schedule.lag)
+    squared, _, named, _ = followed(beside, silent, np.zeros_like(path), disclosure.schedule, read)
+    counted = _counted(disclosure.schedule)
+    return float(np.sqrt(squared[-counted:].mean())), min(float(named[-counted:].mean()), 1.0)
+
+
+def _counted(schedule: Schedule) -> int:
+    """Steps at the end of a path whose errors count: half of them, in whole periods."""
+    return max((PATH_STEPS - PATH_STEPS // 2) // schedule.period, 1) * schedule.period
+
+
+def _read_paths(setting: Setting, chain: BeliefChain, n_late: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Paths of the belief (T,D), and what is read on them and on the steps by which decisions are late, (T+late,D)."""
+    if chain.public is None:
+        return _paths(setting, PATH_STEPS, N_PATHS), None
+    path, read = chain.public_paths(PATH_STEPS + n_late, N_PATHS, rng=np.random.default_rng(_PATH_SEED))
+    return path[:PATH_STEPS], read
+
+
 def _entropies(table: Any) -> Array:
     """H(K(·|π_b)) of every belief, shape (B,), in bits."""
     rows = sparse.csr_array(table)
@@ -106,49 +132,68 @@ def followed(
     chain: BeliefChain,
     mechanism: Mechanism,
     columns: np.ndarray,
-    n_late: int = 0,
     schedule: Schedule = Schedule(),  # noqa: B008  # frozen
+    read: np.ndarray | None = None,
 ) -> tuple[Array, Array, Array, Array]:
     """Return the square error that one expects who saw all decisions so far, and one who saw the last alone.
 
     The third are the first one's chances of naming a most likely state, the fourth how much each decision surprised, in bits.
 
     Formula: E[‖π_t − E[π_t|u_0..u_t]‖² | u_0..u_t], E[‖π_t − E[π_t|u_t]‖² | u_t],
-    max_i P(i is a most likely state of π_t | u_0..u_t), and −log2 P(u_t | u_0..u_{t−1}).
+    max_i P(i is a most likely state of π_t | u_0..u_t), and −log2 P(u_t | u_0..u_{t−1}); where something is read, all but the
+    second given that as well, up to the step of the belief.
 
     Args:
         chain: How the belief moves.
         mechanism: What decides, on the chain's beliefs.
         columns: Which of its decisions were seen, shape (T,D) for D paths; each must be possible after those before it.
-        n_late: Steps by which decisions are late.
         schedule: Which of them are shown, and how late. Entries of a step are then of the belief `schedule.lag` steps after it.
+        read: Symbols of the chain's public tables, shape (T+lag,D); None: nothing is read.
 
     Returns:
         Each of shape (T,D), at least 0; where a decision is not shown it does not surprise.
     """
     # Beliefs seen from the middle of the prior, so that little is lost in the difference of squares.
     points = chain.prior.beliefs - chain.prior.mean
-    squares, top = (points**2).sum(axis=1), top_states(chain.prior.beliefs)
-    step = _plain(chain.transition)
-    for _ in range(n_late + schedule.lag):
-        points, squares, top = step @ points, step @ squares, step @ top
-
-    def expected(laws: Array) -> Array:
-        return np.asarray(np.maximum(laws @ squares - ((laws @ points) ** 2).sum(axis=1), 0.0))
-
+    now = points, (points**2).sum(axis=1), top_states(chain.prior.beliefs)
+    step, ahead, told = _plain(chain.transition), now, [_plain(each) for each in chain.public or ()]
+    for _ in range(schedule.lag):
+        ahead = np.asarray(step @ ahead[0]), np.asarray(step @ ahead[1]), np.asarray(step @ ahead[2])
     used, place = np.unique(columns, return_inverse=True)
     shares = np.ascontiguousarray(sparse.csc_array(mechanism.observed)[:, used].toarray().T)
     place = place.reshape(columns.shape)
     law = np.tile(chain.prior.weights, (columns.shape[1], 1))
     found, named, surprise = (np.empty(columns.shape) for _ in range(3))
     for t, seen in enumerate(place):
-        law = law if t == 0 else np.asarray(law @ step)
+        if read is not None:
+            law = _told(told, law, read[t])
+        elif t > 0:
+            law = np.asarray(law @ step)
         law = law * shares[seen] if schedule.shows(t) else law
         chance = law.sum(axis=1, keepdims=True)
         law /= chance
-        found[t], named[t], surprise[t] = expected(law), (law @ top).max(axis=1), -np.log2(chance[:, 0])
+        present, of = law, ahead
+        if read is not None:
+            of = now
+            for later in read[t + 1 : t + 1 + schedule.lag]:
+                present = _told(told, present, later)
+        found[t], named[t], surprise[t] = _expected(present, of), (present @ of[2]).max(axis=1), -np.log2(chance[:, 0])
     alone = shares * chain.prior.weights
-    return found, expected(alone / alone.sum(axis=1, keepdims=True))[place], named, surprise
+    return found, _expected(alone / alone.sum(axis=1, keepdims=True), ahead)[place], named, surprise
+
+
+def _told(tables: list[Any], law: Array, read: np.ndarray) -> Array:
+    """Laws (D,B) a step later, given the symbol that each reads there."""
+    found = np.empty_like(law)
+    for symbol in np.unique(read):
+        mine = read == symbol
+        found[mine] = law[mine] @ tables[symbol]
+    return np.asarray(found / found.sum(axis=1, keepdims=True))
+
+
+def _expected(laws: Array, of: tuple[Array, Array, Array]) -> Array:
+    """E‖π − E π‖² of laws (L,B), by points and their squares."""
+    return np.asarray(np.maximum(laws @ of[1] - ((laws @ of[0]) ** 2).sum(axis=1), 0.0))
 
 
 def learned(

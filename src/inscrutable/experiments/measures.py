@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-from inscrutable.experiments.observers import Observed
+from inscrutable.experiments.observers import NOTHING, Observed
 
 
 class Measure(NamedTuple):
@@ -144,6 +144,15 @@ OF_OBSERVERS = tuple(name for name, measure in MEASURES.items() if measure.value
 """Measures that are an observer's; every other one is the mechanism's, whoever looks at it."""
 
 
+WITHOUT = ("prior_error", "prior_top_state")
+"""Measures of what is known without a decision: by one who knows the law of beliefs, and what it reads beside decisions."""
+
+
+def reads_beside(chosen: Mapping[str, object]) -> bool:
+    """Whether an observer, by its keys, reads something beside decisions."""
+    return chosen.get("public", NOTHING) != NOTHING
+
+
 def value_of(observed: Observed, name: str, kinds: Mapping[str, Measure] = MEASURES) -> float:
     """Return a measure of the mechanism."""
     value = kinds[name].value
@@ -160,5 +169,7 @@ def figures_of(
     kinds: Mapping[str, Measure] = MEASURES,
 ) -> dict[str, float]:
     """Return measures by name, with those of one observer, by its name and keys, where they are among them."""
-    read = observed.read_by(chosen, observers)._asdict() if any(name in OF_OBSERVERS for name in measures) else {}
-    return {name: read[name] if name in read else value_of(observed, name, kinds) for name in measures}
+    asked = any(name in OF_OBSERVERS or (name in WITHOUT and reads_beside(chosen)) for name in measures)
+    read = observed.read_by(chosen, observers)._asdict() if asked else {}
+    own = {name: value for name, value in read.items() if value is not None}
+    return {name: own[name] if name in own else value_of(observed, name, kinds) for name in measures}

@@ -18,6 +18,7 @@ from inscrutable.adversaries import (
 )
 from inscrutable.budgets import Budget
 from inscrutable.errors import InputError
+from inscrutable.experiments.comparison_watchers import unwatched, watched
 from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
 from inscrutable.experiments.sections import Grid, NonNegative, Section
 from inscrutable.experiments.setting import Behaviour, Setting
@@ -32,12 +33,20 @@ Chosen = Mapping[str, Any]
 _DATA_SEED = 20_260_101
 """Of the pairs that an observer of data has seen: the same for every decision maker."""
 
+_FOLLOWED_SEED = 20_260_102
+"""Of the decisions that are drawn along paths for one who follows the belief."""
+
+NOTHING, MARKET, ALL = "none", "market", "all"
+"""What an observer reads beside decisions; the number of an asset stands for its return."""
+
 
 class ObserverReading(NamedTuple):
-    """What an observer makes of single decisions."""
+    """What an observer makes of decisions, and what it knows without any where that is more than the law of beliefs."""
 
     error: float  # root mean square, Euclidean, in units of belief
     top_state: float  # how often a most likely state is named
+    prior_error: float | None = None
+    prior_top_state: float | None = None
 
 
 def _written(given: Any) -> str:
@@ -52,10 +61,10 @@ def _written(given: Any) -> str:
 
 
 def _single(text: str) -> str:
-    try:
-        return str(single_decisions(Disclosure.of(text), "an observer of single decisions"))
-    except InputError as error:
-        raise ValueError(str(error)) from None
+    shown = Disclosure.of(text)
+    if not shown.schedule.is_immediate:
+        raise ValueError(f'{shown} leaves decisions out or delays them, which the observer "sequential" alone reads')
+    return str(single_decisions(shown, "an observer of single decisions"))
 
 
 DisclosureText = Annotated[str, BeforeValidator(_written)]
@@ -230,11 +239,44 @@ class Data(ObserverSection):
         return DataAdversary.of(played, observed.setting.prior, chosen.get("pairs", 1000), rng=rng)
 
 
+class Sequential(ObserverSection):
+    """Knows the mechanism and how the belief moves, and follows it through all decisions along paths; needs [beliefs] of kind
+    "stationary". `disclosure` may say how often and how late decisions are shown, such as "every(3)|delayed(2)"; `public`
+    is what it reads itself at every step: "none", "market" (the mean return of the assets), "all" returns, or the return of
+    an asset by its number from 0."""
+
+    name: Literal["sequential"]
+    disclosure: Grid[DisclosureText] | None = None
+    public: Grid[Literal["none", "market", "all"] | Annotated[int, Field(ge=0)]] | None = None
+
+    @classmethod
+    def read(cls, observed: Observed, chosen: Chosen) -> ObserverReading:
+        """Return what it makes of all decisions so far."""
+        setting, behaviour = observed.setting, observed.behaviour
+        shown, public = observed.shown(chosen), chosen.get("public", NOTHING)
+        if setting.chain is None:
+            raise InputError("an observer that follows the belief needs beliefs that move: of kind stationary")
+        if public == ALL:  # who reads all that the agent reads, with its model, holds its belief
+            return ObserverReading(0.0, 1.0, 0.0, 1.0)
+        beside = None
+        if public != NOTHING:
+            make = setting.read
+            if make is None:
+                raise InputError(f"public = {public!r} needs returns that the agent observes")
+            beside = setting.once(("read", public), lambda: make(public))
+        single = observed.leakage_shown(Disclosure(shown.maps)).bayes_error
+        found = watched(setting, behaviour, single, np.random.default_rng(_FOLLOWED_SEED), shown, beside)
+        if beside is None:
+            return ObserverReading(found.error, found.top_state)
+        return ObserverReading(found.error, found.top_state, *unwatched(setting, beside, shown))
+
+
 OBSERVERS: Mapping[str, type[ObserverSection]] = {
     "naive": Naive,
     "near-optimal": NearOptimal,
     "budget-aware": BudgetAware,
     "bayesian": Bayesian,
     "data": Data,
+    "sequential": Sequential,
 }
-"""Every observer of single decisions by the name that files give it."""
+"""Every observer by the name that files give it."""

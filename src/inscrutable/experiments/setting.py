@@ -34,7 +34,8 @@ class Setting:
     """A problem, the law of the private belief, decisions to choose from, and how the belief moves where that is known.
 
     `loss` is what a rival wants the belief for; None is the square error. `disclosure` is how decisions become public, for
-    rules that go by it.
+    rules that go by it. `read` gives the same chain with tables of what one reads who follows "market", or an asset by its
+    number.
     """
 
     problem: DecisionProblem
@@ -43,6 +44,7 @@ class Setting:
     chain: BeliefChain | None = None
     loss: Loss | None = None
     disclosure: Disclosure = Disclosure()  # noqa: RUF009  # frozen
+    read: Callable[[str | int], BeliefChain] | None = None
     kept: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     @classmethod

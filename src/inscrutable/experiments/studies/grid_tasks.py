@@ -20,7 +20,7 @@ from inscrutable.experiments.rivals import wanting
 from inscrutable.experiments.setting import Setting, path_prior
 from inscrutable.experiments.studies.extensions import from_text
 from inscrutable.experiments.studies.grid import PER_MARKET, StudyGrid
-from inscrutable.experiments.studies.layout import GivenWorld
+from inscrutable.experiments.studies.layout import GivenWorld, follows
 from inscrutable.experiments.studies.own_parts import OwnProblem, OwnWorld, layout_with
 from inscrutable.experiments.studies.tasks import Task, TaskRunner, Work
 from inscrutable.experiments.studies.worlds import (
@@ -32,12 +32,16 @@ from inscrutable.experiments.studies.worlds import (
     own_world,
     problem_of,
     regimes_of,
+    with_public,
 )
 from inscrutable.filtering import filter_beliefs
 from inscrutable.mechanisms import Prior, filtered_prior, uniform_prior
+from inscrutable.mechanisms.chains import BeliefChain, filtered_chain
 from inscrutable.problems import DecisionProblem
 from inscrutable.worlds import HiddenMarkovModel
 
+BELIEFS = ("world", "problem", "beliefs", "repeat")
+"""What the law of beliefs is decided by."""
 _SETTINGS_KEPT = 4
 _OBSERVED_KEPT = 2  # tasks that differ in the observer alone follow one another
 
@@ -101,8 +105,23 @@ class GridRunner(TaskRunner):
             problem = own_problem(asked.extension, section, regimes)
         else:
             problem = problem_of(section, regimes, self._network)
-        prior = self._prior(whole, regimes, problem)
-        return wanting(Setting(problem, prior, self._candidates(places[3], problem)), self.study.rival)
+        candidates = self._candidates(places[3], problem)
+        if not follows(self.study):
+            return wanting(Setting(problem, self._prior(whole, regimes, problem), candidates), self.study.rival)
+        chain = self._chain(whole, regimes, None)
+        moving = Setting(
+            problem, chain.prior, candidates, chain, read=lambda public: self._chain(whole, regimes, public)
+        )
+        return wanting(moving, self.study.rival)
+
+    def _chain(self, places: Sequence[int], regimes: Regimes, public: str | int | None) -> BeliefChain:
+        """How the belief moves, for one who reads some return, or nothing; its law is the setting's prior."""
+        section = self.grid.beliefs[places[2]].data
+        assert section is not None
+        assert regimes.world is not None
+        world, cuts = (regimes.world, None) if public is None else with_public(regimes.world, public)
+        rng = self.grid.stream("beliefs", places, BELIEFS)
+        return filtered_chain(world, section["resolution"], rng=rng, cuts=cuts)
 
     def _regimes(self, places: Sequence[int]) -> Regimes:
         world: Any = self.study.world  # or one of a user's own
@@ -126,7 +145,7 @@ class GridRunner(TaskRunner):
         if section["kind"] == "grid":
             return uniform_prior(problem.n_states, section["resolution"])
         assert regimes.world is not None
-        rng = self.grid.stream("beliefs", places, ("world", "problem", "beliefs", "repeat"))
+        rng = self.grid.stream("beliefs", places, BELIEFS)
         if section["kind"] == "stationary":
             return filtered_prior(regimes.world, section["resolution"], rng=rng)
         path = regimes.world.sample(WARM_UP + section["steps"], rng=rng)

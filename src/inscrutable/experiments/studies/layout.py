@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from inscrutable.datasets.matpower import Convention
 from inscrutable.errors import InputError
 from inscrutable.experiments import makers, observers
-from inscrutable.experiments.measures import MEASURES
+from inscrutable.experiments.measures import MEASURES, WITHOUT
 from inscrutable.experiments.measures import Measure as MeasureKind
 from inscrutable.experiments.rivals import Rival
 from inscrutable.experiments.sections import (
@@ -160,13 +160,20 @@ MakerSection = (
 """Those that decide on single beliefs; rules with a memory need a law of how beliefs move, which a grid has none of."""
 
 Maker = Annotated[Annotated[MakerSection, Field(discriminator="name")], BeforeValidator(named)]
-ObserverSection = observers.Naive | observers.NearOptimal | observers.BudgetAware | observers.Bayesian | observers.Data
+ObserverSection = (
+    observers.Naive
+    | observers.NearOptimal
+    | observers.BudgetAware
+    | observers.Bayesian
+    | observers.Data
+    | observers.Sequential
+)
 Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], BeforeValidator(named)]
 Measure: Any = Literal[tuple(MEASURES)]
 PAID = "expected_regret"
 """What every grid measures, asked for or not: without it nobody could say whether two decision makers cost the same."""
-JUDGED, WITHOUT = ("error", "top_state"), ("prior_error", "prior_top_state")
-"""Measures that say together whether a protection holds, and those that they are held against: measured beside them."""
+JUDGED = ("error", "top_state")
+"""Measures that say together whether a protection holds; those that they are held against, `WITHOUT`, are measured beside."""
 
 
 class BudgetSection(Section):
@@ -212,3 +219,8 @@ class StudyFile(PlanFile):
             return data
         beside = (PAID, *(WITHOUT if all(name in asked for name in JUDGED) else ()))
         return data | {"measures": [*asked, *(name for name in beside if name not in asked)]}
+
+
+def follows(study: StudyFile) -> bool:
+    """Whether some observer follows the belief from step to step, so that it has to be known how that moves."""
+    return any(isinstance(each, observers.Sequential) for each in study.adversaries)

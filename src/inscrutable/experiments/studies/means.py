@@ -11,7 +11,7 @@ from math import prod
 import numpy as np
 import pandas as pd
 
-from inscrutable.experiments.measures import OF_OBSERVERS
+from inscrutable.experiments.measures import OF_OBSERVERS, WITHOUT, reads_beside
 from inscrutable.experiments.studies.grid import StudyGrid, Variant
 from inscrutable.experiments.studies.tasks import DONE
 from inscrutable.validation import Array
@@ -19,6 +19,7 @@ from inscrutable.validation import Array
 QUANTILES = (0.0, 0.25, 0.5, 0.75, 1.0)
 _MARKET = 4  # parts of a task's place that make its setting; then come repeat, play and observer
 _LEVEL = 0.975
+_SPOKEN = ("public",)  # keys whose words say nothing alone
 
 
 @dataclass(frozen=True)
@@ -109,10 +110,11 @@ def means_of(grid: StudyGrid, frame: pd.DataFrame) -> StudyMeans:
     """
     observers = labels(grid.adversaries, name="name")
     makers = labels([maker for maker, _ in grid.plays], name="name")
+    each_his = OF_OBSERVERS + (WITHOUT if any(reads_beside(each.data or {}) for each in grid.adversaries) else ())
     figures = tuple(
         Figure(measure, observer)
         for measure in grid.study.measures
-        for observer in (observers if measure in OF_OBSERVERS else ("",))
+        for observer in (observers if measure in each_his else ("",))
     )
     values = _values(grid, frame)  # settings, repeats, plays, observers, measures
     columns = []
@@ -196,6 +198,6 @@ def _entry(prefix: str, key: str, value: object) -> str:
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if prefix:
         return f"{prefix}{key} = {value:g}" if number else f"{prefix}{key} = {value}"
-    if isinstance(value, str):
+    if isinstance(value, str) and key not in _SPOKEN:
         return value
     return f"{key.replace('_', ' ')} {value:g}" if number else f"{key} {value}"

@@ -8,8 +8,8 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.experiments.holding import Reached, Requirement
-from inscrutable.experiments.measures import MEASURES
-from inscrutable.experiments.studies.layout import JUDGED, PAID, WITHOUT
+from inscrutable.experiments.measures import MEASURES, WITHOUT
+from inscrutable.experiments.studies.layout import JUDGED, PAID
 from inscrutable.experiments.studies.means import StudyMeans
 from inscrutable.validation import Array
 
@@ -93,22 +93,25 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
     Costs are made equal as in `ranking`; who spends nothing is not judged. Empty where errors and namings were not measured,
     nobody spends anything, or there is nothing to hide.
     """
-    error_without, chance = (_known(means, setting, name) for name in WITHOUT)
-    if not error_without > 0 or np.isnan(chance):
-        return []
-    asked, paid, parts = Requirement(error_without, min(chance, 1.0)), _paid(means, setting), []
+    paid, parts, meaning = _paid(means, setting), [], ""
     hides = _spends(paid) | np.isnan(paid)
     for observer in dict.fromkeys(figure.observer for figure in means.figures):
+        error_without, chance = (_known(means, setting, name, observer) for name in WITHOUT)
+        if not error_without > 0 or np.isnan(chance):
+            continue
+        asked = Requirement(error_without, min(chance, 1.0))
         judged = [means.place.get(f"{name}, {observer}") for name in JUDGED]
         error, named = ({} if place is None else ranking(means, setting, budget, place).by_play for place in judged)
         reached = [Reached(means.makers[p], error[p], named[p]) for p in sorted(error) if p in named and hides[p]]
         parts += [f"Hidden from the {observer} observer: {asked.judge(reached)}."] if reached else []
-    return [*parts, asked.meaning(without="decisions", state="state", cases="the cases")] if parts else []
+        meaning = meaning or asked.meaning(without="decisions", state="state", cases="the cases")
+    return [*parts, meaning] if parts else []
 
 
-def _known(means: StudyMeans, setting: int, measure: str) -> float:
-    """A figure that is the same for every play; NaN where it was not measured."""
-    found = means.mean[setting, :, means.place[measure]] if measure in means.place else np.array([])
+def _known(means: StudyMeans, setting: int, measure: str, observer: str) -> float:
+    """A figure that is the same for every play, the observer's own where it has one; NaN where it was not measured."""
+    place = means.place.get(f"{measure}, {observer}", means.place.get(measure))
+    found = np.array([]) if place is None else means.mean[setting, :, place]
     return float(next(iter(found[~np.isnan(found)]), np.nan))
 
 

@@ -13,11 +13,18 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from inscrutable.errors import InputError, ModelError
+from inscrutable.experiments.observers import ALL, NOTHING, Sequential
 from inscrutable.experiments.sections import PlanFile, expected, shortened
 from inscrutable.experiments.studies.extensions import Extension
 from inscrutable.experiments.studies.grid import StudyGrid, variants
 from inscrutable.experiments.studies.kinds import OTHER_KINDS, layout_of_kind
-from inscrutable.experiments.studies.layout import DispatchSection, GivenWorld, GridBeliefs, StudyFile
+from inscrutable.experiments.studies.layout import (
+    DispatchSection,
+    GivenWorld,
+    GridBeliefs,
+    StationaryBeliefs,
+    StudyFile,
+)
 from inscrutable.experiments.studies.sizes import too_large, too_many
 from inscrutable.experiments.studies.worlds import given_world, problem_of
 from inscrutable.experiments.toml_lines import Place, TomlSource, nearest, read_toml
@@ -161,6 +168,7 @@ def _tag(section: dict[str, Any]) -> tuple[Any, ...]:
 def _check_together(study: StudyFile, source: StudySource) -> None:
     """Refuse parts that are well formed, but do not go together."""
     _check_size(study, source)
+    _check_followed(study, source)
     world = study.world
     if isinstance(study.problem, DispatchSection) and not isinstance(world, GivenWorld):
         raise InputError(
@@ -181,6 +189,24 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
         assert choice.data is not None
         with source.saying(("problem",)), suppress(ModelError):  # limits that exclude one another are for rows to say
             problem_of(choice.data, regimes)
+
+
+def _check_followed(study: StudyFile, source: StudySource) -> None:
+    """Refuse observers that follow beliefs which do not move, or returns that nobody observes."""
+    for number, each in enumerate(study.adversaries):
+        if not isinstance(each, Sequential):
+            continue
+        if not isinstance(study.beliefs, StationaryBeliefs):
+            raise InputError(
+                f'{source.at(("adversaries", number))}: the observer "sequential" follows beliefs that move; expected '
+                f'[beliefs] of kind "stationary", got "{study.beliefs.kind}"'
+            )
+        reads = [one for one in each.public or () if one not in (NOTHING, ALL)]
+        if reads and "categorical" in getattr(study.world, "sensor", ()):
+            raise InputError(
+                f"{source.at(('adversaries', number, 'public'))}: {reads[0]!r} is a return, which a world of "
+                'sensor = "categorical" does not report; expected sensor = "gaussian" in [world], or a fitted or given one'
+            )
 
 
 def _check_size(study: StudyFile, source: StudySource) -> None:

@@ -11,11 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
 from inscrutable import datasets
 from inscrutable.datasets.power import load_ieee_30_bus
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
+from inscrutable.experiments.backtest_public import PUBLIC_SYMBOLS
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.rivals import weight_limits
 from inscrutable.experiments.studies.extensions import Extension
@@ -28,12 +31,13 @@ from inscrutable.problems import (
     dispatch_problem,
 )
 from inscrutable.validation import Array
-from inscrutable.worlds import GaussianEmission, HiddenMarkovModel, fit_gaussian_hmm
+from inscrutable.worlds import GaussianEmission, HiddenMarkovModel, PublicPart, fit_gaussian_hmm
 
 EMBEDDED = "industries"
 _EMBEDDED_FILE = "us_industries.csv.bz2"
 _EMBEDDED_TRAINING = "1989-12"
 _RESTARTS = 30
+_FAR = 10.0  # standard deviations beyond which no return lies
 
 
 class Regimes(NamedTuple):
@@ -141,6 +145,33 @@ def regimes_of(world: HiddenMarkovModel) -> Regimes:
     emission = world.emission
     assert isinstance(emission, GaussianEmission)
     return Regimes(emission.means, emission.covariances, world)
+
+
+def with_public(world: HiddenMarkovModel, public: str | int) -> tuple[HiddenMarkovModel, Array]:
+    """Return a world in which everybody reads the mean return of the assets, or that of one by its number, with its quantiles.
+
+    Raises:
+        InputError: The world has no such returns.
+    """
+    emission = world.emission
+    if not isinstance(emission, GaussianEmission):
+        raise InputError(f"public = {public!r} needs a world of Gaussian returns, got {emission!r}")
+    count = emission.means.shape[1]
+    if isinstance(public, int) and public >= count:
+        raise InputError(f"public = {public} is no asset: they are numbered from 0 to {count - 1}")
+    weights = np.eye(count)[public] if isinstance(public, int) else np.full(count, 1.0 / count)
+    read = HiddenMarkovModel(world.transition, emission, world.initial, public=PublicPart(weights[None]))
+    return read, _quantiles(world, emission, weights)
+
+
+def _quantiles(world: HiddenMarkovModel, emission: GaussianEmission, weights: Array) -> Array:
+    """Where a return of long-run law Σ_x p_x N(w'μ_x, w'Σ_x w) is cut into `PUBLIC_SYMBOLS` that are equally likely."""
+    centres = emission.means @ weights
+    spreads = np.sqrt(np.einsum("xij,i,j->x", emission.covariances, weights, weights))
+    law = HiddenMarkovModel(world.transition, emission).initial  # the long-run one
+    low, high = (centres - _FAR * spreads).min(), (centres + _FAR * spreads).max()
+    shares = np.arange(1, PUBLIC_SYMBOLS) / PUBLIC_SYMBOLS
+    return np.array([brentq(lambda z, s=s: law @ ndtr((z - centres) / spreads) - s, low, high) for s in shares])
 
 
 def own_world(extension: Extension, chosen: Mapping[str, Any]) -> Regimes:

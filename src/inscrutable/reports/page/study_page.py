@@ -14,11 +14,12 @@ from inscrutable.experiments.studies.layout import StudyFile
 from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of
 from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
+from inscrutable.experiments.studies.sweeps import Sweep, sweep_of
 from inscrutable.labels import capital
 from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
-from inscrutable.reports.style import Look, looks_of
+from inscrutable.reports.style import REGIME_COLOURS, Look, looks_of
 
 _MOST_CELLS = 25_000
 _MOST_REASONS = 20
@@ -48,6 +49,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
     """Return the content of a study's page; `manifest` are further lines of its own."""
     means, status = means_of(*study.gridded()), study.status()
     shown = _shown(means)
+    sweep = sweep_of(study.gridded()[0], list(dict.fromkeys(means.makers)))
     section = file_of(study).budgets
     spent = ", ".join(filter(None, [_UNITS[section.unit], "" if section.unit == "relative" else _HOLDS[section.hold]]))
     header = ". ".join(filter(None, [study.plan.note.rstrip("."), f"{tasks_text(study.n_tasks)}; budgets: {spent}"]))
@@ -58,7 +60,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
         cautions=_cautions(study, means, len(shown)),
         tables=[_table(study, means, place, number) for number, place in enumerate(shown)],
         sliders=_sliders(means, shown, _WORTH[section.unit]),
-        figures=_drawn(means) if status.done else [],
+        figures=[*_drawn(means), *_swept(sweep)] if status.done else [],
         failures=_failures(study) if status.failed else [],
         notes=[
             *_NOTES,
@@ -70,7 +72,7 @@ def study_content(study: Study, title: str | None, manifest: Mapping[str, str]) 
         ],
         manifest={**manifest_of(study), **manifest},
         script="study.js" if status.done else None,
-        data=page_data(means, shown),
+        data=page_data(means, shown) | {"sweep": _sweep_data(sweep, shown)},
     )
 
 
@@ -84,7 +86,9 @@ _NOTES = (
     "take a budget spend the same.",
     "A protection is judged at the same equal regret, where the measures error and top_state are taken: both parts must hold.",
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian is the "
-    "aware observer, who knows the rule.",
+    "aware observer, who knows the rule; data has seen pairs of belief and decision alone; sequential is the aware observer who "
+    "also knows how the belief moves and follows it through all decisions: its error is that of the later half of 40 decisions. "
+    "Where it reads something beside them, the figures without a decision are its own.",
 )
 
 
@@ -179,6 +183,60 @@ def _drawn(means: StudyMeans) -> list[PageFigure]:
     ]
 
 
+def _swept(sweep: Sweep | None) -> list[PageFigure]:
+    """A figure for each facet; what is not drawn is said in the last."""
+    if sweep is None:
+        return []
+    curves = "the decision makers" if not sweep.curves_of else f"the values of {sweep.curves_of}"
+    told = (
+        f"The figure chosen above against {sweep.axis}, at the budget chosen above; curves are {curves}, means over the "
+        "repeats with 95 % intervals."
+    )
+    rest = f" The table has the rest: {sweep.left_out}." if sweep.left_out else ""
+    last = len(sweep.facets) - 1
+    return [
+        PageFigure(
+            f"swept{chr(ord('A') + place)}",
+            f"Over {sweep.axis}" + (f": {title}" if title else ""),
+            told + (rest if place == last else ""),
+        )
+        for place, (title, _) in enumerate(sweep.facets)
+    ]
+
+
+def _sweep_data(sweep: Sweep | None, shown: Sequence[int]) -> dict[str, Any] | None:
+    """What the script draws over swept keys; settings by their place on the page."""
+    if sweep is None:
+        return None
+    place_of = {setting: place for place, setting in enumerate(shown)}
+    values = list(sweep.values) if sweep.is_numeric else list(range(len(sweep.values)))
+    ticks = None if sweep.is_numeric else [[place, str(each)] for place, each in enumerate(sweep.values)]
+    names = list(dict.fromkeys(curve.name for _, curves in sweep.facets for curve in curves))
+    looks = _curve_looks(names) if sweep.curves_of else _looks(names)
+    return {
+        "axis": sweep.axis,
+        "values": values,
+        "ticks": ticks,
+        "looks": {name: look._asdict() for name, look in looks.items()},
+        "facets": [
+            [
+                [curve.name, curve.maker, [None if each is None else place_of.get(each) for each in curve.settings]]
+                for curve in curves
+            ]
+            for _, curves in sweep.facets
+        ],
+    }
+
+
+def _curve_looks(names: Sequence[str]) -> dict[str, Look]:
+    """Looks of the values of a key."""
+    lines = ("-", "--", ":", "-.")
+    return {
+        name: Look(REGIME_COLOURS[place % len(REGIME_COLOURS)], _MARKERS[place], lines[place % len(lines)])
+        for place, name in enumerate(names)
+    }
+
+
 def _cost(means: StudyMeans) -> int | None:
     """The figure that says what is paid."""
     return next((means.place[name] for name in _COSTS if name in means.place), None)
@@ -196,7 +254,9 @@ def page_data(means: StudyMeans, shown: Sequence[int]) -> dict[str, Any]:
         "errors": [each.measure == "error" for each in means.figures],
         "cost": cost,
         "paid": "budget" if cost is None else title_of(means.figures[cost]),
-        "prior": means.place.get("prior_error"),
+        "prior": [
+            means.place.get(f"prior_error, {each.observer}", means.place.get("prior_error")) for each in means.figures
+        ],
         "plays": [
             [names.index(maker), None if budget is None else means.amounts.index(budget)]
             for maker, budget in zip(means.makers, means.budgets, strict=True)

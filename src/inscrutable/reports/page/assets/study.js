@@ -37,7 +37,7 @@
     const known = here.flatMap((each) => [each[LEAST], each[LEAST + 4]]);
     const across = plays.map((_, play) => paid(setting, play));
     const scale = stretch(across.filter((value, play) => value !== null && here[play][MEAN] !== null));
-    const prior = errors[figure] && data.prior !== null ? cells[setting].map((play) => play[data.prior][MEAN]).find((each) => each !== null) : undefined;
+    const prior = errors[figure] && data.prior[figure] !== null ? cells[setting].map((play) => play[data.prior[figure]][MEAN]).find((each) => each !== null) : undefined;
     const { drawing, place, inside, px, py } = chart("tradeoff", {
       height: 340, xLabel: data.paid, yLabel: figures[figure], xTicks: scale.ticks, left: 56,
       label: `${figures[figure]} against ${data.paid}` + (prior === undefined ? "" : `; without a decision ${short(prior)}`),
@@ -88,10 +88,46 @@
     });
   }
 
+  // Over swept keys: one figure a facet, all on the same scale.
+  function swept(figure, budget) {
+    const { axis, values, ticks, looks: curveLooks, facets } = data.sweep;
+    const playOf = (name) => plays.findIndex(([maker, amount]) => makers[maker] === name && (amount === null || amount === budget));
+    const curves = facets.map((facet) => facet.map(([name, maker, settings]) => {
+      const play = playOf(maker);
+      const found = settings.map((setting, k) => (setting === null || play < 0 ? null : [values[k], cells[setting][play][figure]]));
+      return [name, found.filter((each) => each !== null && each[1][MEAN] !== null)];
+    }));
+    const scale = ticks ? { to: (value) => value, ticks } : stretch(values);
+    const heights = curves.flat().flatMap(([, found]) => found.flatMap(([, cell]) => ends(cell)));
+    const across = values.map(scale.to);
+    const margin = 0.04 * (Math.max(...across) - Math.min(...across));
+    const xs = [Math.min(...across) - margin, Math.max(...across) + margin];
+    curves.forEach((facet, k) => {
+      const id = `swept${String.fromCharCode(65 + k)}`;
+      const told = (found) => found.map(([x, cell]) => `${ticks ? ticks[x][1] : short(x)}: ${short(cell[MEAN])}`).join(", ");
+      const { drawing, place, px, py, inside } = chart(id, {
+        height: 300, xLabel: axis, yLabel: figures[figure], xTicks: scale.ticks, left: 56, x: xs, y: heights.length ? range(heights, true) : [0, 1],
+        label: facet.map(([name, found]) => `${name}: ${told(found) || "nothing"}`).join("; "),
+      });
+      if (facet.every(([, found]) => !found.length)) nothing(drawing, inside);
+      for (const [name, found] of facet) {
+        const look = curveLooks[name];
+        const point = ([x, cell]) => place([scale.to(x), cell[MEAN]]);
+        line(drawing, found.map(point), look.colour, look.line);
+        for (const [x, cell] of found.filter((each) => each[1][HALF] !== null)) {
+          line(drawing, ends(cell).map((end) => [px(scale.to(x)), py(end)]), look.colour, "-", 1);
+        }
+        marks(drawing, look.marker, found.map(point), 4.5, look.colour, "#fff");
+      }
+      legend(id, facet.map(([name]) => [name, sampleMark(curveLooks[name].marker, curveLooks[name].colour, "#fff", curveLooks[name].line)]));
+    });
+  }
+
   const isDrawn = choice(makers);
   follow(({ figure = 0, budget = 0, setting = 0 }) => {
     legend("tradeoff", makers.filter(isDrawn).map((name) => [name, sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]));
     tradeoff(figure, budget, setting);
     spread(figure, budget, setting);
+    if (data.sweep) swept(figure, budget);
   });
 })();

@@ -1,0 +1,124 @@
+"""Which keys of its settings a study sweeps, and which of them stand on an axis, as curves, and as facets."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+from inscrutable.experiments.studies.grid import StudyGrid
+
+MOST_CURVES, MOST_FACETS = 6, 6
+_LACKING = "–"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a figure.
+
+    Args:
+        name: What tells it from others.
+        maker: The decision maker.
+        settings: The setting at each value of the axis; None where there is none.
+    """
+
+    name: str
+    maker: str
+    settings: tuple[int | None, ...]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Figures over swept keys: one key on the axis, another as curves, all others and the decision makers as facets.
+
+    Args:
+        axis: The key on the axis.
+        values: Its values, in order; numbers, or words that stand side by side.
+        curves_of: The key whose values are the curves; empty where these are the decision makers.
+        facets: Titles with their curves.
+        left_out: What is swept and not drawn, in words; empty where all is.
+    """
+
+    axis: str
+    values: tuple[Any, ...]
+    curves_of: str
+    facets: tuple[tuple[str, tuple[Curve, ...]], ...]
+    left_out: str = ""
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether the axis is one of numbers."""
+        return all(map(_is_number, self.values))
+
+
+def sweep_of(grid: StudyGrid, makers: Sequence[str]) -> Sweep | None:
+    """Return the figures of a study whose settings sweep at least one key; None for others.
+
+    On the axis stands the key of numbers with most values, or that of words where there is none; the next one makes the
+    curves. With one key the curves are the decision makers. At most `MOST_CURVES` are drawn in a figure, and `MOST_FACETS`.
+    """
+    settings = _settings(grid)
+    keys = {key: _ordered([each.get(key, _LACKING) for each in settings]) for each in settings for key in each}
+    swept = {key: values for key, values in keys.items() if len(values) > 1}
+    if not swept:
+        return None
+    order = sorted(swept, key=lambda key: (not all(map(_is_number, swept[key])), -len(swept[key])))
+    axis, inner, others = order[0], order[1:2], order[2:]
+    of = {tuple(each.get(key, _LACKING) for key in order): place for place, each in enumerate(settings)}
+
+    def curve(name: str, maker: str, rest: tuple[Any, ...]) -> Curve:
+        return Curve(name, maker, tuple(of.get((value, *rest)) for value in swept[axis]))
+
+    if not inner:
+        drawn = tuple(curve(name, name, ()) for name in makers[:MOST_CURVES])
+        return Sweep(axis, swept[axis], "", (("", drawn),), _rest([("decision makers", len(makers), MOST_CURVES)]))
+    facets = list(product(makers, *(swept[key] for key in others)))
+    shown = swept[inner[0]][:MOST_CURVES]
+    return Sweep(
+        axis,
+        swept[axis],
+        inner[0],
+        tuple(
+            (
+                ", ".join([maker, *(_said(key, value) for key, value in zip(others, rest, strict=True))]),
+                tuple(curve(_said(inner[0], value), maker, (value, *rest)) for value in shown),
+            )
+            for maker, *rest in facets[:MOST_FACETS]
+        ),
+        _rest([(f"values of {inner[0]}", len(swept[inner[0]]), MOST_CURVES), ("figures", len(facets), MOST_FACETS)]),
+    )
+
+
+def _settings(grid: StudyGrid) -> list[dict[str, Any]]:
+    """The keys of every setting, in the order of the study's means."""
+    parts = {"world": grid.worlds, "problem": grid.problems, "beliefs": grid.beliefs, "candidates": grid.candidates}
+    found: list[dict[str, Any]] = [{}]
+    for part, choices in parts.items():
+        keys = [{f"{part}.{key}": _plain(value) for key, value in (each.data or {}).items()} for each in choices]
+        found = [one | other for one in found for other in keys]
+    return found
+
+
+def _plain(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, (list, Mapping)) else value
+
+
+def _ordered(values: list[Any]) -> tuple[Any, ...]:
+    """Different values: numbers as they rise, words as they stand."""
+    found = list(dict.fromkeys(values))
+    return tuple(sorted(found)) if all(map(_is_number, found)) else tuple(found)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _said(key: str, value: Any) -> str:
+    return f"{key} = {value:g}" if _is_number(value) else f"{key} = {value}"
+
+
+def _rest(counted: list[tuple[str, int, int]]) -> str:
+    """What is more than a figure shows."""
+    return "; ".join(f"{most} of {count} {what} are drawn" for what, count, most in counted if count > most)

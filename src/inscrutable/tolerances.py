@@ -491,6 +491,9 @@ approached: at the last two all bits together are worth some hundred-thousandths
 ERROR_OVER_TIME_GAP = 1e-5
 """Gap of a largest error over time by its dual bound, as a share of it, at which no smaller price of bits is tried."""
 
+INTERIOR_OVER_TIME = 1e-6
+"""Gap at which the interior-point method for it ends: a step gains a digit; at 1e-8 rounding ends factors of 100 signals."""
+
 REGRET_NEARLY_SPENT = 1e-2
 """The same for rules that only say where to begin at a smaller price of bits."""
 

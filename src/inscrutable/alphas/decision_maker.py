@@ -1,4 +1,4 @@
-"""The decision maker whose private belief is numbers, against the aware observer."""
+"""The decision maker whose private belief is numbers, against an observer who knows the rule."""
 
 from __future__ import annotations
 
@@ -38,8 +38,7 @@ class AlphaDecisionMaker:
     """The rule of least information about a private mean, against the aware observer, at an expected regret.
 
     Formula: with E the covariance of m − m̂ after a decision and Θ of the problem, tr(ΘE) is the mean regret. "information"
-    tells
-    the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE), and the fewest bits among these; over
+    tells the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE), and the fewest bits among these; over
     0 ⪯ E ⪯ P. The rule draws m̂ = m̂⁻ + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is what
     the observer then believes. With `prior_covariance` P = S, every decision is about another mean; with a `world` P =
     AEA' + W, less what is public, and the observer remembers all decisions.
@@ -63,13 +62,11 @@ class AlphaDecisionMaker:
         SolverError: At first use: the iteration over time did not converge, and the silence regret is infinite.
 
     Cost: one decision: O(k³), 15 s for 3,000 alphas with a dense S; where S is a `FactorRisk` with the exposures of the
-    problem's and
-    specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error of other
-    weights than
-    those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals, "error" a minute where the
-    spectral radius of the transition is 0.95. Near one the iteration converges slowly: it ends after 20,000 steps
-    with the best rule so far, its gap and the status BOUNDED: at 0.99, "error" and half of silence, 40 signals had a gap of
-    1.3e-3 after 72 s.
+    problem's and specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error of other
+    weights than those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals; "error" takes O(k⁶), 0.3 s
+    for 40 signals and 25 s for 100, at a gap of some 1e-6. Above 120 signals, and with "information" near a spectral radius of
+    one, the rule is found by an iteration that converges slowly: it ends after 20,000 steps with the best rule, its gap and
+    the status BOUNDED where that is above 1e-4.
 
     Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017)
     and Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.
@@ -175,7 +172,7 @@ class AlphaDecisionMaker:
             return self.budget.amount
         if not np.isfinite(self.silence_regret):
             raise InputError(
-                f"the budget is a share, {self.budget.amount:g}, of the silence regret, which is infinite: the "
+                f"the budget is a share, {self.budget.amount:g}, of what silence costs, and silence costs without end: the "
                 f"largest eigenvalue of transition has modulus {self.moves.radius:.10g}, expected less than 1; pass "
                 "Budget.regret(amount)"
             )

@@ -194,7 +194,9 @@ def enumerated(
                 grown.append((after[0], chance * after[1]))
                 count += len(after[1])
                 seen += [tables.action(column) for column in after[3]]
-            known = np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
+            known = (
+                np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
+            )
             if is_public:
                 prior.followed(np.repeat(np.arange(len(chances)), [len(each) for _, each in grown]))
                 known = np.hstack([known, prior.rows])

@@ -11,14 +11,14 @@ t + d … t + d + n − 1. Its mean loss in these, as a function of the law p of
 
 again a loss of the same kind. Where everybody reads a symbol at every step, it is Σ_z L_0 of the law after each sequence z of j
 symbols, p T_z1 … T_zj, times its probability. A rival has an answer for each of them; where there are more than
-`_MOST_READINGS`, and of a square error, the loss of one who does not read them stands for it: it is no smaller. Of a square error the points are y_b = (E[x_{t+j} | b])_j / √n, and there is besides what is
-uncertain whatever is known of b; a rival has an answer for each j, with points (E[x_{t+j} | b])_j / n.
+`_MOST_READINGS`, and of a square error, the loss of one who does not read them stands for it: it is no smaller. Of a square
+error the points are y_b = (E[x_{t+j} | b])_j / √n, and there is besides what is uncertain whatever is known of b; a rival has
+an answer for each j, with points (E[x_{t+j} | b])_j / n.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,6 @@ from inscrutable.privacy import Loss, SquaredError
 from inscrutable.privacy.losses import DecisionLoss
 from inscrutable.problems import FiniteProblem
 from inscrutable.validation import Array
-
 
 _MOST_READINGS = 30
 """Answers of a rival to what it may have read: a step takes as many times as long as with one."""

@@ -86,9 +86,9 @@ _NOTES = (
     "take a budget spend the same.",
     "A protection is judged at the same equal regret, where the measures error and top_state are taken: both parts must hold.",
     "Observers: naive takes every decision for optimal; near-optimal and budget-aware allow for what is spent; bayesian is the "
-    "aware observer, who knows the rule; data has seen pairs of belief and decision alone; sequential is the aware observer who "
-    "also knows how the belief moves and follows it through all decisions: its error is that of the later half of 40 decisions. "
-    "Where it reads something beside them, the figures without a decision are its own.",
+    "aware observer, who knows the rule; data has seen pairs of belief and decision alone; sequential is the aware observer "
+    "who also knows how the belief moves and follows it through all decisions: its error is that of the later half of 40 "
+    "decisions. Where it reads something beside them, the figures without a decision are its own.",
 )
 
 

@@ -38,9 +38,9 @@ class AlphaDecisionMaker:
     """The rule of least information about a private mean, against the aware observer, at an expected regret.
 
     Formula: with E the covariance of m − m̂ after a decision and Θ of the problem, tr(ΘE) is the mean regret. "information"
-    tells the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE), and the fewest bits among these; over
-    0 ⪯ E ⪯ P. The rule draws m̂ = m̂⁻ + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is what
-    the observer then believes. With `prior_covariance` P = S, every decision is about another mean; with a `world` P =
+    tells the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE), and the fewest bits among these;
+    over 0 ⪯ E ⪯ P. The rule draws m̂ = m̂⁻ + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is
+    what the observer then believes. With `prior_covariance` P = S, every decision is about another mean; with a `world` P =
     AEA' + W, less what is public, and the observer remembers all decisions.
 
     Args:
@@ -62,11 +62,11 @@ class AlphaDecisionMaker:
         SolverError: At first use: the iteration over time did not converge, and the silence regret is infinite.
 
     Cost: one decision: O(k³), 15 s for 3,000 alphas with a dense S; where S is a `FactorRisk` with the exposures of the
-    problem's and specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error of other
-    weights than those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals; "error" takes O(k⁶), 0.3 s
-    for 40 signals and 25 s for 100, at a gap of some 1e-6. Above 120 signals, and with "information" near a spectral radius of
-    one, the rule is found by an iteration that converges slowly: it ends after 20,000 steps with the best rule, its gap and
-    the status BOUNDED where that is above 1e-4.
+    problem's and specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error
+    of other weights than those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals;
+    "error" takes O(k⁶), 0.3 s for 40 signals and 25 s for 100, at a gap of some 1e-6. Above 120 signals, and with
+    "information" near a spectral radius of one, the rule is found by an iteration that converges slowly: it ends after 20,000
+    steps with the best rule, its gap and the status BOUNDED where that is above 1e-4.
 
     Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017)
     and Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.

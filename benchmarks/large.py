@@ -1,4 +1,4 @@
-"""Large problems: single decisions against the best that minutes of multistart over faces found, which are kept."""
+"""Large problems: single decisions against the best that minutes of multistart over active sets found, which are kept."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _row(kind: str, reached: list[Reached]) -> Row:
         "CDM decide",
         f"{kind}, {len(reached)} instance{'s' if len(reached) > 1 else ''}",
         seconds_text(seconds, "the slowest"),
-        "multistart over faces",
+        "multistart over active sets",
         f"{seconds_text(max(found))} until found, in runs of {max(each.peer_run for each in reached):g} s at most",
         times_text(float(np.median([each.peer_found / each.seconds for each in reached]))),
         Quality(quality, right),

@@ -59,7 +59,7 @@ for noise in (1e-4, 1e-3, 1e-2):
 
 # %%
 # Decisions contain less information than beliefs. Below, an agent of two states chooses one of two actions, and mixes them the more, the
-# less certain it is. An observer who knows the rule, and sets the states itself, compares sensors by the likelihood of the decisions: the
+# less certain it is. An aware observer who sets the states itself compares sensors by the likelihood of the decisions: the
 # normalisers of its inverse filter. `best_probe` ranks sequences of states by Fisher information, before any decision is seen.
 
 two = HiddenMarkovModel(

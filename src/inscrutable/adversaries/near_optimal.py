@@ -39,7 +39,7 @@ _FIRST_REACH, _FARTHER = 0.3, 3.0
 
 @dataclass(frozen=True, eq=False)
 class NearOptimalBeliefs:
-    """The convex set Π_ε(u) = {π ∈ Δ : ρ(π,u) ≤ ε}, described from outside by planes added where they are needed.
+    """The convex set Π_ε(u) = {π ∈ Δ : ρ(π,u) ≤ ε}, described from outside by cutting planes, added where they are needed.
 
     The queries are those of `BeliefSet`. Bounds and distances are reached by members with a regret of at most
     ε + `accuracy`. The set is smooth: up to four states its vertices, centre and samples belong to an outer polytope whose

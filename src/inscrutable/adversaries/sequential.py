@@ -74,7 +74,7 @@ class SequentialAdversary:
     step, of other sensors 4 N.
 
     Source: Mattila, Lourenço, Krishnamurthy, Rojas, Wahlberg, arXiv 1910.07332, where the state is known; here it need
-    not be. That the observer knows the mechanism is Kerckhoffs' principle.
+    not be. The premise is Kerckhoffs' principle.
 
     Example:
         >>> import numpy as np

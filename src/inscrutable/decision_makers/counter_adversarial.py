@@ -155,7 +155,9 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         if isinstance(self.method, LocalSearch) and self.problem.is_discrete:
             raise InputError("a local search needs decisions between choices: use GlobalSearch() for a finite problem")
         if isinstance(self.method, LocalSearch) and on_empty == "infinite":
-            raise InputError('a local search cannot climb where no belief explains the decision: on_empty="exclude"')
+            raise InputError(
+                'a local search has no direction where no belief explains the decision: on_empty="exclude"'
+            )
         self._proofs = None
         if isinstance(self.method, GlobalSearch) and self.method.certify is not None:
             check_provable(self.measure, on_empty)

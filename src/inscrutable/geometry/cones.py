@@ -128,7 +128,7 @@ def _cone_facets(points: Array, rank: int) -> Array:
             return _tried_facets(points, rank)
     raise SolverError(
         f"{count} active rows that none of the others imply span only {rank} directions: their cone of multipliers may "
-        f"have {_most_facets(count, rank - 1):.2g} faces; remove constraints that meet in this decision, or move their "
+        f"have {_most_facets(count, rank - 1):.2g} facets; remove constraints that meet in this decision, or move their "
         "limits apart"
     )
 

@@ -22,7 +22,7 @@ from inscrutable.validation import Array
 class MechanismRule(Protocol):
     """A rule that plays another mechanism for every law that the observer holds of the belief, and ties as it did before.
 
-    Source: Kerckhoffs' principle: the observer knows the rule, hence the mechanism of each step.
+    Source: Kerckhoffs' principle: the rule is public, hence the mechanism of each step.
 
     Example:
         >>> class Repeating:  # plays what the observer would play, whatever its own belief

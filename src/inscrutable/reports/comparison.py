@@ -245,7 +245,7 @@ def _on_paths(comparison: Comparison) -> list[str]:
             "several decisions on one belief its error is shown twice: where the rule takes the belief to move by that chain, "
             "while it happens to stay, and where the rule knows that it stays, at the same prices (rule told; its regret is "
             "then its own, told_regret in the CSV file). Long-run figures are simulated, the expected regret among them, which "
-            "is the one asked for up to its standard error; single decisions are read by an observer who knows the rule's "
+            "is the one asked for up to its standard error; single decisions are read with the rule's "
             "long-run law. stays half, twice as long: the error over time where the chain that the rule takes to be true is "
             "wrong about how long beliefs stay. ceiling: no rule of the same expected regret "
             "leaves the aware observer a larger error over time, on this chain of these beliefs. All these figures hold for "

@@ -402,8 +402,8 @@ def _own_notes(result: Backtest, sweep: BudgetSweep) -> list[str]:
         notes.append(
             "At the backtest's own budget the page shows what was published. At other budgets it shows the best of "
             f"{len(result.candidates)} candidates without the last polish: at the own budget these reach a mean privacy of "
-            f"{rough[both].mean():.3f} (CDM) where {fine[both].mean():.3f} was published. Lotteries are drawn with the same "
-            "luck at every budget but the own one. The aware observer knows each budget as well."
+            f"{rough[both].mean():.3f} (CDM) where {fine[both].mean():.3f} was published. Lotteries are drawn by the same "
+            "uniform number at every budget but the own one. The aware observer knows each budget as well."
         )
     if len(sweep.steps) < len(result.beliefs):
         notes.append(

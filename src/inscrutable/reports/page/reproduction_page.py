@@ -53,7 +53,7 @@ _NOTES = (
     "markets, otherwise the least favourable market's, or for “may” the most favourable one's. Then the share of markets in "
     "which the claim holds by itself.",
     "Privacy: the distance of the private belief from the beliefs under which the decision is optimal. The adversary takes "
-    "each decision for optimal; one who knows the mechanism learns more.",
+    "each decision for optimal; the aware observer, who knows the rule, learns more.",
 )
 
 

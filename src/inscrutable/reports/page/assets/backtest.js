@@ -158,9 +158,9 @@
     });
     if (stairs.length) stairs.push([shown, stairs[stairs.length - 1][1]]);
     line(drawing, scaled(stairs), looks.CDM.colour, "-");
-    const bend = mixed.filter(([x]) => x <= shown);
-    if (bend.length) bend.push([shown, height(mixed, shown)]);
-    line(drawing, scaled(bend), looks.PDM.colour, "--");
+    const envelope = mixed.filter(([x]) => x <= shown);
+    if (envelope.length) envelope.push([shown, height(mixed, shown)]);
+    line(drawing, scaled(envelope), looks.PDM.colour, "--");
     cursor(frame, factor * amount);
     if (amount > 0 && mixed.length) {
       // The tangent at the budget, as far as it stays within the frame.

@@ -85,7 +85,7 @@ def disclose(
     if speech.json:
         speech.summary(summary_data(table, title))
         return
-    show_table(table.lines(), f"What a rival reads of the present belief ({title})")
+    show_table(table.lines(), f"Error of the aware observer about the present belief ({title})")
     speech.sentence(table.summary())
     speech.files(files)
 

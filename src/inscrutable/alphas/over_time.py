@@ -237,7 +237,7 @@ def told_exactly(moves: Moves, theta: Array, weights: Array | None = None) -> Lo
             return LongRun(law, 0.0, value, value)
         before = after
     raise SolverError(
-        f"the error of an observer who is shown the decisions' part did not settle in {_MOST_STEPS} steps"
+        f"the error of an observer who is shown the decisions' part did not converge in {_MOST_STEPS} steps"
     )
 
 
@@ -248,7 +248,7 @@ def _start(moves: Moves) -> Array:
 
 def _unsettled(goal: _Goal) -> SolverError:
     return SolverError(
-        f"the rule over time did not settle in {_MOST_STEPS} steps, for {len(goal.theta)} signals at a regret of {goal.limit:g}"
+        f"the rule over time did not converge in {_MOST_STEPS} steps, for {len(goal.theta)} signals at a regret of {goal.limit:g}"
     )
 
 

@@ -117,7 +117,7 @@ def play_sequentially(
         beliefs: What the investor holds, in the order of time.
         budget: Long-run mean regret; None is half of what silence costs in the long run.
         rng: The source of the simulations and draws.
-        public: What a rival reads beside the portfolios.
+        public: The public observations beside the portfolios.
 
     Raises:
         SolverError: No price was found at which the budget is met.

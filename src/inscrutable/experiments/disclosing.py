@@ -116,8 +116,8 @@ class DisclosureTable(Summarised, Saved):
         least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
         same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
         return (
-            f"Who sees nothing errs by {self.prior_error:.3f}. Who follows the belief errs least with {least.disclosure} "
-            f"({least.error:.3f}, {self._share(least):.0%} of that) and most with {most.disclosure} ({most.error:.3f}, "
+            f"Error of the aware observer: {self.prior_error:.3f} without decisions, least with {least.disclosure} "
+            f"({least.error:.3f}, {self._share(least):.0%} of that), largest with {most.disclosure} ({most.error:.3f}, "
             f"{self._share(most):.0%}); {same}, at an expected regret of {self.expected_regret:.3g}."
         )
 

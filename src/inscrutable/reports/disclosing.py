@@ -17,6 +17,7 @@ from inscrutable.reports.style import BLACK, BLUE, drawing, looks_of, save_figur
 _WIDTH, _HEIGHT = 7.4, 3.2
 _SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
+_MOST_CURVES = 6
 
 
 def write_disclosures(table: DisclosureTable, folder: str | os.PathLike[str], *, title: str) -> list[Path]:
@@ -47,13 +48,14 @@ def summary_data(table: DisclosureTable, title: str) -> dict[str, Any]:
 
 
 def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
-    """Draw the error at every step, and its mean with what is told a step, for each disclosure; return the paths."""
+    """Draw the error at every step for up to six schedules, and its mean and the bits a step for all; return the paths."""
     looks = looks_of([row.disclosure for row in table.rows])
     steps, places = np.arange(table.n_steps), np.arange(len(table.rows))
     with drawing(_WIDTH, _HEIGHT, ncols=2, width_ratios=[5, 4]) as (figure, (left, right)):
-        for row, look in zip(table.rows, looks.values(), strict=True):
-            if not Disclosure.of(row.disclosure).schedule.is_immediate or row.disclosure == "exact":
-                left.plot(steps, row.errors, look.line, color=look.colour, label=row.disclosure)
+        late = [row for row in table.rows if not Disclosure.of(row.disclosure).schedule.is_immediate]
+        for row in (late or table.rows)[:_MOST_CURVES]:
+            look = looks[row.disclosure]
+            left.plot(steps, row.errors, look.line, color=look.colour, label=row.disclosure)
         for axes, line in ((left, "axhline"), (right, "axvline")):
             getattr(axes, line)(table.prior_error, color=BLACK, linestyle="--", linewidth=0.8)
         left.xaxis.get_major_locator().set_params(integer=True)
@@ -67,11 +69,17 @@ def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
             alpha=0.7,
         )
         for place, row in zip(places, table.rows, strict=True):
-            end = row.error + _SIDE * row.error_se
-            right.text(end, place, f" {row.bits:.2f} bits a step", va="center", fontsize=6)
+            right.text(
+                0.99,
+                place,
+                f"{row.bits:.2f}",
+                va="center",
+                ha="right",
+                fontsize=6,
+                transform=right.get_yaxis_transform(),
+            )
+        right.text(0.99, 1.01, "bits a step", ha="right", va="bottom", fontsize=6, transform=right.transAxes)
         right.set_yticks(places, [row.disclosure for row in table.rows])
         right.invert_yaxis()
-        right.set(
-            xlabel="error in the long run; dashed: without seeing anything", xlim=(0, 1.4 * table.prior_error or 1)
-        )
+        right.set(xlabel="error in the long run; dashed: without decisions", xlim=(0, 1.4 * table.prior_error or 1))
         return save_figure(figure, folder, "disclosures")

@@ -25,7 +25,7 @@ _DRAWN = {
         "The decisions of ODM, CDM and PDM on the triangle of the three assets, the candidates, and those the PDM mixes.",
     ),
     "beliefs": (
-        "What the adversary reconstructs from them",
+        "Beliefs that explain them",
         "The private belief on the triangle of the three regimes, and the beliefs that explain each decision; dashed: the "
         "distances.",
     ),
@@ -76,6 +76,7 @@ def reproduction_content(
         header=f"{len(result.claims)} claims of Lourenço, Mattila, Rojas and Wahlberg (2020), Section V, judged over "
         f"{settings.markets} random markets; budget c_b = {settings.budget:g} of |c*|.",
         verdict=[_verdict(result)],
+        limits=["ODM: optimal; CDM: counter-adversarial; PDM: probabilistic decision maker."],
         cautions=_cautions(settings.markets),
         tables=[PageTable("The claims", ["Claim", *map(capital, claims.columns[1:])], rows, is_prose=True)],
         pictures=list(_pictures(result, drawn)),

@@ -111,7 +111,7 @@ def test_where_all_is_public_nothing_is_left_to_hide(runs: dict[str, Backtest]) 
     for name, found in runs.items():
         left = any("nothing is hidden from it" in each for each in limits(found))
         assert left == (name != "private")
-        assert ("nothing is left to hide" in text_of(found)) == left
+        assert ("nothing can be hidden from it" in text_of(found)) == left
         assert ("error by following what is public, without weights" in table_of(found).index) == (name != "none")
         assert any(label.startswith("all: ") for label in table_of(found).index)
 

@@ -379,7 +379,7 @@ def protect(
             unit, or silence:0.5. Default: the model's. With `--alphas` a share is of what silence costs, 0.5 by default.
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
-        certify: Prove how much more privacy there could be, to this relative gap, such as 0.01; for maximal and desired.
+        certify: Prove an upper bound of the privacy, to this relative gap, such as 0.01; for maximal and desired.
         state: File that remembers the decisions so far; made where there is none, which takes a minute or more. Needs
             `--belief`, or `--alphas` with one row.
         publish: With `--state`: draw this step's weights once and record them. Without it nothing is drawn.

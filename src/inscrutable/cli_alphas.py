@@ -197,7 +197,7 @@ def backtest_means(
     folder: Path,
     speech: Speech,
 ) -> None:
-    """Show what is given up and what is taken where private means are hidden, and write table, summary and figure."""
+    """Show the cost of hiding private means and the gain of a rival who copies, and write table, summary and figure."""
     from inscrutable.datasets import read_signals
     from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC
     from inscrutable.experiments.alpha_run import AlphaSettings, read_linear_world, run_alpha_backtest

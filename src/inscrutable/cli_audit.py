@@ -24,7 +24,7 @@ def audit(
 ) -> None:
     """Say whether published decisions leak secrets at all, and how much at least, from two files and no model.
 
-    Someone who has nothing but past pairs learns from them (nearest neighbours, ridge regression, a tree; needs the extra
+    An observer who has only past pairs learns from them (nearest neighbours, ridge regression, a tree; needs the extra
     `inscrutable[audit]`), forward in time. That nothing is found proves nothing; what would have been found is said.
 
     Args:
@@ -51,8 +51,6 @@ def audit(
     if speech.json:
         speech.summary(audit_summary(found))
         return
-    show_table(
-        audit_table(found), "What one who has only data makes of the decisions: share wrong, or root mean square"
-    )
+    show_table(audit_table(found), "Error of an observer who has only data: share wrong, or root mean square")
     speech.sentence(found.summary())
     speech.files(files)

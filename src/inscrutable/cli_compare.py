@@ -28,7 +28,7 @@ def compare(
 ) -> None:
     """Set ways of hiding side by side, against the naive observer and the aware one, who knows the rule.
 
-    The table also has an observer who follows the belief over time, and one who has to learn the risk aversion first.
+    The table also has an observer who follows the belief over time, and one who learns the risk aversion first.
 
     Every way spends the same expected regret. Example: inscrutable compare --market demo/model.json --budgets 0.05,0.1
 

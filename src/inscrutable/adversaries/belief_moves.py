@@ -65,7 +65,7 @@ class BeliefMoves:
 
     @property
     def start(self) -> Array:
-        """The law before the first decision of one who reads nothing, shape (X,B)."""
+        """The law before the first decision, without public observations, shape (X,B)."""
         return self.starts[0] if self.n_public == 1 else np.asarray(self.starts.sum(axis=0))
 
     def first(self, read: int = UNREAD) -> tuple[Array, float]:

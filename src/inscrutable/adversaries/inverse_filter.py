@@ -177,7 +177,7 @@ class InverseFilter:
         return weights, errors
 
     def later(self, laws: Laws, n_steps: int) -> tuple[Laws, Array]:
-        """Return what is held some steps later by one who sees nothing more, and the sums of errors (L,) on the way.
+        """Return the predicted law some steps later, without further observations, and the sums of errors (L,) on the way.
 
         What is remembered is left as it was: it says nothing of how beliefs move.
         """

@@ -59,7 +59,7 @@ class Evidence:
         return not bool(np.isnan(self.public).any() or (self.public.ndim == 1 and (self.public == UNREAD).any()))
 
     def without_states(self, *, has_public: bool) -> Evidence:
-        """Return what the decisions tell, and what is public in a world that has it."""
+        """Return the likelihoods of the decisions, and of the public observations in a world that has them."""
         read = self.public if has_public else None
         return replace(self, states=np.ones_like(self.states), offsets=np.zeros_like(self.offsets), public=read)
 
@@ -124,7 +124,7 @@ def state_evidence(
 def public_evidence(
     world: HiddenMarkovModel | BeliefChain, public: Any, n_steps: int, steps: Axis
 ) -> np.ndarray | None:
-    """Return what was read of what is public: symbols (T,), or real rows (T,Z); raise `InputError` where it does not fit."""
+    """Return the public observations: symbols (T,), or real rows (T,Z); raise `InputError` where it does not fit."""
     emission, has_public = None if isinstance(world, BeliefChain) else world.public_emission, world.public is not None
     if public is None:
         if has_public:
@@ -154,7 +154,7 @@ def public_evidence(
 def impossible_step(step: int) -> ModelError:
     """Return the error of a state or report that the observer's world rules out."""
     return ModelError(
-        f"what was seen of the state at step {step}, or read of what is public, is impossible in the adversary's world"
+        f"the state seen at step {step}, or the public observation, is impossible in the adversary's world"
     )
 
 

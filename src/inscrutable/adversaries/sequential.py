@@ -248,7 +248,7 @@ class SequentialAdversary:
         alone = evidence.without_states(has_public=self.agent_world.public is not None)
         if self._rule.is_fixed or (self._agents_own is self._reader and (alone.states == seen).all()):
             return self._read(self._reader, evidence, tables, smooth=smooth)[0]
-        # The rule goes by what one holds who sees the decisions and what is public, in the world as the agent has it.
+        # The rule decides by the law given decisions and public observations, in the agent's world.
         tables = self._read(self._agents_own, alone, None, smooth=False)[1]
         return self._read(self._reader, evidence, tables, smooth=smooth)[0]
 

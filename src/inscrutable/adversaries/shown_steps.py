@@ -80,7 +80,7 @@ class ShownSteps:
         return [DecisionTables(with_memory(disclosed(self._mechanism, self.disclosure, row))) for row in held]
 
     def late(self, reader: InverseFilter, evidence: Evidence, passed: ForwardPass) -> ForwardPass:
-        """Return what is held at each step of the step's own belief, by one who saw decisions with the schedule's lag.
+        """Return the law of each step's belief given the decisions shown with the schedule's lag.
 
         What else was seen of the state was seen at once. `passed` has its laws.
         """

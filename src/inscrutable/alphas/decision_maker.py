@@ -41,7 +41,7 @@ class AlphaDecisionMaker:
     tells the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE), and the fewest bits among these;
     over 0 ⪯ E ⪯ P. The rule draws m̂ = m̂⁻ + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is
     what the observer then believes. With `prior_covariance` P = S, every decision is about another mean; with a `world` P =
-    AEA' + W, less what is public, and the observer remembers all decisions.
+    AEA' + W, after public observations, and the observer remembers all decisions.
 
     Args:
         problem: The problem; with a trading cost decisions trade part of the way to an aim.

@@ -50,7 +50,7 @@ class Moves:
         )
 
     def predicted(self, error: Array) -> tuple[Array, Array]:
-        """Return P = AEA' + W, less what is public, and the matrix A_L with dP = A_L dE A_L', both (n,n)."""
+        """Return P = AEA' + W after public observations, and the matrix A_L with dP = A_L dE A_L', both (n,n)."""
         gain = self.gain(error)
         moved = self.transition - gain @ self.public_sensor
         crossed = gain @ self.cross.T

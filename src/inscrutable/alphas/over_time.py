@@ -248,7 +248,8 @@ def _start(moves: Moves) -> Array:
 
 def _unsettled(goal: _Goal) -> SolverError:
     return SolverError(
-        f"the rule over time did not converge in {_MOST_STEPS} steps, for {len(goal.theta)} signals at a regret of {goal.limit:g}"
+        f"the rule over time did not converge in {_MOST_STEPS} steps, for {len(goal.theta)} signals at a regret of "
+        f"{goal.limit:g}"
     )
 
 

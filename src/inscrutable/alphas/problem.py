@@ -1,4 +1,4 @@
-"""The decision of one whose private belief is numbers: expected returns, signals, set points."""
+"""Decision problems with a private mean: expected returns, signals, set points."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class OriginalDecisionMaker(Described):
 
 
 def certain(points: Array) -> tuple[Array, np.ndarray, Array]:
-    """Return points (T,U) as the table of one who draws nothing: the number of each, (T,1), and its share 1, (T,1)."""
+    """Return points (T,U) as the table of decisions without draws: the number of each, (T,1), and its share 1, (T,1)."""
     return points, np.arange(len(points))[:, None], np.ones((len(points), 1))
 
 

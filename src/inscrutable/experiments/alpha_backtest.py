@@ -1,4 +1,4 @@
-"""What hiding alphas costs and what is taken by one who copies, month by month."""
+"""The cost of hiding alphas, and the gain of a rival who copies, month by month."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class AlphaBacktest:
         index: Labels of the months.
         worth: What the optimum for the alphas is worth above the constant decision, shape (T,), per month.
         given_up: What the published decision costs beyond the optimum, shape (T,).
-        taken: What one who plays the published decision at the same time gains above the constant one, shape (T,).
+        taken: Gain of a rival who plays the published decision at the same time, above the constant one, shape (T,).
         realised: Returns of the constant, the published and the optimal decision, shape (T,3); None without returns.
         bits: What each decision told by the observer's law, shape (T,).
         errors: (m − m̂)'Q(m − m̂), m̂ what the observer believes after the decision, shape (T,).
@@ -109,10 +109,10 @@ class AlphaBacktest:
 def alpha_backtest(
     maker: AlphaDecisionMaker, alphas: pd.DataFrame, returns: pd.DataFrame | None = None, *, rng: np.random.Generator
 ) -> AlphaBacktest:
-    """Return what is given up and what is taken, month by month, where alphas are hidden by a rule.
+    """Return the cost of hiding alphas by a rule, and the gain of a rival who copies, month by month.
 
     Formula: with c(u) = γ u'Vu − m'u, the worth is c(u₀) − c(u*), u₀ the constant decision; given up is c(u) − c(u*), taken
-    c(u₀) − c(u). Their sum is the worth in every month: what hiding gives up is exactly what one who copies does not take.
+    c(u₀) − c(u). Their sum is the worth in every month: a rival who copies gains exactly what hiding does not give up.
     On average, where the alphas follow the law, they are tr(ΘS), tr(ΘE) and the rest.
 
     Args:

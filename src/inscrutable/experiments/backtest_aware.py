@@ -49,10 +49,10 @@ class AwareReading:
         leakages: What one decision tells under the prior, by decision maker.
         followed: Posterior means given all decisions so far, shape (T,X), by decision maker.
         bits: What each decision tells beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
-        beside_public: The same as `followed` by one who also reads what is public; empty where that is nothing.
+        beside_public: The same as `followed` with public observations; empty where there are none.
         ceilings: Root mean square error that no rule of a decision maker's long-run regret leaves the aware observer over time,
             in the long run of the fitted world; NaN where it was not computed.
-        disclosed: As `followed`, of one who is shown what the settings' disclosure shows; empty where that is everything.
+        disclosed: As `followed`, under the settings' disclosure; empty where it shows everything.
 
     Source: Kerckhoffs' principle with Bayes' rule.
     """
@@ -76,10 +76,10 @@ def resolution_for(n_states: int, most: int | None = None) -> int:
 
 
 def doubted(chain: BeliefChain) -> BeliefChain:
-    """Return how a belief moves by one who does not rule out what a simulated path never did: now and then it is drawn anew.
+    """Return a chain that allows moves which the simulated path never made: now and then the belief is drawn anew.
 
     Formula: T = (1 − ε) T + ε 1 w', which keeps the prior w. Without it, real data contradict the rival in every fifth row, who
-    then reads optimal portfolios worse than one who reads them alone.
+    then reads optimal portfolios worse than from each alone.
     """
     weights = chain.prior.weights
     anew = np.tile(weights, (len(chain.prior), 1))
@@ -107,7 +107,7 @@ def rivals_chain(
 
 
 def without_public(chain: BeliefChain) -> BeliefChain:
-    """Return the chain for one who reads nothing."""
+    """Return the chain without public observations."""
     return BeliefChain(chain.prior, chain.transition)
 
 

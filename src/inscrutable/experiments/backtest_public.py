@@ -1,7 +1,7 @@
 """What is read beside the published weights: by everybody, a market's return; by the investor alone, a signal of its own.
 
-The rival who follows what is public alone has E[π_t|z_0..t] = p(x|z_0..t), an ordinary filter of the public number. One who
-sees the weights, too, follows the law of the belief on the grid of the other rivals, the number cut into as many symbols as
+The observer who follows the public number alone has E[π_t|z_0..t] = p(x|z_0..t), an ordinary filter of the public number. One
+who sees the weights, too, follows the law of the belief on the grid of the other rivals, the number cut into as many symbols as
 quantiles: particles, which follow it uncut, are contradicted by real returns far more often.
 """
 
@@ -87,7 +87,7 @@ class PublicWorld:
 
 @dataclass(frozen=True, eq=False)
 class BesideWeights:
-    """What rivals hold who follow what is public, as estimates (T,X) of the investor's belief.
+    """Estimates (T,X) of the investor's belief by observers who follow a public number.
 
     Args:
         said: What is followed, in words.
@@ -168,7 +168,7 @@ def held_beliefs(
 def read_public(
     public: PublicWorld, episode: Episode, everything: Array, aware: AwareReading | None, dates: pd.DatetimeIndex
 ) -> BesideWeights:
-    """Return what rivals hold who follow what is public."""
+    """Return the estimates of observers who follow a public number."""
     without = everything if public.is_all else None
     if public.world is not None and public.read is not None:
         sensor, world = public.world.public_emission, public.world

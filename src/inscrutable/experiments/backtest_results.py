@@ -56,7 +56,7 @@ class Backtest:
         comparisons: Sharpe ratios against the ODM's.
         aware: What the aware observers read; None where a target is given per step.
         sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
-        public: What rivals hold who follow what is public; None in results of before there were any.
+        public: Estimates of observers who follow a public number; None in results of before there were any.
 
     Source: the paper's Section V-A on data instead of a simulation. Example: see `run_backtest`.
     """
@@ -122,9 +122,9 @@ class Backtest:
         return self._read_as(name, {} if self.aware is None else self.aware.followed)
 
     def disclosed_estimates(self, name: str) -> pd.DataFrame:
-        """Return the same of one who is shown what the settings' disclosure shows, (T,X); NaN where that is everything.
+        """Return the same under the settings' disclosure, (T,X); NaN where it shows everything.
 
-        NaN for the sequential rule too, which goes by one who sees every decision.
+        NaN for the sequential rule too, which assumes an observer who sees every decision.
         """
         return self._read_as(name, {} if self.aware is None else self.aware.disclosed)
 

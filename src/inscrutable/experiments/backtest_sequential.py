@@ -46,7 +46,8 @@ class SequentialPart:
         path: What it published, and what a rival holds who follows it.
         others: What the same rival would have held of other draws, each of shape (T,X).
         silence_regret: Long-run mean regret of the one constant portfolio that suits the fitted world best.
-        beside_public: What a rival holds who follows it and what is public, which the rule does not know of, shape (T,X).
+        beside_public: The estimates of an observer who follows it and a public number, which the rule does not know of, shape
+            (T,X).
     """
 
     maker: SequentialDecisionMaker

@@ -94,7 +94,7 @@ class Comparison(Saved):
         n_beliefs: B, beliefs of the prior.
         n_candidates: M, distinct decisions to choose from.
         prior_entropy: In bits: no more can leak.
-        prior_error: Error of one who sees no decision (root mean square): the ceiling.
+        prior_error: Error without decisions (root mean square), which no rule exceeds.
         prior_top_state: How often that one names a most likely state.
         silence_regret: r₀, in the cost's unit.
         mean_cost: E|c*| under the prior, in the cost's unit.

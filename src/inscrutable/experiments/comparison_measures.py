@@ -35,7 +35,7 @@ class ComparisonRow(Saved):
         silence_share: Expected regret as a share of the silence regret r₀.
         naive_privacy: Mean distance of the belief from Π(u), over decisions that some belief explains.
         naive_error: Of the naive observer: the mean of the corners of Π(u).
-        near_optimal_error: Of one who allows for the expected regret asked for, with the prior.
+        near_optimal_error: Of the near-optimal observer, who allows for the expected regret asked for, with the prior.
         budget_aware_error: Of the budget-aware observer, who knows the largest regret of any decision, with the prior.
         bayes_error: Of the aware observer, who knows the mechanism and the prior.
         least_error: The same for the belief that is hidden worst.
@@ -73,9 +73,9 @@ class ComparisonRow(Saved):
             without one.
         rival_worth: What one decision is worth to the rival, in its own unit; NaN where no rival was given.
         learned_error: Of that observer, who then reads single decisions as the naive one does; NaN where none explains all.
-        sensor_error: Of the sensor read from a path of decisions taken at face value, as a share of the error of one who sees
+        sensor_error: Of the sensor read from a path of decisions taken at face value, as a share of the error without
             none; NaN where decisions are not seen as they are.
-        data_errors: Of one who has only data, for each number of pairs asked for, shape (S,); one sample of pairs each.
+        data_errors: Of an observer who has only data, for each number of pairs asked for, shape (S,); one sample of pairs each.
     """
 
     maker: str

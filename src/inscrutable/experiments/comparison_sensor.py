@@ -43,7 +43,7 @@ class SensorPath(NamedTuple):
 
 
 def sensor_error(setting: Setting, behaviour: Behaviour, rng: np.random.Generator) -> float:
-    """Return how far the sensor read from a path of decisions is off, as a share of the error of one who sees none.
+    """Return the error of the sensor read from a path of decisions, as a share of the error without any.
 
     Formula: min over names of the symbols of ‖B̂ − B‖ / ‖1/X − B‖, Frobenius; more than 1 where reading misleads.
     NaN for a single state.

@@ -33,7 +33,7 @@ from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
 
 PATH_STEPS = 40
-"""Decisions of a path; the first half is watched only, so that errors are those of one who has watched for long."""
+"""Decisions of a path; errors count over the second half, so that they are long-run errors."""
 
 N_PATHS = 100
 """Independent paths, the same ones for every decision maker."""
@@ -99,7 +99,7 @@ def watched(
 
 
 def unwatched(setting: Setting, beside: BeliefChain, disclosure: Disclosure) -> tuple[float, float]:
-    """Return the error, and how often a most likely state is named, of one who follows what is read beside decisions alone."""
+    """Return the error, and how often a most likely state is named, from public observations alone."""
     count = len(beside.prior)
     silent = Mechanism(beside.prior.beliefs, np.zeros((1, 1)), np.ones((count, 1)), np.zeros((count, 1)))
     path, read = _read_paths(setting, beside, disclosure.schedule.lag)
@@ -135,7 +135,7 @@ def followed(
     schedule: Schedule = Schedule(),  # noqa: B008  # frozen
     read: np.ndarray | None = None,
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the square error that one expects who saw all decisions so far, and one who saw the last alone.
+    """Return the expected square error given all decisions so far, and given the last alone.
 
     The third are the first one's chances of naming a most likely state, the fourth how much each decision surprised, in bits.
 
@@ -234,7 +234,7 @@ def _guesses(setting: Setting, behaviour: Behaviour, joint: Joint, parameter: fl
 
 
 def _published(setting: Setting, behaviour: Behaviour, rng: np.random.Generator) -> Array:
-    """The decisions (T,U) published along a path of the belief, by one who has decided for so long that the start is past."""
+    """The decisions (T,U) published along a path of the belief, after a start that is left out."""
     path = _paths(setting, PAST + PATH_STEPS, 1)[:, 0]
     if behaviour.play is None and behaviour.memory is None:
         return published(setting, behaviour, path[PAST:], rng)

@@ -59,7 +59,7 @@ class DisclosureTable(Summarised, Saved):
 
     Args:
         rows: One a disclosure, in the order asked for.
-        prior_error: Error of one who sees nothing: the ceiling.
+        prior_error: Error without decisions, which no disclosure exceeds.
         expected_regret: What the mechanism costs, in the cost's unit.
         n_steps: Steps of a path; the later half counts, in whole periods of the schedule.
         n_beliefs: Beliefs of the chain with weight.
@@ -84,7 +84,7 @@ class DisclosureTable(Summarised, Saved):
         raise InputError(f"no row of {text}; there are {[row.disclosure for row in self.rows]}")
 
     def frame(self) -> pd.DataFrame:
-        """Return the figures, one row a disclosure: bits, errors and shares of the error of one who sees nothing."""
+        """Return the figures, one row a disclosure: bits, errors and shares of the error without decisions."""
         return pd.DataFrame(
             [
                 {

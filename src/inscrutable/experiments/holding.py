@@ -1,6 +1,6 @@
 """When a belief is hidden from an observer: one definition for every verb, report and page.
 
-With e₀ the error of one who sees no decision, and n₀ how often one is right who always names the commonest state, a
+With e₀ the error without decisions, and n₀ the share of cases in which the commonest state is right, a
 belief is hidden from an observer of error e who names the likeliest state in a share n of the cases if
 
     e ≥ ⅔ e₀  and  n ≤ n₀ + ⅓ (1 − n₀).
@@ -48,7 +48,7 @@ class Requirement:
     """What a protection must leave an observer.
 
     Args:
-        error_without: e₀, root mean square error of one who sees no decision, at least 0.
+        error_without: e₀, root mean square error without decisions, at least 0.
         chance: n₀, share of the cases in which always naming the commonest state is right.
 
     Raises:

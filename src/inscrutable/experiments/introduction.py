@@ -169,7 +169,7 @@ def _market(seed: int) -> tuple[tuple[float, float], list[list[float]]]:
 
 
 def _worths(observed: Observed) -> tuple[float, float]:
-    """Share of the belief's worth that reading gives to one who decides on the same problem, naive and knowing."""
+    """Share of the belief's worth that reading gives to a rival with the same problem, naive and aware."""
     problem, joint = observed.setting.problem, observed.joint
     loss = RivalProblem(problem)
     known = leakage(observed.behaviour.mechanism, observed.setting.prior, loss=loss)

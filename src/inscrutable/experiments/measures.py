@@ -145,7 +145,7 @@ OF_OBSERVERS = tuple(name for name, measure in MEASURES.items() if measure.value
 
 
 WITHOUT = ("prior_error", "prior_top_state")
-"""Measures of what is known without a decision: by one who knows the law of beliefs, and what it reads beside decisions."""
+"""Measures without decisions: from the law of beliefs, and from public observations."""
 
 
 def reads_beside(chosen: Mapping[str, object]) -> bool:

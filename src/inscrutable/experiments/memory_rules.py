@@ -4,7 +4,7 @@ Such a rule is no mechanism K(u|π), but in the middle of a long path of a `Beli
 have a joint law, and with it a mechanism: the one that observers without knowledge of the rule face. The aware observer
 reads it backwards. After a delay of d steps the decision is the optimal one of the belief d steps ago, and what is left to
 guess is how the belief has moved since: R^d K. A fraction f of the trade gives the target away: v_t = (u_t − (1 − f) u_{t−1})/f
-is the optimal decision, to the last digit, so nothing is hidden from one who also saw the decision before.
+is the optimal decision, to the last digit, so nothing is hidden from an observer who also saw the decision before.
 
 A belief that is held for n decisions is met with the optimal decision itself after a delay of d < n steps, and d + 1 − n steps
 late before. Decisions seen before the last (and for the fraction the last but one) could tell a little more, where several

@@ -34,7 +34,7 @@ _DATA_SEED = 20_260_101
 """Of the pairs that an observer of data has seen: the same for every decision maker."""
 
 _FOLLOWED_SEED = 20_260_102
-"""Of the decisions that are drawn along paths for one who follows the belief."""
+"""Of the decisions that are drawn along paths for the aware observer over time."""
 
 NOTHING, MARKET, ALL = "none", "market", "all"
 """What an observer reads beside decisions; the number of an asset stands for its return."""
@@ -93,7 +93,7 @@ class Observed:
 
     @cached_property
     def played(self) -> Leakage:
-        """What single decisions cost, and tell one who takes them for draws of a mechanism."""
+        """Cost and leakage of single decisions, taken for draws of a mechanism."""
         return leakage(self.behaviour.mechanism, self.setting.prior, self.setting.problem, loss=self.setting.loss)
 
     @cached_property

@@ -43,7 +43,7 @@ class ProtectedStep:
         spent: Regret of all recorded decisions, by the observer's law, in the cost's unit.
         told: Bits that they told, by the observer's law.
         prior_error: Root mean square error of an observer who sees no decision.
-        long_run_error: The same of one who has followed all decisions, in the long run.
+        long_run_error: The same in the long run, given all decisions.
         ceiling: What no rule's long-run error exceeds, on the grid and these candidates.
         n_beliefs: Beliefs of the grid.
     """

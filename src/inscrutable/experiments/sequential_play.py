@@ -28,7 +28,7 @@ from inscrutable.mechanisms.joint import top_states
 from inscrutable.validation import Array
 
 WATCHED_FIRST = 20
-"""Steps after which errors count: those of one who has watched for long."""
+"""Steps after which errors count, so that they are long-run errors."""
 
 LONG_PATHS = (10, 60)
 """Paths, and steps of each, from which long-run figures come: every step is a programme of some 10 ms."""

@@ -82,7 +82,7 @@ class BeliefChain(Summarised):
         return sparse.csr_array(scaled)
 
     def lagged(self, mechanism: Mechanism, n_steps: int) -> Mechanism:
-        """Return what is played today by one who decides by the belief of `n_steps` steps ago: R^d K.
+        """Return the mechanism of the optimal decision of `n_steps` steps ago: R^d K.
 
         The mechanism must be on the prior's beliefs, in their order; otherwise `InputError` is raised.
         """

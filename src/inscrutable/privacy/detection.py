@@ -21,7 +21,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Detectability(Summarised, Saved):
-    """How well one decision tells an agent who hides from one who does not, under a prior over beliefs.
+    """Detectability: how well a test of one decision separates an agent who hides from one who does not, under a prior.
 
     Formula: p(u) = Σ_b w_b K(u|π_b) for the mechanism, q(u) = Σ_b w_b [u = u*(π_b)] for the optimal decisions, and
     r(u) = min_π ρ(π,u).

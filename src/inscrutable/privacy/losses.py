@@ -106,7 +106,7 @@ class DecisionLoss(Loss):
         return np.asarray(np.maximum((held * costs).sum(axis=-1) - _values(problem, held), 0.0))
 
     def precise(self, n_states: int) -> DecisionProblem:
-        """Return the rival's problem less what all its decisions cost alike, of which no digit is lost."""
+        """Return the rival's problem without costs that all its decisions share, to full precision."""
         return self.rival(n_states).without_common_costs
 
     def _forgone(self, laws: Array, beliefs: Array, means: Array) -> Array:

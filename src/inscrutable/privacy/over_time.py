@@ -50,7 +50,7 @@ class PathLeakage(Summarised, Saved):
         belief_information_se: The same.
         state_information_se: The same.
         error_se: The same of `bayes_error`.
-        prior_error: The error of one who sees no decision, at each step: the ceiling. On a grid that of the grid's law, a
+        prior_error: The error without decisions at each step, which no rule exceeds. On a grid that of the grid's law, a
             little wider than the agent's own. Where something is public that one reads it, too.
         interpolation_error: Largest expected distance, over steps and paths, of the agent's belief from the points of the
             mechanism that stand for it; 0 where all is exact but for the sampling.
@@ -58,7 +58,7 @@ class PathLeakage(Summarised, Saved):
         loss: E L(p_t), what a rival loses on average who wants the present belief and has seen all decisions so far, in
             the unit of the loss L that was asked for; None where none was.
         loss_se: Its standard error over the sampled paths.
-        prior_loss: The same of one who sees no decision.
+        prior_loss: The same without decisions.
 
     Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
     on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
@@ -126,7 +126,7 @@ class PathLeakage(Summarised, Saved):
                     f"; the rival's loss {self.loss[t]:.4g} ± {_SIDE * self.loss_se[t]:.2g} of {self.prior_loss[t]:.4g}"
                 )
         if self.is_all_public:
-            lines.append("nothing is left to hide: who reads what is public knows the belief without any decision")
+            lines.append("nothing is left to hide: the public observations determine the belief without any decision")
         if self.interpolation_error > tolerances.SAME_BELIEF:
             lines.append(f"on a grid, with an interpolation error of up to {self.interpolation_error:.3g}")
         return "\n".join(lines)

@@ -52,8 +52,8 @@ class DecisionProblem(ABC):
 
     @property
     def without_common_costs(self) -> DecisionProblem:
-        """The problem less what all decisions cost alike in a state: the same decisions, regrets and consistent beliefs, none
-        of whose digits a large common cost takes; the problem itself is always right."""
+        """The problem without costs that all decisions share in a state: the same decisions, regrets and consistent beliefs,
+        none of whose digits a large common cost takes; the problem itself is always right."""
         return self
 
     @property

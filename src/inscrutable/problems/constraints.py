@@ -237,7 +237,7 @@ class Polyhedron:
         """Return this set with its coordinates in the order of `assets`, whose labels it takes; itself where it has them.
 
         Raises:
-            InputError: Both have labels, and they are not the same; what is missing and what is not expected is named.
+            InputError: Both have labels, and they are not the same; missing and unexpected labels are named.
         """
         order = None if self.asset_names is None else assets.order(self.asset_names, name)
         if order is None and assets.names in (None, self.asset_names):

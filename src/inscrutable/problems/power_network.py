@@ -1,4 +1,4 @@
-"""A transmission network in the direct-current approximation: what flows over its lines for what is put in at its buses."""
+"""A transmission network in the direct-current approximation: flows on its lines as a function of injections at its buses."""
 
 from __future__ import annotations
 

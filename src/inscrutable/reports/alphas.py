@@ -38,12 +38,12 @@ def write_alphas(found: AlphaBacktest, folder: Path) -> list[Path]:
 
 
 def draw_alphas(found: AlphaBacktest, axes: Any) -> None:
-    """Draw what is given up and what is taken, added up from the first decision on, against their sum, the alphas' worth."""
+    """Draw the cumulative cost of hiding and gain of a rival who copies, beside their sum, the alphas' worth."""
     table = found.table()
     along = list(found.index) if isinstance(found.index[0], pd.Timestamp) else list(range(len(table)))
     given, taken, worth = (table[name].cumsum().to_numpy() for name in ("given up", "taken", "worth"))
     axes.fill_between(along, 0.0, given, color=ORANGE, alpha=0.35, linewidth=0, label="given up to hide")
-    axes.fill_between(along, given, worth, color=BLUE, alpha=0.35, linewidth=0, label="taken by one who copies")
+    axes.fill_between(along, given, worth, color=BLUE, alpha=0.35, linewidth=0, label="gained by a rival who copies")
     axes.plot(along, worth, color=GREY, linewidth=1.0, label="worth of the alphas")
     axes.set_ylabel("basis points, added up")
     axes.legend(loc="upper left")

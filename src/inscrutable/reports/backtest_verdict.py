@@ -1,4 +1,4 @@
-"""What a backtest found, in a few lines: what is read, what is hidden from whom, and at what price."""
+"""The verdict of a backtest in a few lines: what an observer reads, what is hidden from whom, and at what price."""
 
 from __future__ import annotations
 

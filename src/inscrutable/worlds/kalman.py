@@ -152,7 +152,7 @@ def steady_filter(world: LinearGaussianWorld) -> SteadyFilter:
     Formula: P⁻ = A (P⁻ − P⁻C'S⁻¹CP⁻) A' + Q, P⁺ = P⁻ − P⁻C'S⁻¹CP⁻, W = P⁻ − P⁺, S = C P⁻ C' + R.
 
     Args:
-        world: The world; it need not be stable where what is read shows all that is not.
+        world: The world; it need not be stable where the sensor observes all unstable modes.
 
     Raises:
         ModelError: Matrices change with time, or no filter converges: a mode that the sensor does not observe grows.

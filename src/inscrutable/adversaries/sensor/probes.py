@@ -1,4 +1,4 @@
-"""Which sequence of states tells most of an agent's sensor to one who sees its decisions."""
+"""The sequences of states after which decisions have the most Fisher information about the agent's sensor."""
 
 from __future__ import annotations
 

@@ -208,10 +208,10 @@ class MaximalLeakageCap(Guarantee):
 
 @dataclass(frozen=True)
 class DetectabilityCap(Guarantee):
-    """A cap on how well what is published is told from what the optimal rule publishes.
+    """A cap on the total variation between the laws of the published and of the optimal decision.
 
-    Formula: ½ Σ_u |p(u) − q(u)| ≤ δ with p(u) = Σ_b w_b K(u|π_b) and q(u) = Σ_b w_b [u = u*(π_b)]: one who is shown decisions
-    of both, equally many, is right in a share of at most (1 + δ)/2.
+    Formula: ½ Σ_u |p(u) − q(u)| ≤ δ with p(u) = Σ_b w_b K(u|π_b) and q(u) = Σ_b w_b [u = u*(π_b)]: a test of one
+    decision, equally likely from either, is right with probability at most (1 + δ)/2.
 
     Args:
         total_variation: δ, from 0 to 1; 0 publishes every decision as often as the optimal rule does.

@@ -1,4 +1,4 @@
-"""Decisions and lotteries with a proof of how much more privacy there could be."""
+"""Decisions and lotteries with a proven upper bound of the privacy."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The decision maker that keeps account of what the observer already holds, step by step."""
+"""The sequential rule, step by step: it decides by the observer's law of the belief."""

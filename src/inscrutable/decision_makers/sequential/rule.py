@@ -1,4 +1,4 @@
-"""The decision maker that keeps account of what the observer already holds."""
+"""The sequential rule: at each step it decides by the observer's law of the belief."""
 
 from __future__ import annotations
 

@@ -87,7 +87,7 @@ class SequenceState(Saved):
     """What is saved of a sequence: no belief of the agent's, no generator and no seed.
 
     Who reads it learns what the observer holds already, the prices, and what the steps cost on average under the observer's
-    law: all of it is public to one who saw the decisions. Only `n_off_grid` is not, a count of beliefs off the grid.
+    law: an observer of the decisions can compute all of it. Only `n_off_grid` is not, a count of beliefs off the grid.
     """
 
     problem: SequenceProblem

@@ -320,7 +320,7 @@ class StepRule:
 
 
 def hidden_step(table: StepTable, law: Array) -> Step:
-    """Return what is played at a step whose decision is never shown: what is best under each belief, as far as it is known."""
+    """Return the mechanism of a step whose decision is never shown: the best decision under each belief."""
     own = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
     numbers, which = np.unique(own.argmin(axis=1), return_inverse=True)
     rows = np.eye(len(numbers))[which]

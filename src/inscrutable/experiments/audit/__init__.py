@@ -1,4 +1,4 @@
-"""An audit of two tables: what decisions tell of a secret to one who learns from data alone, without any model."""
+"""An audit of two tables: whether decisions depend on a secret, from data alone and without a model."""
 
 from inscrutable.experiments.audit.pairs_audit import audit_pairs
 from inscrutable.experiments.audit.results import BlockScore, PairsAudit, SecretAudit, Telling

@@ -182,7 +182,7 @@ def _finding(
     taken, guess = _taken(run, losses), losses[0]
     is_found = bool(p_values[-1] <= 1.0 - LEVEL)
     limits = [_limit(target, taken[n_before:], level, rng)]
-    # Where nothing is found nothing is claimed beyond what one who sees no decision achieves.
+    # Where nothing is found, the limit is the error without decisions.
     limits += [] if is_found else [_limit(target, guess[n_before:], level, rng)]
     unit = np.sqrt if target.kind == "numbers" else float
     since, noticed = _when(pairs, run, truth, p_values) if is_found else ("", "")

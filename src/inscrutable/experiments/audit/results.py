@@ -42,7 +42,7 @@ class BlockScore(Saved):
         first: Label of its first row.
         last: Label of its last row.
         error: The learner's error there: share wrong, or root mean square in the secret's unit.
-        guess_error: The same of one who sees no decision.
+        guess_error: The same without decisions.
         explained: Share of the secret explained, by square error.
         learner: Who read it.
         is_judged: Whether it counts for the claim; earlier ones only choose a learner.
@@ -138,7 +138,7 @@ def _percent(share: float) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PairsAudit(Summarised, Saved):
-    """What published decisions tell of secrets to one who has data and no model: *at least so much*.
+    """What published decisions leak about secrets, from data and without a model: *at least so much*.
 
     Args:
         secrets: One finding for every secret, in the order given.

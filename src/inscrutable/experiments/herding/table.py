@@ -54,7 +54,8 @@ class HerdingTable(Summarised, Saved):
         Columns: `bits`, what the first agent's decision tells; `mean_bits`, an agent's on average; `right`, `wrong`, `none`;
         `learned_by`, the number of agents after which the public belief gives the true state 0.75 on average, NaN if never;
         `truth`, what it gives it after all of them; `regret`, of all agents under the true state; `own`, the part that hiding
-        costs the agents themselves; `others`, what is left less what is left with the first rule: what hiding costs the others.
+        costs the agents themselves; `others`, the total regret of the others above that under the first rule: the cost of
+        hiding to them.
         """
         base = self.found[0].welfare - float(self.found[0].prices.sum())
         rows = []

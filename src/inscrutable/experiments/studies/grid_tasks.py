@@ -115,7 +115,7 @@ class GridRunner(TaskRunner):
         return wanting(moving, self.study.rival)
 
     def _chain(self, places: Sequence[int], regimes: Regimes, public: str | int | None) -> BeliefChain:
-        """How the belief moves, for one who reads some return, or nothing; its law is the setting's prior."""
+        """How the belief moves, with or without a public return; its law is the setting's prior."""
         section = self.grid.beliefs[places[2]].data
         assert section is not None
         assert regimes.world is not None

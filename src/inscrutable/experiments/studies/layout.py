@@ -211,7 +211,7 @@ class StudyFile(PlanFile):
     @model_validator(mode="before")
     @classmethod
     def _pays(cls, data: Any) -> Any:
-        """Add what is paid to the measures asked for, and what is known without a decision where a protection is judged."""
+        """Add the regret to the measures asked for, and the errors without decisions where a protection is judged."""
         asked = data.get("measures") if isinstance(data, dict) else None
         if isinstance(asked, str):
             asked = [asked]

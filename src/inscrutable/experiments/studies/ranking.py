@@ -64,9 +64,10 @@ class Ranking:
 def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) -> Ranking:
     """Return who hides best by a figure, of those that take a budget and those that take none.
 
-    Where costs differ by more than `SAME_COST`, all are compared at the least regret that one who takes the budget spends.
-    One who spends more is taken between its own plays there, or between one of them and the optimal decision, tossing a coin
-    that observers see: means then mix in proportion, and errors by their squares. One who cannot spend so little is left out.
+    Where costs differ by more than `SAME_COST`, all are compared at the least regret that a decision maker with the budget
+    spends. One who spends more is taken between its own plays there, or between one of them and the optimal decision, tossing a
+    coin that observers see: means then mix in proportion, and errors by their squares. One who cannot spend so little is left
+        out.
     """
     measured = means.mean[setting, :, figure]
     plays = [p for p, each in enumerate(means.budgets) if each in (None, budget) and not np.isnan(measured[p])]

@@ -46,7 +46,7 @@ class PlayedAt(NamedTuple):
     drawn: int
     sets: tuple[BeliefSet, ...]
     aware: Array | None
-    """What the one who knows the method concludes from the drawn decision."""
+    """The estimate of the aware observer from the drawn decision."""
 
 
 def single_at(frontier: Frontier, limit: float) -> tuple[Atom, ...]:

@@ -6,9 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from inscrutable import MarkowitzProblem, Polyhedron, QuadraticProblem
+from inscrutable import (
+    CategoricalEmission,
+    DecisionProblem,
+    HiddenMarkovModel,
+    MarkowitzProblem,
+    Polyhedron,
+    Prior,
+    QuadraticProblem,
+    simplex,
+)
+from inscrutable.mechanisms.chains import BeliefChain
 from oracles import consistent, markets
 
 Array = NDArray[np.float64]
@@ -31,6 +41,44 @@ class Drawn(NamedTuple):
 def long_only(n_assets: int, min_slack: float) -> Polyhedron:
     """Return the simplex with a smallest weight of the test's choice."""
     return Polyhedron(-np.eye(n_assets), np.zeros(n_assets), np.ones((1, n_assets)), np.ones(1), min_slack=min_slack)
+
+
+class OwnShares(DecisionProblem):
+    """Shares of K choices with costs (X,K) in a table, as a user may write it: what a problem must have, and no more."""
+
+    def __init__(self, costs: ArrayLike) -> None:
+        self.costs = np.asarray(costs, dtype=float)
+        self.constraints = simplex(self.costs.shape[1])
+
+    @property
+    def n_states(self) -> int:
+        return len(self.costs)
+
+    def solve(self, beliefs: ArrayLike) -> Array:
+        return np.eye(self.costs.shape[1])[(np.asarray(beliefs) @ self.costs).argmin(axis=-1)]
+
+    def state_costs(self, actions: ArrayLike) -> Array:
+        return np.asarray(actions) @ self.costs.T
+
+    def cost_gradients(self, action: ArrayLike) -> Array:
+        return np.broadcast_to(self.costs, (*np.shape(action)[:-1], *self.costs.shape))
+
+
+def uneven_chain(n_beliefs: int = 3, seed: int = 0) -> BeliefChain:
+    """Return a chain that is not the same backwards in time, on beliefs of three states."""
+    rng = np.random.default_rng(seed)
+    transition = rng.dirichlet(np.full(n_beliefs, 0.7), size=n_beliefs)
+    weights = np.linalg.matrix_power(transition, 4000)[0]
+    return BeliefChain(Prior(rng.dirichlet(np.ones(3), size=n_beliefs), weights / weights.sum()), transition)
+
+
+def random_world(rng: np.random.Generator, n_states: int = 2, n_symbols: int = 2) -> HiddenMarkovModel:
+    """Return a world of symbols with any chain, sensor and start."""
+    return HiddenMarkovModel(
+        rng.dirichlet(np.ones(n_states), n_states),
+        CategoricalEmission(rng.dirichlet(np.ones(n_symbols), n_states)),
+        rng.dirichlet(np.ones(n_states)),
+    )
 
 
 @st.composite

@@ -24,6 +24,7 @@ from inscrutable import (
     simplex,
 )
 from oracles import markets
+from strategies import OwnShares
 
 CONSTANTS = [1e4, 1e6, 1e8, -1e6, -1e8]
 SCALES = [1e-6, 1.0, 1e6]
@@ -31,27 +32,6 @@ SAME = 1e-5  # privacies of two searches of one optimum, whose budgets differ by
 N_DECOYS = 300
 SLOW = ("growth", "smooth")
 PROVEN = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
-
-
-class Table(DecisionProblem):
-    """Shares of a few choices with costs (X,K) in a table, as a user may write it."""
-
-    def __init__(self, costs):
-        self.costs = costs
-        self.constraints = simplex(costs.shape[1])
-
-    @property
-    def n_states(self):
-        return len(self.costs)
-
-    def solve(self, beliefs):
-        return np.eye(self.costs.shape[1])[(np.asarray(beliefs) @ self.costs).argmin(axis=-1)]
-
-    def state_costs(self, actions):
-        return np.asarray(actions) @ self.costs.T
-
-    def cost_gradients(self, action):
-        return np.array(np.broadcast_to(self.costs, (*np.shape(action)[:-1], *self.costs.shape)))
 
 
 class Case(NamedTuple):
@@ -104,7 +84,7 @@ KINDS = {
     "quadratic": quadratic,
     "linear": table(lambda costs: LinearProblem(costs, simplex(costs.shape[1]))),
     "finite": table(FiniteProblem),
-    "table": table(Table),
+    "table": table(OwnShares),
     "growth": growth,
     "smooth": smooth,
 }

@@ -36,6 +36,7 @@ from inscrutable.experiments.setting import Setting
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain, predicted_chain, resting_chain
 from inscrutable.reports.comparison import short_table
 from oracles.chain_paths import every_path
+from strategies import uneven_chain
 
 WORLD = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
 
@@ -44,20 +45,12 @@ def market() -> MarkowitzProblem:
     return random_market(rng=np.random.default_rng(3)).problem
 
 
-def uneven_chain(n_beliefs: int = 4, seed: int = 0) -> BeliefChain:
-    """A chain that is not the same backwards in time, on beliefs of three states."""
-    rng = np.random.default_rng(seed)
-    transition = rng.dirichlet(np.full(n_beliefs, 0.7), size=n_beliefs)
-    weights = np.linalg.matrix_power(transition, 4000)[0]
-    return BeliefChain(Prior(rng.dirichlet(np.ones(3), size=n_beliefs), weights / weights.sum()), transition)
-
-
 # ---- the chain ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("d", [0, 1, 3])
 def test_a_lagged_mechanism_is_the_delayed_rule_on_every_path(d: int) -> None:
-    chain, problem = uneven_chain(), market()
+    chain, problem = uneven_chain(4), market()
     beliefs = chain.prior.beliefs
     optimal = mechanism(OriginalDecisionMaker(problem), beliefs)
     lagged = chain.lagged(optimal, d)
@@ -180,7 +173,7 @@ def test_a_delay_on_a_resting_belief_has_a_closed_form() -> None:
 
 
 def test_the_target_of_partial_trades_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    chain, n_draws = uneven_chain(), 3000
+    chain, n_draws = uneven_chain(4), 3000
     monkeypatch.setattr(memory_rules, "PAST", 3)
     monkeypatch.setattr(memory_rules, "_LEAST_DRAWS", n_draws * len(chain.prior))
     setting = setting_of(chain)

@@ -30,6 +30,7 @@ from inscrutable.geometry.simplicial import cones_from, directions_to, halved
 from inscrutable.privacy.measures import Reference
 from oracles import enumeration, markets, optimum
 from oracles.horse_race import farthest_stake
+from strategies import OwnShares
 
 PROVEN = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED)
 
@@ -61,27 +62,6 @@ def best_on_a_grid(problem, belief, budget, resolution=60):
 
             best = max(best, consistent_beliefs(problem, action).distance(belief))
     return best
-
-
-class Finite(DecisionProblem):
-    """K choices as points of a simplex, each with a cost per state: what a user may write; `shares` are decisions."""
-
-    def __init__(self, costs):
-        self.costs = np.asarray(costs, dtype=float)
-        self.constraints = simplex(self.costs.shape[1])
-
-    @property
-    def n_states(self):
-        return len(self.costs)
-
-    def solve(self, beliefs):
-        return np.eye(self.costs.shape[1])[(np.asarray(beliefs) @ self.costs).argmin(axis=-1)]
-
-    def state_costs(self, actions):
-        return np.asarray(actions) @ self.costs.T
-
-    def cost_gradients(self, action):
-        return np.broadcast_to(self.costs, (*np.shape(action)[:-1], *self.costs.shape))
 
 
 class Horses(DecisionProblem):
@@ -173,7 +153,7 @@ def test_finite_choices_and_their_mixtures_are_below_the_bound(seed):
     n_states = 2 + seed % 2
     costs = rng.uniform(0.0, 1.0, (n_states, 6))
     belief = rng.dirichlet(np.ones(n_states))
-    problem = Finite(costs)
+    problem = OwnShares(costs)
     own = float(problem.optimal_cost(belief))
     for share in (0.05, 0.5):
         prover = Prover(problem, belief, 3000)

@@ -17,7 +17,6 @@ from inscrutable import (
     Mechanism,
     OriginalDecisionMaker,
     PartialDecisionMaker,
-    Prior,
     RoundingDecisionMaker,
     consistent_beliefs,
     decoy_grid,
@@ -39,19 +38,13 @@ from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import notes_of, short_table, terminal_table
 from inscrutable.reports.page.comparison_page import comparison_content, page_data
 from oracles.chain_paths import every_path
+from strategies import uneven_chain
 
 EVERY_MAKER = makers_of(COMPARED)
 
 
 def market(seed: int = 3) -> MarkowitzProblem:
     return random_market(rng=np.random.default_rng(seed)).problem
-
-
-def uneven_chain(n_beliefs: int = 3, seed: int = 0) -> BeliefChain:
-    rng = np.random.default_rng(seed)
-    transition = rng.dirichlet(np.full(n_beliefs, 0.7), size=n_beliefs)
-    weights = np.linalg.matrix_power(transition, 4000)[0]
-    return BeliefChain(Prior(rng.dirichlet(np.ones(3), size=n_beliefs), weights / weights.sum()), transition)
 
 
 def some_mechanism(chain: BeliefChain, n_actions: int = 3, seed: int = 1) -> Mechanism:

@@ -9,7 +9,6 @@ from inscrutable import (
     Budget,
     ConvexProblem,
     CounterAdversarialDecisionMaker,
-    DecisionProblem,
     DecisionStatus,
     DesiredObfuscation,
     FiniteProblem,
@@ -28,6 +27,7 @@ from inscrutable.problems import LinearForm
 from inscrutable.problems.piecewise_linear import PiecewiseLinearProblem
 from inscrutable.testing import check_decision_problem
 from oracles import tied
+from strategies import OwnShares
 
 
 def region_of(rng, size, kind):
@@ -223,28 +223,11 @@ def test_mixtures_among_the_candidates_reach_the_suprema_without_a_proof(seed):
     assert mixed.expected_privacy == pytest.approx(lottery, rel=0.01)
 
 
-class Shares(DecisionProblem):
-    """Linear costs as a user may write them, who may say so or not."""
-
-    def __init__(self, costs, told):
-        self.costs, self.told = costs, told
-        self.constraints = simplex(costs.shape[1])
-
-    @property
-    def n_states(self):
-        return len(self.costs)
+class ToldShares(OwnShares):
+    """The same with its linear form said."""
 
     def linear_form(self):
-        return LinearForm(self.costs, self.constraints) if self.told else None
-
-    def solve(self, beliefs):
-        return np.eye(self.costs.shape[1])[(np.asarray(beliefs) @ self.costs).argmin(axis=-1)]
-
-    def state_costs(self, actions):
-        return np.asarray(actions) @ self.costs.T
-
-    def cost_gradients(self, action):
-        return np.broadcast_to(self.costs, (*np.shape(action)[:-1], *self.costs.shape))
+        return LinearForm(self.costs, self.constraints)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -253,9 +236,9 @@ def test_linear_costs_of_a_users_own(seed):
     rng = np.random.default_rng([20270508, seed])
     costs, belief = rng.uniform(0.0, 1.0, (3, 5)), rng.dirichlet(np.ones(3))
     best, lottery = tied.suprema(LinearProblem(costs, simplex(5)), belief, 0.05)
-    for found, value in zip(proved(Shares(costs, True), belief, 0.05), (best, lottery), strict=True):
+    for found, value in zip(proved(ToldShares(costs), belief, 0.05), (best, lottery), strict=True):
         assert found.privacy_bound == pytest.approx(value, abs=1e-7)
-    for found, value in zip(proved(Shares(costs, False), belief, 0.05), (best, lottery), strict=True):
+    for found, value in zip(proved(OwnShares(costs), belief, 0.05), (best, lottery), strict=True):
         assert found.privacy_bound >= value - 1e-9
         assert found.privacy_bound <= np.linalg.norm(np.eye(3) - belief, axis=1).max() + 1e-9
 
@@ -278,7 +261,7 @@ def test_bounds_of_costs_with_kinks_are_above_all_decisions_of_a_grid(seed):
 
 
 def test_costs_that_are_said_to_be_linear_and_are_not_are_found_out():
-    class Bent(Shares):
+    class Bent(ToldShares):
         def state_costs(self, actions):
             return super().state_costs(actions) + (np.asarray(actions) ** 2).sum(axis=-1, keepdims=True)
 
@@ -286,9 +269,9 @@ def test_costs_that_are_said_to_be_linear_and_are_not_are_found_out():
             return super().cost_gradients(action) + 2.0 * np.asarray(action)[..., None, :]
 
     costs = np.random.default_rng(1).uniform(size=(3, 4))
-    check_decision_problem(Shares(costs, True))
+    check_decision_problem(ToldShares(costs))
     with pytest.raises(AssertionError, match="linear_form has the slopes"):
-        check_decision_problem(Bent(costs, True))
+        check_decision_problem(Bent(costs))
 
 
 def test_linear_costs_written_in_cvxpy_are_proved_as_such():

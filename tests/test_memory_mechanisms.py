@@ -31,16 +31,9 @@ from inscrutable import (
 )
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from oracles.chain_paths import every_path
+from strategies import random_world
 
 EXACT = 1e-11
-
-
-def random_world(rng: np.random.Generator, n_states: int, n_symbols: int) -> HiddenMarkovModel:
-    return HiddenMarkovModel(
-        rng.dirichlet(np.ones(n_states), n_states),
-        CategoricalEmission(rng.dirichlet(np.ones(n_symbols), n_states)),
-        rng.dirichlet(np.ones(n_states)),
-    )
 
 
 def random_chain(rng: np.random.Generator, n_beliefs: int) -> BeliefChain:

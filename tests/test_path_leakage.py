@@ -15,7 +15,6 @@ from inscrutable import (
     InputError,
     Mechanism,
     PathLeakage,
-    Prior,
     leakage,
     path_leakage,
     reachable_beliefs,
@@ -23,6 +22,7 @@ from inscrutable import (
     simplex_grid,
 )
 from inscrutable.mechanisms.chains import BeliefChain, filtered_chain, resting_chain
+from strategies import uneven_chain
 
 WORLD = HiddenMarkovModel([[0.9, 0.1], [0.25, 0.75]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
 N_STEPS = 3
@@ -34,13 +34,6 @@ def some_mechanism(beliefs: np.ndarray, n_actions: int = 3, seed: int = 1, *, mi
     if not mixed:
         table = np.eye(n_actions)[table.argmax(axis=1)]
     return Mechanism(beliefs, rng.normal(size=(n_actions, 2)), table, np.zeros_like(table))
-
-
-def uneven_chain(n_beliefs: int = 3) -> BeliefChain:
-    rng = np.random.default_rng(0)
-    transition = rng.dirichlet(np.full(n_beliefs, 0.7), size=n_beliefs)
-    weights = np.linalg.matrix_power(transition, 4000)[0]
-    return BeliefChain(Prior(rng.dirichlet(np.ones(3), size=n_beliefs), weights / weights.sum()), transition)
 
 
 def paths_of_world(world: HiddenMarkovModel, beliefs: np.ndarray) -> Any:

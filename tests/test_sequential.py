@@ -25,16 +25,9 @@ from inscrutable import (
     uniform_prior,
 )
 from inscrutable.adversaries.inverse_filter import InverseFilter
+from strategies import random_world
 
 EXACT = 1e-12
-
-
-def random_world(rng: np.random.Generator, n_states: int = 2, n_symbols: int = 2) -> HiddenMarkovModel:
-    return HiddenMarkovModel(
-        rng.dirichlet(np.ones(n_states), n_states),
-        CategoricalEmission(rng.dirichlet(np.ones(n_symbols), n_states)),
-        rng.dirichlet(np.ones(n_states)),
-    )
 
 
 def random_mechanism(rng: np.random.Generator, beliefs: np.ndarray, n_actions: int, *, mixed: bool) -> Mechanism:

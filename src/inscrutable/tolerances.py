@@ -98,10 +98,6 @@ ROUGH_DISTANCE = 1e-8
 """Distances by one projection nearer than this to a goal's are found again from the set's shape: a hundred times what the
 projection's rows are satisfied to, relative to beliefs."""
 
-BUDGET = 1e-12
-"""Least unit, relative to the cost's scale, in which the polish measures what is left of a budget: one near zero is
-then judged to the rounding of an inner product, not to its own size."""
-
 LEAST_BUDGET = 1e-7
 """Relative width, in the root of a regret, of the bracket of the least that reaches a distance: what searches with
 neighbouring budgets tell apart."""
@@ -210,9 +206,6 @@ NO_COST = 1e-9
 
 KINK = 1e-9
 """A decoy this near to the point it should be far from, or near to, has no direction: the distance has a kink there."""
-
-PARALLEL = 1e-9
-"""Slope between two rows of the plane below which one does not end the other's line: the step would leave the simplex."""
 
 TINY = 1e-300
 """Keeps a division by a length that may be zero finite."""

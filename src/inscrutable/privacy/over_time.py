@@ -21,14 +21,13 @@ from inscrutable.mechanisms.disclosed import disclosed_rule
 from inscrutable.mechanisms.memory import MechanismRule, MemoryMechanism
 from inscrutable.privacy.losses import Loss, checked_loss
 from inscrutable.privacy.path_figures import Baseline, PathDraws, PathFigures, enumerated, sampled, unseen_beliefs
+from inscrutable.privacy.repeated import SIDE
 from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 from inscrutable.worlds.public import joint_symbols
 
 _LEAST_DRAWS = 10
-_SIDE = 1.96
-"""Standard errors to either side of a 95 % interval."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,14 +115,14 @@ class PathLeakage(Summarised, Saved):
         lines = [f"{len(self)} decisions on a belief that moves, {how}"]
         for t in dict.fromkeys([0, len(self) // 2, len(self) - 1]):
             lines.append(
-                f"after {t + 1:4d}: {self.cumulative[t]:.4f} ± {_SIDE * self.cumulative_se[t]:.4f} bits of all beliefs so far, "
-                f"{self.belief_information[t]:.4f} ± {_SIDE * self.belief_information_se[t]:.4f} of the present one, "
-                f"{self.state_information[t]:.4f} ± {_SIDE * self.state_information_se[t]:.4f} of the state; "
-                f"error {self.bayes_error[t]:.4f} ± {_SIDE * self.error_se[t]:.4f} of {self.prior_error[t]:.4f}"
+                f"after {t + 1:4d}: {self.cumulative[t]:.4f} ± {SIDE * self.cumulative_se[t]:.4f} bits of all beliefs so far, "
+                f"{self.belief_information[t]:.4f} ± {SIDE * self.belief_information_se[t]:.4f} of the present one, "
+                f"{self.state_information[t]:.4f} ± {SIDE * self.state_information_se[t]:.4f} of the state; "
+                f"error {self.bayes_error[t]:.4f} ± {SIDE * self.error_se[t]:.4f} of {self.prior_error[t]:.4f}"
             )
             if self.loss is not None and self.loss_se is not None and self.prior_loss is not None:
                 lines[-1] += (
-                    f"; the rival's loss {self.loss[t]:.4g} ± {_SIDE * self.loss_se[t]:.2g} of {self.prior_loss[t]:.4g}"
+                    f"; the rival's loss {self.loss[t]:.4g} ± {SIDE * self.loss_se[t]:.2g} of {self.prior_loss[t]:.4g}"
                 )
         if self.is_all_public:
             lines.append("nothing is left to hide: the public observations determine the belief without any decision")

@@ -23,7 +23,7 @@ _BLOCK = 2**21
 _MANY = 0.1
 """Share of entries above zero from which a table is multiplied as a plain one."""
 _LEAST_DRAWS = 10
-_SIDE = 1.96
+SIDE = 1.96
 """Standard errors to either side of a 95 % interval."""
 
 
@@ -83,9 +83,9 @@ class RepeatedLeakage(Summarised, Saved):
         lines = [f"before any decision: error {self.prior_error:.4f}, {self.prior_entropy:.4f} bits to be learnt"]
         for s, n in enumerate(self.n_steps):
             lines.append(
-                f"after {n:4d}: {self.mutual_information[s]:.4f} ± {_SIDE * self.information_se[s]:.4f} bits, "
-                f"error {self.bayes_error[s]:.4f} ± {_SIDE * self.error_se[s]:.4f}, "
-                f"top state {self.top_state_accuracy[s]:.1%} ± {_SIDE * self.accuracy_se[s]:.1%}"
+                f"after {n:4d}: {self.mutual_information[s]:.4f} ± {SIDE * self.information_se[s]:.4f} bits, "
+                f"error {self.bayes_error[s]:.4f} ± {SIDE * self.error_se[s]:.4f}, "
+                f"top state {self.top_state_accuracy[s]:.1%} ± {SIDE * self.accuracy_se[s]:.1%}"
             )
         return "\n".join([*lines, f"for ever: {self.limit_information:.4f} bits, error {self.limit_error:.4f}"])
 

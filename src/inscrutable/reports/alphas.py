@@ -9,9 +9,7 @@ import pandas as pd
 
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.alpha_backtest import AlphaBacktest
-from inscrutable.reports.style import BLUE, GREY, ORANGE, drawing, save_figure
-
-_PAGE_WIDTH = 7.0
+from inscrutable.reports.style import BLUE, GREY, ORANGE, PAGE_WIDTH, drawing, save_figure
 
 
 def write_alphas(found: AlphaBacktest, folder: Path) -> list[Path]:
@@ -32,7 +30,7 @@ def write_alphas(found: AlphaBacktest, folder: Path) -> list[Path]:
     paths = [target / "table.csv", target / "summary.json"]
     write_table(found.table(), paths[0])
     write_json(found.figures(), paths[1])
-    with drawing(_PAGE_WIDTH, 2.6) as (figure, axes):
+    with drawing(PAGE_WIDTH, 2.6) as (figure, axes):
         draw_alphas(found, axes)
         return paths + save_figure(figure, target, "alphas")
 

@@ -10,9 +10,8 @@ import pandas as pd
 
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.audit import PairsAudit, SecretAudit
-from inscrutable.reports.style import BLUE, GREY, ORANGE, as_written, drawing, save_figure
+from inscrutable.reports.style import BLUE, GREY, ORANGE, PAGE_WIDTH, as_written, drawing, save_figure
 
-_PAGE_WIDTH = 7.0
 _PANEL_HEIGHT = 1.9
 _MOST_PANELS = 6
 _MOST_BARS = 12
@@ -50,7 +49,7 @@ def write_audit(audit: PairsAudit, folder: Path) -> list[Path]:
     write_json(audit_summary(audit), paths[3])
     shown = audit.secrets[:_MOST_PANELS]
     height = _PANEL_HEIGHT * len(shown) + 0.3
-    with drawing(_PAGE_WIDTH, height, nrows=len(shown), ncols=2, squeeze=False) as (figure, axes):
+    with drawing(PAGE_WIDTH, height, nrows=len(shown), ncols=2, squeeze=False) as (figure, axes):
         for (over_time, alone), secret in zip(axes, shown, strict=True):
             _draw_blocks(secret, over_time)
             _draw_sources(secret, alone)

@@ -18,6 +18,8 @@ from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.style import (
     BLACK,
     GREY,
+    PAGE_WIDTH,
+    PERCENT,
     REGIME_COLOURS,
     around,
     as_written,
@@ -28,15 +30,12 @@ from inscrutable.reports.style import (
 )
 from inscrutable.validation import Array
 
-PAGE_WIDTH = 7.0
-"""Inches of a page's text."""
 _HIDDEN_WIDTH = 5.0
 """Inches of the picture that a page begins with: its words stay legible on a phone."""
 
 # Paul Tol's muted scheme, which colour-blind readers can tell apart, and a grey for all other assets together.
 _ASSET_COLOURS = ("#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77", "#CC6677", "#882255", "#AA4499")
 _OTHERS = "#BBBBBB"
-_PERCENT = 100.0
 _STEEP = 15.0
 """From this multiple of the budget the axis of regrets is logarithmic beyond the budget."""
 _WIDE = 4.0
@@ -176,15 +175,15 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
             }
             privacy = path["privacy"].where(np.isfinite(path["privacy"]))
             above.plot(path.index, privacy, label=_published(result, name), **dots)
-            middle.plot(path.index, _PERCENT * relative_increase(path["regret"], path["optimal_cost"]), **dots)
+            middle.plot(path.index, PERCENT * relative_increase(path["regret"], path["optimal_cost"]), **dots)
             wealth = np.cumprod(1.0 + path["net_return"])
             below.plot(path["earned_in"], wealth, color=look.colour, linestyle={"PDM": "--"}.get(name, "-"))
         if budget.is_relative:
-            middle.axhline(_PERCENT * budget.amount, color=BLACK, linewidth=0.8, linestyle=":")
+            middle.axhline(PERCENT * budget.amount, color=BLACK, linewidth=0.8, linestyle=":")
             middle.annotate(
-                "budget", (1.0, _PERCENT * budget.amount), xycoords=("axes fraction", "data"), va="center", fontsize=7
+                "budget", (1.0, PERCENT * budget.amount), xycoords=("axes fraction", "data"), va="center", fontsize=7
             )
-        limit = _PERCENT * budget.amount if budget.is_relative else 1.0
+        limit = PERCENT * budget.amount if budget.is_relative else 1.0
         if limit > 0 and middle.get_ylim()[1] > _STEEP * limit:
             middle.set_yscale("symlog", linthresh=limit)
             middle.set_ylim(-0.1 * limit, 1.6 * middle.get_ylim()[1])  # whole marks at the top
@@ -213,7 +212,7 @@ def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
     regrets = np.linspace(0.0, 1.05 * reach, 1201)
     with drawing(PAGE_WIDTH, 3.0) as (figure, axis):
         single, mixed = (np.asarray(curve(regrets)) for curve in (frontier.deterministic, frontier.randomized))
-        scale, unit = (_PERCENT / own, "% of |c*|") if own > 0 else (1.0, "the cost's unit")
+        scale, unit = (PERCENT / own, "% of |c*|") if own > 0 else (1.0, "the cost's unit")
         for curve, name, line, label in (
             (single, "CDM", "-", "best single decision"),
             (mixed, "PDM", "--", "best lottery, in expectation"),

@@ -21,8 +21,8 @@ from inscrutable.experiments.makers import MAKERS
 from inscrutable.files import whole_file
 from inscrutable.labels import capital
 from inscrutable.reports.comparison_plots import draw_comparison, draw_rival
+from inscrutable.reports.style import PERCENT
 
-_PERCENT = 100.0
 _TITLE_WIDTH = 10
 _OVER_TIME = "error, aware, over time"
 _TOLD = ", rule told"
@@ -68,11 +68,11 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column(f"error, data alone, {n} pairs", _entry("data_errors", s)) for s, n in enumerate(comparison.pairs)
     ]
     return [
-        _Column("regret, % of silence", lambda row: _PERCENT * row.silence_share, ".1f", True),
-        _Column("% of |c*|", lambda row: _PERCENT * row.cost_share, ".2f"),
+        _Column("regret, % of silence", lambda row: PERCENT * row.silence_share, ".1f", True),
+        _Column("% of |c*|", lambda row: PERCENT * row.cost_share, ".2f"),
         _Column(
             "worst, % of silence",
-            lambda row: _PERCENT * row.worst_regret / (comparison.silence_regret or np.nan),
+            lambda row: PERCENT * row.worst_regret / (comparison.silence_regret or np.nan),
             ".0f",
         ),
         _Column("privacy, naive", lambda row: row.naive_privacy),
@@ -88,8 +88,8 @@ def _columns(comparison: Comparison) -> list[_Column]:
         *([_Column("error, sensor", lambda row: row.sensor_error, ".2f")] if _reads_sensor(comparison) else []),
         *([_worth_column(comparison)] if comparison.rival else []),
         _Column("bits", lambda row: row.mutual_information, ".2f", True),
-        _Column("top state, naive, %", lambda row: _PERCENT * row.naive_top_state, ".0f"),
-        _Column("top state, aware, %", lambda row: _PERCENT * row.top_state_accuracy, ".0f"),
+        _Column("top state, naive, %", lambda row: PERCENT * row.naive_top_state, ".0f"),
+        _Column("top state, aware, %", lambda row: PERCENT * row.top_state_accuracy, ".0f"),
         _Column("told from honest, AUC", lambda row: row.read_auc, ".2f"),
     ]
 
@@ -105,9 +105,7 @@ def _reads_sensor(comparison: Comparison) -> bool:
 
 def _worth_column(comparison: Comparison) -> _Column:
     secret = comparison.secret_worth or np.nan
-    return _Column(
-        "worth to the rival, % of the secret's", lambda row: _PERCENT * row.rival_worth / secret, ".1f", True
-    )
+    return _Column("worth to the rival, % of the secret's", lambda row: PERCENT * row.rival_worth / secret, ".1f", True)
 
 
 _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}

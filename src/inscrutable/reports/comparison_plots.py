@@ -12,17 +12,14 @@ import numpy as np
 
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
-from inscrutable.reports.style import BLACK, Look, drawing, looks_of, save_figure
+from inscrutable.privacy.repeated import SIDE
+from inscrutable.reports.style import BLACK, PAGE_WIDTH, PERCENT, Look, drawing, looks_of, save_figure
 from inscrutable.validation import Array
 
-_PAGE_WIDTH = 7.0
 _PANEL_HEIGHT = 2.3
 _RIVAL_HEIGHT = 3.8
 _COLUMNS = 2
 _HEADER_WIDTH = 150
-_PERCENT = 100.0
-_SIDE = 1.96
-"""Standard errors to either side of a 95 % interval."""
 
 
 _MOST_CURVES = 6
@@ -68,7 +65,7 @@ def draw_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     one over time where it is known how the belief moves; return the paths."""
     panels = _panels(comparison)
     n_rows = -(-len(panels) // _COLUMNS)
-    with drawing(_PAGE_WIDTH, n_rows * _PANEL_HEIGHT + 0.6, nrows=n_rows, ncols=_COLUMNS, squeeze=False) as (
+    with drawing(PAGE_WIDTH, n_rows * _PANEL_HEIGHT + 0.6, nrows=n_rows, ncols=_COLUMNS, squeeze=False) as (
         figure,
         axes,
     ):
@@ -111,15 +108,15 @@ def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
     if not (comparison.rival and comparison.secret_worth > 0):
         return []
     scale, along_name = _scale(comparison)
-    looks, high = looks_of(comparison.makers), _PERCENT / comparison.secret_worth
-    with drawing(_PAGE_WIDTH, _RIVAL_HEIGHT) as (figure, axes):
+    looks, high = looks_of(comparison.makers), PERCENT / comparison.secret_worth
+    with drawing(PAGE_WIDTH, _RIVAL_HEIGHT) as (figure, axes):
         for maker in main_makers(comparison):
             rows = comparison.of(maker)
             along = scale * np.array([row.expected_regret for row in rows])
             heights = high * np.array([row.rival_worth for row in rows])
             _curve(axes, along, heights, np.zeros(len(rows)), maker, looks[maker])
         if comparison.rival_is_own and comparison.silence_regret > 0:
-            ends = np.array([0.0, _PERCENT])
+            ends = np.array([0.0, PERCENT])
             axes.plot(
                 ends,
                 ends[::-1],
@@ -130,7 +127,7 @@ def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
                 zorder=2,
             )
         axes.set_xlim(0.0, None if max(comparison.budgets) > 0 else 1.0)
-        axes.set_ylim(0.0, _PERCENT)
+        axes.set_ylim(0.0, PERCENT)
         axes.set_xlabel(along_name)
         axes.set_ylabel("worth of reading, % of the secret's")
         figure.legend(loc="outside upper left", ncols=4, columnspacing=1.2, handlelength=2.4)
@@ -145,7 +142,7 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
         rows = comparison.of(maker)
         along = scale * np.array([row.expected_regret for row in rows])
         errors, spreads = (np.array([each(row) for row in rows]) for each in (panel.error, panel.spread))
-        _curve(axes, along, errors, _SIDE * spreads, maker, looks[maker])
+        _curve(axes, along, errors, SIDE * spreads, maker, looks[maker])
     axes.axhline(
         comparison.prior_error, color=BLACK, linestyle="--", linewidth=0.8, zorder=1, label="without decisions"
     )
@@ -162,7 +159,7 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
 
 def _scale(comparison: Comparison) -> tuple[float, str]:
     if comparison.silence_regret > 0:
-        return _PERCENT / comparison.silence_regret, "expected regret, % of the silence regret"
+        return PERCENT / comparison.silence_regret, "expected regret, % of the silence regret"
     return 1.0, "expected regret, in the cost's unit"
 
 

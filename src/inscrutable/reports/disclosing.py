@@ -12,11 +12,10 @@ from inscrutable import __version__
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.experiments.disclosing import DisclosureTable
 from inscrutable.mechanisms import Disclosure
+from inscrutable.privacy.repeated import SIDE
 from inscrutable.reports.style import BLACK, BLUE, drawing, looks_of, save_figure
 
 _WIDTH, _HEIGHT = 7.4, 3.2
-_SIDE = 1.96
-"""Standard errors to either side of a 95 % interval."""
 _MOST_CURVES = 6
 
 
@@ -64,7 +63,7 @@ def draw_disclosures(table: DisclosureTable, folder: Path) -> list[Path]:
         right.barh(
             places,
             [row.error for row in table.rows],
-            xerr=[_SIDE * row.error_se for row in table.rows],
+            xerr=[SIDE * row.error_se for row in table.rows],
             color=BLUE,
             alpha=0.7,
         )

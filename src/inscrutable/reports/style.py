@@ -51,6 +51,9 @@ _OTHERS = (
 _NAME_WIDTH = 24
 COLUMN_WIDTH = 3.5
 """Inches of one column of a two-column page."""
+PAGE_WIDTH = 7.0
+"""Inches of a page\'s text."""
+PERCENT = 100.0
 
 
 def look_of(name: str) -> Look:

@@ -12,10 +12,9 @@ import pandas as pd
 from inscrutable.alphas import ImpliedViews
 from inscrutable.datasets import output_folder, write_json, write_table
 from inscrutable.labels import label_text
-from inscrutable.reports.style import BLUE, GREY, ORANGE, as_written, drawing, save_figure
+from inscrutable.reports.style import BLUE, GREY, ORANGE, PAGE_WIDTH, as_written, drawing, save_figure
 
 _MOST_ASSETS = 30
-_PAGE_WIDTH = 7.0
 _HEIGHT_OF_ASSET = 0.22
 
 
@@ -59,7 +58,7 @@ def write_views(read: Mapping[Any, ImpliedViews], folder: Path) -> list[Path]:
     write_json(views_summary(read), paths[1])
     last = list(read.values())[-1]
     shown = min(_MOST_ASSETS, last.problem.n_assets)
-    with drawing(_PAGE_WIDTH, 0.8 + _HEIGHT_OF_ASSET * shown, ncols=2, sharey=True) as (figure, axes):
+    with drawing(PAGE_WIDTH, 0.8 + _HEIGHT_OF_ASSET * shown, ncols=2, sharey=True) as (figure, axes):
         draw_views(last, axes)
         return paths + save_figure(figure, target, "views")
 

@@ -19,12 +19,11 @@ from inscrutable.reports.backtest_verdict import cautions, limits, spelled, verd
 from inscrutable.reports.page.budget_sweep import BudgetSweep, PlayedAt
 from inscrutable.reports.page.content import PageContent, PageFigure, PagePicture, PageSlider, PageTable
 from inscrutable.reports.page.manifest import hash_of, versions_told
-from inscrutable.reports.style import REGIME_COLOURS, around, looks_of
+from inscrutable.reports.style import PERCENT, REGIME_COLOURS, around, looks_of
 from inscrutable.validation import Array
 
 _DIGITS = 4
 _CURVE_POINTS = 64
-_PERCENT = 100.0
 _PER_MILLE = 1000.0
 _MOST_ASSETS = 12
 """Rows of the weights of one decision; the further assets are added up in one row more."""
@@ -92,7 +91,7 @@ def _lead(result: Backtest) -> PagePicture | None:
 def budget_texts(result: Backtest, amounts: Array) -> list[str]:
     """Return budgets as text, in the unit of the backtest's own."""
     if result.budget.is_relative:
-        return [f"{_PERCENT * amount:.3g}% of |c*|" for amount in amounts]
+        return [f"{PERCENT * amount:.3g}% of |c*|" for amount in amounts]
     return [f"regret of {amount:.3g}" for amount in amounts]
 
 
@@ -112,7 +111,7 @@ def page_data(sweep: BudgetSweep, played: Mapping[str, list[tuple[PlayedAt, ...]
         "word": result.market.frequency.word,
         "dates": sweep.dates,
         "unit": "% of |c*|" if relative else "the cost's unit",
-        "factor": _PERCENT if relative else 1.0,
+        "factor": PERCENT if relative else 1.0,
         "amounts": [float(f"{amount:.6g}") for amount in sweep.amounts],
         "own": sweep.own,
         "beliefs": sweep.beliefs.round(_DIGITS),
@@ -361,7 +360,7 @@ def _budget_table(sweep: BudgetSweep, figures: Mapping[str, Mapping[str, Any]], 
         cells = [text]
         for name in hiding:
             for key in keys:
-                value = figures[name][key][b] * (_PERCENT if key == "regret" and result.budget.is_relative else 1.0)
+                value = figures[name][key][b] * (PERCENT if key == "regret" and result.budget.is_relative else 1.0)
                 cells.append("-" if np.isnan(value) else f"{value:.3g}")
         rows.append(cells)
     return PageTable("Every budget, means over time", columns, rows)
@@ -369,7 +368,7 @@ def _budget_table(sweep: BudgetSweep, figures: Mapping[str, Mapping[str, Any]], 
 
 def _asset_tables(result: Backtest) -> list[PageTable]:
     weights = {name: result.weights(name).mean() for name in result.names}
-    rows = [[label, *(f"{_PERCENT * weights[name][label]:.1f}" for name in result.names)] for label in result.assets]
+    rows = [[label, *(f"{PERCENT * weights[name][label]:.1f}" for name in result.names)] for label in result.assets]
     return [PageTable("Mean weights, % of wealth", ["Asset", *map(spelled, result.names)], rows)]
 
 

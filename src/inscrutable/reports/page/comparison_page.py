@@ -14,12 +14,11 @@ from inscrutable.reports.comparison import main_columns, notes_of, short_table, 
 from inscrutable.reports.comparison_plots import main_makers
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import versions_told
-from inscrutable.reports.style import looks_of
+from inscrutable.reports.style import PERCENT, looks_of
 from inscrutable.validation import Array
 
 _DIGITS = 4
 _SPENT_LESS = 0.98
-_PERCENT = 100.0
 
 _GIVEN_AS = {"silence": "shares of the silence regret", "cost": "shares of E|c*|", "regret": "regrets"}
 
@@ -107,7 +106,7 @@ def page_data(comparison: Comparison) -> dict[str, Any]:
     """Return what the script reads, rounded."""
     looks = looks_of(comparison.makers)
     silent = comparison.silence_regret > 0
-    scale = _PERCENT / comparison.silence_regret if silent else 1.0
+    scale = PERCENT / comparison.silence_regret if silent else 1.0
     return {
         "makers": comparison.makers,
         "main": main_makers(comparison),

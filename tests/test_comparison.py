@@ -22,6 +22,7 @@ from inscrutable import (
     Mechanism,
     Prior,
     ProbabilisticDecisionMaker,
+    Study,
     calibrate,
     cli,
     consistent_beliefs,
@@ -33,8 +34,10 @@ from inscrutable.decision_makers import LinearProgramme
 from inscrutable.experiments.candidates_only import CandidateDecisionMaker
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings, compare, makers_of
 from inscrutable.experiments.comparison_markets import market_of
+from inscrutable.experiments.own_model import LimitsPart
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.setting import Behaviour, Setting, behaviour_of, scaled_to
+from inscrutable.experiments.studies.comparison_tasks import ComparisonFile, compared_pairs
 from inscrutable.reports import comparison_plots
 from inscrutable.reports.comparison import markdown_of, short_table, terminal_table, write_comparison
 from inscrutable.reports.comparison_plots import draw_comparison
@@ -544,3 +547,36 @@ def test_the_papers_market_is_drawn_by_its_seed() -> None:
     one, other, again = (market_of("paper", 4, seed).problem for seed in (0, 1, 0))
     assert np.array_equal(one.means, again.means)
     assert not np.array_equal(one.means, other.means)
+
+
+def test_limits_hold_in_a_comparison(tmp_path: Path) -> None:
+    own = """
+[regimes]
+names = ["calm", "rough"]
+assets = ["A", "B", "C"]
+transition = [[0.9, 0.1], [0.2, 0.8]]
+means = [[0.01, 0.02, 0.0], [-0.02, 0.0, 0.01]]
+covariances = [[[0.002, 0, 0], [0, 0.003, 0], [0, 0, 0.001]], [[0.006, 0, 0], [0, 0.009, 0], [0, 0, 0.002]]]
+[constraints]
+max_weight = 0.9
+"""
+    (tmp_path / "own.toml").write_text(own)
+    limits = LimitsPart(max_weight=0.4, min_weight=0.1)
+    for name in ("paper", str(tmp_path / "own.toml")):
+        free, found = (market_of(name, 4, 0, each) for each in (LimitsPart(), limits))
+        played = found.problem.solve(found.prior.beliefs)
+        assert played.max() == pytest.approx(0.4)
+        assert played.min() >= 0.1 - 1e-9
+        assert np.array_equal(found.problem.means, free.problem.means)
+        assert np.array_equal(found.prior.beliefs, free.prior.beliefs)
+        assert free.problem.solve(free.prior.beliefs).max() > 0.4
+        with pytest.raises(InputError, match="leave turnover out"):
+            market_of(name, 4, 0, LimitsPart(turnover=0.2))
+    (tmp_path / "own.toml").write_text(own + "turnover = 0.3\n")
+    with pytest.raises(InputError, match="leave turnover out"):
+        market_of(str(tmp_path / "own.toml"), 4, 0)
+    plan = {"kind": "comparison", "name": "c", "limits": {"max_weight": 0.4}}
+    for given in (plan, {key: value for key, value in plan.items() if key != "limits"}):
+        file = Study.of(given).plan
+        assert isinstance(file, ComparisonFile)
+        assert compared_pairs(file).task(0).parameters.get("limits") == given.get("limits")

@@ -12,6 +12,9 @@ import pytest
 
 import inscrutable as ins
 from inscrutable import InputError, Study, resume_study, run_study
+from inscrutable.experiments.studies.extensions import as_text
+from inscrutable.experiments.studies.grid_tasks import GridRunner
+from inscrutable.experiments.studies.tasks import Work
 
 MODULE = '''
 """Parts of a user's own."""
@@ -138,6 +141,55 @@ def test_own_parts_are_measured_as_the_librarys_are(module, tmp_path):
     assert (spender["budget"] == 0.4).all()
     assert study.manifest()["extensions"][0]["version"] == "1.2"
     assert "how far the guess" in ins.Study.load(tmp_path / "out").plan.measure_kinds["LastHidden"].meaning.lower()
+
+
+GOALS = {
+    "name": "goals",
+    "world": {"kind": "random"},
+    "beliefs": {"kind": "grid", "resolution": 3},
+    "candidates": {"resolution": 6},
+    "budgets": {"unit": "silence", "values": 0.3},
+    "decision_makers": [
+        {"name": "CDM", "goal": ["maximal", "LastHidden", "firm"]},
+        {"name": "PDM", "goal": "LastHidden"},
+        "uniform",
+    ],
+    "measures": ["LastHidden", "expected_regret"],
+}
+
+
+def test_a_measure_of_ones_own_is_a_goal(module, tmp_path):
+    own = [f"{module}:LastHidden", f"{module}:firm"]
+    done = run_study(Study.of(GOALS, extensions=own), tmp_path / "study", extensions=own)
+    assert done.status().failed == 0, list(done.errors())
+    rows = done.frame()
+    hidden = rows.set_index([rows["decision_maker"], rows["decision_maker.goal"].fillna("")])["LastHidden"]
+    assert hidden["CDM", "LastHidden"] == hidden["CDM", "firm"]
+    assert hidden["PDM", "LastHidden"] >= hidden["CDM", "LastHidden"] - 1e-9
+    assert hidden["CDM", "LastHidden"] > hidden["uniform", ""]  # whose decisions are affordable, too
+    runner = GridRunner(Work(GridRunner, done.plan.model_dump_json(), None, "[]", as_text(done.extensions)))
+    setting = runner.setting((0, 0, 0, 0, 0))
+    limit, offered = 0.3 * setting.silence_regret, setting.candidates.actions
+    sets = [ins.consistent_beliefs(setting.problem, each) for each in offered]
+    best = [
+        max(
+            abs(known.center()[-1] - belief[-1])
+            for each, known in zip(offered, sets, strict=True)
+            if setting.problem.regret(belief, each) <= limit
+        )
+        for belief in setting.prior.beliefs
+    ]
+    assert hidden["CDM", "LastHidden"] == pytest.approx(setting.prior.weights @ best, rel=1e-9)
+    kept = Study.load(tmp_path / "study").plan.decision_makers[0]
+    assert kept.goal == ("maximal", "LastHidden", "firm")
+
+
+@pytest.mark.parametrize("goal", ["LastHiden", "played"])
+def test_a_goal_is_a_privacy_measure(module, goal):
+    plan = GOALS | {"decision_makers": {"name": "CDM", "goal": goal}}
+    said = r"unknown 'LastHiden'; did you mean LastHidden\?" if goal == "LastHiden" else "unknown 'played'"
+    with pytest.raises(InputError, match=said):
+        Study.of(plan, extensions=[f"{module}:LastHidden", f"{module}:played"])
 
 
 def test_results_are_read_without_importing_anything(module, tmp_path):

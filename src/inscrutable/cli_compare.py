@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, show_table, write_report
+from inscrutable.cli_limits import WeightOptions
 from inscrutable.cli_study import AGAIN, STUDY, resumable, was_told
 from inscrutable.cli_values import DATA, PRIVACY, Out, Seed, Whole, budgets_of, whole_numbers_of, writable_folder
 
@@ -21,6 +22,7 @@ def compare(
     makers: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     pairs: Annotated[str | None, Parameter(group=PRIVACY)] = None,
     disclosure: Annotated[str, Parameter(group=PRIVACY)] = "exact",
+    limits: WeightOptions = WeightOptions(),  # noqa: B008  # frozen
     jobs: Whole = -1,
     seed: Seed = 0,
     out: Out = Path("comparison"),
@@ -45,6 +47,7 @@ def compare(
         disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
             `inscrutable disclose` compares such schedules. The sequential rule goes by it; the two that trade late or in part
             are then left out.
+        limits: What may be held.
         jobs: Processes; -1 is one per core. Changes nothing but the time.
         seed: The same seed gives the same numbers.
         out: Folder for the table (CSV, Markdown), the figure and summary.json; with the extra `inscrutable[report]` also
@@ -64,7 +67,8 @@ def compare(
     folder = writable_folder(out)
     speech.detail(f"Settings: {settings}")
     named = None if makers is None else makers_named(makers)
-    asked = comparison_study(settings, named, market=market, resolution=resolution, seed=seed)
+    market_of: dict[str, Any] = {"market": market, "resolution": resolution, "seed": seed, "limits": limits.part()}
+    asked = comparison_study(settings, named, **market_of)
     with resumable(folder / STUDY, AGAIN):
         with speech.progress("Decision makers at budgets") as move:
             more: dict[str, Any] = {"again": was_told(folder), "say": speech.log, "progress": move}

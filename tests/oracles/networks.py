@@ -79,8 +79,11 @@ def optimum_by_angles(case: dict[str, Any], convention: str) -> tuple[float, np.
             points = terms[4 : 4 + 2 * int(terms[3])].reshape(-1, 2)
             steep = np.diff(points[:, 1]) / np.diff(points[:, 0])
             cost = cost + cp.maximum(*[points[i, 1] + steep[i] * (p[k] - points[i, 0]) for i in range(len(steep))])
-    for row in branch:
-        a, b = place[row[0]], place[row[1]]
+    for number, given in enumerate(branch):
+        row, a, b = given.copy(), place[given[0]], place[given[1]]
+        beside = [each for each in branch[number:] if {each[0], each[1]} == {row[0], row[1]}]
+        if row[8] and beside[-1][0] == row[1]:  # turned to point as the last of parallel ones
+            row[2:4] = row[2:4] * row[8] ** 2 if convention == "powermodels" else row[2:4]
         difference = angle[a] - angle[b]
         if convention == "powermodels":
             flow = 100.0 * row[3] / (row[2] ** 2 + row[3] ** 2) * difference

@@ -33,8 +33,10 @@ def load_matpower(path: PathLike, *, convention: Convention = "powermodels") -> 
     """Return the network of a MATPOWER case file, version 2.
 
     Formula: with convention "powermodels" a line carries b (θ_f − θ_t), b = x/(r² + x²); taps and shifts are ignored, a line
-    without reactance carries nothing, and angles differ by at most 60° where the case says nothing, or 90° and more. With
-    "matpower" it carries (θ_f − θ_t − φ)/(x·tap), and angles are limited where the case says so alone.
+    without reactance carries nothing, and angles differ by at most 60° where the case says nothing, or 90° and more. Parallel
+    transformers that point different ways are turned as PowerModels does, here as the last of them: r and x of one that is
+    turned are multiplied by its tap squared. With "matpower" it carries (θ_f − θ_t − φ)/(x·tap), and angles are limited where
+    the case says so alone.
 
     Elements out of service and isolated buses are left out. Conductances Gs of shunts are loads. A limit of 0 is none. Buses
     have the case's own numbers as labels. A generator whose cost is piecewise linear stands as one block per piece, each a
@@ -248,6 +250,9 @@ class CaseTables:
         said = (2, 3, 5, 8, 9) if values.shape[1] < 13 else (2, 3, 5, 8, 9, 11, 12)
         self._check_numbers("branch", rows, said)
         angles = np.zeros((len(values), 2)) if values.shape[1] < 13 else values[:, 11:13]
+        pointing = {
+            frozenset(values[row, :2]): values[row, 0] for row in rows
+        }  # from where the last of parallel ones starts
         ends, data = [], []
         for row in rows:
             start, end, r, x, rate, tap, shift = values[row, [0, 1, 2, 3, 5, 8, 9]]
@@ -263,6 +268,8 @@ class CaseTables:
                 raise InputError(f"{self._at('branch', row)}: a branch has no reactance; expected one that is not 0")
             if x == 0:
                 continue
+            if convention == "powermodels" and tap and start != pointing[frozenset((start, end))]:
+                r, x = r * tap**2, x * tap**2
             ends.append((int(start), int(end)))
             data.append(_line((r, x, rate, tap or 1.0, shift), angles[row], convention, base))
         return np.array(ends, dtype=np.int64).reshape(-1, 2), np.array(data).reshape(-1, 4)

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from inscrutable import validation
 from inscrutable.datasets import load_industry_returns
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest import fitted_investor
 from inscrutable.experiments.backtest_inputs import BacktestSettings, checked_market
-from inscrutable.experiments.own_model import investor_of
+from inscrutable.experiments.own_model import LimitsPart, OwnModel, investor_of
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Prior, uniform_prior
@@ -52,13 +53,17 @@ def _few(count: int, resolution: int) -> None:
         )
 
 
-def _paper_market(resolution: int, seed: int) -> ComparedMarket:
+def _paper_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:
     """A random market as the paper draws them, with every belief of a grid equally likely.
 
     No world leaves every belief equally likely, so the belief does not follow the market's: it stays where it is as often as
     a regime lasts, and is drawn afresh otherwise.
     """
     problem = random_market(rng=np.random.default_rng(seed)).problem
+    if not limits.is_empty:
+        means = pd.DataFrame(problem.means, columns=[f"asset{k}" for k in range(problem.means.shape[1])])
+        region = limits.region(tuple(means.columns))
+        problem = MarkowitzProblem(means, problem.covariances, problem.risk_aversion, region)
     _few(grid_size(problem.n_states, resolution), resolution)
     chain = resting_chain(uniform_prior(problem.n_states, resolution), _RESTS)
     return ComparedMarket(
@@ -66,9 +71,9 @@ def _paper_market(resolution: int, seed: int) -> ComparedMarket:
     )
 
 
-def _returns_market(resolution: int, seed: int) -> ComparedMarket:
+def _returns_market(resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:
     """The investor of the backtest on the embedded returns, with the long-run law of its predicted belief."""
-    settings = BacktestSettings(seed=seed)
+    settings = BacktestSettings(seed=seed, own=None if limits.is_empty else OwnModel.of_limits(limits))
     fit_rng, prior_rng = (np.random.default_rng(each) for each in np.random.SeedSequence(seed).spawn(4)[::3])
     sample = checked_market(load_industry_returns().returns, settings, None)
     investor = fitted_investor(sample, settings, None, rng=fit_rng)
@@ -76,23 +81,37 @@ def _returns_market(resolution: int, seed: int) -> ComparedMarket:
     return ComparedMarket(investor.problem, predicted_chain(investor.world, resolution, rng=prior_rng), note)
 
 
-def _model_market(path: Path, resolution: int, seed: int) -> ComparedMarket:
+def _model_market(path: Path, resolution: int, seed: int, limits: LimitsPart) -> ComparedMarket:
     """The investor of a model.json or model.toml, with the long-run law of its predicted belief."""
-    model = investor_of(path)
+    model = investor_of(path, limits)
+    _refuse_turnover(model.turnover)
     chain = predicted_chain(model.world, resolution, rng=np.random.default_rng(seed))
     return ComparedMarket(model.problem, chain, f"{path.name}; stationary prior of the predicted belief")
 
 
-def market_of(name: str, resolution: int, seed: int) -> ComparedMarket:
+def _refuse_turnover(turnover: float | None) -> None:
+    if turnover is not None:
+        raise InputError(
+            "a comparison is made on one problem, which a limit on turnover changes at every decision: leave turnover out"
+        )
+
+
+def market_of(
+    name: str,
+    resolution: int,
+    seed: int,
+    limits: LimitsPart = LimitsPart(),  # noqa: B008  # frozen
+) -> ComparedMarket:
     """Return "paper", "returns", or what a model.json describes.
 
     Args:
         name: One of the two, or the path of a model.json of a backtest.
         resolution: Of the grid of beliefs: multiples of 1/resolution.
         seed: Of the market, the fit and the simulated path.
+        limits: What may be held, in place of what the model says; turnover cannot be limited.
 
     Raises:
-        InputError: The file is no model, or a number is out of range.
+        InputError: The file is no model, a number is out of range, or a limit does not go with the market.
 
     Example:
         >>> len(market_of("paper", 30, 0).prior)
@@ -100,8 +119,12 @@ def market_of(name: str, resolution: int, seed: int) -> ComparedMarket:
     """
     if validation.count(resolution, "resolution") >= _MOST_BELIEFS:
         _few(resolution + 1, resolution)  # as many as two states have, and more have no fewer
+    _refuse_turnover(limits.turnover)
     if name == PAPER:
-        return _paper_market(resolution, seed)
-    found = _returns_market(resolution, seed) if name == RETURNS else _model_market(Path(name), resolution, seed)
+        return _paper_market(resolution, seed, limits)
+    if name == RETURNS:
+        found = _returns_market(resolution, seed, limits)
+    else:
+        found = _model_market(Path(name), resolution, seed, limits)
     _few(len(found.prior), resolution)
     return found

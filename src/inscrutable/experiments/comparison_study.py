@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from inscrutable.experiments.comparison import Comparison, ComparisonSettings
+from inscrutable.experiments.own_model import LimitsPart
 from inscrutable.experiments.studies.comparison_tasks import ComparisonFile, comparison_from, market_from
 from inscrutable.experiments.studies.study import Study
 from inscrutable.experiments.studies.tasks import Row
@@ -14,10 +15,17 @@ from inscrutable.files import PathLike
 
 
 def comparison_study(
-    settings: ComparisonSettings, makers: Sequence[str] | None = None, *, market: str, resolution: int, seed: int
+    settings: ComparisonSettings,
+    makers: Sequence[str] | None = None,
+    *,
+    market: str,
+    resolution: int,
+    seed: int,
+    limits: LimitsPart = LimitsPart(),  # noqa: B008  # frozen
 ) -> Study:
     """Return the shipped study with these settings, decision makers of `COMPARED`, market and seed in place of its values."""
     chosen = settings.model_dump() | {"seed": seed, "market": market, "resolution": resolution}
+    chosen |= {} if limits.is_empty else {"limits": limits.model_dump(exclude_none=True)}
     chosen |= {} if makers is None else {"decision_makers": tuple(makers)}
     return Study.of(shipped("comparison") | chosen)
 

@@ -113,45 +113,57 @@ def _candidates_seek_distance(section: _Hiding) -> _Hiding:
     return section
 
 
-class CounterAdversarial(MakerSection):
+class _Hides(MakerSection):
+    """A decision maker that seeks a privacy measure Ψ; `own` are those of a user's own, by name."""
+
+    takes = Takes.EACH
+    own: ClassVar[Mapping[str, Callable[[], PrivacyMeasure]]] = {}
+
+    @classmethod
+    def goal_of(cls, chosen: Chosen) -> PrivacyMeasure:
+        """Return what it seeks."""
+        name = chosen.get("goal", "maximal")
+        return cls.own[name]() if name in cls.own else goal_of(name)
+
+
+class CounterAdversarial(_Hides):
     """The most private decision that is affordable: searched globally, among candidates alone, or by the paper's solver."""
 
-    takes, promises = Takes.EACH, True
+    promises = True
     name: Literal["CDM"]
     goal: Grid[Goal] = ("maximal",)
     method: Grid[Literal["global", "candidates", "local"]] = ("global",)
     starts: Grid[Count] = (1,)
     _knows = model_validator(mode="after")(_candidates_seek_distance)
 
-    @staticmethod
-    def make(setting: Setting, chosen: Chosen, amount: Any, seed: Seed) -> Any:
+    @classmethod
+    def make(cls, setting: Setting, chosen: Chosen, amount: Any, seed: Seed) -> Any:
         """Return it with a budget per belief."""
         method = chosen.get("method", "global")
         if method == "candidates":
             return CandidateDecisionMaker(setting.problem, amount, setting.candidates)
         local = LocalSearch(chosen["starts"], seed()) if method == "local" else None
         candidates = None if local else setting.candidates
-        goal = goal_of(chosen.get("goal", "maximal"))
+        goal = cls.goal_of(chosen)
         return CounterAdversarialDecisionMaker(setting.problem, goal, amount, candidates=candidates, method=local)
 
 
-class Probabilistic(MakerSection):
+class Probabilistic(_Hides):
     """The most private lottery that is affordable in expectation: over all decisions, over candidates alone, or by the
     paper's linear programme over candidates."""
 
-    takes = Takes.EACH
     name: Literal["PDM"]
     goal: Grid[Goal] = ("maximal",)
     method: Grid[Literal["global", "candidates", "programme"]] = ("global",)
     _knows = model_validator(mode="after")(_candidates_seek_distance)
 
-    @staticmethod
-    def make(setting: Setting, chosen: Chosen, amount: Any, seed: Seed) -> Any:
+    @classmethod
+    def make(cls, setting: Setting, chosen: Chosen, amount: Any, seed: Seed) -> Any:
         """Return it with a budget per belief."""
         if chosen.get("method") == "candidates":
             return CandidateDecisionMaker(setting.problem, amount, setting.candidates, mixes=True)
         method = LinearProgramme() if chosen.get("method") == "programme" else None
-        goal = goal_of(chosen.get("goal", "maximal"))
+        goal = cls.goal_of(chosen)
         return ProbabilisticDecisionMaker(setting.problem, goal, amount, candidates=setting.candidates, method=method)
 
 

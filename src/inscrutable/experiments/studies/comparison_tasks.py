@@ -28,6 +28,7 @@ from inscrutable.experiments.comparison_markets import PAPER, RETURNS, ComparedM
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.experiments.investor_model import problem_data, problem_of
 from inscrutable.experiments.model_file import ProblemPart
+from inscrutable.experiments.own_model import LimitsPart
 from inscrutable.experiments.sections import Count, Grid, PlanFile
 from inscrutable.experiments.setting import Setting
 from inscrutable.experiments.studies.flat import flat, unflat
@@ -48,6 +49,7 @@ class ComparisonFile(ComparisonSettings, PlanFile):
     kind: Literal["comparison"] = "comparison"
     market: str = PAPER
     resolution: Count = 30
+    limits: LimitsPart = LimitsPart()
     decision_makers: Grid[str] = tuple(COMPARED)
 
     @model_validator(mode="after")
@@ -63,6 +65,7 @@ def compared_pairs(plan: ComparisonFile, data_hash: str | None = None) -> Listed
     kept |= {"pairs": list(plan.pairs)} if plan.pairs else {}
     kept |= {} if data_hash is None else {"sha256": data_hash}
     kept |= {} if plan.disclosure == EXACT else {"disclosure": plan.disclosure}
+    kept |= {} if plan.limits.is_empty else {"limits": plan.limits.model_dump(mode="json", exclude_none=True)}
     kept |= {} if plan.rival is None else {"rival": plan.rival.model_dump(mode="json", exclude_none=True)}
     seed = [plan.seed, len(plan.budgets)]
     return Listed(len(pairs), lambda k: {"decision_maker": pairs[k][0], "budget": pairs[k][1], **kept}, seed)
@@ -110,7 +113,7 @@ def market_from(worlds: Sequence[dict[str, Any]]) -> ComparedMarket:
 
 def _market(plan: ComparisonFile, base: Path, grid: TaskGrid) -> list[dict[str, Any]]:
     name = plan.market if _hash(plan, base) is None else str(base / plan.market)
-    found = market_of(name, plan.resolution, plan.seed)
+    found = market_of(name, plan.resolution, plan.seed, plan.limits)
     data = {
         "problem": problem_data(found.problem),
         "beliefs": found.prior.beliefs,

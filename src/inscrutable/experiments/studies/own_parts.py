@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
-from typing import Annotated, Any, ClassVar, Literal, Union
+from functools import lru_cache, partial
+from typing import Annotated, Any, ClassVar, Literal, Union, get_args
 
 import numpy as np
 from pydantic import BeforeValidator, Field, create_model
@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, create_model
 from inscrutable.adversaries.consistent_sets import consistent_sets
 from inscrutable.budgets import Budget
 from inscrutable.errors import InputError
-from inscrutable.experiments.makers import MAKERS, MakerSection, Takes
+from inscrutable.experiments.makers import MAKERS, CounterAdversarial, Goal, MakerSection, Probabilistic, Takes
 from inscrutable.experiments.measures import MEASURES, Measure
 from inscrutable.experiments.observers import OBSERVERS, Observed, ObserverSection
 from inscrutable.experiments.sections import Grid, Matrix, Section, Several
@@ -121,7 +121,7 @@ def _measured(extension: Extension, observed: Observed) -> float:
     if not isinstance(thing, PrivacyMeasure) and not isinstance(thing, type):
         given = {"mechanism": played, "prior": observed.setting.prior, "problem": problem}
         return _number(extension, extension.made(given, {}))
-    measure = thing if isinstance(thing, PrivacyMeasure) else thing()
+    measure = _goal(extension)
     joint = observed.joint
     shown = np.flatnonzero(joint.played > 0)
     sets = consistent_sets(problem, problem.check_actions(np.asarray(played.actions)[shown]))
@@ -132,6 +132,24 @@ def _measured(extension: Extension, observed: Observed) -> float:
         for b, m in zip(joint.row, joint.column, strict=True)
     ]
     return float(joint.mass @ np.array(values))
+
+
+def _hiding(kind: type[CounterAdversarial | Probabilistic], own: Mapping[str, Extension]) -> Any:
+    """A decision maker that may also seek privacy measures of a user's own."""
+    made: Any = _create(
+        kind.__name__,
+        __base__=kind,
+        __doc__=kind.__doc__,
+        goal=(_grid[_literal[(*get_args(Goal), *own)]], kind.model_fields["goal"].default),
+    )
+    made.own = {name: partial(_goal, each) for name, each in own.items()}
+    return made
+
+
+def _goal(extension: Extension) -> PrivacyMeasure:
+    thing = loaded(extension)
+    found: PrivacyMeasure = thing if isinstance(thing, PrivacyMeasure) else thing()
+    return found
 
 
 def _number(extension: Extension, value: Any) -> float:
@@ -164,8 +182,16 @@ def _layout_of(extensions: tuple[Extension, ...]) -> Any:
     worlds = {name: _section(each, OwnWorld, "kind") for name, each in by_kind.get(EMISSION, {}).items()}
     measures = {name: _own_measure(each) for name, each in by_kind.get(MEASURE, {}).items()}
     fields = layout.StudyFile.model_fields
-    maker = _named(layout.MakerSection, makers)
-    observer = _named(layout.ObserverSection, observers)
+    goals = {name: each for name, each in by_kind.get(MEASURE, {}).items() if each.sign}
+    if goals:
+        makers |= {"CDM": _hiding(CounterAdversarial, goals), "PDM": _hiding(Probabilistic, goals)}
+    there = tuple(
+        each
+        for each in get_args(layout.MakerSection)
+        if not (goals and issubclass(each, (CounterAdversarial, Probabilistic)))
+    )
+    maker = _named(there, makers)
+    observer = _named(get_args(layout.ObserverSection), observers)
     names = _literal[(*MEASURES, *measures)]
     made: Any = _create(
         "StudyFile",
@@ -205,9 +231,9 @@ def _any_of(known: tuple[Any, ...], own: Mapping[str, Any]) -> Any:
     return _union[(*known, *own.values())]  # of as many as there are
 
 
-def _named(known: Any, own: Mapping[str, Any]) -> Any:
+def _named(known: tuple[Any, ...], own: Mapping[str, Any]) -> Any:
     return _annotated[
-        _annotated[_union[(known, *own.values())] if own else known, _by("name")],
+        _annotated[_any_of(known, own), _by("name")],
         BeforeValidator(layout.named),
     ]
 

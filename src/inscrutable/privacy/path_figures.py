@@ -99,7 +99,7 @@ class Baseline:
     def means(self, step: int) -> Array:
         """Return E[π_t] of those who see no decision, shape (L,X)."""
         if self._laws is None:
-            return self._unseen.mean[step][None]
+            return np.asarray(self._unseen.mean[step])[None]
         return np.asarray(self._laws.of_belief() @ self._points)
 
     def without(self, n_steps: int) -> Array:
@@ -194,7 +194,9 @@ def enumerated(
                 grown.append((after[0], chance * after[1]))
                 count += len(after[1])
                 seen += [tables.action(column) for column in after[3]]
-            known = np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
+            known = (
+                np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
+            )
             if is_public:
                 prior.followed(np.repeat(np.arange(len(chances)), [len(each) for _, each in grown]))
                 known = np.hstack([known, prior.rows])

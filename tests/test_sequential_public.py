@@ -9,6 +9,7 @@ from pathlib import Path
 import cvxpy as cp
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from inscrutable import (
     Budget,
@@ -17,13 +18,16 @@ from inscrutable import (
     GaussianEmission,
     HiddenMarkovModel,
     InputError,
+    Mechanism,
     NamingError,
     PriceCalibration,
     Prior,
+    PublicPart,
     SequentialAdversary,
     SequentialDecisionMaker,
     delayed,
     every,
+    filter_beliefs,
     path_leakage,
     uniform_prior,
 )
@@ -160,7 +164,8 @@ def test_a_late_step_is_the_best_against_one_who_reads_meanwhile(disclosure: obj
 
     held = np.asarray(maker.mechanism_for(Prior(beliefs, law)).probabilities.toarray())
     joint = law[:, None] * held
-    nats = float((joint * np.log(held / joint.sum(axis=0)))[joint > 0].sum())
+    ratios = np.divide(held, joint.sum(axis=0), out=np.ones_like(held), where=joint > 0)
+    nats = float((joint * np.log(ratios)).sum())
     mine = value(joint, np.max, nats, lambda one, other: float((one * other).sum()))
     rows = cp.Variable(held.shape, nonneg=True)
     shared = cp.multiply(law[:, None], rows)
@@ -213,6 +218,73 @@ def test_a_late_rule_is_calibrated_with_what_is_read() -> None:
     assert path.losses.mean() <= maker.ceiling + 0.05
 
 
+@pytest.mark.parametrize("kind", ["sensor", "part"])
+def test_real_numbers_are_read_as_cells_with_the_error_that_is_stated(kind: str) -> None:
+    rng = np.random.default_rng([SEED, 12])
+    sensor = GaussianEmission([[0.0, 0.0], [1.0, 2.0]], [np.eye(2), np.eye(2)])
+    public = PublicPart([[0.5, 0.5]]) if kind == "part" else GaussianEmission([[0.0], [1.0]], np.full((2, 1, 1), 2.0))
+    world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], sensor, public=public)
+    chain = filtered_chain(world, 40, rng=rng, n_steps=20_000)
+    assert chain.n_public == len(chain.cells) == 24
+    assert sum(chain.public).toarray() == pytest.approx(chain.transition.toarray(), abs=1e-14)
+    # One who sees no decision: the numbers by particles, the cells by the chain, on one path.
+    path = world.sample(300, rng=rng)
+    held = filter_beliefs(world, path.observations, public=path.public).beliefs
+    played = Mechanism(
+        chain.prior.beliefs, [0, 1], np.full((len(chain.prior), 2), 0.5), np.zeros((len(chain.prior), 2))
+    )
+    numbers = SequentialAdversary(world, played, n_particles=100, rng=rng).unseen(300, public=path.public).mean
+    cells = SequentialAdversary(chain, played).unseen(300, public=chain.cells.symbols(path.public)).mean
+    apart = ((held - cells) ** 2).sum(axis=1) - ((held - numbers) ** 2).sum(axis=1)
+    error = np.std([each.mean() for each in np.array_split(apart, 20)], ddof=1) / np.sqrt(20)
+    stated = chain.cells.symbols_error**2 - chain.cells.numbers_error**2
+    spread = 2.0 * chain.cells.numbers_error * chain.cells.error_se
+    assert abs(apart.mean() - stated) < 4.0 * (error + spread)
+    assert stated < 0.05 * chain.cells.numbers_error**2 + 4.0 * spread
+    # Few cells lose more.
+    few = filtered_chain(world, 40, rng=rng, n_steps=20_000, cuts=2).cells
+    assert few.symbols_error - few.numbers_error > 4.0 * few.error_se
+    # What each decision tells beside them: cells against numbers, by particles.
+    told = np.clip(chain.prior.beliefs @ [[0.8, 0.2], [0.2, 0.8]], 0.0, 1.0)
+    noisy = Mechanism(chain.prior.beliefs, [0, 1], told, np.zeros_like(told))
+    found = path_leakage(chain, noisy, 4, rng=rng, n_draws=100)
+    assert "read as cells" in found.summary()
+    assert found.cells_error == pytest.approx(chain.cells.symbols_error - chain.cells.numbers_error)
+    errors = []
+    for _ in range(40):
+        path = world.sample(4, rng=rng)
+        held = filter_beliefs(world, path.observations, public=path.public).beliefs
+        actions = (rng.random(4) < held @ [0.2, 0.8]).astype(int)
+        seen = SequentialAdversary(world, noisy, n_particles=50, rng=rng).filter(actions, public=path.public)
+        errors.append(((held[-1] - seen.mean[-1]) ** 2).sum())
+    squared, spread = float(np.mean(errors)), float(np.std(errors) / np.sqrt(40))
+    both = 4.0 * (spread + 2.0 * found.bayes_error[-1] * found.error_se[-1]) + 0.03 * squared
+    assert abs(found.bayes_error[-1] ** 2 - squared) < both
+
+
+def test_the_rule_reads_numbers_and_says_what_it_loses_by_cells() -> None:
+    rng = np.random.default_rng([SEED, 13])
+    sensor = GaussianEmission([[0.0], [1.5]], np.ones((2, 1, 1)))
+    world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], sensor, public=PublicPart([[1.0]]))
+    chain = filtered_chain(world, 20, rng=rng, n_steps=20_000)
+    maker = maker_of(chain, calibration=PRICES)
+    path = world.sample(6, rng=rng)
+    held = chain.prior.beliefs[cKDTree(chain.prior.beliefs).query(filter_beliefs(world, path.observations).beliefs)[1]]
+    one = maker.decide_path(held, public=path.public, rng=np.random.default_rng(1))
+    other = maker.decide_path(held, public=chain.cells.symbols(path.public), rng=np.random.default_rng(1))
+    assert np.array_equal(one.observer_means, other.observer_means)
+    sequence = maker.begin()
+    sequence.observe(path.public[0])
+    assert sequence.observer.weights == pytest.approx(
+        (chain.prior.weights @ chain.public[chain.cells.symbols(path.public)[0]])
+        / (chain.prior.weights @ chain.public[chain.cells.symbols(path.public)[0]]).sum()
+    )
+    assert "24 cells: who reads them and sees no decision errs by" in maker.summary()
+    # All is public: little is left but what cells and grid leave.
+    assert chain.cells.numbers_error == pytest.approx(0.0, abs=1e-9)
+    assert chain.cells.symbols_error < 0.1
+
+
 def test_it_goes_to_disk_and_back(tmp_path: Path) -> None:
     chain = chain_of(READING)
     maker = maker_of(chain, calibration=PRICES)
@@ -242,7 +314,8 @@ def test_what_does_not_fit_is_refused() -> None:
     certain.observe(0)
     sensor, symbols = GaussianEmission([[0.0], [1.0]], np.ones((2, 1, 1))), CategoricalEmission(moves)
     real, nothing = HiddenMarkovModel(moves, sensor, public=sensor), HiddenMarkovModel(moves, symbols)
-    rng = np.random.default_rng(0)
+    both = GaussianEmission(np.eye(2), [np.eye(2), np.eye(2)])
+    rng, pair = np.random.default_rng(0), HiddenMarkovModel(moves, sensor, public=both)
     refused = [
         ("whole number from 0 to 2", lambda: maker.begin().observe()),
         ("whole number from 0 to 2", lambda: maker.begin().observe(3)),
@@ -252,10 +325,12 @@ def test_what_does_not_fit_is_refused() -> None:
         ("whole number from", lambda: maker.decide_path(np.eye(2), rng=rng)),
         ("probability 0", lambda: certain.observe(1)),
         ("no MemoryMechanism", lambda: maker.as_mechanism()),
-        ("one real number with cuts", lambda: SequentialDecisionMaker(GUESS, 0.1, world=real, rng=rng)),
+        ("cuts are for one number", lambda: filtered_chain(pair, 4, rng=rng, n_steps=100, cuts=[0.0])),
+        ("at least 2", lambda: filtered_chain(real, 4, rng=rng, cuts=1)),
+        ("one number a step", lambda: filtered_chain(real, 4, rng=rng, n_steps=100, cuts=[0.0]).cells.symbols([[0.0, 1.0]])),
         ("were not read", lambda: SequentialAdversary(chain, maker).filter([1, 1], public=[1, np.nan])),
         ("rising", lambda: filtered_chain(real, 4, rng=rng, cuts=[1.0, 0.0])),
-        ("in which a real number", lambda: filtered_chain(nothing, 4, rng=rng, cuts=[0.0])),
+        ("in which real numbers", lambda: filtered_chain(nothing, 4, rng=rng, cuts=[0.0])),
         ("sum to the transition", lambda: BeliefChain(prior, moves, [moves, moves])),
         ("no probability", lambda: BeliefChain(prior, moves, [2.0 * moves, -moves])),
         ("tables of shape", lambda: BeliefChain(prior, moves, [])),

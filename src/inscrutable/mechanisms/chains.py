@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,9 +16,15 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import Mechanism
 from inscrutable.mechanisms.priors import Prior, grid_visits, predicted
+from inscrutable.mechanisms.public_cells import N_CELLS, PublicCells, cells_of, errors_of
 from inscrutable.saved import Summarised
 from inscrutable.validation import Array
 from inscrutable.worlds import CategoricalEmission, HiddenMarkovModel
+
+_MEASURED = 4_000
+"""Steps on which the error of cells is measured: a standard error of the difference of about a hundredth of the error."""
+_DRAWN_TO = 0.5
+"""Moves that count as if they had been met with the symbols' shares over more of them: 4 and 20 leave larger errors."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,6 +38,7 @@ class BeliefChain(Summarised):
         transition: T, shape (B,B), rows that sum to one, plain or sparse.
         public: Where everybody reads one of Z symbols as the belief moves: Z tables T_z of shape (B,B) whose sum is T, with
             T_z[b,b'] the probability of moving to b' and reading z. None: nothing is read.
+        cells: Where the symbols are cells of real numbers: which number is in which, and what is lost by it.
 
     Raises:
         InputError: The shape is wrong, a row is no probability vector, the prior is not the chain's law, or the public tables
@@ -49,6 +56,7 @@ class BeliefChain(Summarised):
     prior: Prior
     transition: Any
     public: Sequence[Any] | None = None
+    cells: PublicCells | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.prior, Prior):
@@ -137,9 +145,10 @@ class BeliefChain(Summarised):
         return (found, None) if self.public is None else (found % size, found // size)
 
     def summary(self) -> str:
-        """Return one line for a person to read."""
+        """Return a line or two for a person to read."""
         stay = float(self.prior.weights @ self.transition.diagonal())
-        return f"{self.prior.summary()}; it stays where it is in {stay:.1%} of the steps"
+        read = "" if self.cells is None else f"\nwhat is public: {self.cells}"
+        return f"{self.prior.summary()}; it stays where it is in {stay:.1%} of the steps{read}"
 
 
 def _parts(given: Any, transition: Any) -> tuple[Any, ...]:
@@ -188,7 +197,7 @@ def filtered_chain(
     *,
     rng: np.random.Generator,
     n_steps: int = 100_000,
-    cuts: ArrayLike | None = None,
+    cuts: ArrayLike | int | None = None,
 ) -> BeliefChain:
     """Return how the filtered belief of a world moves, binned on the regular grid of beliefs.
 
@@ -196,17 +205,19 @@ def filtered_chain(
     ring, so that the prior, `filtered_prior` of the same arguments, is the chain's law to the last digit.
 
     That the next bin depends on the present one alone is an approximation, which a finer grid improves. Where something is
-    public in the world, the chain's `public` tables are shares of the same steps by what was read.
+    public in the world, the chain's `public` tables are shares of the same steps by what was read. Real numbers are read as the
+    cell that they are in; `cells` says what that costs one who sees no decision.
 
     Args:
         world: The hidden Markov model whose observations the agent filters.
         resolution: r, at least 1: beliefs are multiples of 1/r.
         rng: The source of the simulated path.
         n_steps: Length of the simulated path, at least 1; the first tenth is left out.
-        cuts: Where what is public is one real number: rising numbers that cut it into symbols, `np.searchsorted(cuts, z)`.
+        cuts: Where what is public are real numbers: how many cells of like p(x|z) they are told apart by; None is 24. Or of one
+            number rising ones that cut it into symbols, `np.searchsorted(cuts, z)`.
 
     Raises:
-        InputError: A number is not whole or below 1, `rng` is no generator, or cuts are missing, not asked for, or do not rise.
+        InputError: A number is not whole or below 1, `rng` is no generator, or cuts are not asked for, or do not rise.
 
     Cost: one simulated and filtered path. Source: Ulam's method.
 
@@ -217,7 +228,14 @@ def filtered_chain(
         >>> chain.transition.shape == (len(chain.prior), len(chain.prior))
         True
     """
-    limits = None if cuts is None else _rising(cuts)
+    return _measured(world, _binned(world, resolution, rng, n_steps, cuts), rng, ahead=False)
+
+
+def _binned(
+    world: HiddenMarkovModel, resolution: int, rng: np.random.Generator, n_steps: int, cuts: ArrayLike | int | None
+) -> BeliefChain:
+    """The chain, with cells whose errors are not measured yet."""
+    asked = _asked_cells(cuts)
     prior, places, public = grid_visits(world, resolution, rng=rng, n_steps=n_steps)
     later = np.roll(places, -1)
 
@@ -227,35 +245,74 @@ def filtered_chain(
 
     counts = counted(slice(None))
     scale = sparse.diags_array(1.0 / counts.sum(axis=1))
-    read, n_public = _public_symbols(world, public, limits)
-    if read is None:
+    cells = _cells(world, public, asked, rng)
+    if public is None:
         return BeliefChain(prior, scale @ counts)
-    read = np.roll(read, -1)
-    return BeliefChain(prior, scale @ counts, [scale @ counted(read == symbol) for symbol in range(n_public)])
+    read = np.roll(public if cells is None else cells.symbols(public), -1)
+    n_public = world.public_emission.n_symbols if cells is None else len(cells)  # type: ignore[union-attr]
+    tables = [counted(read == symbol) for symbol in range(n_public)]
+    if cells is not None and cells.cuts is None:
+        tables = _shrunk(counts, tables)
+    return BeliefChain(prior, scale @ counts, [scale @ each for each in tables], cells)
 
 
-def _rising(cuts: ArrayLike) -> Array:
+def _shrunk(counts: Any, tables: list[Any]) -> list[Any]:
+    """Counts of moves by symbols, which sum to the counts (B,B): shares of few moves are drawn to those of their next belief.
+
+    These are drawn to those of all moves. No symbol is then impossible.
+    """
+    share = np.array([each.sum() for each in tables]) / counts.sum()
+    own = np.array([each.sum(axis=0) for each in tables])  # (Z,B)
+    of_next = (own + _DRAWN_TO * share[:, None]) / (counts.sum(axis=0) + _DRAWN_TO)
+    whole = counts.tocoo()
+    found = []
+    for each, mean in zip(tables, of_next, strict=True):
+        here = np.asarray(each[whole.row, whole.col]).reshape(-1)
+        some = whole.data * (here + _DRAWN_TO * mean[whole.col]) / (whole.data + _DRAWN_TO)
+        found.append(sparse.csr_array(sparse.coo_array((some, (whole.row, whole.col)), shape=counts.shape)))
+    return found
+
+
+def _asked_cells(cuts: ArrayLike | int | None) -> Array | int | None:
+    if cuts is None or isinstance(cuts, (int, np.integer)):
+        return None if cuts is None else validation.count(cuts, "cuts", least=2)
     limits = validation.finite_array(cuts, "cuts", ndim=1)
     if not limits.size or (np.diff(limits) <= 0).any():
-        raise InputError(f"cuts must be rising numbers, got {limits.tolist()}")
+        raise InputError(f"cuts must be rising numbers, or how many cells, got {limits.tolist()}")
     return limits
 
 
-def _public_symbols(
-    world: HiddenMarkovModel, public: np.ndarray | None, cuts: Array | None
-) -> tuple[np.ndarray | None, int]:
-    """What was read on a path as symbols, and how many there are."""
+def _cells(
+    world: HiddenMarkovModel, public: np.ndarray | None, asked: Array | int | None, rng: np.random.Generator
+) -> PublicCells | None:
+    """The cells of what was read on a path; None where nothing is public, or symbols are."""
     emission = world.public_emission
-    if isinstance(emission, CategoricalEmission) or public is None:
-        if cuts is not None:
-            raise InputError("cuts are for a world in which a real number is public")
-        return public, 0 if emission is None else emission.n_symbols  # type: ignore[attr-defined]
-    if cuts is None or public[0].size != 1:
-        raise InputError(
-            f"what is public must be symbols, or one real number with cuts, got {public[0].size} real numbers a step"
-            f"{' without cuts' if cuts is None else ''}"
-        )
-    return np.searchsorted(cuts, public.reshape(-1)), len(cuts) + 1
+    if emission is None or public is None or isinstance(emission, CategoricalEmission):
+        if asked is not None:
+            raise InputError("cuts are for a world in which real numbers are public")
+        return None
+    if isinstance(asked, np.ndarray):
+        if public[0].size != 1:
+            raise InputError(f"cuts are for one number, got {public[0].size} a step: say how many cells, or None")
+        return PublicCells(emission, np.full(world.n_states, 1.0 / world.n_states), None, asked)
+    return cells_of(world, public, N_CELLS if asked is None else asked, rng=rng.spawn(1)[0])
+
+
+def _measured(world: HiddenMarkovModel, chain: BeliefChain, rng: np.random.Generator, *, ahead: bool) -> BeliefChain:
+    """The chain with what its cells cost one who sees no decision, on a path of its own; no number of `rng` is drawn."""
+    if chain.cells is None or chain.public is None:
+        return chain
+    path = world.sample(_MEASURED, rng=rng.spawn(1)[0])
+    forwards = [sparse.csr_array(each.T) for each in chain.public]
+    law, means = chain.prior.weights, np.empty((_MEASURED, world.n_states))
+    for t, symbol in enumerate(chain.cells.symbols(path.public)):
+        moved = forwards[symbol] @ law
+        if not moved.sum() > 0:  # what the grid rules out is not read
+            moved = chain.transition.T @ law
+        law = moved / moved.sum()
+        means[t] = law @ chain.prior.beliefs
+    numbers, symbols, error = errors_of(world, path, means, ahead=ahead)
+    return replace(chain, cells=replace(chain.cells, numbers_error=numbers, symbols_error=symbols, error_se=error))
 
 
 stationary_chain = filtered_chain
@@ -268,14 +325,15 @@ def predicted_chain(
     *,
     rng: np.random.Generator,
     n_steps: int = 100_000,
-    cuts: ArrayLike | None = None,
+    cuts: ArrayLike | int | None = None,
 ) -> BeliefChain:
     """Return how the belief about the next state moves from step to step: `filtered_chain` one step ahead.
 
     Arguments and errors as `filtered_chain`; the chain's prior is `predicted_prior`.
     """
-    filtered = filtered_chain(world, resolution, rng=rng, n_steps=n_steps, cuts=cuts)
-    return BeliefChain(predicted(filtered.prior, world), filtered.transition, filtered.public)
+    filtered = _binned(world, resolution, rng, n_steps, cuts)
+    chain = replace(filtered, prior=predicted(filtered.prior, world))
+    return _measured(world, chain, rng, ahead=True)
 
 
 def _rows(transition: Any | ArrayLike, count: int) -> Any:

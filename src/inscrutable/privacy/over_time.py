@@ -58,6 +58,8 @@ class PathLeakage(Summarised, Saved):
             the unit of the loss L that was asked for; None where none was.
         loss_se: Its standard error over the sampled paths.
         prior_loss: The same without decisions.
+        cells_error: Where real numbers are public, and read as cells: the error without decisions from cells minus that from
+            the numbers themselves, at one step on average.
 
     Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
     on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
@@ -93,6 +95,7 @@ class PathLeakage(Summarised, Saved):
     loss: Array | None = None
     loss_se: Array | None = None
     prior_loss: Array | None = None
+    cells_error: float = 0.0
 
     @property
     def worth(self) -> Array | None:
@@ -126,6 +129,10 @@ class PathLeakage(Summarised, Saved):
                 )
         if self.is_all_public:
             lines.append("nothing is left to hide: the public observations determine the belief without any decision")
+        if self.cells_error:
+            lines.append(
+                f"public numbers are read as cells, which adds {self.cells_error:.2g} to the error without decisions"
+            )
         if self.interpolation_error > tolerances.SAME_BELIEF:
             lines.append(f"on a grid, with an interpolation error of up to {self.interpolation_error:.3g}")
         return "\n".join(lines)
@@ -197,6 +204,8 @@ def path_leakage(
     if found is None:
         found = sampled(reader, figures, _paths(world, reader, count, draws, source), source, shown.schedule)
     averaged = _averaged(found, unseen.spread if found.prior is None else np.sqrt(found.prior.mean(axis=0)))
+    if isinstance(world, BeliefChain) and world.cells is not None:
+        averaged = replace(averaged, cells_error=world.cells.symbols_error - world.cells.numbers_error)
     if wanted is None:
         return averaged
     (lost,), (error,) = _averages([found.lost], found.is_sampled, least=-np.inf)

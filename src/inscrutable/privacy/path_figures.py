@@ -99,7 +99,7 @@ class Baseline:
     def means(self, step: int) -> Array:
         """Return E[π_t] of those who see no decision, shape (L,X)."""
         if self._laws is None:
-            return self._unseen.mean[step][None]
+            return np.asarray(self._unseen.mean[step])[None]
         return np.asarray(self._laws.of_belief() @ self._points)
 
     def without(self, n_steps: int) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places, columns_of
+from inscrutable.decision_makers.aware.guarantees import Guarantee
 from inscrutable.decision_makers.candidates import Candidates, as_candidates
 from inscrutable.decision_makers.described import Described
 from inscrutable.decision_makers.results import MixedDecision, MixedDecisions, Progress
@@ -66,11 +67,12 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
         prior: Prior,
         candidates: Candidates | ArrayLike | None,
         options: Options,
+        guarantees: tuple[Guarantee, ...] = (),
     ) -> None:
         self.problem = checked_problem(problem)
         self.budget = as_budget(budget)
         self.prior = checked_prior(prior, self.problem)
-        self.options = options
+        self.options, self.guarantees = options, guarantees
         self._given = candidates
         self._columns: Columns | None = None
         self._solution: Solution | None = None

@@ -184,13 +184,13 @@ def least_regret(
         >>> round(found.regret, 3), round(1 - np.e / 3, 3)
         (0.094, 0.094)
     """
-    search = _Search(
+    search = RegretSearch(
         checked_problem(problem), checked_prior(prior, problem), candidates, validation.positive(gap, "gap")
     )
-    return search.found(_checked(guarantees))
+    return search.found(checked_guarantees(guarantees))
 
 
-class _Search:
+class RegretSearch:
     """The game of a problem and a prior on some candidates, solved for some of the guarantees or all."""
 
     def __init__(
@@ -210,6 +210,7 @@ class _Search:
         self.goal = gap * self.silence + tolerances.NO_REGRET * float(self.regrets.max())
 
     def solved(self, guarantees: Iterable[Guarantee | Budget]) -> Solved:
+        """Return the cheapest table that gives the guarantees."""
         rules = tuple(each for each in guarantees if isinstance(each, Guarantee))
         return cheapest_table(self.game, self.regrets, rules, self.goal)
 
@@ -218,6 +219,7 @@ class _Search:
         return float(self.game.weights @ budget.limits(self.optimal_costs))
 
     def found(self, guarantees: tuple[Guarantee | Budget, ...]) -> LeastRegret:
+        """Return the cheapest rule, or what contradicts each other."""
         for place, each in enumerate(guarantees):
             if isinstance(each, Guarantee) and each.limit - each.most(self.game) > tolerances.GUARANTEE_ROUNDING:
                 return self._contradiction(guarantees, (place,), np.inf)
@@ -297,7 +299,8 @@ def _few_decoys(problem: DecisionProblem) -> Candidates:
     return decoy_grid(problem, resolution)
 
 
-def _checked(guarantees: Sequence[Guarantee | Budget]) -> tuple[Guarantee | Budget, ...]:
+def checked_guarantees(guarantees: Sequence[Guarantee | Budget]) -> tuple[Guarantee | Budget, ...]:
+    """Return guarantees and budgets, or raise `InputError`."""
     expected = "guarantees must be a list such as [PointwiseLeakageCap(nats=0.5), Budget.regret(0.1)]"
     if isinstance(guarantees, (Guarantee, Budget, str)) or not isinstance(guarantees, Iterable):
         raise InputError(f"{expected}, got {guarantees!r}")

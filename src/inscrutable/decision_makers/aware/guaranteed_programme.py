@@ -35,7 +35,7 @@ SPARSE: Any = sparse
 NO_COLUMN, SHARED = -1, -2
 """In the place of a row's column: its guarantee gives way alike whatever is played; and it is besides one for all decisions."""
 
-_MOST_ROUNDS = 100
+MOST_ROUNDS = 100
 _NEAR = 4
 _WHOLE = 15_000
 """Pairs of belief and decision up to which all decisions are there from the first: a programme takes about a second then."""
@@ -89,6 +89,7 @@ class RowBlock(NamedTuple):
     sides: Array  # (n,)
     slopes: Array  # (n,): how fast a row gives way where its guarantee does, times p(u) of its column
     columns: np.ndarray  # (n,): the row's column; NO_COLUMN or SHARED where it has none
+    costs: Any = None  # (k,): what each z costs where it is aimed at; None for nothing
 
 
 class RowsAndCuts(Protocol):
@@ -96,6 +97,10 @@ class RowsAndCuts(Protocol):
 
     is_by_decision: bool
     """Whether a decision that is left out can be priced: no cuts are to be found, and nothing is compared with another law."""
+
+    @property
+    def largest_ratio(self) -> float | None:
+        """The most that K_bm/p(u_m) may be, where that and the price of the largest K_bm are all that its rows say."""
 
     def rows(self, game: PlayedGame) -> RowBlock:
         """Rows that are there from the start."""
@@ -121,10 +126,10 @@ class Solved(NamedTuple):
 
 def cheapest_table(game: PlayedGame, regrets: Array, rules: tuple[RowsAndCuts, ...], goal: float) -> Solved:
     """Return the cheapest table that gives all the guarantees; its regret and bound differ by at most `goal` if it can be."""
-    return _Search(game, regrets, rules, goal).run()
+    return TableSearch(game, regrets, rules, goal).run()
 
 
-class _Search:
+class TableSearch:
     """The decisions and rows that are there, as they grow, and the best table so far."""
 
     def __init__(self, game: PlayedGame, regrets: Array, rules: tuple[RowsAndCuts, ...], goal: float) -> None:
@@ -134,11 +139,14 @@ class _Search:
         self.blocks = [[rule.rows(game)] for rule in rules]
         silent = np.zeros(game.shape)
         silent[:, int((game.weights @ regrets).argmin())] = 1.0
-        self.best = _repaired(game, silent, rules)
-        self.value, self.bound = _regret(game, regrets, self.best), 0.0
+        self.best = repaired(game, silent, rules)
+        self.value, self.bound = self._worth(self.best), 0.0
         self.prices: tuple[float, ...] = (0.0,) * len(rules)
         self.age = np.full(game.shape[1], _FRESH)  # rounds since a decision was played
         self.age[self._first()] = 0
+        self.centre: Array | None = (
+            None  # the prices of the best bound: of beliefs, of the largest entries, and the latter paid
+        )
 
     def _first(self) -> np.ndarray:
         if self.regrets.size <= _WHOLE or not self.rules or not all(rule.is_by_decision for rule in self.rules):
@@ -153,9 +161,9 @@ class _Search:
 
     def run(self) -> Solved:
         """Solve, and add rows and decisions, until regret and bound meet or nothing is left to add."""
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(MOST_ROUNDS):
             columns = np.flatnonzero(self.age < _FRESH)
-            found = _solve(self.game, self.objective, self.blocks, columns)
+            found = solved_programme(self.game, self.objective, self.blocks, columns)
             self._keep(found.table)
             self.age += 1
             is_played = self.game.played(found.table) > 0
@@ -167,7 +175,7 @@ class _Search:
                 self._bounded(found, 0.0)
             elif not has_cuts and not added.size:
                 added, least = self._tempting(found, columns)
-                self.age[columns] = self.age[added] = -_MOST_ROUNDS
+                self.age[columns] = self.age[added] = -MOST_ROUNDS
                 self._bounded(found, min(least, 0.0))
             if self.value - self.bound <= self.goal or not (has_cuts or added.size):
                 break
@@ -176,10 +184,14 @@ class _Search:
 
     def _keep(self, table: Array) -> None:
         """Keep a table if its repaired one is the best so far."""
-        repaired = _repaired(self.game, table, self.rules)
-        regret = _regret(self.game, self.regrets, repaired)
+        found = repaired(self.game, table, self.rules)
+        regret = self._worth(found)
         if regret < self.value:
-            self.best, self.value = repaired, regret
+            self.best, self.value = found, regret
+
+    def _worth(self, table: Array) -> float:
+        """What is made least."""
+        return float(self.game.weights @ (table * self.regrets).sum(axis=1))
 
     def _bounded(self, found: _Found, least: float) -> None:
         if self.unit * (found.low + least) >= self.bound:
@@ -207,7 +219,9 @@ class _Search:
     def _tempting(self, found: _Found, columns: np.ndarray) -> tuple[np.ndarray, float]:
         """Decisions left out that tempt at these prices, and the least of their programmes; −∞ where not all were tried."""
         others = np.setdiff1d(np.arange(self.game.shape[1]), columns)
-        wide = [_stacked(group) for group in self.blocks]
+        if all(rule.largest_ratio is not None for rule in self.rules):
+            return self._tempting_ratios(found, others)
+        wide = [stacked(group) for group in self.blocks]
         likely = self._likely(found, others)
         tempting, values = [], []
         for m in others[np.argsort(likely)]:
@@ -217,6 +231,31 @@ class _Search:
                 if len(tempting) == _TEMPTING:
                     return np.array(tempting), -np.inf
         return np.array(tempting, dtype=np.int64), min(values, default=0.0)
+
+    def _tempting_ratios(self, found: _Found, others: np.ndarray) -> tuple[np.ndarray, float]:
+        """The same by closed forms, at these prices and between them and the best so far.
+
+        Prices of many programmes are optimal alike, and leap from one to another; means of them bound the regret better
+        (Wentges, Weighted Dantzig–Wolfe decomposition, 1997).
+        """
+        ratio = min(each for each in (rule.largest_ratio for rule in self.rules) if each is not None)
+        duals = [dual[_shared(group)] for group, dual in zip(self.blocks, found.duals, strict=True)]
+        sides = [np.concatenate([block.sides for block in group])[_shared(group)] for group in self.blocks]
+        price = sum(float(each.sum()) for each in duals)
+        now = np.concatenate([found.levels, [price, sum(float(a @ b) for a, b in zip(duals, sides, strict=True))]])
+        best, tempting = -np.inf, []
+        for share in (0.0, 0.3, 0.6, 0.9, 1.0) if self.centre is not None else (0.0,):
+            prices = now if self.centre is None else share * self.centre + (1.0 - share) * now
+            costs = self.objective - prices[:-2, None]
+            least = least_of_ratios(self.game.weights, costs, ratio, float(prices[-2]))
+            bound = float(prices[:-2].sum() - prices[-1] + least.min(initial=0.0))
+            if share < 1.0:
+                order = others[np.argsort(least[others])[: _TEMPTING // 2]]
+                tempting.append(order[self.unit * least[order] < -0.5 * self.goal])
+            if bound > best:
+                best, centre = bound, prices
+        self.centre = centre
+        return np.unique(np.concatenate(tempting[:1] + tempting[-1:])), best - found.low
 
     def _likely(self, found: _Found, others: np.ndarray) -> Array:
         """How much dearer each of others is, at least, to those who play one that is there."""
@@ -234,10 +273,6 @@ def nearest_columns(regrets: Array) -> np.ndarray:
     return np.asarray(place)
 
 
-def _regret(game: PlayedGame, regrets: Array, table: Array) -> float:
-    return float(game.weights @ (table * regrets).sum(axis=1))
-
-
 class _Found(NamedTuple):
     """A table that solves a programme on some decisions, a lower bound of its value on these, and prices."""
 
@@ -248,19 +283,21 @@ class _Found(NamedTuple):
     duals: list[Array]  # of every guarantee's rows
 
 
-def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]], columns: np.ndarray) -> _Found:
-    """The solution of the programme of these rows on some of the decisions."""
+def solved_programme(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]], columns: np.ndarray) -> _Found:
+    """Return the solution of the programme of these rows on some of the decisions."""
     n_beliefs, n_columns = len(game.weights), len(columns)
     size = n_beliefs * n_columns
-    wide = [_stacked(group) for group in blocks]
+    wide = [stacked(group) for group in blocks]
     parts, kept = zip(*(_on_columns(block, game.shape, columns) for block in wide), strict=True) if wide else ((), ())
     table = SPARSE.vstack([part.table for part in parts]).tocsr() if wide else SPARSE.csr_array((0, size))
     extra = SPARSE.block_diag([part.extra for part in parts]).tocsr() if wide else SPARSE.csr_array((0, 0))
     rows = Rows(SPARSE.hstack([table, extra]).tocsr(), np.concatenate([np.zeros(0), *(part.sides for part in parts)]))
     sums = SPARSE.kron(SPARSE.identity(n_beliefs), np.ones((1, n_columns)))
     costs = objective[:, columns].ravel()
+    aimed = [np.zeros(part.extra.shape[1]) if part.costs is None else part.costs for part in parts]
+    costs = np.concatenate([costs, *aimed])
     found = minimum(
-        np.concatenate([costs, np.zeros(extra.shape[1])]),
+        costs,
         rows,
         Rows(SPARSE.hstack([sums, SPARSE.csr_array((n_beliefs, extra.shape[1]))]).tocsr(), np.ones(n_beliefs)),
         (0.0, 1.0),
@@ -271,7 +308,7 @@ def _solve(game: PlayedGame, objective: Array, blocks: list[list[RowBlock]], col
     shares[:, game.played(shares) < tolerances.RARELY_PLAYED] = 0.0
     shares /= shares.sum(axis=1, keepdims=True)
     duals = np.maximum(-found.duals, 0.0)
-    paid = (costs + rows.matrix[:, :size].T @ duals).reshape(n_beliefs, n_columns)
+    paid = (costs[:size] + rows.matrix[:, :size].T @ duals).reshape(n_beliefs, n_columns)
     low = lower_bound((n_beliefs, n_columns), costs, rows, duals)
     played, prices, every, start = game.played(shares), [], [], 0
     for block, part, some in zip(wide, parts, kept, strict=True):
@@ -292,7 +329,9 @@ def _on_columns(block: RowBlock, shape: tuple[int, int], columns: np.ndarray) ->
     table = block.table.tocsc()[:, places].tocsr()
     extra = block.extra.tocsc()[:, columns].tocsr() if block.extra.shape[1] else block.extra
     some = np.flatnonzero((np.diff(table.indptr) > 0) | (np.diff(extra.tocsr().indptr) > 0))
-    return RowBlock(table[some], extra.tocsr()[some], *(part[some] for part in block[2:])), some
+    sides, slopes, places_of_rows = (part[some] for part in (block.sides, block.slopes, block.columns))
+    costs = block.costs[columns] if block.costs is not None else None
+    return RowBlock(table[some], extra.tocsr()[some], sides, slopes, places_of_rows, costs), some
 
 
 def _least_of(game: PlayedGame, costs: Array, known: tuple[list[RowBlock], list[Array]], column: int) -> float:
@@ -315,25 +354,53 @@ def _least_of(game: PlayedGame, costs: Array, known: tuple[list[RowBlock], list[
     return minimum(np.concatenate([costs, *added]), below, Rows(whole, np.ones(1)), (0.0, None)).value
 
 
+def _shared(group: list[RowBlock]) -> np.ndarray:
+    return np.asarray(np.concatenate([block.columns for block in group]) == SHARED)
+
+
+def least_of_ratios(weights: Array, costs: Array, ratio: float, price: float) -> Array:
+    """Return min Σ_b K_b costs_b + price · max_b K_b of every column (B,M), Σ_b w_b K_b = 1, 0 ≤ K_b ≤ ratio: shape (M,).
+
+    With K_b ≤ t those of least cost per weight have K_b = t, and the next one what is left. Between the t at which nothing is
+    left the value is linear in t, so that the least is at one of them or at t = ratio.
+    """
+    order = np.argsort(costs / weights[:, None], axis=0, kind="stable")
+    share = np.cumsum(weights[order], axis=0)
+    paid = np.cumsum(np.take_along_axis(costs, order, axis=0), axis=0)
+    least = np.where(share * ratio >= 1.0, (paid + price) / share, np.inf).min(axis=0)
+    if not np.isfinite(ratio):
+        return np.asarray(least)
+    full = (share * ratio <= 1.0).sum(axis=0)  # so many have K_b = ratio
+    last, which = np.minimum(full, len(weights) - 1), np.arange(costs.shape[1])
+    before = np.where(full > 0, np.take_along_axis(paid, np.maximum(full - 1, 0)[None], axis=0)[0], 0.0)
+    held = np.where(full > 0, np.take_along_axis(share, np.maximum(full - 1, 0)[None], axis=0)[0], 0.0)
+    next_one = costs[order[last, which], which] / weights[order[last, which]]
+    return np.asarray(
+        np.minimum(least, ratio * before + np.maximum(1.0 - ratio * held, 0.0) * next_one + price * ratio)
+    )
+
+
 def lower_bound(shape: tuple[int, int], objective: Array, rows: Rows, prices: Array) -> float:
     """Return what no table that keeps the rows is cheaper than, by any prices ≥ 0 of the rows.
 
     Each row of the table is a law, so that its least entry bounds it; whatever else the rows need lies between 0 and 1.
     """
-    paid = np.asarray(rows.matrix.T @ prices)
-    reduced = (objective + paid[: objective.size]).reshape(shape)
-    return float(reduced.min(axis=1).sum() + np.minimum(paid[objective.size :], 0.0).sum() - rows.sides @ prices)
-
-
-def _stacked(group: list[RowBlock]) -> RowBlock:
-    return RowBlock(
-        *(SPARSE.vstack([each[part] for each in group]).tocsr() for part in (0, 1)),
-        *(np.concatenate([each[part] for each in group]) for part in (2, 3, 4)),
+    paid, size = np.asarray(rows.matrix.T @ prices), shape[0] * shape[1]
+    paid[: objective.size] += objective
+    return float(
+        paid[:size].reshape(shape).min(axis=1).sum() + np.minimum(paid[size:], 0.0).sum() - rows.sides @ prices
     )
 
 
-def _repaired(game: PlayedGame, table: Array, rules: tuple[RowsAndCuts, ...]) -> Array:
-    """The table with as little mixed in as it takes to give every guarantee."""
+def stacked(group: list[RowBlock]) -> RowBlock:
+    """Return blocks of rows as one."""
+    table, extra = (SPARSE.vstack([each[part] for each in group]).tocsr() for part in (0, 1))
+    sides, slopes, columns = (np.concatenate([each[part] for each in group]) for part in (2, 3, 4))
+    return RowBlock(table, extra, sides, slopes, columns, group[0].costs)
+
+
+def repaired(game: PlayedGame, table: Array, rules: tuple[RowsAndCuts, ...]) -> Array:
+    """Return the table with as little mixed in as it takes to give every guarantee."""
     share = np.max([np.zeros(game.shape[1]), *(rule.toward_prior(game, table) for rule in rules)], axis=0)
     if (share >= 1.0).any():  # the prior gives no more than what is asked for
         table = np.tile(game.played(table), (len(table), 1))

@@ -43,6 +43,11 @@ class Guarantee(ABC):
     is_by_decision = False
     """Whether its rows are all there from the start and none compares with the optimal rule: see `guaranteed_programme`."""
 
+    @property
+    def largest_ratio(self) -> float | None:
+        """The most that K_bm/p(u_m) may be, where that and the price of the largest K_bm are all that its rows say."""
+        return None
+
     @abstractmethod
     def level(self, game: PlayedGame, table: Array) -> float:
         """Return what a table K gives, recomputed from it alone."""
@@ -115,6 +120,11 @@ class PointwiseLeakageCap(Guarantee):
         object.__setattr__(self, "nats", validation.non_negative(self.nats, "nats"))
 
     @property
+    def largest_ratio(self) -> float:
+        """e^ε."""
+        return float(np.exp(self.nats))
+
+    @property
     def limit(self) -> float:
         """The largest leakage, in nats."""
         return self.nats
@@ -173,6 +183,11 @@ class MaximalLeakageCap(Guarantee):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "nats", validation.non_negative(self.nats, "nats"))
+
+    @property
+    def largest_ratio(self) -> float:
+        """∞: its price is that of the largest K_bm."""
+        return float("inf")
 
     @property
     def limit(self) -> float:
@@ -396,7 +411,7 @@ class SquaredErrorFloor(_SquareErrors):
         n_columns, scale = game.shape[1], _scale(game)
         short = scale * game.weights[:, None] * (self.least - game.squares(means))  # (B, rows)
         nothing = SPARSE.csr_array((len(which), 0))
-        table = _of_columns(short, which, n_columns)
+        table = of_columns(short, which, n_columns)
         return RowBlock(table, nothing, np.zeros(len(which)), np.full(len(which), scale), which)
 
 
@@ -458,7 +473,7 @@ class MeanSquaredErrorFloor(_SquareErrors):
         gains = game.weights[:, None] * (2.0 * (game.beliefs - middle) @ apart.T - (apart**2).sum(axis=1))
         own = SPARSE.csr_array((np.ones(count), (np.arange(count), which)), shape=(count, game.shape[1]))
         return RowBlock(
-            _of_columns(gains, which, game.shape[1]), -own, np.zeros(count), np.zeros(count), np.full(count, NO_COLUMN)
+            of_columns(gains, which, game.shape[1]), -own, np.zeros(count), np.zeros(count), np.full(count, NO_COLUMN)
         )
 
 
@@ -500,8 +515,8 @@ def _scale(game: PlayedGame) -> float:
     return 1.0 / float(game.weights.max())
 
 
-def _of_columns(values: Array, which: np.ndarray, n_columns: int) -> Any:
-    """Rows with values (B,n) for the beliefs' entries in one column each (n,)."""
+def of_columns(values: Array, which: np.ndarray, n_columns: int) -> Any:
+    """Return rows with values (B,n) for the beliefs' entries in one column each (n,)."""
     belief, row = np.indices(values.shape).reshape(2, -1)
     shape = values.shape[1], len(values) * n_columns
     return SPARSE.csr_array((values.ravel(), (row, belief * n_columns + which[row])), shape=shape)

@@ -11,6 +11,7 @@ from inscrutable.errors import InputError
 from inscrutable.mechanisms import Prior
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.validation import Array
+from inscrutable.worlds.observations import symbols
 
 
 class ChainLaw:
@@ -30,6 +31,20 @@ class ChainLaw:
     def n_public(self) -> int | None:
         """How many symbols everybody may read at a step; None where nothing is public."""
         return None if self.chain.public is None else len(self._forwards)
+
+    def symbols(self, public: Any, n_steps: int) -> np.ndarray:
+        """Return what everybody read in so many steps as symbols: of real numbers, one row a step, the cells that they are in.
+
+        Raises `InputError` where it is neither, or of another length.
+        """
+        if self.n_public is None:
+            raise InputError("public was given, but the rule's chain knows of no public information")
+        cells = self.chain.cells
+        is_real = cells is not None and np.ndim(public) == 2
+        read = cells.symbols(public) if cells is not None and is_real else symbols(public, self.n_public, "public")
+        if len(read) != n_steps:
+            raise InputError(f"public has {len(read)} entries, expected one per belief: {n_steps}")
+        return read
 
     @property
     def is_still(self) -> bool:

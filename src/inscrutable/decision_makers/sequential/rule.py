@@ -33,7 +33,6 @@ from inscrutable.privacy.losses import checked_loss
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
-from inscrutable.worlds.observations import symbols
 
 _CANDIDATES = 500
 """Decoys where no candidates are given: as many again change the error by less than its standard error, and every step takes
@@ -59,7 +58,7 @@ class SequentialDecisionMaker(Described):
         chain: How the belief moves, a `BeliefChain`; its prior is what the observer holds before the first decision. Where it
             has public symbols, p_t is also given those, and every step begins with `observe`.
         world: Instead of a chain, a world whose observations the agent filters: the chain is then `filtered_chain` of it on a
-            grid of at most 500 beliefs. What is public in it must be symbols; of a real number make the chain, with `cuts`.
+            grid of at most 500 beliefs. Real numbers that are public are read as cells, with the error that `summary` states.
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
             meet the budget or the cap, the optimal decisions of the chain's beliefs join them.
         loss: What the observer loses: the square error of its estimate of the belief, `SquaredError()` or None; or that of a
@@ -247,7 +246,8 @@ class SequentialDecisionMaker(Described):
 
         Args:
             beliefs: π_t, shape (T,X); those that are not of the chain's beliefs are counted.
-            public: The symbols that everybody read before each decision, shape (T,), where the chain has any; None: nothing.
+            public: The symbols that everybody read before each decision, shape (T,), or real numbers, one row a step, where
+                the chain's symbols are cells of such; None where nothing is public.
             rng: The source of the draws.
 
         Raises:
@@ -256,7 +256,7 @@ class SequentialDecisionMaker(Described):
         held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         source = validation.generator(rng)
         sequence = DecisionSequence(self, source)
-        read = None if public is None else self._symbols(public, len(held))
+        read = None if public is None else self.law.symbols(public, len(held))
         if read is None:
             sequence.observe()
         knowledge = Knowledge(self.law, self.disclosure.schedule.lag, self.loss)
@@ -286,21 +286,14 @@ class SequentialDecisionMaker(Described):
             str(self.loss),
         )
 
-    def _symbols(self, public: ArrayLike, n_steps: int) -> np.ndarray:
-        if self.law.n_public is None:
-            raise InputError("public was given, but the rule's chain knows of no public information")
-        read = symbols(public, self.law.n_public, "public")
-        if len(read) != n_steps:
-            raise InputError(f"public has {len(read)} entries, expected one per belief: {n_steps}")
-        return read
-
     def summary(self) -> str:
         """Return a few lines for a person to read; the prices are found where they are not known yet."""
         most = loss_text(self.ceiling, str(self.loss))
+        read = "" if self.chain.cells is None else f"\npublic numbers        {self.chain.cells}"
         return (
             f"{self.calibration.summary()}\n"
             f"ceiling               {most}, on a grid of {len(self.beliefs)} beliefs, on these {len(self.table.columns)} "
-            "candidates"
+            f"candidates{read}"
         )
 
 

@@ -233,14 +233,15 @@ class DecisionSequence(Summarised, KeptInFile):
         self.n_off_grid += self._is_off_grid
         self._published, self._looked = True, False
 
-    def observe(self, public: int | None = None) -> None:
+    def observe(self, public: int | ArrayLike | None = None) -> None:
         """Let one step pass, at whose beginning everybody read `public`: None, nothing.
 
         Before the first decision it tells what was read then; a step that is observed twice passed without a decision. Where
         the chain has public symbols, every step begins with the one that was read, before its decision.
 
         Args:
-            public: The symbol, a whole number; None where the chain has none.
+            public: The symbol, a whole number, or the real numbers (D,) where the chain's symbols are cells of such; None where
+                the chain has none.
 
         Raises:
             InputError: A symbol is missing or not asked for, or it has probability 0 by now; nothing is recorded then.
@@ -248,6 +249,8 @@ class DecisionSequence(Summarised, KeptInFile):
         count = self._law.n_public
         if count is None and public is not None:
             raise InputError(f"public must be None: the rule's chain knows of no public information, got {public!r}")
+        if count is not None and self._law.chain.cells is not None and public is not None and np.ndim(public) == 1:
+            public = int(self._law.symbols(np.asarray(public)[None], 1)[0])
         if count is not None:
             whole = isinstance(public, (int, np.integer)) and not isinstance(public, bool)
             if not whole or not 0 <= public < count:  # type: ignore[operator]
@@ -255,7 +258,7 @@ class DecisionSequence(Summarised, KeptInFile):
                     f"public must be a whole number from 0 to {count - 1}, what everybody read, got {public!r}"
                 )
         if self._published or self._looked or count is not None:
-            self._pass(None if public is None else int(public))
+            self._pass(None if public is None else int(public))  # type: ignore[arg-type]
         self._looked = True
 
     def _pass(self, read: int | None = None) -> None:

@@ -1,0 +1,206 @@
+"""What a decision maker with guarantees makes least beside the regret: what its decisions tell, as rows of the same programme.
+
+Each aim is a sum over decisions of a convex function of K(u|·), of degree one, so that it is the largest of linear ones, which
+are added as tables call for them (Kelley's cuts). With any law r of the belief, or any answer a, after a decision
+
+    I(π;u) = Σ_m s_m,             s_m ≥ Σ_b w_b K_bm log(r_b/w_b),
+    loss without decisions less loss = Σ_m s_m,  s_m ≥ Σ_b w_b K_bm (ℓ_b(a₀) − ℓ_b(a)),
+
+with equality for the posterior law and the best answer after the decision; a₀ is the best answer before it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from inscrutable.decision_makers.aware.guaranteed_programme import NO_COLUMN, SPARSE, PlayedGame, RowBlock
+from inscrutable.decision_makers.aware.guarantees import of_columns
+from inscrutable.privacy import Loss
+from inscrutable.privacy.losses import DecisionLoss, on_simplex
+from inscrutable.validation import Array
+
+_LEAST_LAW = 1e-9
+"""Share of the prior in the laws of cuts, so that their logarithms are finite."""
+
+
+class Aim(ABC):
+    """What is made least, in a unit in which it is from 0 to 1."""
+
+    is_by_decision = False
+    largest_ratio: float | None = None
+
+    def __init__(self, unit: float) -> None:
+        self.unit = unit
+
+    @abstractmethod
+    def value(self, game: PlayedGame, table: Array) -> float:
+        """Return it of a table K, in its own unit."""
+
+    @abstractmethod
+    def gains(self, game: PlayedGame, table: Array, which: np.ndarray) -> Array:
+        """Return the slopes (B,n) in K of the linear functions that are right for a table's decisions `which`."""
+
+    @abstractmethod
+    def first(self, game: PlayedGame) -> tuple[Array, np.ndarray]:
+        """Return slopes (B,n) to begin with, and the decision of each."""
+
+    def rows(self, game: PlayedGame) -> RowBlock:
+        """Rows that are there from the start."""
+        return self._block(game, *self.first(game))
+
+    def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
+        """Rows that are right for a table's decisions, for these and their neighbours."""
+        which = np.flatnonzero(game.played(table) > 0)
+        near = game.near[which]
+        return self._block(game, np.repeat(self.gains(game, table, which), near.shape[1], axis=1), near.ravel())
+
+    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
+        """Return zeros: nothing is promised of it."""
+        return np.zeros(game.shape[1])
+
+    def toward_honest(self, game: PlayedGame, table: Array) -> float:
+        """Return 0."""
+        return 0.0
+
+    def _block(self, game: PlayedGame, slopes: Array, which: np.ndarray) -> RowBlock:
+        count, n_columns = len(which), game.shape[1]
+        own = SPARSE.csr_array((np.ones(count), (np.arange(count), which)), shape=(count, n_columns))
+        table = of_columns(slopes / self.unit, which, n_columns)
+        nothing = np.zeros(count)
+        return RowBlock(table, -own, nothing, nothing, np.full(count, NO_COLUMN), np.ones(n_columns))
+
+
+class LeastInformation(Aim):
+    """I(π;u), in nats; `start` is a table (B,M) of posterior laws to begin with."""
+
+    def __init__(self, weights: Array, start: Array) -> None:
+        super().__init__(max(float(-np.log(weights.min())), 1.0))
+        self._start = start
+
+    def value(self, game: PlayedGame, table: Array) -> float:
+        """Return Σ w K log(K/p(u))."""
+        played = game.played(table)
+        ratios = np.log(np.divide(table, played, out=np.ones_like(table), where=table > 0))
+        return max(float(game.weights @ (table * ratios).sum(axis=1)), 0.0)
+
+    def gains(self, game: PlayedGame, table: Array, which: np.ndarray) -> Array:
+        """Return w_b log(r_b/w_b) with the posterior laws r."""
+        ratios = table[:, which] / game.played(table)[which]
+        return np.asarray(game.weights[:, None] * np.log((1.0 - _LEAST_LAW) * ratios + _LEAST_LAW))
+
+    def at(self, game: PlayedGame, table: Array) -> RowBlock:
+        """Return the rows that are right for a table, of all decisions."""
+        every = np.arange(game.shape[1])
+        return self._block(game, self.gains(game, np.maximum(table, np.finfo(float).tiny), every), every)
+
+    def first(self, game: PlayedGame) -> tuple[Array, np.ndarray]:
+        """Return those of the laws to begin with, and of the prior, by which nothing is told."""
+        every = np.arange(game.shape[1])
+        slopes = self.gains(game, self._start, every)
+        return np.hstack([slopes, np.zeros_like(slopes)]), np.tile(every, 2)
+
+
+class LeastWorth(Aim):
+    """What the decisions spare the observer of its loss."""
+
+    def __init__(self, loss: Loss, game: PlayedGame) -> None:
+        self._loss = loss
+        mean = game.weights @ game.beliefs
+        self._before = self._lost(game, mean[None])
+        super().__init__(max(float(game.weights @ self._before[:, 0]), np.finfo(float).tiny))
+
+    def _lost(self, game: PlayedGame, means: Array) -> Array:
+        """What the best answers to means (n,X) lose beyond one who knows the belief, shape (B,n)."""
+        if isinstance(self._loss, DecisionLoss):
+            rival = self._loss.precise(game.beliefs.shape[1])
+            costs = rival.state_costs(rival.solve(on_simplex(means)))
+            return np.asarray(game.beliefs @ costs.T - np.atleast_1d(rival.optimal_cost(game.beliefs))[:, None])
+        return game.squares(means)
+
+    def value(self, game: PlayedGame, table: Array) -> float:
+        """Return the loss without decisions less the one after them, beyond what one loses who knows the belief."""
+        which = np.flatnonzero(game.played(table) > 0)
+        joint = game.weights[:, None] * table[:, which]
+        return max(self.unit - float((joint * self._lost(game, game.means(table)[which])).sum()), 0.0)
+
+    def gains(self, game: PlayedGame, table: Array, which: np.ndarray) -> Array:
+        """Return w_b (ℓ_b(a₀) − ℓ_b(a)) with the best answers to the posterior means."""
+        return np.asarray(game.weights[:, None] * (self._before - self._lost(game, game.means(table)[which])))
+
+    def first(self, game: PlayedGame) -> tuple[Array, np.ndarray]:
+        """Return those of the answers where one state is sure, and of the one before any decision."""
+        n_columns, n_states = game.shape[1], game.beliefs.shape[1]
+        mean = game.weights @ game.beliefs
+        means = np.vstack([mean[None], np.eye(n_states), 0.5 * np.eye(n_states) + 0.5 * mean])
+        slopes = game.weights[:, None] * (self._before - self._lost(game, means))
+        return np.tile(slopes, (1, n_columns)), np.repeat(np.arange(n_columns), len(means))
+
+
+@dataclass(frozen=True, eq=False)
+class Spending:
+    """Budgets: Σ_b share_kb Σ_m K_bm ρ_bm ≤ limits_k, for the rows k of shares (k,B)."""
+
+    shares: Array
+    limits: Array
+    regrets: Array
+
+    is_by_decision = False
+    largest_ratio = None
+
+    @property
+    def unit(self) -> float:
+        """The unit of excess: what is from 0 to 1 is (spent − limit + largest limit)/unit."""
+        return float(self.limits.max()) + max(float(self.regrets.max()), np.finfo(float).tiny)
+
+    def excess(self, table: Array) -> float:
+        """Return by how much the most exceeded budget is exceeded; below 0 where there is room."""
+        return float((self.spent(table) - self.limits).max())
+
+    def spent(self, table: Array) -> Array:
+        """Return Σ_b share_kb Σ_m K_bm ρ_bm, shape (k,)."""
+        return np.asarray(self.shares @ (table * self.regrets).sum(axis=1))
+
+    def _matrix(self) -> Array:
+        n_beliefs, n_columns = self.regrets.shape
+        return SPARSE.csr_array(self.shares) @ SPARSE.csr_array(  # type: ignore[no-any-return]
+            (self.regrets.ravel(), (np.repeat(np.arange(n_beliefs), n_columns), np.arange(self.regrets.size)))
+        )
+
+    def rows(self, game: PlayedGame) -> RowBlock:
+        """Every budget's row."""
+        count = len(self.limits)
+        nothing = SPARSE.csr_array((count, 0))
+        unit = self.unit
+        no_column = np.full(count, NO_COLUMN)
+        return RowBlock(self._matrix() / unit, nothing, self.limits / unit, np.full(count, 1.0 / unit), no_column)
+
+    def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
+        """Return none: the rows are all there."""
+        return None
+
+    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
+        """Return zeros: tables are mixed with one of less regret."""
+        return np.zeros(game.shape[1])
+
+    def toward_honest(self, game: PlayedGame, table: Array) -> float:
+        """Return 0."""
+        return 0.0
+
+
+class LeastExcess(Spending):
+    """The budgets as an aim: the most exceeded one exceeded by as little as can be."""
+
+    def value(self, game: PlayedGame, table: Array) -> float:
+        """Return the largest excess plus the largest limit."""
+        return self.excess(table) + float(self.limits.max())
+
+    def rows(self, game: PlayedGame) -> RowBlock:
+        """Every budget's row, and the largest excess."""
+        count, unit = len(self.limits), self.unit
+        sides = (self.limits - self.limits.max()) / unit
+        ones = SPARSE.csr_array(np.ones((count, 1)))
+        no_column, one = np.full(count, NO_COLUMN), np.ones(1)
+        return RowBlock(self._matrix() / unit, -ones, sides, np.zeros(count), no_column, one)

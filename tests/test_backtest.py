@@ -28,7 +28,7 @@ from inscrutable.experiments.backtest import RESTARTS, Backtest, BacktestSetting
 from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.reports.backtest import table_of, text_of, timing_of, write_backtest
-from inscrutable.reports.backtest_verdict import limits, verdict
+from inscrutable.reports.backtest_verdict import FULL_NAMES, limits, verdict
 
 TRAINING, DECISIONS = 120, 9
 TRAIN_UNTIL = "2009-12"
@@ -200,7 +200,7 @@ def test_headers_state_the_timing_and_the_factor(found: Backtest) -> None:
     assert "month t+1 given data up to month t, earns the return of month t+1" in timing_of(found)
     assert "√12" in text_of(found)
     for name in found.names:
-        assert any(f"({name})" in each for each in verdict(found))
+        assert any(FULL_NAMES[name] in each for each in verdict(found))
 
 
 def test_another_seed_draws_others(found: Backtest) -> None:
@@ -254,7 +254,7 @@ def test_short_lines_say_what_is_hidden_from_whom_at_what_price(found: Backtest,
     for line, part in zip(
         said,
         (
-            "Read: ",
+            "Without protection: ",
             "naive observer, who takes the weights at face value",
             "aware observer, who knows the rules and follows all months",
             "Price: ",
@@ -262,7 +262,7 @@ def test_short_lines_say_what_is_hidden_from_whom_at_what_price(found: Backtest,
         strict=True,
     ):
         assert part in line
-        assert len(line) < 200
+        assert len(line) < 240
     assert any("its error without weights" in each for each in limits(found))
     write_backtest(found, tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text("utf-8"))["verdict"] == said
@@ -276,7 +276,7 @@ def test_the_sentence_has_no_nan_where_no_weights_make_sense(found: Backtest) ->
     shifted.__dict__["figures"] = figures
     said = " ".join(verdict(shifted))
     assert "nan" not in said
-    assert "no belief explains any decision of CDM or PDM" in said
+    assert "no belief explains any decision of counter-adversarial or probabilistic" in said
 
 
 def test_a_budget_of_regret_is_said_as_such(found: Backtest) -> None:
@@ -437,6 +437,10 @@ def test_optimal_costs_of_zero_give_no_nan(found: Backtest, spent: float) -> Non
         assert set(record.relative_increase) == {np.inf if spent else 0.0}
     said = verdict(shifted)[-1]
     assert "nan" not in said
-    told = "0.001 (CDM) and 0.001 (PDM) per month, where c* is 0" if spent else "0.0% (CDM) and 0.0% (PDM) of |c*|"
+    points = (
+        "10 (counter-adversarial) and 10 (probabilistic)" if spent else "0 (counter-adversarial) and 0 (probabilistic)"
+    )
+    own = f"{points} basis points a month by the investor's own belief"
+    told = f"{own}." if spent else f"{own}, 0.0% and 0.0% of the optimal cost |c*|."
     assert told in said
     assert not np.isnan(table_of(shifted).loc["regret, sum as % of the sum of |c*|"]).any()

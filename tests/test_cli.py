@@ -345,7 +345,7 @@ def test_backtest_then_attack_then_protect(run, folder: Path, tmp_path: Path) ->
     code, out, err = run("backtest", "--prices", folder / "prices.csv", *common, "--train-until", "2005-06")
     assert code == 0
     assert "earns the return of month t+1" in out
-    assert "Read: from the optimal weights (ODM), a rival names" in out
+    assert "Without protection: from the optimal weights, an observer names" in out
     assert "model.json" in out
     assert "Decisions:" in err
     model = out_folder / "model.json"

@@ -53,7 +53,7 @@ def test_a_rival_who_names_the_regime_nearly_always_is_not_held_off(found: Backt
     figures = with_figures(found, error_without=0.5, base_rate=0.61, error_face_value=0.6, share_regime_named=0.95)
     at_face_value = line_of(figures, "at face value")
     assert "at face value: by none, not by" in at_face_value
-    assert "(error 0.60, named 95%)" in at_face_value  # what was reached
+    assert "(error 0.60, named 95% > 74%)" in at_face_value  # what was reached
     asked = "\n".join(limits(figures))
     assert re.search(r"at least 0\.33 .* 0\.50, .* at most 74% of months .* chance, 61%", asked)
 
@@ -66,7 +66,7 @@ def test_an_estimate_half_as_wrong_is_not_held_off(found: Backtest) -> None:
 def test_the_best_come_first_and_those_without_an_estimate_are_not_judged() -> None:
     asked = Requirement(0.6, 0.4)
     two = [Reached("A", 0.3, 0.4), Reached("B", 0.5, 0.5)]
-    assert asked.judge(two) == "by B (error 0.50, named 50%), not by A (error 0.30, named 40%)"
+    assert asked.judge(two) == "by B (error 0.50, named 50%), not by A (error 0.30 < 0.40, named 40%)"
     several = [Reached("A", 0.5, 0.4), Reached("B", 0.6, 0.4), Reached("C", 0.45, 0.4)]
     told = [f"{name} (error {error}, named 40%)" for name, error in (("B", "0.60"), ("A", "0.50"), ("C", "0.45"))]
     assert asked.judge(several) == f"by {told[0]}, {told[1]} and {told[2]}"
@@ -74,7 +74,7 @@ def test_the_best_come_first_and_those_without_an_estimate_are_not_judged() -> N
     assert asked.judge([several[0], unread]) == f"by {told[1]} (no belief explains any decision of D)"
     assert asked.judge([unread]) == "not known, as no belief explains any decision of D"
     many = [Reached(f"M{k}", 0.1, 0.9) for k in range(6)]
-    missed = ", ".join(f"M{k} (error 0.10, named 90%)" for k in range(3))
+    missed = ", ".join(f"M{k} (error 0.10 < 0.40, named 90% > 60%)" for k in range(3))
     assert asked.judge(many) == f"by none, not by {missed} and 3 more"
 
 

@@ -59,7 +59,7 @@ class Requirement:
         >>> asked.is_met(Reached("CDM", error=0.5, named=0.7)), asked.is_met(Reached("PDM", error=0.7, named=0.95))
         (True, False)
         >>> asked.judge([Reached("CDM", 0.5, 0.7), Reached("PDM", 0.7, 0.95)])
-        'by CDM (error 0.50, named 70%), not by PDM (error 0.70, named 95%)'
+        'by CDM (error 0.50, named 70%), not by PDM (error 0.70, named 95% > 74%)'
     """
 
     error_without: float
@@ -102,7 +102,8 @@ class Requirement:
     def judge(self, reached: Sequence[Reached]) -> str:
         """Return who hides and who does not, each with the error and the share of right namings reached.
 
-        The best come first, three of each at most. One whose decisions no belief explains is named and not judged.
+        A figure that misses its bound stands beside it. The best come first, three of each at most. One whose decisions no
+        belief explains is named and not judged.
         """
         blind = [each.name for each in reached if math.isnan(each.error)]
         known = sorted((each for each in reached if not math.isnan(each.error)), key=self._margin, reverse=True)
@@ -111,10 +112,24 @@ class Requirement:
             return f"not known, as {unread}"
         held = [each for each in known if self.is_met(each)]
         missed = [each for each in known if not self.is_met(each)]
-        told = f"by {_listed(held)}" if held else "by none"
+        told = f"by {self._listed(held)}" if held else "by none"
         if missed:
-            told += f", not by {_listed(missed)}"
+            told += f", not by {self._listed(missed)}"
         return f"{told} ({unread})" if blind else told
+
+    def _listed(self, reached: Sequence[Reached]) -> str:
+        told = [f"{each.name} ({self._error(each.error)}, {self._named(each.named)})" for each in reached]
+        if len(told) > _MOST_LISTED + 1:
+            told = [*told[:_MOST_LISTED], f"{len(told) - _MOST_LISTED} more"]
+        return " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
+
+    def _error(self, error: float) -> str:
+        return f"error {error:.2f}" + (f" < {self.least_error:.2f}" if error < self.least_error else "")
+
+    def _named(self, named: float) -> str:
+        if math.isnan(named):
+            return "naming unknown"
+        return f"named {named:.0%}" + (f" > {self.most_named:.0%}" if named > self.most_named else "")
 
     def _margin(self, reached: Reached) -> float:
         """By how much the nearer of the two bounds is kept, as a share of the way that it measures."""
@@ -141,14 +156,3 @@ def estimate_quality(estimates: Array, beliefs: Array) -> EstimateQuality:
     found, held = estimates[read], beliefs[read]
     named = top_states(held)[np.arange(len(held)), found.argmax(axis=1)]
     return EstimateQuality(float(np.sqrt(((found - held) ** 2).sum(axis=1).mean())), float(named.mean()))
-
-
-def _listed(reached: Sequence[Reached]) -> str:
-    told = [f"{each.name} (error {each.error:.2f}, {_share(each.named)})" for each in reached]
-    if len(told) > _MOST_LISTED + 1:
-        told = [*told[:_MOST_LISTED], f"{len(told) - _MOST_LISTED} more"]
-    return " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
-
-
-def _share(named: float) -> str:
-    return "naming unknown" if math.isnan(named) else f"named {named:.0%}"

@@ -12,6 +12,8 @@ from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.performance import LEVEL
 
+_POINTS = 1e4  # basis points of a return
+
 FULL_NAMES = {"ODM": "optimal", "CDM": "counter-adversarial", "PDM": "probabilistic", SEQUENTIAL: "sequential"}
 """What the abbreviations of decision makers stand for."""
 
@@ -22,20 +24,26 @@ def spelled(name: str) -> str:
     return f"{FULL_NAMES[short]} ({short}){comma}{settings}" if short in FULL_NAMES else name
 
 
+def _full(name: str) -> str:
+    """Return a decision maker's name without its abbreviation; settings after a comma stay."""
+    short, comma, settings = name.partition(",")
+    return f"{FULL_NAMES.get(short, short)}{comma}{settings}"
+
+
 def verdict(result: Backtest) -> list[str]:
     """Return what was found, a line each: what an observer reads, what is hidden from whom, and what it costs."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     own = figures[odm]
     lines = [
-        f"Read: from the {FULL_NAMES['ODM']} weights ({odm}), an observer names the investor's likeliest regime in "
+        f"Without protection: from the {FULL_NAMES['ODM']} weights, an observer names the investor's likeliest regime in "
         f"{_share(own['share_regime_named'])} of {len(result.beliefs)} {word}s; always naming the commonest is right in "
         f"{_share(own['base_rate'])}."
     ]
     if not hiding:
         return lines
     if result.aware is None:
-        named = _and([f"{_share(figures[name]['share_regime_named'])} ({name})" for name in hiding])
+        named = _and([f"{_share(figures[name]['share_regime_named'])} ({_full(name)})" for name in hiding])
         lines.append(f"Read by the naive observer from altered weights: {named}.")
     else:
         asked = _asked(result)
@@ -47,14 +55,13 @@ def verdict(result: Backtest) -> list[str]:
                 "share_regime_named_followed",
             ),
         ):
-            reached = [Reached(name, figures[name][error], figures[name][named]) for name in hiding]
+            reached = [Reached(_full(name), figures[name][error], figures[name][named]) for name in hiding]
             lines.append(f"Hidden from the {who}: {asked.judge(reached)}.")
     return [*lines, _price(result, hiding)]
 
 
 def limits(result: Backtest) -> list[str]:
-    """Return what the verdict rests on, a line each: what "hidden" means, other draws, ceilings, and whom nothing is hidden
-    from."""
+    """Return what the verdict rests on, a line each: what "hidden" means, other draws, and ceilings."""
     names = "; ".join(f"{name}: {FULL_NAMES[name]}" for name in result.names if name in FULL_NAMES)
     budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
     if result.sequential is not None and result.settings.budget is None:
@@ -64,15 +71,15 @@ def limits(result: Backtest) -> list[str]:
     if hiding:
         sharpe = _and([f"{_change(result.figures[name])} ({name})" for name in hiding])
         said.append(
-            f"Change of the yearly Sharpe ratio after costs, against the {FULL_NAMES['ODM']} weights: {sharpe}; in brackets "
-            f"{LEVEL:.0%} intervals."
+            f"Realised: the yearly Sharpe ratio after trading costs, against the {FULL_NAMES['ODM']} weights, changes by "
+            f"{sharpe}; in brackets {LEVEL:.0%} intervals."
         )
     if result.aware is None or len(result.names) == 1:
         return said
     word = result.market.frequency.word
     asked = _asked(result)
     said.append(asked.meaning(without="weights", state="regime", cases=f"{word}s"))
-    return [*said, *_luck(result, asked), *_ceilings(result), *_beyond_public(result)]
+    return [*said, *_luck(result, asked), *_ceilings(result)]
 
 
 def _asked(result: Backtest) -> Requirement:
@@ -83,12 +90,13 @@ def _asked(result: Backtest) -> Requirement:
 def _price(result: Backtest, hiding: Sequence[str]) -> str:
     figures = result.figures
     shares = [figures[name]["mean_regret_share"] for name in hiding]
-    if np.isfinite(shares).all():
-        regret = _and([f"{share:.1%} ({name})" for share, name in zip(shares, hiding, strict=True)]) + " of |c*|"
-    else:
-        each = [f"{figures[name]['mean_regret']:.3g} ({name})" for name in hiding]
-        regret = f"{_and(each)} per {result.market.frequency.word}, where c* is 0"
-    return f"Price: a regret of {regret}."
+    points = [f"{_POINTS * figures[name]['mean_regret']:.2g} ({_full(name)})" for name in hiding]
+    price = (
+        f"Price: a regret of {_and(points)} basis points a {result.market.frequency.word} by the investor's own belief"
+    )
+    if not np.isfinite(shares).all():
+        return f"{price}."  # c* is 0
+    return f"{price}, {_and([f'{share:.1%}' for share in shares])} of the optimal cost |c*|."
 
 
 def _beyond_public(result: Backtest) -> list[str]:
@@ -96,8 +104,8 @@ def _beyond_public(result: Backtest) -> list[str]:
     if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
         return []
     return [
-        "These returns are public: an observer who follows all of them with this model needs no weights, and nothing is "
-        "hidden from it."
+        "The verdict holds for observers who see the weights alone. These returns are public: whoever follows all of them with "
+        "this model knows the belief without any weights."
     ]
 
 
@@ -122,8 +130,8 @@ def _luck(result: Backtest, asked: Requirement) -> list[str]:
     beliefs, others = result.beliefs.to_numpy(), result.sequential.others
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
     return [
-        f"Other draws: {held or 'none'} of {len(others)} of {SEQUENTIAL} would have hidden the belief from the aware "
-        "observer."
+        f"The {FULL_NAMES[SEQUENTIAL]} rule draws its decisions: {held or 'none'} of {len(others)} other draws would have "
+        "hidden the belief from the aware observer."
     ]
 
 
@@ -132,7 +140,7 @@ def _and(words: Sequence[str]) -> str:
 
 
 def cautions(result: Backtest) -> list[str]:
-    """Return what the verdict leaves out: hiding that did not hide, and a constant portfolio that would have cost less."""
+    """Return what the verdict leaves out: who needs no weights, hiding that did not hide, and silence that costs less."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     told = figures[odm]["share_regime_named"]
@@ -150,10 +158,11 @@ def cautions(result: Backtest) -> list[str]:
     }
     if dearer:
         said.append(
-            f"One constant portfolio, known only in hindsight, would have cost {result.silence_regret:.3g} per {word} "
-            f"instead of {_and([f'{spent:.3g} ({name})' for name, spent in dearer.items()])} and said nothing."
+            f"Silence would have been cheaper: one constant portfolio, known only in hindsight, tells nothing and would have "
+            f"cost {_POINTS * result.silence_regret:.3g} basis points a {word} instead of "
+            f"{_and([f'{_POINTS * spent:.3g} ({_full(name)})' for name, spent in dearer.items()])}."
         )
-    return said
+    return [*_beyond_public(result), *said]
 
 
 def _change(figures: Mapping[str, float]) -> str:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from inscrutable.alphas import AlphaProblem
+    from inscrutable.problems import Polyhedron
 
 Held = Literal["anything", "invested", "long-only"]
 _LONGEST_TABLE = 40
@@ -123,13 +124,10 @@ def _problem(
     cap: float | None,
 ) -> AlphaProblem:
     """The decision problem that the options say, in the order of the weights' columns."""
-    import numpy as np
-
     from inscrutable.alphas import AlphaProblem, FactorRisk
     from inscrutable.axes import Axis
     from inscrutable.datasets import read_labelled_matrix, read_returns
     from inscrutable.errors import InputError
-    from inscrutable.problems import Polyhedron, max_weights, simplex
 
     assets = list(table.columns)
     risk: Any
@@ -144,12 +142,21 @@ def _problem(
         if len(history) < 2:
             raise InputError(f"{returns}: {len(history)} rows of returns, expected at least 2")
         risk = history[assets].cov() if factors is None else FactorRisk.from_returns(history[assets], factors)
-    n, region = len(assets), None
+    return AlphaProblem(risk, risk_aversion, region_of(assets, held, cap))
+
+
+def region_of(assets: list[str], held: Held, cap: float | None) -> Polyhedron | None:
+    """Return what may be held; None where that is anything."""
+    import numpy as np
+
+    from inscrutable.problems import Polyhedron, max_weights, simplex
+
+    region = None
     if held == "long-only":
-        region = simplex(n)
+        region = simplex(len(assets))
     elif held == "invested":
-        region = Polyhedron(A_eq=np.ones((1, n)), b_eq=[1.0], names=["sum(u) = 1"])
+        region = Polyhedron(A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum(u) = 1"])
     if cap is not None:
         capped = max_weights(assets, cap)
         region = capped if region is None else region & capped
-    return AlphaProblem(risk, risk_aversion, region)
+    return region

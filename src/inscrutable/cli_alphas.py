@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, results, show_table
+from inscrutable.cli_limits import Held, region_of
 from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of
-from inscrutable.cli_views import Held, region_of
 
 if TYPE_CHECKING:
     import numpy as np

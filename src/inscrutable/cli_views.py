@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, show_table
+from inscrutable.cli_limits import Held, region_of
 from inscrutable.cli_values import (
     AT_LEAST_0,
     DATA,
@@ -25,9 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from inscrutable.alphas import AlphaProblem
-    from inscrutable.problems import Polyhedron
 
-Held = Literal["anything", "invested", "long-only"]
 _LONGEST_TABLE = 40
 
 
@@ -143,20 +142,3 @@ def _problem(
             raise InputError(f"{returns}: {len(history)} rows of returns, expected at least 2")
         risk = history[assets].cov() if factors is None else FactorRisk.from_returns(history[assets], factors)
     return AlphaProblem(risk, risk_aversion, region_of(assets, held, cap))
-
-
-def region_of(assets: list[str], held: Held, cap: float | None) -> Polyhedron | None:
-    """Return what may be held; None where that is anything."""
-    import numpy as np
-
-    from inscrutable.problems import Polyhedron, max_weights, simplex
-
-    region = None
-    if held == "long-only":
-        region = simplex(len(assets))
-    elif held == "invested":
-        region = Polyhedron(A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum(u) = 1"])
-    if cap is not None:
-        capped = max_weights(assets, cap)
-        region = capped if region is None else region & capped
-    return region

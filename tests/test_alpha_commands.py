@@ -68,6 +68,46 @@ def test_a_month_by_command(capsys: pytest.CaptureFixture[str], folder: Path) ->
     assert found["decisions"]["2020-01-31"] == pytest.approx(dict(zip(NAMES, drawn.action.tolist(), strict=True)))
 
 
+def test_a_month_of_what_may_be_held(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    code, out, err = run(
+        capsys,
+        folder,
+        "--prior-covariance",
+        folder / "S.csv",
+        "--held",
+        "long-only",
+        "--cap",
+        0.6,
+        "--seed",
+        1,
+        "--json",
+    )
+    assert code == 0, err
+    held = np.array(list(json.loads(out)["decisions"]["2020-01-31"].values()))
+    assert held.sum() == pytest.approx(1.0)
+    assert held.min() >= -1e-9
+    assert held.max() <= 0.6 + 1e-9
+
+
+def test_a_month_of_signals(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    loads = pd.DataFrame([[1.0, 0.0], [0.5, 0.5], [0.0, 2.0]], NAMES, ["value", "trend"])
+    loads.to_csv(folder / "B.csv", index_label="asset")
+    prior = pd.DataFrame(1e-4 * np.eye(2), loads.columns, loads.columns)
+    prior.to_csv(folder / "S.csv", index_label="signal")
+    month = pd.DatetimeIndex(["2020-01-31"], name="date")
+    pd.DataFrame([[0.01, 0.02]], month, loads.columns).to_csv(folder / "A.csv")
+    code, out, err = run(
+        capsys, folder, "--prior-covariance", folder / "S.csv", "--loadings", folder / "B.csv", "--seed", 1, "--json"
+    )
+    assert code == 0, err
+    problem = AlphaProblem(np.diag([0.04, 0.01, 0.02]), 2.5, loadings=loads.to_numpy())
+    maker = AlphaDecisionMaker(problem, 0.5, prior_covariance=1e-4 * np.eye(2))
+    drawn = maker.decide([0.01, 0.02], rng=np.random.default_rng(1))
+    found = json.loads(out)
+    assert found["bits_a_step"] == pytest.approx(maker.bits)
+    assert found["decisions"]["2020-01-31"] == pytest.approx(dict(zip(NAMES, drawn.action.tolist(), strict=True)))
+
+
 def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     options = ["--world", folder / "W.json", "--state", folder / "state"]
     for count in (1, 2):

@@ -27,6 +27,7 @@ from inscrutable import (
     box,
     steady_filter,
 )
+from inscrutable.alphas.error_law import ErrorLaw
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.one_decision import filled
 from inscrutable.alphas.over_time import least_bits, most_error_over_time
@@ -169,6 +170,24 @@ def test_a_prior_of_the_risks_own_factors_is_as_the_dense_one(with_budget_row: b
     shown = few.plan.law.message(np.eye(n), np.random.default_rng(0))
     shown = shown - few.plan.law.message(np.zeros((n, n)), np.random.default_rng(0))
     np.testing.assert_allclose(shown.T, told @ np.linalg.inv(prior.dense()), atol=1e-8)
+
+
+def test_draws_are_the_same_for_every_choice_of_eigenvectors() -> None:
+    rng = np.random.default_rng(FRESH_SEED)
+    prior = np.kron(np.eye(2), covariance(rng, 2))  # every direction twice
+    law = AlphaDecisionMaker(problem_of(np.eye(4)), 0.6, prior_covariance=prior).plan.law
+    assert isinstance(law, ErrorLaw)
+    assert np.ptp(law.shares.reshape(2, 2), axis=1) == pytest.approx(0.0, abs=1e-9)
+    turn = np.zeros((4, 4))
+    for pair in (slice(0, 2), slice(2, 4)):
+        turn[pair, pair] = np.linalg.qr(rng.standard_normal((2, 2)))[0]
+    other = ErrorLaw(law.basis @ turn, turn.T @ law.dual, law.shares)
+    shown = [each.message(np.ones((50, 4)), np.random.default_rng(1)) for each in (law, other)]
+    np.testing.assert_allclose(*shown, atol=1e-9, err_msg=str(FRESH_SEED))
+    draws = law.message(np.zeros((40_000, 4)), rng)
+    error = law.covariance
+    noise = error - error @ np.linalg.solve(prior, error)
+    assert np.abs(draws.T @ draws / len(draws) - noise).max() < 0.05 * np.abs(noise).max(), FRESH_SEED
 
 
 def test_what_is_given_up_is_what_is_not_taken() -> None:
@@ -549,6 +568,42 @@ def test_long_only_costs_at_most_what_is_stated() -> None:
     path = maker.decide_path(rng.multivariate_normal(np.zeros(4), prior, 300), rng=rng)
     assert path.actions.min() >= -1e-12
     assert path.regrets.mean() - 4 * path.regrets.std() / np.sqrt(300) <= maker.regret, FRESH_SEED
+
+
+def test_under_limits_the_budget_is_spent() -> None:
+    rng = np.random.default_rng(FRESH_SEED)
+    prior, risk = 1e-3 * covariance(rng, 3), 0.02 * covariance(rng, 3) + 0.01 * np.eye(3)
+    problem = AlphaProblem(risk, 3.0, box(np.zeros(3), np.ones(3)))
+    target = 0.3 * float(
+        problem.regret(rng.multivariate_normal(np.zeros(3), prior, 300), problem.optimum(np.zeros(3))).mean()
+    )
+    moving = LinearGaussianWorld(0.8 * np.eye(3), 0.36 * prior, np.eye(3), 1e-9 * np.eye(3))
+    for given in ({"prior_covariance": prior}, {"world": moving}):
+        maker = AlphaDecisionMaker(problem, Budget.regret(target), **given)
+        grown = maker.under_limits(draws=500, rng=rng)
+        figure = grown.simulated_regret
+        assert figure is not None
+        assert figure.mean == pytest.approx(target, rel=1e-3)
+        assert grown.error > maker.error, FRESH_SEED
+        assert grown.regret >= figure.mean - 4 * figure.standard_error
+        if "world" not in given:
+            regrets = grown.decide_path(rng.multivariate_normal(np.zeros(3), prior, 100), rng=rng).regrets
+            spread = float(np.hypot(regrets.std(ddof=1) / 10.0, figure.standard_error))
+            assert abs(regrets.mean() - figure.mean) <= 6 * spread, FRESH_SEED
+    with pytest.raises(InputError, match="no inequalities"):
+        AlphaDecisionMaker(problem_of(np.eye(2)), 0.5, prior_covariance=np.eye(2)).under_limits(rng=rng)
+
+
+def test_prices_in_single_precision_find_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(FRESH_SEED)
+    theta, prior = covariance(rng, 80) + 0.1 * np.eye(80), covariance(rng, 80)
+    errors = []
+    for large in (500, 10):
+        monkeypatch.setattr("inscrutable.alphas.one_decision._LARGE", large)
+        maker = AlphaDecisionMaker(problem_of(theta), 0.4, prior_covariance=prior, objective="error")
+        assert maker.regret == pytest.approx(maker.limit, rel=1e-9)
+        errors.append(maker.error)
+    assert errors[1] == pytest.approx(errors[0], rel=3e-7), FRESH_SEED
 
 
 def test_a_budget_above_silence_plays_the_constant_decision() -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, results, show_table
+from inscrutable.cli_limits import Held, region_of
 from inscrutable.cli_values import DATA, INVESTOR, PRIVACY, UsageError, Whole, budget_of
 
 if TYPE_CHECKING:
@@ -40,6 +41,10 @@ class AlphaOptions:
         returns: With `--alphas`: CSV of returns that the assets' covariance is estimated from.
         factors: With `--returns`: principal factors of that covariance, and specific variances. Default: all of it.
         risk_aversion: With `--alphas`: γ in γ u'Vu − m'u.
+        loadings: With `--alphas`: CSV of how many units of each signal are in an asset's expected return: assets in the first
+            column, one column per signal; the alphas are then of signals. Default: each asset has its own.
+        held: With `--alphas`: what may be held: anything; invested: weights that sum to one; long-only: these, none below zero.
+        cap: With `--alphas`: most that any weight may be.
         trading_cost: With `--alphas`: κ, trading costs κ times the risk of what is traded.
         objective: With `--alphas`: tell the fewest bits, or leave the largest mean square error.
     """
@@ -52,6 +57,9 @@ class AlphaOptions:
     returns: Annotated[Path | None, Parameter(group=DATA)] = None
     factors: Annotated[Whole | None, Parameter(group=DATA)] = None
     risk_aversion: Annotated[float | None, Parameter(group=INVESTOR)] = None
+    loadings: Annotated[Path | None, Parameter(group=DATA)] = None
+    held: Annotated[Held | None, Parameter(group=INVESTOR)] = None
+    cap: Annotated[float | None, Parameter(group=INVESTOR)] = None
     trading_cost: Annotated[float | None, Parameter(group=INVESTOR)] = None
     objective: Annotated[Literal["information", "error"], Parameter(group=PRIVACY)] = "information"
 
@@ -78,7 +86,7 @@ class AlphaOptions:
     def maker(self, budget: str | None) -> AlphaDecisionMaker:
         """Return the rule that the files and numbers say."""
         from inscrutable.alphas import AlphaDecisionMaker, AlphaProblem, FactorRisk
-        from inscrutable.datasets import read_returns
+        from inscrutable.datasets import read_labelled_matrix, read_returns
         from inscrutable.experiments.alpha_run import read_linear_world
 
         if self.covariance is not None:
@@ -87,9 +95,12 @@ class AlphaOptions:
             assert self.returns is not None
             history = read_returns(self.returns)
             risk = history.cov() if self.factors is None else FactorRisk.from_returns(history, self.factors)
+        names = [str(each) for each in (risk.names or () if isinstance(risk, FactorRisk) else risk.columns)]
+        loads = None if self.loadings is None else read_labelled_matrix(self.loadings)
+        region = region_of(names, self.held or "anything", self.cap)
         assert self.risk_aversion is not None
         return AlphaDecisionMaker(
-            AlphaProblem(risk, self.risk_aversion, trading_cost=self.trading_cost),
+            AlphaProblem(risk, self.risk_aversion, region, loads, trading_cost=self.trading_cost),
             _budget(budget),
             prior_covariance=_square(self.prior_covariance),
             world=None if self.world is None else read_linear_world(self.world),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     from inscrutable.datasets import WeightsTable
     from inscrutable.experiments.own_model import LimitsPart
+    from inscrutable.problems import Polyhedron
+
+Held = Literal["anything", "invested", "long-only"]
 
 
 @Parameter(name="*", group=INVESTOR)
@@ -86,3 +89,20 @@ def one_row(table: WeightsTable, path: Path) -> pd.Series:
     if len(table.frame) != 1:
         raise InputError(f"{path} has {len(table.frame)} rows, expected the one portfolio that was published before")
     return table.frame.iloc[0]
+
+
+def region_of(assets: list[str], held: Held, cap: float | None) -> Polyhedron | None:
+    """Return what may be held; None where that is anything."""
+    import numpy as np
+
+    from inscrutable.problems import Polyhedron, max_weights, simplex
+
+    region = None
+    if held == "long-only":
+        region = simplex(len(assets))
+    elif held == "invested":
+        region = Polyhedron(A_eq=np.ones((1, len(assets))), b_eq=[1.0], names=["sum(u) = 1"])
+    if cap is not None:
+        capped = max_weights(assets, cap)
+        region = capped if region is None else region & capped
+    return region

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from inscrutable.cli_console import Speech, replaced, show_table
+from inscrutable.cli_limits import Held, region_of
 from inscrutable.cli_values import (
     AT_LEAST_0,
     DATA,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
     from inscrutable.alphas import AlphaProblem
 
-Held = Literal["anything", "invested", "long-only"]
 _LONGEST_TABLE = 40
 
 
@@ -123,13 +123,10 @@ def _problem(
     cap: float | None,
 ) -> AlphaProblem:
     """The decision problem that the options say, in the order of the weights' columns."""
-    import numpy as np
-
     from inscrutable.alphas import AlphaProblem, FactorRisk
     from inscrutable.axes import Axis
     from inscrutable.datasets import read_labelled_matrix, read_returns
     from inscrutable.errors import InputError
-    from inscrutable.problems import Polyhedron, max_weights, simplex
 
     assets = list(table.columns)
     risk: Any
@@ -144,12 +141,4 @@ def _problem(
         if len(history) < 2:
             raise InputError(f"{returns}: {len(history)} rows of returns, expected at least 2")
         risk = history[assets].cov() if factors is None else FactorRisk.from_returns(history[assets], factors)
-    n, region = len(assets), None
-    if held == "long-only":
-        region = simplex(n)
-    elif held == "invested":
-        region = Polyhedron(A_eq=np.ones((1, n)), b_eq=[1.0], names=["sum(u) = 1"])
-    if cap is not None:
-        capped = max_weights(assets, cap)
-        region = capped if region is None else region & capped
-    return AlphaProblem(risk, risk_aversion, region)
+    return AlphaProblem(risk, risk_aversion, region_of(assets, held, cap))

@@ -465,6 +465,15 @@ COMMUTING = 1e-12
 TIED_RATE = 1e-12
 """Relative difference of two gains a cost that counts as a tie, which goes to the least information."""
 
+LOST_ERROR = 1e-7
+"""What the largest error of one decision may lose, as a share of it: a tenth of what cone programmes are asked for."""
+
+SIMULATED_SPENT = 1e-3
+"""How far a simulated regret may be from the budget, as a share: a tenth of its standard error at ten thousand draws."""
+
+COARSELY_SPENT = 1e-2
+"""How far from its limit a regret in single precision may be, as a share: one more Newton step is then near enough."""
+
 SAME_PRICE = 1e-13
 """Relative width of a bracket of prices of regret that is one price: a few hundred roundings."""
 

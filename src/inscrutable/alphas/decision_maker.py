@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
+from inscrutable.alphas.error_law import law_between, root_of
 from inscrutable.alphas.factored_law import FactoredErrorLaw, least_information_of_factors, specific_ratio
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.plans import (
@@ -25,6 +27,7 @@ from inscrutable.alphas.problem import AlphaProblem, checked_alpha_problem
 from inscrutable.alphas.risk import FactorRisk
 from inscrutable.alphas.sequence import AlphaDraw, AlphaPath, AlphaSequence
 from inscrutable.alphas.trading import TradingPolicy, trading_policy
+from inscrutable.alphas.under_limits import SimulatedRegret, drawn_means, mean_of, regrets_of, spending
 from inscrutable.axes import Axis
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError, ModelError
@@ -62,11 +65,12 @@ class AlphaDecisionMaker:
         SolverError: At first use: the iteration over time did not converge, and the silence regret is infinite.
 
     Cost: one decision: O(k³), 15 s for 3,000 alphas with a dense S; where S is a `FactorRisk` with the exposures of the
-    problem's and specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. The error
-    of other weights than those that commute with Θ takes some 45 times as long. Over time: some seconds for 100 signals;
-    "error" takes O(k⁶), 0.3 s for 40 signals and 25 s for 100, at a gap of some 1e-6. Above 120 signals, and with
-    "information" near a spectral radius of one, the rule is found by an iteration that converges slowly: it ends after 20,000
-    steps with the best rule, its gap and the status BOUNDED where that is above 1e-4.
+    problem's and specific variances in proportion, "information" takes O(n (factors)²) and memory linear in assets. "error"
+    whose weights do not commute with Θ takes two decompositions in single precision and one or two in double: for 3,000 alphas
+    25 s of one core on a busy machine. Over time: some seconds for 100 signals; "error" takes O(k⁶), 0.3 s for 40 signals and
+    25 s for 100, at a gap of some 1e-6. Above 120 signals, and with "information" near a spectral radius of one, the rule is
+    found by an iteration that converges slowly: it ends after 20,000 steps with the best rule, its gap and the status BOUNDED
+    where that is above 1e-4.
 
     Source: Cover and Thomas (2006), section 10.3.3, for one decision; Tanaka, Kim, Parrilo, Mitter (IEEE Trans. AC 62, 2017)
     and Tanaka, Esfahani, Mitter (IEEE Trans. AC 63, 2018) over time.
@@ -108,6 +112,7 @@ class AlphaDecisionMaker:
         if start.ndim != 1:
             raise InputError(f"prior_mean has shape {start.shape}, expected one entry per signal: ({k},)")
         self.start_mean = start
+        self.simulated_regret: SimulatedRegret | None = None
         self.policy: TradingPolicy | None = None
         if problem.trading_cost:
             self.policy = trading_policy(problem, np.zeros((k, k)) if self.world is None else self.world.transition)
@@ -234,6 +239,66 @@ class AlphaDecisionMaker:
             return AlphaStatus.AT_MOST
         return AlphaStatus.OPTIMAL if is_met(self.gap) else AlphaStatus.BOUNDED
 
+    def under_limits(self, *, draws: int = 1000, rng: np.random.Generator) -> AlphaDecisionMaker:
+        """Return the rule that spends the budget where inequalities make it cheaper than tr(ΘE), by simulation.
+
+        Formula: means are drawn from the law of silence and estimates from the rule's; E grows until the mean regret is the
+        budget. A share is of what the constant decision costs under the limits. `simulated_regret` of the rule that is
+        returned holds the mean and its standard error; `regret` is tr(ΘE), which it is at most.
+
+        Args:
+            draws: Means that are drawn, at least 2, the same at every E.
+            rng: Their source. The law is public: a seed that everybody knows gives nothing away.
+
+        Raises:
+            InputError: The problem has no inequalities, or silence costs without end.
+            SolverError: The budget is spent at no E.
+
+        Cost: some ten times the rule's own, and as many times `draws` decisions.
+
+        Example:
+            >>> from inscrutable import box
+            >>> problem = AlphaProblem([[0.04]], 2.5, box([0.0], [1.0]))
+            >>> maker = AlphaDecisionMaker(problem, Budget.regret(2e-4), prior_covariance=[[4e-4]])
+            >>> found = maker.under_limits(rng=np.random.default_rng(0))
+            >>> round(found.simulated_regret.mean, 5), found.error > maker.error
+            (0.0002, True)
+        """
+        many, source = validation.count(draws, "draws", least=2), validation.generator(rng)
+        if not self.problem.has_inequalities:
+            raise InputError("the problem has no inequalities: its rule spends the budget as it is")
+        prior = self._prior if self.world is None else self.silence
+        if prior is None:
+            raise InputError("silence costs without end, so that there is no law to draw means from")
+        means, noise = drawn_means(prior, many, source), source.integers(2**63)
+        regrets = regrets_of(self.problem, self.start_mean + means)
+        silent = mean_of(regrets(np.broadcast_to(self.start_mean, means.shape)))
+        target = self.budget.amount * (silent.mean if self.budget.is_relative else 1.0)
+        if target <= 0.0:
+            return self
+
+        def cost(limit: float) -> SimulatedRegret:
+            law = self._spending(limit).plan.law
+            if self.silence is not None and self.world is not None:
+                law = law_between(root_of(self.silence), law.covariance)
+            return mean_of(regrets(self.start_mean + law.message(means, np.random.default_rng(noise))))
+
+        limit, found = self.silence_regret, silent
+        if target < silent.mean:
+            limit, found = spending(cost, target, self.silence_regret, silent)
+        grown = self._spending(limit)
+        grown.simulated_regret = found
+        return grown
+
+    def _spending(self, limit: float) -> AlphaDecisionMaker:
+        """The same with another tr(ΘE)."""
+        other = copy(self)
+        other.__dict__.pop("plan", None)
+        if self._ratio is not None:
+            other.__dict__["silence_regret"] = self.silence_regret
+        other.budget = Budget.regret(limit)
+        return other
+
     def begin(self) -> AlphaSequence:
         """Return a new sequence of decisions, before the first one."""
         return AlphaSequence(self)
@@ -271,8 +336,10 @@ class AlphaDecisionMaker:
             if ceiling is None
             else f"; no rule {'tells fewer' if what == 'bits' else 'leaves more'} than {ceiling:.6g} {what}"
         )
+        simulated = self.simulated_regret
+        drawn = "" if simulated is None else f"; simulated {simulated.mean:.6g} ± {simulated.standard_error:.2g}"
         return (
-            f"regret a step    {most}{plan.regret:.6g}{share}\n"
+            f"regret a step    {most}{plan.regret:.6g}{share}{drawn}\n"
             f"tells            {most}{plan.bits:.6f} bits a step\n"
             f"leaves           a mean square error of {plan.error:.6g} a step\n"
             f"gap              {self.gap:.1e}{best}\n"

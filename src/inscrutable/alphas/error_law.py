@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -52,9 +53,26 @@ class ErrorLaw:
 
     def message(self, difference: Array, rng: np.random.Generator) -> Array:
         """Return m̂ − m̂⁻ as drawn for m − m̂⁻, both of shape (…,n)."""
-        noise = rng.standard_normal((*difference.shape[:-1], len(self.shares)))
-        told = (1.0 - self.shares) * (difference @ self.dual.T) + np.sqrt(self.shares * (1.0 - self.shares)) * noise
-        return np.asarray(told @ self.basis.T)
+        return self.told(difference, rng.standard_normal(difference.shape))
+
+    def told(self, difference: Array, noise: Array) -> Array:
+        """Return m̂ − m̂⁻ for m − m̂⁻ and standard normal noise, all of shape (…,n).
+
+        It is the same for every sign of an eigenvector and every basis of equal shares, which differ between libraries.
+        """
+        spread = np.sqrt(self.shares * (1.0 - self.shares))
+        shown = (1.0 - self.shares) * (difference @ self.dual.T) + spread * (noise @ self._frame)
+        return np.asarray(shown @ self.basis.T)
+
+    @cached_property
+    def _frame(self) -> Array:
+        """Orthonormal columns (n,q) that turn as those of T do: R⁻¹T for the one root R of P that no choice enters."""
+        if len(self.basis) > _LARGE and self.basis.shape[0] == self.basis.shape[1]:
+            factor = _well_conditioned(self.before)
+            if factor is not None:
+                return np.asarray(solve_triangular(factor, self.basis, lower=True))
+        left, _, right = np.linalg.svd(self.basis, full_matrices=False)
+        return np.asarray(left @ right)
 
     def sensor(self) -> tuple[Array, Array]:
         """Return the sensor that tells the same: rows (s,n) of what it reads, and their noise variances (s,), 0 where exact."""
@@ -73,17 +91,23 @@ def bits_of(shares: Array, counts: Array | None = None) -> float:
 def root_of(covariance: Array) -> tuple[Array, Array]:
     """Return T and T⁺ with T T' the covariance, shapes (n,q) and (q,n); q is its rank."""
     held = 0.5 * (covariance + covariance.T)
-    if len(held) > _LARGE:
-        try:  # a tenth of the time of an eigendecomposition
-            factor = np.linalg.cholesky(held)
-            if np.diag(factor).min() > tolerances.WELL_CONDITIONED * np.diag(factor).max():
-                return np.asarray(factor), np.asarray(solve_triangular(factor, np.eye(len(held)), lower=True))
-        except np.linalg.LinAlgError:
-            pass
+    factor = _well_conditioned(held) if len(held) > _LARGE else None
+    if factor is not None:  # a tenth of the time of an eigendecomposition
+        return factor, np.asarray(solve_triangular(factor, np.eye(len(held)), lower=True))
     values, vectors = np.linalg.eigh(held)
     kept = values > tolerances.NO_VARIANCE * max(float(values.max(initial=0.0)), np.finfo(float).tiny)
     size = np.sqrt(values[kept])
     return np.asarray(vectors[:, kept] * size), np.asarray((vectors[:, kept] / size).T)
+
+
+def _well_conditioned(covariance: Array) -> Array | None:
+    """The Cholesky factor; None where it has not enough digits."""
+    try:
+        factor = np.asarray(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        return None
+    sizes = np.diag(factor)
+    return factor if sizes.min() > tolerances.WELL_CONDITIONED * sizes.max() else None
 
 
 def law_between(before: tuple[Array, Array], error: Array) -> ErrorLaw:

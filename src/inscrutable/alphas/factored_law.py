@@ -66,10 +66,11 @@ class FactoredErrorLaw:
         """Return m̂ − m̂⁻ as drawn for m − m̂⁻, both of shape (…,n)."""
         scaled = difference / self.scale
         common = scaled @ self.span
+        noise = rng.standard_normal(scaled.shape)
+        within = noise @ self.span
         spread = np.sqrt(self.share * (1.0 - self.share) * self.variance)
-        noise = spread * rng.standard_normal(scaled.shape)
-        beside = (1.0 - self.share) * (scaled - common @ self.span.T) + noise - (noise @ self.span) @ self.span.T
-        return np.asarray(self.scale * (self.inside.message(common, rng) @ self.span.T + beside))
+        beside = (1.0 - self.share) * (scaled - common @ self.span.T) + spread * (noise - within @ self.span.T)
+        return np.asarray(self.scale * (self.inside.told(common, within) @ self.span.T + beside))
 
 
 def specific_ratio(problem: AlphaProblem, prior: Risk) -> float | None:

@@ -7,10 +7,19 @@ rule leaves some E = T X T', 0 ⪯ X ⪯ I, at an expected regret of at least tr
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from inscrutable import tolerances
 from inscrutable.alphas.error_law import ErrorLaw, root_of
 from inscrutable.validation import Array
+
+_LARGE = 500
+"""Directions above which prices are first searched in single precision: two decompositions of half the time, then one."""
+_MOST_COARSE = 8
+_MOST_PRICES = 200
+_WINDOW = 30
+"""Directions on each side of none that say how many cross it as the price moves."""
 
 
 def filled(costs: Array, limit: float, counts: Array | None = None) -> Array:
@@ -127,29 +136,84 @@ def _chosen(costs: Array, gains: Array, limit: float) -> Array:
 
 
 def _searched(costs: Array, gains: Array, limit: float) -> tuple[Array, Array]:
-    """Directions and shares at the price of regret at which the limit is met."""
+    """Directions and shares at the price of regret at which the limit is met.
+
+    Any price gives shares that spend the limit, and what they may lose against the best; the price ends where that is nothing.
+    Large matrices are searched in single precision, whose prices are near enough for one decomposition in double.
+    """
     if limit >= float(np.trace(costs)):
         return np.eye(len(costs)), np.ones(len(costs))
-    size = float(np.trace(gains)) / float(np.trace(costs))
-    low, high = 0.0, size
-    while _spent(costs, gains, high) > limit and high < size / tolerances.NO_VARIANCE:
-        low, high = high, 4.0 * high
-    while high - low > tolerances.SAME_PRICE * high:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _spent(costs, gains, middle) > limit else (low, middle)
-    values, turn = np.linalg.eigh(gains - high * costs)
-    near = np.sqrt(tolerances.SAME_PRICE) * (np.abs(values).max() + np.finfo(float).tiny)
-    kept, tied = values > near, np.abs(values) <= near
-    spent = float(((costs @ turn) * turn).sum(axis=0)[kept].sum())
+    price, bracket, slope = float(np.trace(gains)) / float(np.trace(costs)), (0.0, np.inf), -1.0
+    if len(costs) > _LARGE:
+        few = costs.astype(np.float32), gains.astype(np.float32)
+        for _ in range(_MOST_COARSE):
+            spent, slope = _spent(*few, price)
+            price, bracket = _next_price(price, spent, slope, limit, bracket)
+            if abs(spent - limit) <= tolerances.COARSELY_SPENT * limit:
+                break
+        bracket = (0.0, np.inf)
+    for _ in range(_MOST_PRICES):
+        values, turn = np.linalg.eigh(gains - price * costs)
+        spending = ((costs @ turn) * turn).sum(axis=0)
+        kept, tied, lost = _filled_directions(values, spending, limit)
+        value = float(values[kept].sum()) + price * limit
+        if lost <= tolerances.LOST_ERROR * value or bracket[1] - bracket[0] <= tolerances.SAME_PRICE * price:
+            break
+        spent = float(spending[values > 0.0].sum())
+        price, bracket = _next_price(price, spent, slope, limit, bracket)
     shares = kept.astype(float)
     if tied.any():
         within, inner = np.linalg.eigh(_inside(turn[:, tied], costs))
         turn[:, tied] = turn[:, tied] @ inner
-        shares[tied] = filled(np.maximum(within, 0.0), max(limit - spent, 0.0))
+        shares[tied] = filled(np.maximum(within, 0.0), max(limit - float(spending[kept].sum()), 0.0))
     return turn, shares
 
 
-def _spent(costs: Array, gains: Array, price: float) -> float:
-    values, turn = np.linalg.eigh(gains - price * costs)
-    kept = turn[:, values > 0.0]
-    return float(((costs @ kept) * kept).sum())
+def _filled_directions(values: Array, spending: Array, limit: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Directions that are kept whole and those kept in part, so that the limit is spent, and what that loses at most.
+
+    Those of least worth are taken or left first; what is worth nothing is kept in part.
+    """
+    near = np.sqrt(tolerances.SAME_PRICE) * (np.abs(values).max() + np.finfo(float).tiny)
+    kept, tied = values > 0.0, np.abs(values) <= near
+    missing = limit - float(spending[kept].sum())
+    order = np.argsort(np.abs(values))
+    side = order[kept[order] == (missing < 0.0)]
+    if not side.size:
+        return kept & ~tied, tied, 0.0
+    spent = np.cumsum(spending[side])
+    last = min(int(np.searchsorted(spent, abs(missing))), len(side) - 1)
+    whole = max(float(spending[side[last]]), float(np.finfo(float).tiny))
+    part = min(1.0, 1.0 - (float(spent[last]) - abs(missing)) / whole)
+    lost = float(np.abs(values[side[:last]]).sum()) + part * float(np.abs(values[side[last]]))
+    kept[side[:last]] = missing > 0.0
+    tied[side[last]] = True
+    return kept & ~tied, tied, lost
+
+
+def _next_price(
+    price: float, spent: float, slope: float, limit: float, bracket: tuple[float, float]
+) -> tuple[float, tuple[float, float]]:
+    """The price to try next, by the slope of log regret by log price, and what brackets the right one."""
+    low, high = bracket = (price, bracket[1]) if spent > limit else (bracket[0], price)
+    if spent > 0.0 and slope < 0.0:
+        guess = price * float(np.exp(np.clip(np.log(limit / spent) / slope, -3.0, 3.0)))
+        if low < guess < high and not abs(guess - price) > 0.5 * (high - low):
+            return guess, bracket
+    if np.isinf(high):
+        return 4.0 * low, bracket
+    return 0.5 * (low + high), bracket
+
+
+def _spent(costs: NDArray[np.float32], gains: NDArray[np.float32], price: float) -> tuple[float, float]:
+    """The regret of the directions that are worth their price, and the slope of its logarithm by that of the price."""
+    values, turn = eigh(gains - price * costs, overwrite_a=True, check_finite=False, driver="evr")
+    turned = turn.T @ (costs @ turn)
+    spending, place = np.diag(turned).astype(float), int(np.searchsorted(values, 0.0))
+    spent = float(spending[place:].sum())
+    least = float(np.finfo(np.float32).tiny)
+    apart = values[place:, None] - values[None, :place]
+    rotated = 2.0 * float(np.sum(turned[place:, :place] ** 2 / np.maximum(apart, least)))
+    close = slice(max(place - _WINDOW, 0), min(place + _WINDOW, len(values)))
+    crossed = float((spending[close] ** 2).sum()) / max(float(np.ptp(values[close])), least)
+    return spent, -(rotated + crossed) * price / max(spent, least)

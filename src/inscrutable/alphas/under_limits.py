@@ -1,0 +1,83 @@
+"""What hiding a private mean costs under inequalities, by simulation, and the rule that spends a budget there.
+
+Under limits the decision for m̂ costs at most (m̂ − m)'Θ(m̂ − m): weights at a limit do not move. A rule of tr(ΘE) above the
+budget may then cost no more than it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.alphas.error_law import root_of
+from inscrutable.alphas.problem import AlphaProblem
+from inscrutable.alphas.risk import FactorRisk
+from inscrutable.errors import SolverError
+from inscrutable.validation import Array
+
+_MOST_LIMITS = 40
+
+
+class SimulatedRegret(NamedTuple):
+    """A mean regret a step by simulation, and its standard error."""
+
+    mean: float
+    standard_error: float
+
+
+def drawn_means(prior: Array | FactorRisk, draws: int, rng: np.random.Generator) -> Array:
+    """Return means less m̄ of covariance S, shape (draws,k)."""
+    if not isinstance(prior, FactorRisk):
+        root = root_of(prior)[0]
+        return np.asarray(rng.standard_normal((draws, root.shape[1])) @ root.T)
+    root = root_of(prior.factor_covariance)[0]
+    common = rng.standard_normal((draws, root.shape[1])) @ root.T @ prior.exposures.T
+    return np.asarray(common + np.sqrt(prior.specific) * rng.standard_normal(common.shape))
+
+
+def regrets_of(problem: AlphaProblem, means: Array) -> Callable[[Array], Array]:
+    """Return what gives the regrets (T,) of deciding for estimates (T,k) instead of means (T,k); optima are found once."""
+    alphas, gamma = problem.alphas(means), problem.risk_aversion
+
+    def costs(estimates: Array) -> Array:
+        actions = problem.optimum(estimates)
+        return np.asarray(gamma * problem.risk.quadratic(actions.T) - (alphas * actions).sum(axis=1))
+
+    least = costs(means)
+    return lambda estimates: costs(estimates) - least
+
+
+def mean_of(regrets: Array) -> SimulatedRegret:
+    """Return the mean of independent regrets (T,)."""
+    return SimulatedRegret(float(regrets.mean()), float(regrets.std(ddof=1) / np.sqrt(len(regrets))))
+
+
+def spending(
+    cost: Callable[[float], SimulatedRegret], target: float, most: float, at_most: SimulatedRegret
+) -> tuple[float, SimulatedRegret]:
+    """Return the limit on tr(ΘE) at which the simulated regret is the target, and that regret.
+
+    Args:
+        cost: Returns it at a limit, from the same draws at every one.
+        target: The regret to spend, above zero and below that of silence.
+        most: tr(ΘE) of silence.
+        at_most: The simulated regret of silence.
+
+    Raises:
+        SolverError: No limit was found at which it is spent.
+    """
+    low, high, below, above = 0.0, most, -target, at_most.mean - target
+    for _ in range(_MOST_LIMITS):
+        limit = low - below * (high - low) / (above - below)  # regula falsi, Illinois
+        found = cost(limit)
+        apart = found.mean - target
+        if abs(apart) <= tolerances.SIMULATED_SPENT * target:
+            return limit, found
+        if apart > 0.0:
+            high, above, below = limit, apart, below * 0.5
+        else:
+            low, below, above = limit, apart, above * 0.5
+    raise SolverError(f"no limit was found at which the simulated regret is {target:g}; pass more draws")

@@ -18,8 +18,8 @@ import inscrutable
 
 ROOT = Path(__file__).resolve().parent.parent
 FRONT_DOOR = ROOT / "src" / "inscrutable" / "__init__.py"
-HEAVY = ("numba", "pandas", "matplotlib", "mpltern", "scipy.optimize", "pydantic", "cyclopts", "rich", "joblib")
 MOST_PARAMETERS = 7
+MOST_MODULES = 20
 
 
 def in_fresh_python(code: str) -> str:
@@ -69,32 +69,32 @@ print(all(map(callable, (attack_weights, compare, inscrutable.protect, protect, 
     assert in_fresh_python(code).strip() == "True"
 
 
-@pytest.mark.parametrize("name", inscrutable.__all__)
-def test_public_name_resolves(name: str) -> None:
-    module = import_module(f"inscrutable.{inscrutable._EXPORTS[name]}")
-    assert getattr(inscrutable, name) is getattr(module, name)
-    assert name in vars(inscrutable), "a loaded name is kept"
+def test_public_names_resolve() -> None:
+    for name in inscrutable.__all__:
+        module = import_module(f"inscrutable.{inscrutable._EXPORTS[name]}")
+        assert getattr(inscrutable, name) is getattr(module, name), name
+        assert name in vars(inscrutable), f"a loaded name is kept: {name}"
 
 
-@pytest.mark.parametrize("name", inscrutable.__all__)
-def test_public_name_is_documented(name: str) -> None:
-    thing = getattr(inscrutable, name)
-    text = vars(thing).get("__doc__") if inspect.isclass(thing) else thing.__doc__
-    assert (text or "").strip(), f"{name} has no docstring of its own"
-    if not (inspect.isclass(thing) and issubclass(thing, BaseException)):
-        assert ">>> " in text, f"{name} shows no example"
+def test_public_names_are_documented() -> None:
+    for name in inscrutable.__all__:
+        thing = getattr(inscrutable, name)
+        text = vars(thing).get("__doc__") if inspect.isclass(thing) else thing.__doc__
+        assert (text or "").strip(), f"{name} has no docstring of its own"
+        if not (inspect.isclass(thing) and issubclass(thing, BaseException)):
+            assert ">>> " in text, f"{name} shows no example"
 
 
-@pytest.mark.parametrize("name", inscrutable.__all__)
-def test_public_name_takes_few_parameters(name: str) -> None:
-    thing = getattr(inscrutable, name)
-    results = inspect.isclass(thing) and hasattr(thing, "summary")  # made by the library, not typed by a reader
-    if callable(thing) and not results and not (inspect.isclass(thing) and issubclass(thing, BaseException)):
-        assert parameters(thing) <= MOST_PARAMETERS, f"{name} has {parameters(thing)} parameters"
-    for method_name, method in public_methods(thing):
-        function = method.__func__ if isinstance(method, (classmethod, staticmethod)) else method
-        if inspect.isfunction(function):
-            assert parameters(function) <= MOST_PARAMETERS, f"{name}.{method_name}"
+def test_public_names_take_few_parameters() -> None:
+    for name in inscrutable.__all__:
+        thing = getattr(inscrutable, name)
+        results = inspect.isclass(thing) and hasattr(thing, "summary")  # made by the library, not typed by a reader
+        if callable(thing) and not results and not (inspect.isclass(thing) and issubclass(thing, BaseException)):
+            assert parameters(thing) <= MOST_PARAMETERS, f"{name} has {parameters(thing)} parameters"
+        for method_name, method in public_methods(thing):
+            function = method.__func__ if isinstance(method, (classmethod, staticmethod)) else method
+            if inspect.isfunction(function):
+                assert parameters(function) <= MOST_PARAMETERS, f"{name}.{method_name}"
 
 
 def test_unknown_name_is_an_attribute_error() -> None:
@@ -104,14 +104,14 @@ def test_unknown_name_is_an_attribute_error() -> None:
         exec("from inscrutable import Decoder")
 
 
-def test_importing_the_package_loads_nothing_heavy() -> None:
-    code = f"import json, sys, inscrutable; print(json.dumps([m for m in {HEAVY!r} if m in sys.modules]))"
-    assert json.loads(in_fresh_python(code)) == []
-
-
-def test_importing_the_package_loads_none_of_its_modules() -> None:
-    code = "import json, sys, inscrutable; print(json.dumps([m for m in sys.modules if m.startswith('inscrutable.')]))"
-    assert json.loads(in_fresh_python(code)) == []
+def test_importing_the_package_loads_itself_and_little_of_the_standard_library() -> None:
+    """What an import costs, counted, so that it does not depend on how busy the machine is."""
+    code = (
+        "import json, sys; before = set(sys.modules); import inscrutable; print(json.dumps([*{*sys.modules} - before]))"
+    )
+    loaded = set(json.loads(in_fresh_python(code)))
+    assert {name for name in loaded if name.split(".")[0] not in sys.stdlib_module_names} == {"inscrutable"}
+    assert len(loaded) <= MOST_MODULES
 
 
 def test_a_problem_is_made_without_compiled_kernels_tables_and_pictures() -> None:
@@ -123,16 +123,6 @@ problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [[[1, 0], [0, 1]]] * 2, 1.0
 print(json.dumps([m for m in ("numba", "pandas", "matplotlib", "pydantic", "joblib", "scipy.stats") if m in sys.modules]))
 """
     assert json.loads(in_fresh_python(code)) == []
-
-
-def test_importing_the_package_takes_no_longer_than_three_imports_of_numpy() -> None:
-    """Seconds inside a new interpreter, files already in the cache of the system: the best of several."""
-
-    def seconds(module: str) -> float:
-        code = f"from time import perf_counter as now; start = now(); import {module}; print(now() - start)"
-        return min(float(in_fresh_python(code)) for _ in range(5))
-
-    assert seconds("inscrutable") <= 3 * seconds("numpy")
 
 
 def test_package_is_marked_as_typed() -> None:

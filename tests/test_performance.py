@@ -92,7 +92,7 @@ def test_an_unusual_distance_of_dates_is_counted_in_days() -> None:
 def test_interval_agrees_with_normal_theory() -> None:
     """Jobson and Korkie (1981) as corrected by Memmel (2003) hold for independent normal returns."""
     rng = np.random.default_rng(2)
-    rows, correlation = 3000, 0.6
+    rows, correlation = 600, 0.6
     shocks = rng.multivariate_normal([0.3, 0.1], [[1.0, correlation], [correlation, 1.0]], size=rows)
     found = sharpe_difference(shocks[:, 0], shocks[:, 1], rng=rng, block=1, replicates=1500)
     first, second = (series.mean() / series.std(ddof=1) for series in shocks.T)

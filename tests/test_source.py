@@ -20,9 +20,18 @@ MOST_LINES = 600
 MOST_LINES_OF_A_FUNCTION = 60
 # Folders of one machine. Paths inside an address (https://...) or a longer word do not count.
 LOCAL_PATH = re.compile(r"(?<![\w.:/~-])/(?:home|Users|root|work|opt|mnt|tmp|srv|data)/[\w.-]")
+DRAWS = re.compile(r"\bnp\.random\.(?!Generator\b|SeedSequence\b|default_rng\b|BitGenerator\b)\w+")
+DRAWING = re.compile(r"^\s*(?:import|from) (?:matplotlib|mpltern)\b.*", re.M)
+HOMES = ("tolerances.py", "kernels")  # of small numbers
 FOREIGN = {".bz2", ".gz", ".npy", ".npz", ".png", ".svg", ".ico", ".woff2"}
 
-each_source = pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+TEXTS = {path: path.read_text("utf-8") for path in SOURCES}
+TREES = {path: ast.parse(text) for path, text in TEXTS.items()}
+
+
+def place(path: Path, line: int = 1) -> str:
+    """Where something stands, as an editor opens it."""
+    return f"{path.relative_to(PACKAGE).as_posix()}:{line}"
 
 
 def small_numbers(text: str) -> Iterator[tuple[int, str]]:
@@ -52,56 +61,84 @@ def test_the_rules_see_the_source() -> None:
     assert not LOCAL_PATH.search("https://example.org/home/jane and ../work/x")
 
 
-@each_source
-def test_module_has_a_docstring(path: Path) -> None:
-    assert ast.get_docstring(ast.parse(path.read_text("utf-8")))
+def test_modules_have_a_docstring() -> None:
+    assert [place(path) for path, tree in TREES.items() if not ast.get_docstring(tree)] == []
 
 
-@each_source
-def test_files_and_functions_are_short(path: Path) -> None:
-    text = path.read_text("utf-8")
-    assert len(text.splitlines()) <= MOST_LINES
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
-            described = isinstance(node.body[0], ast.Expr) and isinstance(node.body[0].value, ast.Constant)
-            start = node.body[0].end_lineno if described else node.lineno
-            lines = (node.end_lineno or 0) - (start or 0)
-            assert lines <= MOST_LINES_OF_A_FUNCTION, f"{node.name} (line {node.lineno}) has {lines} lines"
+def test_files_are_short() -> None:
+    assert [place(path) for path, text in TEXTS.items() if len(text.splitlines()) > MOST_LINES] == []
 
 
-@each_source
-def test_tolerances_have_one_home(path: Path) -> None:
-    parts = path.relative_to(PACKAGE).parts
-    if parts[0] not in ("tolerances.py", "kernels"):
-        found = list(small_numbers(path.read_text("utf-8")))
-        assert not found, f"small numbers belong in tolerances.py, each with its reason: {found}"
+def lines_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines of a function below its docstring."""
+    described = isinstance(node.body[0], ast.Expr) and isinstance(node.body[0].value, ast.Constant)
+    start = node.body[0].end_lineno if described else node.lineno
+    return (node.end_lineno or 0) - (start or 0)
 
 
-@each_source
-def test_randomness_is_passed_in(path: Path) -> None:
-    text = path.read_text("utf-8")
-    drawn = re.findall(r"\bnp\.random\.(?!Generator\b|SeedSequence\b|default_rng\b|BitGenerator\b)\w+", text)
+def test_functions_are_short() -> None:
+    functions = [
+        (path, node)
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+    ]
+    assert len(functions) > len(SOURCES)
+    long = [
+        f"{place(path, node.lineno)} {node.name}"
+        for path, node in functions
+        if lines_of(node) > MOST_LINES_OF_A_FUNCTION
+    ]
+    assert long == []
+
+
+def test_tolerances_have_one_home() -> None:
+    others = {path: text for path, text in TEXTS.items() if path.relative_to(PACKAGE).parts[0] not in HOMES}
+    found = [f"{place(path, line)} {number}" for path, text in others.items() for line, number in small_numbers(text)]
+    assert not found, f"small numbers belong in tolerances.py, each with its reason: {found}"
+
+
+def test_randomness_is_passed_in() -> None:
+    drawn = [f"{place(path)} {draw}" for path, text in TEXTS.items() for draw in DRAWS.findall(text)]
     assert not drawn, f"draw from a generator that the caller passes: {drawn}"
 
 
-@each_source
-def test_the_front_door_is_not_used_from_inside(path: Path) -> None:
-    """`from inscrutable import Name` would pass every step at once and hide it from the import contract."""
-    modules = {each.stem for each in PACKAGE.iterdir()}
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            assert "inscrutable" not in [alias.name for alias in node.names], f"line {node.lineno}"
+def front_door_imports(tree: ast.Module, modules: set[str]) -> Iterator[tuple[int, list[str]]]:
+    """Line and names of what is imported from `inscrutable` itself."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import) and "inscrutable" in [alias.name for alias in node.names]:
+            yield node.lineno, ["inscrutable"]
         if isinstance(node, ast.ImportFrom) and node.module == "inscrutable":
             through = {alias.name for alias in node.names} - modules - {"__version__"}
-            assert not through, f"import {sorted(through)} from the module that defines it (line {node.lineno})"
+            if through:
+                yield node.lineno, sorted(through)
 
 
-@each_source
-def test_only_reports_draw(path: Path) -> None:
-    parts = path.relative_to(PACKAGE).parts
-    if parts[0] != "reports":
-        drawing = re.findall(r"^\s*(?:import|from) (?:matplotlib|mpltern)\b.*", path.read_text("utf-8"), re.M)
-        assert not drawing, "every picture is a function of reports"
+def test_the_front_door_is_not_used_from_inside() -> None:
+    """`from inscrutable import Name` would pass every step at once and hide it from the import contract."""
+    modules = {each.stem for each in PACKAGE.iterdir()}
+    found = [
+        f"{place(path, line)} {names}"
+        for path, tree in TREES.items()
+        for line, names in front_door_imports(tree, modules)
+    ]
+    assert not found, f"import from the module that defines it: {found}"
+
+
+def test_only_reports_draw() -> None:
+    others = {path: text for path, text in TEXTS.items() if path.relative_to(PACKAGE).parts[0] != "reports"}
+    drawing = [f"{place(path)} {line.strip()}" for path, text in others.items() for line in DRAWING.findall(text)]
+    assert not drawing, f"every picture is a function of reports: {drawing}"
+
+
+def test_the_rules_see_what_they_forbid() -> None:
+    assert DRAWS.findall("np.random.normal(3); np.random.default_rng(0)") == ["np.random.normal"]
+    assert DRAWING.findall("    import matplotlib.pyplot as plt\n") != []
+    tree = ast.parse("import inscrutable\nfrom inscrutable import Budget, budgets\nfrom inscrutable.x import y\n")
+    assert list(front_door_imports(tree, {"budgets"})) == [(1, ["inscrutable"]), (2, ["Budget"])]
+    function = ast.parse('def f():\n    """Says.\n\n    More.\n    """\n    x = 1\n    return x\n').body[0]
+    assert isinstance(function, ast.FunctionDef)
+    assert lines_of(function) == 2
 
 
 def test_nothing_shared_names_a_machine() -> None:
@@ -122,8 +159,8 @@ def test_nothing_shared_names_a_machine() -> None:
 
 def test_a_public_class_has_a_name_of_its_own() -> None:
     homes: dict[str, list[str]] = {}
-    for path in SOURCES:
-        for node in ast.parse(path.read_text("utf-8")).body:
+    for path, tree in TREES.items():
+        for node in tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 homes.setdefault(node.name, []).append(path.name)
     assert {name: files for name, files in homes.items() if len(files) > 1} == {}

@@ -73,7 +73,7 @@ class Case:
 
     def references(self, beliefs: Array, measure: PrivacyMeasure) -> list[Any]:
         """The frontier of every belief over the finer candidates."""
-        return [privacy_frontier(self.problem, belief, measure, self.finer) for belief in beliefs]
+        return [privacy_frontier(self.problem, belief, measure, candidates=self.finer) for belief in beliefs]
 
 
 def rows(sizes: Sizes) -> Iterator[Row]:

@@ -106,7 +106,7 @@ def test_curves_keep_what_single_budgets_keep(fresh_rng):
     prior = law(problem, fresh_rng, 5)
     limits = [1e-9, 1e-6, 1e-3]
     candidates = decoy_grid(problem, 6)
-    curve = rate_distortion_curve(problem, prior, [Budget.regret(each) for each in limits], candidates)
+    curve = rate_distortion_curve(problem, prior, [Budget.regret(each) for each in limits], candidates=candidates)
     for limit, rate in zip(limits, curve.rates, strict=True):
         alone = RateDistortionDecisionMaker(problem, Budget.regret(limit), prior=prior, candidates=candidates)
         assert_within(alone, problem, prior, limit, alone.mechanism.expected_regrets)

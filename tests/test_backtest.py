@@ -160,7 +160,7 @@ def test_riskless_returns_enter_the_sharpe_ratio_only(found: Backtest) -> None:
 
 
 def test_candidates_are_shared_and_solved_once(found: Backtest) -> None:
-    frontier = privacy_frontier(found.problem, found.beliefs.iloc[0], None, found.candidates)
+    frontier = privacy_frontier(found.problem, found.beliefs.iloc[0], None, candidates=found.candidates)
     limit = found.budget.limit(frontier.optimal_cost)
     assert found.episode.records["PDM"].expected_privacy[0] >= frontier.randomized(limit) - 1e-9
 

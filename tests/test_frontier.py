@@ -74,7 +74,7 @@ def test_the_frontier_is_its_definition(kind, source):
         measures.append(Infeasibility(0.0))
     for belief in beliefs_of(problem.n_states, 2):
         for measure in measures:
-            found = privacy_frontier(problem, belief, measure, candidates)
+            found = privacy_frontier(problem, belief, measure, candidates=candidates)
             regrets, privacies = defined(problem, belief, measure, candidates)
             # A regret that rounding alone tells from another is no other.
             limits = REGRETS[np.abs(REGRETS[:, None] - regrets).min(axis=1, initial=1.0) > 1e-12]
@@ -88,7 +88,7 @@ def test_points_name_their_candidates():
     problem = problem_of("plain")
     candidates = decoy_grid(problem, 20)
     belief = np.array([0.2, 0.3, 0.5])
-    found = privacy_frontier(problem, belief, MaximalObfuscation(), candidates)
+    found = privacy_frontier(problem, belief, MaximalObfuscation(), candidates=candidates)
     assert len(found.points) > 5
     for (regret, privacy), index in zip(found.points, found.indices, strict=True):
         if index == len(candidates):
@@ -104,7 +104,7 @@ def test_the_same_frontier_for_any_number_of_threads(monkeypatch):
     answers = set()
     for threads in ("1", "3"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
-        found = privacy_frontier(problem, [0.2, 0.3, 0.5], None, decoy_grid(problem, 300))
+        found = privacy_frontier(problem, [0.2, 0.3, 0.5], None, candidates=decoy_grid(problem, 300))
         answers.add(found.points.tobytes() + found.indices.tobytes())
     assert len(answers) == 1
 

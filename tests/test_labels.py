@@ -395,7 +395,7 @@ ENTRIES: list[tuple[str, Any, Callable[[Any], Any]]] = [
     ("NonUniqueness", BELIEF, lambda v: ins.NonUniqueness()(v, SET)),
     ("privacy_frontier", BELIEF, lambda v: ins.privacy_frontier(NAMED, v, candidates=CANDIDATES).optimal_cost),
     ("cheapest_privacy", BELIEF, lambda v: ins.cheapest_privacy(NAMED, v, privacy=0.1, candidates=CANDIDATES).regret),
-    ("CoinDecisionMaker decoy", BELIEF, lambda v: ins.CoinDecisionMaker(NAMED, 0.3, v).decoy),
+    ("CoinDecisionMaker decoy", BELIEF, lambda v: ins.CoinDecisionMaker(NAMED, 0.3, decoy=v).decoy),
     (
         "DelayedDecisionMaker start",
         WEIGHTS,

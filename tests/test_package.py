@@ -172,3 +172,22 @@ def test_every_requirement_is_pinned() -> None:
 def read(name: str) -> str:
     """A file of the project's root."""
     return (ROOT / name).read_text("utf-8")
+
+
+ORDERED = ("problem", "measure", "budget")
+"""What a decision maker or an observer takes by position, in this order; every argument with a default beyond is named."""
+
+
+def test_arguments_stand_in_one_order() -> None:
+    """Of public decision makers and observers; whatever else has a default is keyword-only."""
+    for name in inscrutable.__all__:
+        kind = getattr(inscrutable, name)
+        if not inspect.isclass(kind) or not name.endswith(("DecisionMaker", "Adversary")):
+            continue
+        given = [
+            each for each in inspect.signature(kind).parameters.values() if each.kind == each.POSITIONAL_OR_KEYWORD
+        ]
+        places = [ORDERED.index(each.name) for each in given if each.name in ORDERED]
+        assert places == sorted(places), name
+        optional = [each.name for each in given if each.default is not each.empty]
+        assert set(optional) <= set(ORDERED), f"{name}: {optional} should be keyword-only"

@@ -114,7 +114,7 @@ def test_all_measures_and_decision_makers_work_on_them(kind, which):
     assert problem.constraints.is_admissible(decision.action)
     again = measure(belief, consistent_beliefs(problem, decision.action))
     assert decision.privacy == pytest.approx(again, abs=1e-6)
-    frontier = privacy_frontier(problem, belief, measure, candidates)
+    frontier = privacy_frontier(problem, belief, measure, candidates=candidates)
     assert frontier.deterministic(limit) <= decision.privacy + 1e-6
     lottery = ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates).decide(belief)
     assert lottery.expected_regret <= limit * (1 + 1e-9)

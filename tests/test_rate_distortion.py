@@ -168,7 +168,7 @@ def test_a_bound_from_the_definition_alone_agrees() -> None:
 def test_the_curve_falls_and_is_convex(seed: int) -> None:
     problem, prior, candidates = market(seed)
     limits = np.linspace(0.0, 1.1, 12) * silence(problem, prior, candidates)
-    curve = rate_distortion_curve(problem, prior, [Budget.regret(each) for each in limits], candidates)
+    curve = rate_distortion_curve(problem, prior, [Budget.regret(each) for each in limits], candidates=candidates)
     assert np.all(np.diff(curve.rates) <= GAP)
     assert np.all(np.diff(curve.rates, 2) >= -4 * GAP)
     assert np.all(curve.rates - curve.bounds <= GAP)

@@ -128,7 +128,7 @@ class _Search:
 
     def best(self) -> tuple[float, Array] | None:
         """The cheapest candidate that reaches the privacy, and what the rays to it and its neighbours have before it."""
-        frontier = privacy_frontier(self.problem, self.belief, self.measure, self.candidates)
+        frontier = privacy_frontier(self.problem, self.belief, self.measure, candidates=self.candidates)
         index = np.flatnonzero(frontier.points[:, 1] >= self.least)
         numbers = frontier.indices[index]
         known = numbers < len(self.candidates.actions)

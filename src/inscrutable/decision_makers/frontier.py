@@ -99,6 +99,7 @@ def privacy_frontier(
     problem: DecisionProblem,
     belief: ArrayLike,
     measure: PrivacyMeasure | None = None,
+    *,
     candidates: Candidates | ArrayLike | None = None,
 ) -> Frontier:
     """Return the best privacy at every regret, for single decisions and for lotteries, from one set of candidates.

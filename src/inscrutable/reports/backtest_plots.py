@@ -203,7 +203,7 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
 def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
     """Draw privacy against regret for one decision at every budget, with its price, as `frontier`."""
     measure = result.settings.measure.at_step(step)
-    frontier = privacy_frontier(result.problem, result.beliefs.to_numpy()[step], measure, result.candidates)
+    frontier = privacy_frontier(result.problem, result.beliefs.to_numpy()[step], measure, candidates=result.candidates)
     own = abs(frontier.optimal_cost)
     limit = result.budget.limit(frontier.optimal_cost)
     reach = (

@@ -180,8 +180,8 @@ def rate_distortion_curve(
     problem: DecisionProblem,
     prior: Prior,
     budgets: Sequence[Budget | float],
-    candidates: Candidates | ArrayLike | None = None,
     *,
+    candidates: Candidates | ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> RateDistortionCurve:
     """Return the least mutual information at many expected regrets.

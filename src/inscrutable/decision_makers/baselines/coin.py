@@ -43,7 +43,7 @@ class CoinDecisionMaker(DrawingDecisionMaker):
 
     _shown = ("probability",)
 
-    def __init__(self, problem: DecisionProblem, probability: float, decoy: ArrayLike | None = None) -> None:
+    def __init__(self, problem: DecisionProblem, probability: float, *, decoy: ArrayLike | None = None) -> None:
         super().__init__(problem)
         self.probability = validation.non_negative(probability, "probability")
         if self.probability > 1:
@@ -85,7 +85,7 @@ class CoinDecisionMaker(DrawingDecisionMaker):
                 f"randomised response needs choices each of which is the best in some state; {never} are not"
             )
         odds = np.exp(-validation.non_negative(epsilon, "epsilon"))
-        return cls(problem, n_choices * odds / (1.0 + (n_choices - 1) * odds), np.eye(problem.n_states)[states])
+        return cls(problem, n_choices * odds / (1.0 + (n_choices - 1) * odds), decoy=np.eye(problem.n_states)[states])
 
     def _lots(self, beliefs: Array) -> Lots:
         decoys = np.atleast_2d(self.decoy)

@@ -149,7 +149,9 @@ class BudgetSweep:
 
     def _frontier(self, belief: Array, step: int) -> Frontier:
         result = self.result
-        return privacy_frontier(result.problem, belief, result.settings.measure.at_step(step), result.candidates)
+        return privacy_frontier(
+            result.problem, belief, result.settings.measure.at_step(step), candidates=result.candidates
+        )
 
     def played(self, name: str, budget: int) -> tuple[PlayedAt, ...]:
         """Return what a decision maker plays at every step at a budget; the ODM's does not depend on it."""

@@ -39,6 +39,7 @@ from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.setting import Behaviour, Setting, behaviour_of, scaled_to
 from inscrutable.experiments.studies.comparison_tasks import ComparisonFile, compared_pairs
 from inscrutable.reports import comparison_plots
+from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.comparison import markdown_of, short_table, terminal_table, write_comparison
 from inscrutable.reports.comparison_plots import draw_comparison
 from inscrutable.tolerances import CALIBRATED
@@ -457,13 +458,13 @@ def test_panels_show_every_observer_and_the_main_makers(found: Comparison, kept:
     assert len(comparison_plots.main_makers(found)) <= 6
     for place, axis in enumerate(axes):
         lines = {line.get_label(): line for line in axis.get_lines()}
-        assert set(lines) == {*comparison_plots.main_makers(found), "without decisions"}
+        assert set(lines) == {*map(spelled, comparison_plots.main_makers(found)), "without decisions"}
         np.testing.assert_allclose(lines["without decisions"].get_ydata(), found.prior_error)
         for maker in comparison_plots.main_makers(found):
             rows = found.of(maker)
             wanted = [row.naive_error if place == 0 else row.repeated_errors[place - 1] for row in rows]
-            np.testing.assert_allclose(lines[maker].get_ydata(), wanted)
-            np.testing.assert_allclose(lines[maker].get_xdata(), [100 * row.silence_share for row in rows])
+            np.testing.assert_allclose(lines[spelled(maker)].get_ydata(), wanted)
+            np.testing.assert_allclose(lines[spelled(maker)].get_xdata(), [100 * row.silence_share for row in rows])
 
 
 def test_a_budget_of_nothing_is_not_drawn_on_an_axis_of_rounding(found: Comparison, kept: list[Any]) -> None:

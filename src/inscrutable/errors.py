@@ -24,13 +24,13 @@ class InscrutableError(Exception):
 
 
 class InputError(InscrutableError, ValueError):
-    """What was passed in is malformed: wrong shape, not a number, off the simplex, unreadable file."""
+    """An argument is malformed: wrong shape, not a number, off the simplex, unreadable file."""
 
     exit_code = 3
 
 
 class DiskError(InputError):
-    """What was passed in is right, but the disk is full, failing or read-only."""
+    """The arguments are right, but the disk is full, failing or read-only."""
 
 
 class ModelError(InscrutableError, ValueError):

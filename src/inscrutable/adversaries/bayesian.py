@@ -41,7 +41,7 @@ class PosteriorStatus(Enum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Posterior(Summarised, Saved):
-    """What an observer holds likely of the belief after one decision.
+    """An observer's posterior of the belief after one decision.
 
     Formula: p(π_b|u) = w_b K(u|π_b) / Σ_b' w_b' K(u|π_b').
 

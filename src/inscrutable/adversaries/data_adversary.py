@@ -21,7 +21,7 @@ _TRIED_SHARE = 0.3
 
 
 class DataAdversary:
-    """An observer who learned from pairs of beliefs and decisions, and knows nothing else.
+    """An observer who learned from pairs of beliefs and decisions, without costs, rule or prior.
 
     Formula: the estimate is ŷ(u) of the learner (ridge regression, nearest neighbours, a tree, or the mean belief) that erred
     least on the last three tenths of the pairs when it had learned from those before; below 0 is 0, and the sum is one.

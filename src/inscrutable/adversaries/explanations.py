@@ -28,7 +28,7 @@ _MUCH = 0.01
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ActionExplanation(Summarised, Saved):
-    """What a decision's explanation by beliefs has and lacks.
+    """The nearest explanation of a decision by beliefs, with its regret and a proof.
 
     Formula: r(u) = min_{π ∈ Δ} ρ(π,u) = max_{v ∈ C} min_i (c(i,u) − c(i,v)).
 
@@ -102,7 +102,7 @@ class ActionExplanation(Summarised, Saved):
 def explain_action(
     problem: DecisionProblem, action: ArrayLike, *, names: Sequence[str] | None = None
 ) -> ActionExplanation:
-    """Return which belief explains a decision best, what it leaves unexplained, and a proof.
+    """Return the belief of least regret for a decision, that regret, and a proof.
 
     Formula: r(u) = min_π ρ(π,u), the decision that saves r(u) in every state, and a direction d with A_act d ≤ 0,
     A_eq d = 0 and ∇c(i,u)·d < 0 for every state i, which no multipliers can outweigh.

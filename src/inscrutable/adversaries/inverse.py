@@ -54,7 +54,7 @@ def smooth_form_of(problem: DecisionProblem) -> SmoothForm:
 
 
 def plausibility_gap(problem: DecisionProblem, action: ArrayLike) -> float:
-    """Return r(u) = min_π ρ(π,u), the least regret that any belief leaves to a decision.
+    """Return r(u) = min_π ρ(π,u), the least regret of a decision under any belief (inverse-optimality gap).
 
     Formula: min_{π ∈ Δ} max_{v ∈ C} π·(s(u) − s(v)); zero exactly when some belief explains the decision.
 

@@ -85,7 +85,7 @@ class SetObserver(ABC):
 
 
 class NaiveAdversary(SetObserver):
-    """An observer who takes every decision for optimal: the paper's.
+    """The naive observer, who takes every decision for optimal: the paper's adversary.
 
     Formula: Π(u) = {π : u minimises π·s}; the estimate is the mean of its corners (see `BeliefSet.center`).
 
@@ -213,7 +213,7 @@ class PriorReader(SetObserver):
 
 
 class NearOptimalAdversary(PriorReader):
-    """An observer who allows for a regret: rounding, haste, or a model that is not quite the agent's.
+    """The near-optimal observer, who allows for a regret: rounding, haste, or a model that differs from the agent's.
 
     Formula: Π_ε(u) = {π : ρ(π,u) ≤ ε}; the estimate is the member nearest to the middle of its bounds, or under a prior
     Σ w_b π_b / Σ w_b over the prior's beliefs in the set.

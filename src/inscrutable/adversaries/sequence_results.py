@@ -17,7 +17,7 @@ from inscrutable.validation import Array
 
 @saved_choice
 class SequenceStatus(Enum):
-    """What one decision of a sequence told the observer; the text says what to do about it.
+    """How one decision of a sequence was read; the text says what to do about it.
 
     Example:
         >>> SequenceStatus.USED.value

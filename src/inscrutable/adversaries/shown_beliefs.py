@@ -22,7 +22,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class ShownBeliefs:
-    """The union of the sets of beliefs that candidates stand for which look the same; it need not be convex.
+    """The union of the consistent beliefs of decisions that are shown alike; it need not be convex.
 
     Args:
         members: One set for each candidate that looks so and stands for some belief.

@@ -28,7 +28,7 @@ _TURNS = (0.6, 0.3, 0.15)
 
 @dataclass(frozen=True, eq=False)
 class AlphaDecision(Saved):
-    """A decision that follows a decoy instead of the true mean.
+    """The optimal decision of a decoy, a mean other than the true one.
 
     Args:
         weights: u, shape (n,): the best decision for the decoy.

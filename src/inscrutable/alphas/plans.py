@@ -19,7 +19,7 @@ from inscrutable.validation import Array
 
 @saved_choice
 class AlphaStatus(Enum):
-    """How far a rule on private means is from the best one.
+    """How a rule on private means was found, and its distance from the best one.
 
     Example:
         >>> AlphaStatus.SILENT.value

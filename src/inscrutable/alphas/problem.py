@@ -23,7 +23,7 @@ _MOST_DENSE = 1_000
 
 
 class AlphaProblem:
-    """A decision driven by a private mean m, all else known: how much of each of n assets to hold.
+    """A decision problem with a private mean m, all else known: how much of each of n assets to hold.
 
     Formula: min_u γ u'V u − (B m)'u over u ∈ C.
 

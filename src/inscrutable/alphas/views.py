@@ -25,7 +25,7 @@ _MOST_SHOWN = 8
 
 @saved_choice
 class ViewStatus(Enum):
-    """What the set of implied views is.
+    """Whether the set of implied views is a point, a polyhedron, or empty.
 
     Example:
         >>> ViewStatus.POINT.value
@@ -42,7 +42,7 @@ class ViewStatus(Enum):
 
 @dataclass(frozen=True, eq=False)
 class ImpliedViews:
-    """The set Π(u) of means m that make weights u the best decision, or as good as the regret or the digits say.
+    """The set Π(u) of means m for which weights u are optimal, or optimal up to a regret or to rounding.
 
     Args:
         problem: The decision problem.

@@ -26,7 +26,7 @@ _WAYS = 8
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CheapestPrivacy(Summarised, Saved):
-    """The cheapest decision found that reaches a privacy.
+    """The decision of least regret found that reaches a privacy.
 
     Args:
         regret: What it costs above the optimal cost, in the cost's unit; infinite where no decision found reaches it.
@@ -65,7 +65,7 @@ def cheapest_privacy(
     privacy: float | None = None,
     candidates: Candidates | ArrayLike | None = None,
 ) -> CheapestPrivacy:
-    """Return the cheapest decision found with at least a privacy: what a budget must afford for any to be had.
+    """Return the decision of least regret found with at least a given privacy.
 
     Formula: min ρ(π,ū) over admissible ū with Ψ(ū) ≥ privacy, searched over the candidates and on the rays to them.
 

@@ -22,7 +22,7 @@ MOST_DECOYS = 600_000
 
 
 def decoy_grid(problem: DecisionProblem, resolution: int, *, faces: bool = False) -> Candidates:
-    """Return the optimal decisions of decoys spread over the simplex: beliefs the agent may act as if it held.
+    """Return the optimal decisions of decoys, beliefs spread over the simplex that the agent may play in place of its own.
 
     Formula: {u*(y) : y ∈ Δ_X, r·y whole}; nothing plausible is lost, since Π(u) ≠ ∅ exactly when u = u*(y) for some y.
     Where these would be more than 600,000, the finest regular grid of that size is taken, and above six states it is

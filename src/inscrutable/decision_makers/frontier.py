@@ -23,7 +23,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class Frontier(Summarised, Saved):
-    """The best privacy of the candidates as a function of regret, without and with lotteries.
+    """The privacy-utility trade-off of one belief: the best privacy as a function of regret, without and with lotteries.
 
     Args:
         belief: The true belief, shape (X,).
@@ -102,7 +102,7 @@ def privacy_frontier(
     *,
     candidates: Candidates | ArrayLike | None = None,
 ) -> Frontier:
-    """Return the best privacy at every regret, for single decisions and for lotteries, from one set of candidates.
+    """Return the privacy-utility trade-off of a belief: the best privacy at every regret, for decisions and for lotteries.
 
     Formula: max {Ψ(u_l) : ρ_l ≤ r} and the concave envelope of the points (ρ_l, Ψ_l), both as functions of r.
 

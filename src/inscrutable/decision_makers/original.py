@@ -15,7 +15,7 @@ from inscrutable.validation import Array
 
 
 class OriginalDecisionMaker(Described):
-    """The decision maker of least expected cost, as if nobody watched (ODM).
+    """The decision maker of least expected cost, without regard to observers (ODM).
 
     Formula: u*(π) = argmin_{u ∈ C} π·s(u).
 

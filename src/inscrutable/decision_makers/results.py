@@ -29,7 +29,7 @@ _MOST_SHOWN = 12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Decision(Saved):
-    """One decision and what it gives away.
+    """One decision, its regret, and the beliefs that explain it.
 
     Args:
         action: ū, shape (U,); an int where decisions are finite choices.
@@ -109,7 +109,7 @@ class Decision(Saved):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MixedDecision(Saved):
-    """A lottery over decisions: draw one with `sample`.
+    """A lottery, or randomised decision: draw one with `sample`.
 
     Args:
         actions: Atoms, shape (k,U).

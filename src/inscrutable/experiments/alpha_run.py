@@ -32,7 +32,7 @@ from inscrutable.worlds.covariances import covariance_rule
 
 @dataclass(frozen=True)
 class AlphaSettings:
-    """What an investor with private means is and what it spends on privacy.
+    """Settings of an investor with private means, and its budget for privacy.
 
     Args:
         risk_aversion: γ of γu'Vu − m'u.

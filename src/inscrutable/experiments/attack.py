@@ -139,7 +139,7 @@ def attack_weights(
     previous: Any = None,
     progress: Progress | None = None,
 ) -> Attack:
-    """Return what each row of published weights says about the investor's belief.
+    """Return the beliefs that explain each row of published weights.
 
     Formula: Π(û) for weights in full precision, Π_ε(û) = {π : ρ(π,û) ≤ ε} for rounded ones and where Π(û) is empty; û is the
     nearest feasible decision and ε what rounding can cost (this module's head).

@@ -76,7 +76,7 @@ def run_backtest(
     restarts: int | None = None,
     progress: Progress | None = None,
 ) -> Backtest:
-    """Fit the regimes on the training sample, walk forward through the rest, and let a rival read every portfolio.
+    """Fit the regimes on the training sample, walk forward through the rest, and let observers read every portfolio.
 
     Timing: at the end of row t the investor holds p(x_{t+1} | returns up to t) under the training sample's world,
     decides as ODM, CDM, PDM and SDM (the sequential rule), and earns the return of row t+1. The first decision is made at

@@ -37,7 +37,7 @@ VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class InvestorModel:
-    """An investor as a rival may know it: how its regimes move, what its weights cost, what it spends on privacy.
+    """An investor as observers may know it: its hidden Markov model, its portfolio problem and its budget.
 
     Args:
         world: The hidden Markov model of X regimes behind the returns. Names of its states, where they were given, are

@@ -63,7 +63,7 @@ class LearningCurve(Summarised, Saved):
 def learning_curve(
     mechanism: Mechanism, prior: Prior, pairs: Sequence[int], *, rng: np.random.Generator, repeats: int = REPEATS
 ) -> LearningCurve:
-    """Return how the error of an observer who has only data falls with the pairs that it has seen.
+    """Return the error of an observer who has only data, by the number of pairs that it has seen.
 
     Formula: √Σ w_b K(u|π_b) ‖π_b − ŷ_n(u)‖², ŷ_n learned from n independent pairs, its square averaged over repeats.
 

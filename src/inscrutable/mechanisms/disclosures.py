@@ -41,7 +41,7 @@ class Operation(NamedTuple):
 
 @dataclass(frozen=True)
 class Disclosure:
-    """What an observer is shown of a sequence of decisions; composed with `|`, what stands first comes first.
+    """What an observer is shown of a sequence of decisions; composed with `|` from left to right.
 
     Formula: (a | b)(u) = b(a(u)).
 

@@ -20,7 +20,7 @@ from inscrutable.validation import Array
 
 @runtime_checkable
 class MechanismRule(Protocol):
-    """A rule that plays another mechanism for every law that the observer holds of the belief, and ties as it did before.
+    """A rule with one mechanism for each law of the belief that the observer can hold; ties are resolved as before.
 
     Source: Kerckhoffs' principle: the rule is public, hence the mechanism of each step.
 
@@ -47,7 +47,7 @@ class MechanismRule(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MemoryMechanism(Summarised, Saved):
-    """How often each decision is played under each belief and memory, and what is then remembered.
+    """A mechanism K(u, n'|π, n) with a finite memory: the law of decision and next memory given belief and memory.
 
     Formula: K(u_m, n' | π_b, n) ≥ 0, Σ_{m,n'} K(u_m, n' | π_b, n) = 1, for memories n = 0..N−1; before the first decision n has
     the law `initial`. A `Mechanism` is the case N = 1.

@@ -40,7 +40,7 @@ class HasActions(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(Summarised, Saved):
-    """How often each decision is played under each belief, and what it costs there.
+    """A randomised mechanism K(u|π): the probability and the regret of each decision under each belief.
 
     Formula: K(u_m | π_b) ≥ 0, Σ_m K(u_m | π_b) = 1; regrets ρ(π_b, u_m).
 
@@ -177,7 +177,7 @@ def stochastic_table(table: Any) -> Any:
 def mechanism(
     decision_maker: PlaysMany, beliefs: ArrayLike, candidates: HasActions | ArrayLike | None = None
 ) -> Mechanism:
-    """Return what a decision maker amounts to on some beliefs.
+    """Return the randomised mechanism K(u|π) of a decision maker on some beliefs.
 
     Formula: K(u|π_b) as `decide_many` plays it; decisions that agree to `tolerances.SAME_ACTION` are one, the first of
     them in the order of candidates and then of beliefs.

@@ -82,7 +82,7 @@ class Detectability(Summarised, Saved):
 
 
 def detectability(mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> Detectability:
-    """Return how well one decision of a mechanism is told from an optimal one.
+    """Return the detectability of a mechanism: how well a test of one decision separates it from the optimal rule.
 
     Formula: those of `Detectability`.
 

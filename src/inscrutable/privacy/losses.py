@@ -55,7 +55,7 @@ class Loss(ABC):
 
 
 class SquaredError(Loss):
-    """The square error of the best estimate of the belief: what all figures are in where no loss is given.
+    """The square error of the best estimate of the belief, the default loss.
 
     Formula: ℓ(π,a) = ‖π − a‖², so that L(p) = Σ p(π) ‖π − E[π]‖²: a variance. Average it, and take the root at the end.
 
@@ -116,7 +116,7 @@ class DecisionLoss(Loss):
 
 
 class RivalProblem(DecisionLoss):
-    """The cost of a rival's own decision, made on what it knows of the belief.
+    """The Bayes risk of a rival's own decision problem.
 
     Formula: ℓ(π,a) = Σ_i π_i c(i,a) with the rival's costs c, so that L(p) = V(E[π]), V(π) = min_a Σ_i π_i c(i,a).
 
@@ -154,7 +154,7 @@ class RivalProblem(DecisionLoss):
 
 
 class NamingError(DecisionLoss):
-    """How often the rival names the wrong state.
+    """The probability that the rival names the wrong state.
 
     Formula: ℓ(π,i) = 1 − π_i, so that L(p) = 1 − max_i E[π]_i.
 

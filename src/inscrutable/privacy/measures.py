@@ -89,7 +89,7 @@ class PrivacyMeasure(ABC):
 
 
 class MaximalObfuscation(PrivacyMeasure):
-    """Distance of the true belief from everything the observer thinks possible.
+    """Distance of the true belief from the consistent beliefs Π(u).
 
     Formula: Ψ(u) = dist(π, Π(u)) in the Euclidean norm, in [0, √2]; +∞ for an empty set.
 
@@ -119,7 +119,7 @@ class MaximalObfuscation(PrivacyMeasure):
 
 
 class DesiredObfuscation(PrivacyMeasure):
-    """Closeness of what the observer thinks possible to a belief of the agent's choice.
+    """Closeness of the consistent beliefs to a belief of the agent's choice.
 
     Formula: Ψ(u) = −dist(π^d, Π(u)), in [−√2, 0]; −∞ for an empty set.
 
@@ -196,7 +196,7 @@ class DesiredObfuscation(PrivacyMeasure):
 
 
 class NonExistence(PrivacyMeasure):
-    """Whether the true belief is absent from what the observer thinks possible.
+    """Whether the true belief is absent from the consistent beliefs.
 
     Formula: Ψ(u) = 0 if dist(π, Π(u)) ≥ margin (or > 0 at margin 0), −∞ otherwise; an empty set counts as absence.
 
@@ -248,7 +248,7 @@ class NonExistence(PrivacyMeasure):
 
 
 class NonUniqueness(PrivacyMeasure):
-    """Whether the observer is left with a belief other than the true one.
+    """Whether the consistent beliefs contain a belief other than the true one.
 
     Formula: Ψ(u) = 0 if ∃ z ∈ Π(u) with z ≠ π, −∞ otherwise; as written it does not ask for π ∈ Π(u).
 

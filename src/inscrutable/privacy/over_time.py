@@ -148,7 +148,7 @@ def path_leakage(
     loss: Loss | None = None,
     disclosure: Disclosure | str | None = None,
 ) -> PathLeakage:
-    """Return what decisions on a belief that moves tell step by step, cumulated and of the present belief alone.
+    """Return the leakage of decisions on a belief that moves: step by step, in all, and about the present belief.
 
     Formula: those of `PathLeakage`, as averages over sampled paths of beliefs and decisions.
 

@@ -29,7 +29,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RevealedPreferences(Summarised, Saved):
-    """What choices at known prices say of the utility behind them.
+    """Whether choices at known prices maximise a utility, and one that they do.
 
     Formula: U(x) = min_t (u_t + λ_t p_t'(x − e x_t)) with u_s ≤ u_t + λ_t p_t'(x_s − e x_t) and λ > 0: concave, increasing and
     piecewise linear; no x with p_t'x ≤ e p_t'x_t has a larger utility than x_t.
@@ -121,7 +121,7 @@ class RevealedPreferences(Summarised, Saved):
 
 
 def revealed_preferences(prices: ArrayLike, choices: ArrayLike, *, efficiency: float = 1.0) -> RevealedPreferences:
-    """Return whether choices at known prices maximise some utility, how nearly, and one that they do.
+    """Return whether choices at known prices maximise some utility, how nearly, and such a utility.
 
     Formula: GARP at efficiency e: x_t R x_s implies e p_s'x_s ≤ p_s'x_t; the index is the smallest, over cycles, of a cycle's
     largest spending ratio p_t'x_s / p_t'x_t, or 1; the utility is Afriat's, with the least Σλ unless ratios are so

@@ -18,7 +18,7 @@ from inscrutable.validation import Array
 
 
 class Lift(NamedTuple):
-    """How decisions become the variables of a form, and back.
+    """The maps from decisions to the variables of a form, and back.
 
     Args:
         variables: Returns v, shape (…,V), of decisions u (…,U); they must be feasible where u is.
@@ -108,7 +108,7 @@ class LinearForm(_Form):
 
 @dataclass(frozen=True, eq=False)
 class SmoothForm(_Form):
-    """Costs with gradients: what an observer solves backwards.
+    """Costs with gradients, which the KKT conditions of the inverse problem use.
 
     Formula: a belief π explains v where −Σ π_i ∇c(i,v) lies in the normal cone of the feasible set at v.
 

@@ -25,7 +25,7 @@ _BLOCK_ENTRIES = 4_000_000
 
 
 class KellyProblem(DecisionProblem):
-    """Shares of wealth that grow fastest in the long run.
+    """Log-optimal (Kelly) investment: shares of wealth of the largest long-run growth.
 
     Formula: c(i,u) = −Σ_s p_is log(r_is'u) over {u ≥ 0, 1'u = 1} unless constraints are given.
 

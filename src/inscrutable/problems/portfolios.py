@@ -186,7 +186,7 @@ def turnover(
     long_only: bool = False,
     min_slack: float = tolerances.MIN_SLACK,
 ) -> Polyhedron:
-    """Return {u : Σ|u_j − previous_j| ≤ limit}, what may be bought and sold against the last published weights.
+    """Return {u : Σ|u_j − previous_j| ≤ limit}, a limit on purchases plus sales against the last published weights.
 
     The last *published* weights are what was played, not the private optimum: both the agent and the observer know them,
     so the limit is part of the problem that the observer inverts.

@@ -13,6 +13,7 @@ import numpy as np
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.privacy.repeated import SIDE
+from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.style import BLACK, PAGE_WIDTH, PERCENT, Look, drawing, looks_of, save_figure
 from inscrutable.validation import Array
 
@@ -123,7 +124,7 @@ def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
                 color=BLACK,
                 linestyle=":",
                 linewidth=1.2,
-                label="copying: never below but by chance of sampling",
+                label="copying: lower bound, up to sampling",
                 zorder=2,
             )
         axes.set_xlim(0.0, None if max(comparison.budgets) > 0 else 1.0)
@@ -150,7 +151,13 @@ def _plot_errors(axes: Any, comparison: Comparison, panel: _Panel) -> None:
         along = scale * np.array(list(panel.ceilings))
         heights = list(panel.ceilings.values())
         axes.plot(
-            along, heights, color=BLACK, linestyle=":", linewidth=1.2, zorder=2, label="no rule exceeds, over time"
+            along,
+            heights,
+            color=BLACK,
+            linestyle=":",
+            linewidth=1.2,
+            zorder=2,
+            label="upper bound of any rule, over time",
         )
     axes.set_title(panel.title, loc="left")
     nothing = max(comparison.budgets) <= 0  # else the axis would be as long as rounding is
@@ -166,7 +173,15 @@ def _scale(comparison: Comparison) -> tuple[float, str]:
 def _curve(axes: Any, along: Array, heights: Array, sides: Array, name: str, look: Look) -> None:
     hollow = {} if look.marker in "x+" else {"markerfacecolor": "white"}
     axes.plot(
-        along, heights, look.line, color=look.colour, marker=look.marker, label=name, zorder=3, clip_on=False, **hollow
+        along,
+        heights,
+        look.line,
+        color=look.colour,
+        marker=look.marker,
+        label=spelled(name),
+        zorder=3,
+        clip_on=False,
+        **hollow,
     )
     if sides.any():
         axes.vlines(along, heights - sides, heights + sides, color=look.colour, linewidth=0.8, alpha=0.7, zorder=2)

@@ -16,7 +16,7 @@ _DEVIATIONS = 6.0  # standard errors by which a mean may be off
 
 
 def check_emission(emission: Emission, *, rng: np.random.Generator | None = None) -> None:
-    """Check on observations of its own drawing that an observation law keeps its promises; silent where it does.
+    """Check on observations of its own drawing that an observation model keeps its promises; silent where it does.
 
     Checked are shapes; that no logarithm is NaN or +∞, and none of a drawn observation −∞ for the state it was drawn in;
     that every row depends on its own observation alone, the filter's causality; that on average no other state explains

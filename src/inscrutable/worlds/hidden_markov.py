@@ -46,7 +46,7 @@ class Trajectory:
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class HiddenMarkovModel:
-    """A world of X states that nobody sees, and a sensor: p(x_{t+1} = j | x_t = i) = transition[i, j], p(y_t | x_t).
+    """A world of X hidden states, and a sensor: p(x_{t+1} = j | x_t = i) = transition[i, j], p(y_t | x_t).
 
     Args:
         transition: (X,X), rows of probabilities that sum to one. Labelled rows and columns are put in the order of

@@ -23,7 +23,7 @@ _MOST_STEPS = 10_000
 
 @dataclass(frozen=True, eq=False)
 class KalmanResult:
-    """Beliefs N(m_t, P_t) over time, each from what was read up to its own row.
+    """Beliefs N(m_t, P_t) over time, each from the observations up to its own row.
 
     Unpacks as (means, covariances, log_likelihood).
 

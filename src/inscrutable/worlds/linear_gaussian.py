@@ -31,7 +31,7 @@ class Law(NamedTuple):
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class LinearGaussianWorld:
-    """A hidden state x_{t+1} = A x_t + w_t and what is read of it, y_t = C x_t + v_t and z_t = C_z x_t + v_z,t.
+    """A hidden state x_{t+1} = A x_t + w_t with observations y_t = C x_t + v_t and z_t = C_z x_t + v_z,t.
 
     Formula: w ~ N(0,Q), v ~ N(0,R), v_z ~ N(0,R_z), independent of each other and over time. The agent reads y and z,
     everybody else z alone. Each matrix may change with time: a leading axis of T matrices, A_t from step t to t + 1.

@@ -21,7 +21,7 @@ UNREAD = -1
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class PublicPart:
-    """A part z = C y of what the agent's sensor reports that everybody reads; the agent itself filters y alone.
+    """A public part z = C y of the agent's observation; the agent filters y.
 
     Of a `GaussianEmission` z is a vector of linear combinations, such as the mean of returns. Of a `CategoricalEmission`
     symbols are merged: C[z,y] = 1 where symbol y is read as z.

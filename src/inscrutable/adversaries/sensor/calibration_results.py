@@ -89,7 +89,7 @@ class CalibratedSensor(Summarised, Saved):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ProbeRanking(Summarised, Saved):
-    """How much probes, sequences of states, would tell of a sensor's parameters.
+    """Fisher information about a sensor's parameters under probes, sequences of states.
 
     Args:
         information: Fisher information of each probe, shape (N,K,K).

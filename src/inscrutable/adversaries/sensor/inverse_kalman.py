@@ -17,7 +17,7 @@ from inscrutable.worlds.linear_gaussian import LinearGaussianWorld, at
 
 @dataclass(frozen=True, eq=False)
 class LinearView:
-    """What is seen of an estimate m_t: H m_t + e_t with e_t ~ N(0,E), such as a decision that is linear in it.
+    """An observation H m_t + e_t of an estimate m_t, with e_t ~ N(0,E), such as a decision that is linear in it.
 
     Args:
         matrix: H, shape (q,n).
@@ -46,7 +46,7 @@ class LinearView:
 def inverse_kalman_filter(
     world: LinearGaussianWorld, seen: ArrayLike, view: LinearView | None = None, *, states: ArrayLike | None = None
 ) -> KalmanResult:
-    """Return what an observer knows of an agent's estimates m_t, from what it sees of them up to each step.
+    """Return an observer's law of an agent's estimates m_t, from its observations of them up to each step.
 
     Formula: m_{t+1} = (I − K C) A m_t + K C x_{t+1} + K v_{t+1}, the agent's Kalman filter with its known gain K_{t+1}.
 

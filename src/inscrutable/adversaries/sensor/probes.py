@@ -33,7 +33,7 @@ def best_probe(
     n_draws: int = 500,
     rng: np.random.Generator | None = None,
 ) -> ProbeRanking:
-    """Return how much each of some sequences of states would tell of a sensor's parameters, and which tells most.
+    """Return the Fisher information about a sensor's parameters under each of some sequences of states, and the best one.
 
     Formula: I(θ) = E_u[∇ log Pr_θ(u|x) ∇ log Pr_θ(u|x)'] under the states x of the probe; Cramér–Rao: sd(θ̂_k) ≥ √(I⁻¹)_kk.
 

@@ -103,7 +103,7 @@ class EstimatedSensor(_Answer):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EstimatedWorld(_Answer):
-    """The world that a filter has in its head, from its beliefs alone.
+    """The transition and sensor of a filter, estimated from its beliefs alone.
 
     Args:
         world: Transition and sensor; symbols have the names that were given, else they are numbered as they come up.

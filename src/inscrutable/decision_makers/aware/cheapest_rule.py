@@ -45,7 +45,7 @@ class LeastRegretStatus(Enum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LeastRegret(Summarised):
-    """The cheapest rule that gives some guarantees; it decides for the beliefs that the prior gives weight.
+    """The rule of least expected regret under some guarantees; it decides for the beliefs of positive prior weight.
 
     Args:
         problem: The decision problem.

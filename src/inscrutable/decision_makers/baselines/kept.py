@@ -23,7 +23,7 @@ _MOST_ENTRIES = 2**25
 
 
 class KeptDecisionMaker(Described):
-    """Another decision maker's lottery, drawn once for each stay of the belief.
+    """Another decision maker's lottery, drawn again only when the belief changes.
 
     Formula: u_t = u_{t−1} where π_t = π_{t−1}, to `tolerances.SAME_BELIEF`; otherwise u_t ~ K(·|π_t), drawn afresh.
 

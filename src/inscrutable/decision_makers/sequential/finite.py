@@ -32,7 +32,7 @@ class FiniteStatus(Enum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteRule(Summarised):
-    """A sequential rule as a mechanism with a memory, or why it is none.
+    """A sequential rule as a mechanism with a finite memory, or the reason why it has none.
 
     Args:
         mechanism: Its memory is the law that the observer holds before a decision, and the decision before; it is public. None

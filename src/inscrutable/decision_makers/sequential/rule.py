@@ -40,7 +40,7 @@ twice as long (three states, twelve assets)."""
 
 
 class SequentialDecisionMaker(Described):
-    """The decision maker that hides a belief that moves, and takes into account what its decisions have told already.
+    """The sequential rule: it hides a belief that moves, and decides by the observer's law of it.
 
     Formula: at every step K_t = argmax_K E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u) under the law p_t of the belief that an observer of
     all earlier decisions holds, with L(p_u) = E[‖π − E[π|u]‖² | u] or another `loss` of its law after u; then p_{t+1} is p_t

@@ -60,7 +60,7 @@ class Prepared(Protocol):
 
 
 class DecisionSequence(Summarised, KeptInFile):
-    """Decisions one after the other, with what the observer holds of the belief; `SequentialDecisionMaker.begin` makes it.
+    """Successive decisions, with the observer's law of the belief; `SequentialDecisionMaker.begin` makes it.
 
     At every step `decide` says what to draw from, any number of times; `publish` records the one decision that was drawn and
     seen. Time passes with `observe`, or with the next `decide` or `publish`, where `observe` was left out. Where the chain has

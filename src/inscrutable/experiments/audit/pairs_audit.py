@@ -39,7 +39,7 @@ def audit_pairs(
     shifts: int | None = None,
     rng: np.random.Generator | None = None,
 ) -> PairsAudit:
-    """Say what published decisions tell of secrets at least, from pairs of both and no model.
+    """Test whether published decisions leak secrets, from pairs of both and without a model.
 
     Rows stand in the order of time. The last six of ten blocks are judged, each read by what was learned from the rows before
     it, less an embargo; which learner (ridge, nearest neighbours, a tree) is chosen by the blocks before. So the errors judged

@@ -24,7 +24,7 @@ _KNOWN = 0.75
 
 @dataclass(frozen=True, eq=False, repr=False)
 class HerdingTable(Summarised, Saved):
-    """The same agents with several rules; the first rule is the one that the others are compared with.
+    """Agents who learn from each other under several rules, each compared with the first.
 
     Args:
         names: Of the rules.
@@ -116,7 +116,7 @@ def herding_table(
     rng: np.random.Generator | None = None,
     n_paths: int | None = None,
 ) -> HerdingTable:
-    """Return what the same agents come to with each of several rules.
+    """Return the results of social learning by the same agents under each of several rules.
 
     Formula: `social_learning` for every rule; simulated ones on the same random numbers.
 

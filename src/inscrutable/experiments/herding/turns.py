@@ -38,7 +38,7 @@ def social_learning(
     rng: np.random.Generator | None = None,
     n_paths: int | None = None,
 ) -> SocialLearning:
-    """Return what agents come to who decide in turn, each on a signal of its own and on all decisions before.
+    """Return the results of agents who decide in turn, each on a signal of its own and on all decisions before.
 
     Formula: those of `SocialLearning`. The state x is drawn once; everybody knows the prior, the sensor and each rule K.
     A cascade begins at a public belief at which K(·|π) is the same after every signal; nothing is then learned any more. Two

@@ -65,7 +65,7 @@ def tasks_text(number: int) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(Summarised):
-    """A grid of markets, decision makers, budgets and adversaries, and the rows that came of it.
+    """A grid of markets, decision makers, budgets and adversaries, and its rows of results.
 
     Args:
         plan: What is asked, validated; `Study.read` and `Study.of` make it.

@@ -161,14 +161,14 @@ const Page = (() => {
   const MOST_CURVES = 6;
 
   // Which curves are drawn: all, or at first the six that matter most and all on request.
-  function choice(names, first) {
+  function choice(names, first, spelled) {
     const main = new Set((first || names).slice(0, MOST_CURVES));
     let every = names.length <= MOST_CURVES;
     if (!every) {
       const row = html(document.getElementById("play").parentNode, "label", undefined, { class: "every" });
       document.querySelector(".figures").before(row);
       const box = html(row, "input", undefined, { type: "checkbox", id: "every", autocomplete: "off" });
-      row.append(` draw all ${names.length}, not only ${[...main].join(", ")}`);
+      row.append(` draw all ${names.length}, not only ${[...main].map((name) => (spelled ? spelled[name] : name)).join(", ")}`);
       box.addEventListener("change", () => {
         every = box.checked;
         again();

@@ -7,7 +7,7 @@
   const widest = Math.max(...all.map((row) => row.regret), ...data.budgets, 0) || 1;
   const highest = Math.max(data.prior, ...all.flatMap((row) => [row.naive, ...row.aware])) * 1.05;
 
-  const isDrawn = choice(makers, data.main);
+  const isDrawn = choice(makers, data.main, spelled);
 
   function errors(id, budget, seen) {
     const frame = chart(id, {
@@ -50,7 +50,7 @@
   }
 
   const alone = ["without decisions", sampleMark(null, "#000", false, "--")];
-  const ceiling = ["no rule exceeds, over time", sampleMark(null, "#000", false, ":")];
+  const ceiling = ["upper bound of any rule, over time", sampleMark(null, "#000", false, ":")];
   legend("both", [
     ["naive observer: takes one decision at face value", sampleMark("s", "#000", true)],
     ["aware observer: knows the rule and the prior", sampleMark("o", "#000", "#fff")],

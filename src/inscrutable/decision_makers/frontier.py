@@ -99,7 +99,6 @@ def privacy_frontier(
     problem: DecisionProblem,
     belief: ArrayLike,
     measure: PrivacyMeasure | None = None,
-    *,
     candidates: Candidates | ArrayLike | None = None,
 ) -> Frontier:
     """Return the privacy-utility trade-off of a belief: the best privacy at every regret, for decisions and for lotteries.

@@ -48,7 +48,7 @@ class Sizes:
 
 
 FULL = Sizes()
-QUICK = Sizes(resolutions=((3, 4), (4, 2)), beliefs=4, peers_beliefs=1, n_starts=1)
+QUICK = Sizes(resolutions=((3, 4),), beliefs=4, peers_beliefs=1, n_starts=1)
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class Sizes:
 
 
 FULL = Sizes()
-QUICK = Sizes(n_beliefs=12, resolution=20, finer=40, compared=4, behind=0.02, tries=2)
+QUICK = Sizes(n_beliefs=6, resolution=10, finer=20, compared=2, behind=0.02, tries=1)
 
 
 @dataclass(frozen=True)

@@ -250,6 +250,14 @@ def test_the_peak_of_memory_is_seen():
     assert point.peak_bytes() - before > 0.5 * 2**26 or not point.STATUS.exists()
 
 
+def test_a_point_is_measured_in_a_process_of_its_own():
+    found = point.measured_apart(point.Point(5, 2), 300.0)
+    assert found.candidates == 6
+    assert found.decided_seconds > 0
+    assert found.result_bytes > 0
+    assert found.overspent <= growth.SPENT
+
+
 def test_growth_is_drawn(tmp_path):
     keys = {"seconds": 1e-3, "prepared_seconds": 1e-4, "working_bytes": 0.0, "result_bytes": 1e3}
     rows = [
@@ -269,7 +277,8 @@ def test_growth_is_drawn(tmp_path):
 
 
 @pytest.mark.parametrize("name", GROUPS)
-def test_the_benchmark_runs_at_a_tiny_size(name, tmp_path):
+def test_the_benchmark_runs_at_a_tiny_size(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(growth, "measured_apart", lambda asked, _: point.measured(asked))  # apart: once, above
     group = measure(name, quick=True)
     assert group.rows
     wrong = [row.cells() for row in group.rows if not row.quality.right]

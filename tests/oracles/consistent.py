@@ -109,21 +109,28 @@ def is_empty(system: System, tolerance: float = EXPLAINED) -> bool:
 
 def support(system: System, direction: Array) -> Array:
     """Return a belief of Π(u) that maximises direction·π; NaN where Π(u) is empty."""
+    return supports(system, np.asarray(direction, dtype=float)[None])[0]
+
+
+def supports(system: System, directions: Array) -> Array:
+    """Return the same for each row of `directions` (k,X), by one programme of k blocks that share nothing."""
     matrix = _stationarity(system)
-    n_states = system.gradients.shape[1]
-    belief_sum = np.zeros((1, matrix.shape[1]))
-    belief_sum[0, :n_states] = 1.0
-    objective = np.zeros(matrix.shape[1])
-    objective[:n_states] = -np.asarray(direction, dtype=float)
-    right = np.append(np.zeros(len(matrix)), 1.0)
-    answer = _solve(objective, None, None, np.vstack([matrix, belief_sum]), right, _domain(system))
-    return np.asarray(answer[:n_states])
+    (n_rows, n_columns), n_states, n_blocks = matrix.shape, system.gradients.shape[1], len(directions)
+    block = np.vstack([matrix, np.zeros((1, n_columns))])
+    block[-1, :n_states] = 1.0
+    objective = np.zeros((n_blocks, n_columns))
+    objective[:, :n_states] = -np.asarray(directions, dtype=float)
+    right = np.tile(np.append(np.zeros(n_rows), 1.0), n_blocks)
+    rows = np.kron(np.eye(n_blocks), block)
+    answer = _solve(objective.ravel(), None, None, rows, right, _domain(system) * n_blocks)
+    return np.asarray(answer.reshape(n_blocks, n_columns)[:, :n_states])
 
 
 def bounds(system: System) -> Array:
     """Return the least and the largest value of each belief coordinate, (X,2); NaN where empty."""
     unit = np.eye(system.gradients.shape[1])
-    return np.array([[support(system, -e) @ e, support(system, e) @ e] for e in unit])
+    least, largest = np.split(supports(system, np.vstack([-unit, unit])), 2)
+    return np.column_stack([np.diag(least), np.diag(largest)])
 
 
 def distance(system: System, point: Array) -> float:

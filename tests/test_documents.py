@@ -18,16 +18,15 @@ from __future__ import annotations
 import contextlib
 import doctest
 import io
-import os
 import re
 import shlex
-import subprocess
-import sys
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from inscrutable import cli
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 
@@ -88,14 +87,24 @@ def same(shown: str, printed: str, place: str) -> None:
 
 
 def run_command(command: str, folder: Path) -> tuple[int, str, str]:
-    """Exit code, standard output and standard error of one of our commands, as on an 80-column terminal."""
-    name, *arguments = shlex.split(command)
-    program = Path(sys.executable).parent / name
-    settings = {"MPLBACKEND": "Agg", "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "80"}
-    run = subprocess.run(
-        [str(program), *arguments], cwd=folder, env=os.environ | settings, capture_output=True, text=True, timeout=900
-    )
-    return run.returncode, run.stdout, run.stderr
+    """Exit code, standard output and standard error of one of our commands, where its output is no terminal.
+
+    It runs in this process, which has imported the package and loaded its kernels already; test_cli.py starts processes.
+    Its warnings are said, as in a process of its own: only a page's Python is held to warn of nothing.
+    """
+    printed, errors = io.StringIO(), io.StringIO()
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(errors),
+        warnings.catch_warnings(),
+        pytest.MonkeyPatch.context() as settings,
+    ):
+        warnings.simplefilter("default")
+        for name, value in {"MPLBACKEND": "Agg", "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "80"}.items():
+            settings.setenv(name, value)
+        code = cli.main(shlex.split(command)[1:])
+    return code, printed.getvalue(), errors.getvalue()
 
 
 def check_console(block: Block, page: str, folder: Path) -> None:

@@ -62,7 +62,7 @@ def build(folder: Path) -> Path:
     assert {"-W", "-n"} <= set(options), "a warning is an error, and every reference must lead somewhere"
     command = [sys.executable, "-m", "sphinx", *options, "docs", str(site)]
     settings = os.environ | {"MPLBACKEND": "Agg"}
-    run = subprocess.run(command, cwd=folder, env=settings, capture_output=True, text=True, timeout=540)
+    run = subprocess.run(command, cwd=folder, env=settings, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr[-5000:]
     return site
 

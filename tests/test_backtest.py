@@ -29,6 +29,7 @@ from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.reports.backtest import table_of, text_of, timing_of, write_backtest
 from inscrutable.reports.backtest_verdict import FULL_NAMES, limits, verdict
+from test_golden_tables import assert_same, golden
 
 TRAINING, DECISIONS = 120, 9
 TRAIN_UNTIL = "2009-12"
@@ -54,6 +55,13 @@ def run(returns: pd.DataFrame, settings: BacktestSettings = SETTINGS, **options:
 def found() -> Backtest:
     returns = market()
     return run(returns, riskless=pd.Series(0.001, index=returns.index))
+
+
+def test_its_table_is_the_one_it_had(found: Backtest) -> None:
+    table, wanted = table_of(found), golden("backtest")
+    kept = [name for name in wanted.index if name in table.index]
+    assert len(kept) >= len(wanted) - 3
+    assert_same(table.loc[kept], wanted.loc[kept], rtol=1e-4, atol=1e-6)
 
 
 def test_dates_and_labels_are_kept(found: Backtest) -> None:

@@ -108,13 +108,11 @@ def test_version(run) -> None:  # type: ignore[no-untyped-def]
     assert run("--version") == (0, f"{inscrutable.__version__}\n", "")
 
 
-def test_help_loads_nothing_heavy_and_is_fast() -> None:
+def test_help_loads_nothing_heavy() -> None:
     code = "import sys; from inscrutable.cli import main; main(['--help']); print([m for m in {} if m in sys.modules])"
     heavy = ("numpy", "pandas", "numba", "scipy", "matplotlib", "pydantic")
-    start = time.monotonic()
     done = subprocess.run([sys.executable, "-c", code.format(heavy)], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
-    assert time.monotonic() - start < 5.0  # about 0.2 s; a loaded machine is given time
 
 
 @pytest.mark.parametrize(

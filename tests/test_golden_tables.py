@@ -1,4 +1,7 @@
-"""Figures of the three long experiments on small input, held against those of the first release."""
+"""Figures of the three long experiments on small input, held against those of the first release.
+
+Those of the reproduction and of the backtest stand where their results are: in test_reproduction.py and test_backtest.py.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pytest
 
-from inscrutable import reproduce
 from inscrutable.experiments.comparison import ComparisonSettings
 from inscrutable.experiments.comparison_study import compared, comparison_study
-from inscrutable.experiments.reproduction import ReproductionSettings
-from inscrutable.reports.backtest import table_of
-from inscrutable.reports.reproduction import claims_frame
-from test_backtest import found as backtest  # noqa: F401  # a fixture
 
 DATA = Path(__file__).resolve().parent / "data"
 
@@ -47,18 +44,3 @@ def test_a_comparison_has_the_figures_it_had() -> None:
     assert_same(frame.drop(moved), wanted.drop(moved), rtol=1e-3, atol=1e-9)
     assert_same(frame.loc[["PDM"]], wanted.loc[["PDM"]], rtol=2e-3, atol=1e-9)
     assert_same(frame.loc[["sequential"]], wanted.loc[["sequential"]], rtol=1e-2, atol=1e-9)
-
-
-def test_a_reproduction_has_the_claims_it_had() -> None:
-    sizes = {"resolution": 10, "simulations": 2, "market_steps": 2, "sample_resolutions": (2, 4)}
-    settings = ReproductionSettings(steps=4, markets=3, budgets=(0.1, 1.0, 10.0), starts=(1, 2), **sizes)
-    found = claims_frame(reproduce(settings, jobs=1))
-    assert_same(found, golden("reproduce"), rtol=1e-5, atol=1e-6)
-
-
-def test_a_backtest_has_the_table_it_had(request: pytest.FixtureRequest) -> None:
-    found = table_of(request.getfixturevalue("backtest"))
-    wanted = golden("backtest")
-    kept = [name for name in wanted.index if name in found.index]
-    assert len(kept) >= len(wanted) - 3
-    assert_same(found.loc[kept], wanted.loc[kept], rtol=1e-4, atol=1e-6)

@@ -29,6 +29,7 @@ from inscrutable.experiments.market_runs import GLOBAL, PAPER
 from inscrutable.experiments.random_markets import MarketLaw, random_market
 from inscrutable.experiments.reproduction import Reproduction, ReproductionSettings, reproduce
 from inscrutable.reports.reproduction import claims_frame, claims_table, write_reproduction
+from test_golden_tables import assert_same, golden
 
 EFFORT: dict[str, Any] = {
     "resolution": 10,
@@ -91,8 +92,13 @@ def test_a_worker_that_is_renewed_while_drawing_ends_nothing(
     assert write_reproduction(small, tmp_path)
 
 
+def test_its_claims_are_those_it_had(small: Reproduction) -> None:
+    assert_same(claims_frame(small), golden("reproduce"), rtol=1e-5, atol=1e-6)
+
+
 def test_another_seed_is_another_market(small: Reproduction) -> None:
-    other = reproduce(SMALL.model_copy(update={"seed": 1, "markets": 2, "steps": 2}), jobs=1)
+    little = {"resolution": 4, "budgets": (0.1, 1.0), "sample_resolutions": (2,)}
+    other = reproduce(SMALL.model_copy(update={"seed": 1, "markets": 2, "steps": 2, **little}), jobs=1)
     assert not np.array_equal(other.market.problem.means, small.market.problem.means)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 import tomllib
 from pathlib import Path
 from typing import Any, get_args
@@ -14,6 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
+from effort import at_most_calls
 from inscrutable import Study, resume_study, run_study
 from inscrutable.errors import InputError, InscrutableError
 from inscrutable.experiments import rivals
@@ -305,15 +305,14 @@ def test_a_shipped_study_says_how_it_is_run_and_how_long(path: Path) -> None:
 
 
 def test_what_no_study_holds_is_refused_at_once(tmp_path: Path) -> None:
-    file, began = tmp_path / "study.toml", time.process_time()
+    file = tmp_path / "study.toml"
     for text in (f"seed = {'9' * 10_000}", ".".join(["a"] * 50_000) + " = 1", "[" + " . ".join(['"a"'] * 50_000) + "]"):
         file.write_text(HEAD + text + "\n")
-        with pytest.raises(InputError, match=r"not TOML|more than 32 parts"):
+        with pytest.raises(InputError, match=r"not TOML|more than 32 parts"), at_most_calls(10_000):
             Study.read(file)
     file.write_text(HEAD + "".join(f"world.k{i} = {i}\n" for i in range(5000)))
-    with pytest.raises(InputError, match="line 3, key world"):
+    with pytest.raises(InputError, match="line 3, key world"), at_most_calls(1_000_000):  # 350,000 when written
         Study.read(file)
-    assert time.process_time() - began < 3.0
 
 
 @pytest.mark.parametrize("wrong", [{"name": "a"}, None, 3, ["a.toml"]], ids=repr)
@@ -345,10 +344,8 @@ def test_what_is_no_study_and_no_path_is_refused(tmp_path: Path, wrong: Any) -> 
     ],
 )
 def test_sizes_beyond_any_memory_are_refused_at_once(change: dict[str, Any], where: str, fits: str) -> None:
-    started = time.process_time()
-    with pytest.raises(InputError, match=rf"key {where}.*{fits}"):
+    with pytest.raises(InputError, match=rf"key {where}.*{fits}"), at_most_calls(20_000):  # 900 when written
         Study.of(plan(**change))
-    assert time.process_time() - started < 5.0
 
 
 def test_what_is_said_to_fit_is_accepted() -> None:

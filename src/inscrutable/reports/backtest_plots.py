@@ -12,7 +12,7 @@ from inscrutable.decision_makers import Frontier, MixedDecision, privacy_frontie
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.episodes import relative_increase
-from inscrutable.experiments.holding import Requirement
+from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.geometry import BeliefSet
 from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.style import (
@@ -73,6 +73,9 @@ def step_of(result: Backtest, month: str | None = None) -> int:
     return int(found[-1])
 
 
+_NAMED_TOO_OFTEN: dict[str, Any] = {"marker": "x", "markersize": 10, "color": BLACK, "markeredgewidth": 1.0}
+
+
 def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
     """Draw the errors of the naive and of the aware observer under each decision maker, as `hidden`; none without the
     latter."""
@@ -81,21 +84,24 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
     own = result.figures[result.names[0]]
     asked = Requirement(own["error_without"], own["base_rate"])
     names, rows = result.names, np.arange(len(result.names))[::-1]
-    kinds = {
-        "error_face_value": "naive observer, at face value",
-        "error_followed": "aware, from all weights",
-    }
-    with drawing(_HIDDEN_WIDTH, 0.42 * len(names) + 1.25) as (figure, axis):
+    kinds = {"face_value": "naive observer, at face value", "followed": "aware, from all weights"}
+    namings = {"face_value": "share_regime_named", "followed": "share_regime_named_followed"}
+    with drawing(_HIDDEN_WIDTH, 0.42 * len(names) + 1.4) as (figure, axis):
         for row, name in zip(rows, names, strict=True):
             for key, (size, fill) in zip(kinds, ((8, "none"), (6, "full")), strict=True):
                 style = {"marker": "o", "markersize": size, "fillstyle": fill, "color": look_of(name).colour}
-                axis.plot(result.figures[name][key], row, linestyle="none", clip_on=False, zorder=3, **style)
+                found = Reached(name, result.figures[name][f"error_{key}"], result.figures[name][namings[key]])
+                axis.plot(found.error, row, linestyle="none", clip_on=False, zorder=3, **style)
+                if found.named > asked.most_named:
+                    axis.plot(found.error, row, linestyle="none", clip_on=False, zorder=4, **_NAMED_TOO_OFTEN)
             axis.plot(
                 result.figures[name]["error_ceiling"], row, marker="|", markersize=13, color=BLACK, linestyle="none"
             )
         axis.axvspan(0.0, asked.least_error, color=_OTHERS, alpha=0.3, linewidth=0)
         axis.axvline(asked.error_without, color=GREY, linestyle="--", linewidth=0.9)
-        axis.annotate("not hidden", (0.02 * asked.least_error, 1.01), xycoords=("data", "axes fraction"), fontsize=7)
+        axis.annotate(
+            "error too small to hide", (0.02 * asked.least_error, 1.01), xycoords=("data", "axes fraction"), fontsize=7
+        )
         axis.annotate(
             "without weights", (asked.error_without, 1.01), xycoords=("data", "axes fraction"), fontsize=7, ha="center"
         )
@@ -103,11 +109,12 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
             [*kinds.values(), "ceiling of the aware"], (("o", "none"), ("o", "full"), ("|", "full")), strict=True
         ):
             axis.plot([], [], linestyle="none", color=BLACK, marker=look[0], fillstyle=look[1], label=label)
+        axis.plot([], [], linestyle="none", label=f"regime named in over {asked.most_named:.0%}", **_NAMED_TOO_OFTEN)
         axis.set_yticks(rows, [spelled(name) for name in names])
         axis.set_ylim(-0.6, len(names) - 0.4)
         axis.set_xlim(left=0.0)
         axis.set_xlabel("error of the observer's estimate of the belief, root mean square")
-        figure.legend(loc="outside lower center", ncols=3, columnspacing=1.0, handletextpad=0.3)
+        figure.legend(loc="outside lower center", ncols=2, columnspacing=1.0, handletextpad=0.3)
         return save_figure(figure, folder, "hidden")
 
 

@@ -81,9 +81,10 @@ def _lead(result: Backtest) -> PagePicture | None:
         drawn = [path.read_text("utf-8") for path in pictures]
     word = result.market.frequency.word
     caption = (
-        f"Error of two observers under each way to invest, over {len(result.beliefs)} {word}s. Grey: too close to the "
-        "investor's belief to count as hidden. Dashed: without weights. Ceiling: no rule of the same cost leaves the aware "
-        "observer a larger error in the long run; it does not bound the naive one's."
+        f"Error of two observers under each way to invest, over {len(result.beliefs)} {word}s. A mark hides the "
+        "belief to the right of the grey zone and without a cross, which says that the regime is named too often. Dashed: the "
+        "error without weights. Ceiling: no rule of the same cost leaves the aware observer a larger error in the long run; it "
+        "does not bound that of the naive one, nor that of a few draws."
     )
     return PagePicture("Error of two observers", caption, drawn[0]) if drawn else None
 
@@ -260,16 +261,19 @@ def _read(estimates: Array, beliefs: Array, error: str, named: str) -> dict[str,
 
 def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
     word = result.market.frequency.word
-    shown, distance = "the least and greatest probability and the centre of the beliefs Π", ""
+    shown, distance = "least and greatest probability, and the centre, of the beliefs", ""
     if len(result.regimes) == _TRIANGLE:
-        shown, distance = "the beliefs Π", ", and dashed their distance from π"
+        shown, distance = "the beliefs", "; dashed: how far they are from π. Grey dots: the other beliefs"
+    unlike = (
+        "" if result.sequential is None else " The sequential rule goes by all earlier decisions and is not drawn here."
+    )
     return [
         PageFigure(
             "simplex",
             "What the observer reads from one decision",
-            f"Star: the private belief π. For every decision maker {shown} that explain its decision, for an observer who "
-            f"takes it at face value{distance}; hollow or faint: the lottery's other decisions, with their probabilities. "
-            "Dashed ring: the estimate of the aware observer, who knows the rule.",
+            f"Star: the investor's belief π. Coloured marks: {shown} that the naive observer reads from each published "
+            f"decision{distance}. Hollow or faint: what the lottery did not draw, with its probability. Dashed ring: the "
+            f"estimate of the aware observer.{unlike}",
         ),
         PageFigure(
             "frontier",
@@ -279,7 +283,10 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
             "expected regret buys.",
         ),
         PageFigure(
-            "now", "This decision in numbers", "What was played at this budget, what it cost, what was read.", True
+            "now",
+            "This decision in numbers",
+            "What was played at this budget, its cost, what was read. Privacy Ψ measures how far the naive observer is off.",
+            True,
         ),
         PageFigure(
             "weights",

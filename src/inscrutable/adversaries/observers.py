@@ -20,6 +20,7 @@ from inscrutable.budgets import Budget, as_budget
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
 from inscrutable.mechanisms import Disclosure, Prior
+from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
@@ -140,7 +141,7 @@ class PriorReader(SetObserver):
         self, problem: DecisionProblem, prior: Prior | None, disclosure: Disclosure | str | None, candidates: Any
     ) -> None:
         super().__init__(problem, disclosure, candidates)
-        self.prior = _checked_prior(problem, prior)
+        self.prior = None if prior is None else checked_prior(prior, problem.n_states)
 
     @abstractmethod
     def infer(self, action: ArrayLike) -> NearOptimalBeliefs | AffordableBeliefs | ShownBeliefs:
@@ -340,11 +341,3 @@ def _points(problem: DecisionProblem, actions: ArrayLike) -> Array:
     if given.ndim != (1 if given.dtype.kind in "iu" and problem.is_discrete else 2):
         raise InputError(f"actions must be many decisions of shape (M,{problem.n_actions}), got shape {given.shape}")
     return problem.check_actions(actions)
-
-
-def _checked_prior(problem: DecisionProblem, prior: Prior | None) -> Prior | None:
-    if prior is not None and not isinstance(prior, Prior):
-        raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
-    if prior is not None and prior.beliefs.shape[1] != problem.n_states:
-        raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {problem.n_states}")
-    return prior

@@ -68,12 +68,9 @@ class ShownSteps:
         Raises:
             InputError: Returns are missing, not needed, or of another shape.
         """
-        if not self.disclosure.needs_returns:
-            if returns is not None:
-                raise InputError(f"returns were given, but {self.disclosure} shows decisions without them")
-            return None
+        self.disclosure.check_returns(returns)
         if returns is None:
-            raise InputError(f"{self.disclosure} shows decisions through the returns of their period: pass `returns`")
+            return None
         held = validation.finite_array(returns, "returns", ndim=2, axes=(steps, Axis("asset")))
         if len(held) != n_steps:
             raise InputError(f"returns has {len(held)} rows, expected one a decision: {n_steps}")

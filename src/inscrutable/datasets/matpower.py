@@ -122,17 +122,15 @@ class CaseTables:
         labels, loads = self._buses()
         generators = self._in_service("gen", 7, (0,), labels)
         branches = self._in_service("branch", 10, (0, 1), labels)
-        units = _Units()
-        for row in generators:
-            self._add_unit(units, row)
+        units = np.array([unit for row in generators for unit in self._units(row)]).reshape(-1, 6)
         ends, data = self._lines(branches, convention, base)
         try:
             return PowerNetwork(
                 Series(loads, index=labels),
-                np.array(units.buses, dtype=np.int64),
-                np.array(units.outputs).reshape(-1, 2),
-                np.array(units.bends),
-                np.array(units.slopes).reshape(-1, 2),
+                units[:, 0].astype(np.int64),
+                units[:, 1:3],
+                units[:, 3],
+                units[:, 4:],
                 ends,
                 data,
             )
@@ -195,8 +193,8 @@ class CaseTables:
                 "expected a number"
             )
 
-    def _add_unit(self, units: _Units, row: int) -> None:
-        """Add a generator, or its blocks."""
+    def _units(self, row: int) -> list[tuple[float, ...]]:
+        """A generator, or its blocks: bus, least and most output, a, and b with c."""
         self._check_numbers("gen", [row], (8, 9))
         values, costs = self.tables["gen"].values[row], self.tables["gencost"].values
         bus, most, least = int(values[0]), float(values[8]), float(values[9])
@@ -221,12 +219,11 @@ class CaseTables:
             if high.any() or a < 0:
                 what = "of a degree above two" if high.any() else f"not convex: {a:g} per MW²"
                 raise ModelError(f"{self._at('gencost', row)}: the cost is {what}; expected a convex quadratic")
-            units.add(bus, (least, most), float(a), (float(b), float(c)))
-        else:
-            self._add_blocks(units, row, (bus, least, most), given.reshape(-1, 2))
+            return [(bus, least, most, float(a), float(b), float(c))]
+        return self._blocks(row, (bus, least, most), given.reshape(-1, 2))
 
-    def _add_blocks(self, units: _Units, row: int, unit: tuple[int, float, float], points: Array) -> None:
-        """Add a generator of piecewise linear costs: its least output with the first piece, then each piece's width."""
+    def _blocks(self, row: int, unit: tuple[int, float, float], points: Array) -> list[tuple[float, ...]]:
+        """A generator of piecewise linear costs: its least output with the first piece, then each piece's width."""
         bus, least, most = unit
         if len(points) < 2 or (np.diff(points[:, 0]) <= 0).any():
             raise InputError(
@@ -240,9 +237,10 @@ class CaseTables:
         kept = np.flatnonzero(ends > starts)
         first = int(kept[0]) if kept.size else int(np.searchsorted(points[1:-1, 0], least))
         cost = points[first, 1] - slopes[first] * points[first, 0]
-        units.add(bus, (least, float(ends[first]) if kept.size else most), 0.0, (float(slopes[first]), float(cost)))
-        for k in kept[1:]:
-            units.add(bus, (0.0, float(ends[k] - starts[k])), 0.0, (float(slopes[k]), 0.0))
+        found: list[tuple[float, ...]] = [
+            (bus, least, float(ends[first]) if kept.size else most, 0.0, float(slopes[first]), float(cost))
+        ]
+        return found + [(bus, 0.0, float(ends[k] - starts[k]), 0.0, float(slopes[k]), 0.0) for k in kept[1:]]
 
     def _lines(self, rows: list[int], convention: Convention, base: float) -> tuple[np.ndarray, Array]:
         """Ends (L,2) and reactance, least and most flow, driven flow (L,4)."""
@@ -273,23 +271,6 @@ class CaseTables:
             ends.append((int(start), int(end)))
             data.append(_line((r, x, rate, tap or 1.0, shift), angles[row], convention, base))
         return np.array(ends, dtype=np.int64).reshape(-1, 2), np.array(data).reshape(-1, 4)
-
-
-class _Units:
-    """Generators as they are collected: buses, least and most outputs, a, and b with c."""
-
-    def __init__(self) -> None:
-        self.buses: list[int] = []
-        self.outputs: list[tuple[float, float]] = []
-        self.bends: list[float] = []
-        self.slopes: list[tuple[float, float]] = []
-
-    def add(self, bus: int, outputs: tuple[float, float], bend: float, slope: tuple[float, float]) -> None:
-        """Add one."""
-        self.buses.append(bus)
-        self.outputs.append(outputs)
-        self.bends.append(bend)
-        self.slopes.append(slope)
 
 
 def _line(values: tuple[float, ...], degrees: Array, convention: Convention, base: float) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ from inscrutable.decision_makers import (
     MixedDecisions,
     ProbabilisticDecisionMaker,
 )
+from inscrutable.decision_makers.arguments import checked_measure
 from inscrutable.decision_makers.proofs.certified import check_provable, checked_gap
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError, ModelError
@@ -27,7 +28,7 @@ from inscrutable.experiments.episodes import part_of
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.investor_model import InvestorModel, checked_model
 from inscrutable.geometry import BeliefSet
-from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
+from inscrutable.privacy import DesiredObfuscation, PrivacyMeasure
 from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
@@ -183,11 +184,9 @@ def protect(
         True
     """
     problem, limit = checked_model(model).problem, model.budget if budget is None else as_budget(budget)
-    goal = MaximalObfuscation() if measure is None else measure
+    goal = checked_measure(measure)
     source = None if rng is None else validation.generator(rng)
     gap, method = checked_gap(certify), GlobalSearch(certify=certify)
-    if not isinstance(goal, PrivacyMeasure):
-        raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {measure!r}")
     if gap is not None:
         check_provable(goal, "exclude")
     planned = beliefs if isinstance(beliefs, Attack) else None

@@ -54,13 +54,14 @@ class NamingRival(Section):
     kind: Literal["naming"]
 
 
-def _markowitz_unless_told(value: Any) -> Any:
+def markowitz_unless_told(value: Any) -> Any:
+    """Return a section that names no kind as that of a portfolio."""
     return {"kind": "markowitz", **value} if isinstance(value, dict) else value
 
 
 Rival = Annotated[
     Annotated[OwnRival | MarkowitzRival | FiniteRival | NamingRival, Field(discriminator="kind")],
-    BeforeValidator(_markowitz_unless_told),
+    BeforeValidator(markowitz_unless_told),
 ]
 _RIVAL: TypeAdapter[Any] = TypeAdapter(Rival)
 

@@ -17,6 +17,7 @@ from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Disclosure, Mechanism, Prior, mechanism
 from inscrutable.mechanisms.chains import BeliefChain
 from inscrutable.mechanisms.played import PlaysMany
+from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.privacy import Loss
 from inscrutable.privacy.leaks import silence_regret
 from inscrutable.problems import DecisionProblem, checked_problem
@@ -51,12 +52,8 @@ class Setting:
     def of(cls, problem: DecisionProblem, given: Prior | BeliefChain, candidates: Candidates | None = None) -> Setting:
         """Return the setting of a prior or a chain; without candidates a grid of about as many decoys as beliefs."""
         chain = given if isinstance(given, BeliefChain) else None
-        prior = given if chain is None else chain.prior
-        if not isinstance(prior, Prior):
-            raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
         n_states = checked_problem(problem).n_states
-        if prior.beliefs.shape[1] != n_states:
-            raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {n_states}")
+        prior = checked_prior(given if chain is None else chain.prior, n_states)
         if candidates is None:
             resolution = 1
             while n_states > 1 and grid_size(n_states, resolution) < len(prior):

@@ -15,7 +15,7 @@ from inscrutable import tolerances, validation
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.drawing import RowDraws
 from inscrutable.mechanisms.played import Mechanism
-from inscrutable.mechanisms.priors import Prior, grid_visits, predicted
+from inscrutable.mechanisms.priors import Prior, checked_prior, grid_visits, predicted
 from inscrutable.mechanisms.public_cells import N_CELLS, PublicCells, cells_of, errors_of
 from inscrutable.saved import Summarised
 from inscrutable.validation import Array
@@ -59,8 +59,7 @@ class BeliefChain(Summarised):
     cells: PublicCells | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.prior, Prior):
-            raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {self.prior!r}")
+        checked_prior(self.prior)
         table = _rows(self.transition, len(self.prior))
         off = np.abs(table.T @ self.prior.weights - self.prior.weights)
         if off.max() > tolerances.TRANSITION_SUM:

@@ -198,13 +198,17 @@ class Disclosure:
             points = MAPS[name](points, *values, returns) if name == "portfolio_return" else MAPS[name](points, *values)
         return points
 
-    def _returns(self, returns: ArrayLike | None, points: Array, axes: tuple[Axis | None, Axis]) -> Array | None:
-        if not self.needs_returns:
-            if returns is not None:
-                raise InputError(f"returns were given, but {self} shows decisions without them")
-            return None
-        if returns is None:
+    def check_returns(self, returns: ArrayLike | None) -> None:
+        """Raise `InputError` where returns are missing, or not needed."""
+        if returns is not None and not self.needs_returns:
+            raise InputError(f"returns were given, but {self} shows decisions without them")
+        if returns is None and self.needs_returns:
             raise InputError(f"{self} shows decisions through the returns of their period: pass `returns`")
+
+    def _returns(self, returns: ArrayLike | None, points: Array, axes: tuple[Axis | None, Axis]) -> Array | None:
+        self.check_returns(returns)
+        if returns is None:
+            return None
         given = validation.real_array(returns, "returns", axes=axes[-np.ndim(returns) :])
         if given.shape not in (points.shape, points.shape[1:]):
             raise InputError(f"returns must be of shape {points.shape}, as the decisions, got {given.shape}")

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from inscrutable import tolerances
 from inscrutable.errors import InputError
 from inscrutable.mechanisms.played import Mechanism
-from inscrutable.mechanisms.priors import Prior
+from inscrutable.mechanisms.priors import Prior, checked_prior
 from inscrutable.validation import Array
 
 
@@ -29,9 +29,7 @@ def weights_on(mechanism: Mechanism, prior: Prior) -> Array:
     `InputError`.
     """
     held = checked_mechanism(mechanism).beliefs
-    if not isinstance(prior, Prior):
-        raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
-    if prior.beliefs.shape[1] != held.shape[1]:
+    if checked_prior(prior).beliefs.shape[1] != held.shape[1]:
         raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the mechanism {held.shape[1]}")
     if prior.beliefs.shape == held.shape and np.abs(prior.beliefs - held).max() <= tolerances.SAME_BELIEF:
         return prior.weights

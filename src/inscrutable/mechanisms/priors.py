@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -173,6 +173,15 @@ def predicted_prior(
 def predicted(prior: Prior, world: HiddenMarkovModel) -> Prior:
     """Return the law of the belief one step ahead of one with the law `prior`."""
     return Prior(prior.beliefs @ world.transition, prior.weights)
+
+
+def checked_prior(prior: Any, n_states: int | None = None) -> Prior:
+    """Return a prior, over a problem's states where their number is given; raise `InputError` otherwise."""
+    if not isinstance(prior, Prior):
+        raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
+    if n_states is not None and prior.beliefs.shape[1] != n_states:
+        raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {n_states}")
+    return prior
 
 
 class GridVisits(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -139,7 +140,7 @@ def _check_alone(decision_maker: Any, beliefs: Array, law: _Law, privacies: Arra
         _check_privacy(belief, privacies, number, alone, "hides one belief alone as well as among many")
         if decides is not None:
             one = decides(belief)
-            _check_same(problem, belief[None], (row, _Stacked(one)), "decides for one as decide_many", allowed)
+            _check_same(problem, belief[None], (row, _stacked(one)), "decides for one as decide_many", allowed)
             _check_privacy(belief, privacies, number, one, "hides one belief as well as decide_many")
 
 
@@ -153,13 +154,10 @@ def _check_privacy(belief: Array, privacies: Array | None, number: int, answer: 
     promise(bool(same), f"a decision maker {what}", f"for belief {belief} {among:.9g} and {alone:.9g} are stated")
 
 
-class _Stacked:
+def _stacked(one: Any) -> Any:
     """One answer as the answer to a row of one belief."""
-
-    def __init__(self, one: Any) -> None:
-        for name in ("action", "actions", "probabilities"):
-            if hasattr(one, name):
-                setattr(self, name, np.asarray(getattr(one, name))[None])
+    told = [name for name in ("action", "actions", "probabilities") if hasattr(one, name)]
+    return SimpleNamespace(**{name: np.asarray(getattr(one, name))[None] for name in told})
 
 
 def _check_same(problem: DecisionProblem, beliefs: Array, pair: tuple[_Law, Any], what: str, allowed: float) -> None:

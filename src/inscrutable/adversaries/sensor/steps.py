@@ -94,6 +94,6 @@ def seen_beliefs(beliefs: ArrayLike, states: Axis, n_states: int | None = None) 
     return held
 
 
-def symbol_count(value: int | None, least: int = 1) -> int | None:
+def symbol_count(value: int | None) -> int | None:
     """Return a number of symbols, or None where it is to be found."""
-    return None if value is None else validation.count(value, "n_symbols", least=least)
+    return None if value is None else validation.count(value, "n_symbols")

@@ -17,6 +17,7 @@ from inscrutable.decision_makers.described import Described
 from inscrutable.decision_makers.results import MixedDecision, MixedDecisions, Progress
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
@@ -71,7 +72,7 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
     ) -> None:
         self.problem = checked_problem(problem)
         self.budget = as_budget(budget)
-        self.prior = checked_prior(prior, self.problem)
+        self.prior = checked_prior(prior, self.problem.n_states)
         self.options, self.guarantees = options, guarantees
         self._given = candidates
         self._columns: Columns | None = None
@@ -124,15 +125,6 @@ class AwareDecisionMaker(Described, ABC, Generic[Solution]):
         costs = np.asarray(self.problem.optimal_cost(beliefs))
         regrets = columns.regrets(beliefs, costs)
         return PriorTable(columns, costs, regrets, allowed_places(regrets, self.options.worst_regret, costs))
-
-
-def checked_prior(prior: Prior, problem: DecisionProblem) -> Prior:
-    """Return a prior over the problem's beliefs, or raise `InputError`."""
-    if not isinstance(prior, Prior):
-        raise InputError(f"prior must be a Prior such as uniform_prior(3, 30), got {prior!r}")
-    if prior.beliefs.shape[1] != problem.n_states:
-        raise InputError(f"the prior has {prior.beliefs.shape[1]} states, the problem {problem.n_states}")
-    return prior
 
 
 def checked_options(worst_regret: Budget | float | None, plausible_only: bool, gap: float) -> Options:

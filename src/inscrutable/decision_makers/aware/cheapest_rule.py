@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.aware.base import checked_prior
 from inscrutable.decision_makers.aware.columns import Columns, columns_of, lotteries, places_of
 from inscrutable.decision_makers.aware.guaranteed_programme import PlayedGame, Solved, cheapest_table, nearest_columns
 from inscrutable.decision_makers.aware.guarantees import Guarantee
@@ -20,6 +19,7 @@ from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, M
 from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.geometry.grids import grid_size
 from inscrutable.mechanisms import Mechanism, Prior
+from inscrutable.mechanisms.priors import checked_prior
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.saved import Summarised
@@ -185,7 +185,7 @@ def least_regret(
         (0.094, 0.094)
     """
     search = RegretSearch(
-        checked_problem(problem), checked_prior(prior, problem), candidates, validation.positive(gap, "gap")
+        checked_problem(problem), checked_prior(prior, problem.n_states), candidates, validation.positive(gap, "gap")
     )
     return search.found(checked_guarantees(guarantees))
 

@@ -31,14 +31,10 @@ class _Graph:
         everything = np.vstack([found, new.beliefs])
         first = equal_beliefs(everything)
         kept = np.concatenate([np.arange(len(found)), np.unique(first[first >= len(found)])])
-        self.origin = np.concatenate([self.origin, new.origin + known])
-        self.target = np.concatenate([self.target, np.searchsorted(kept, first[len(found) :])])
-        self.chances = np.vstack([self.chances, new.chances])
-        self.regrets = np.vstack([self.regrets, new.regrets])
-        self.settled = np.vstack([self.settled, new.settled])
-        self.bits = np.concatenate([self.bits, new.bits])
-        self.prices = np.concatenate([self.prices, new.prices])
-        self.cascade = np.concatenate([self.cascade, new.cascade])
+        more = {"origin": new.origin + known, "target": np.searchsorted(kept, first[len(found) :])}
+        more |= {name: getattr(new, name) for name in ("chances", "regrets", "settled", "bits", "prices", "cascade")}
+        for name, part in more.items():
+            setattr(self, name, np.concatenate([getattr(self, name), part]))
         return np.asarray(everything[kept])
 
     def moved(self, joint: Array, size: int) -> Array:

@@ -16,7 +16,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments import makers, observers
 from inscrutable.experiments.measures import MEASURES, WITHOUT
 from inscrutable.experiments.measures import Measure as MeasureKind
-from inscrutable.experiments.rivals import Rival
+from inscrutable.experiments.rivals import Rival, markowitz_unless_told
 from inscrutable.experiments.sections import (
     AtLeastTwo,
     Count,
@@ -38,12 +38,6 @@ from inscrutable.worlds.covariances import covariance_rule
 def named(value: Any) -> Any:
     """Return a bare name as a section with nothing but that name."""
     return {"name": value} if isinstance(value, str) else value
-
-
-def markowitz_unless_told(value: Any) -> Any:
-    """Return a section that names no kind as that of a portfolio."""
-    """Return a section that names no kind as that of a portfolio."""
-    return {"kind": "markowitz", **value} if isinstance(value, dict) else value
 
 
 def _covariance(name: str) -> str:

@@ -15,6 +15,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.makers import MAKERS, CounterAdversarial, Goal, MakerSection, Probabilistic, Takes
 from inscrutable.experiments.measures import MEASURES, Measure
 from inscrutable.experiments.observers import OBSERVERS, Observed, ObserverSection
+from inscrutable.experiments.rivals import markowitz_unless_told
 from inscrutable.experiments.sections import Grid, Matrix, Section, Several
 from inscrutable.experiments.setting import Seed, Setting
 from inscrutable.experiments.studies import layout
@@ -206,7 +207,7 @@ def _layout_of(extensions: tuple[Extension, ...]) -> Any:
         problem=(
             _annotated[
                 _annotated[_any_of((layout.MarkowitzSection, layout.DispatchSection), problems), _by("kind")],
-                BeforeValidator(layout.markowitz_unless_told),
+                BeforeValidator(markowitz_unless_told),
             ],
             fields["problem"].default,
         ),

@@ -85,11 +85,15 @@ def all_rows(
             _set_aside(place)
             created(place, facts_of(study)).close()
         with closing(opened(place, writable=True)) as store:
-            count = _Counter(progress, study.n_tasks)
+            told = 0
 
-            def watch(progress: StudyProgress) -> None:
-                count.upto(progress.done)
-                if progress.failed:
+            def watch(how: StudyProgress) -> None:
+                nonlocal told
+                while told < how.done:  # once for every task, also where tasks come in batches
+                    told += 1
+                    if progress is not None:
+                        progress(told, study.n_tasks)
+                if how.failed:
                     check_done(list(store.rows()))
 
             worlds = json.loads(store.fact("worlds") or "[]")
@@ -160,16 +164,3 @@ def _set_aside(place: Path) -> None:
             BEFORE,
         )
     (place / STORE).unlink(missing_ok=True)
-
-
-class _Counter:
-    """Calls a function once for every task, also where tasks come in batches."""
-
-    def __init__(self, progress: Counted | None, total: int) -> None:
-        self._progress, self._total, self._done = progress, total, 0
-
-    def upto(self, done: int) -> None:
-        while self._done < done:
-            self._done += 1
-            if self._progress is not None:
-                self._progress(self._done, self._total)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -113,15 +114,19 @@ def test_who_sees_more_errs_less(rows: dict[tuple[str, str, str, str], dict[str,
 def test_protection_is_judged_by_what_each_observer_knows_without(tmp_path: Path) -> None:
     done = run_study(plan_of("bayesian", FOLLOWING[1]), tmp_path)
     lines = done.protection()
-    assert [line.partition(":")[0] for line in lines[:3]] == [
+    assert [re.split(r":| \(", line)[0] for line in lines] == [
         "Hidden from the bayesian observer",
         "Hidden from the sequential, public market observer",
         "Hidden from the sequential, public 1 observer",
+        "Hidden means",
     ]
     means = done.means()
     known = means[means.measure == "prior_error"].groupby("adversary")["mean"].first()
     assert known["sequential, public market"] < known["bayesian"]
     assert known["sequential, public all"] == 0.0
+    for line, observer in zip(lines, ("bayesian", "sequential, public market"), strict=False):
+        asked = f"for it errors of {2 / 3 * known[observer]:.2f} and"
+        assert (asked in line) == (observer != "bayesian")
 
 
 @pytest.mark.parametrize(

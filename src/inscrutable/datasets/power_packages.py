@@ -24,7 +24,7 @@ _LINES, _CLOSED = ("lines", "transformers"), ("links", "stores", "storage_units"
 def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNetwork:
     """Return the network of a pandapower net, as pandapower converts it for its optimal flow.
 
-    Formula: as `load_matpower`, of the case that `pandapower.converter.to_ppc(net, mode="opf")` gives.
+    Formula: as `load_matpower`, of the case that `to_ppc(net, mode="opf")` of `pandapower.converter.pypower` gives.
 
     Args:
         net: The net, with limits and costs of its generators. Buses keep its indices; of buses that closed switches join, the
@@ -49,7 +49,7 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
     if not hasattr(getattr(net, "bus", None), "index"):
         raise InputError(f"net must be a pandapower net with the table bus, got {net!r:.60}")
     try:
-        converter = import_module("pandapower.converter")
+        converter = import_module("pandapower.converter.pypower.to_ppc")
     except ImportError:
         raise InputError("a pandapower net needs pandapower: pip install pandapower") from None
     try:

@@ -242,8 +242,8 @@ class Data(ObserverSection):
 class Sequential(ObserverSection):
     """Knows the mechanism and how the belief moves, and follows it through all decisions along paths; needs [beliefs] of kind
     "stationary". `disclosure` may say how often and how late decisions are shown, such as "every(3)|delayed(2)"; `public`
-    is what it reads itself at every step: "none", "market" (the mean return of the assets), "all" returns, or the return of
-    an asset by its number from 0."""
+    is what it reads itself at every step: "none", "market" (the mean of the assets' returns, or of the farms' outputs), "all"
+    of them, or that of one asset or farm by its number from 0."""
 
     name: Literal["sequential"]
     disclosure: Grid[DisclosureText] | None = None

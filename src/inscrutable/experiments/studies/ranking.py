@@ -94,7 +94,7 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
     Costs are made equal as in `ranking`; who spends nothing is not judged. Empty where errors and namings were not measured,
     nobody spends anything, or there is nothing to hide.
     """
-    paid, parts, meaning = _paid(means, setting), [], ""
+    paid, parts, first = _paid(means, setting), [], None
     hides = _spends(paid) | np.isnan(paid)
     for observer in dict.fromkeys(figure.observer for figure in means.figures):
         error_without, chance = (_known(means, setting, name, observer) for name in WITHOUT)
@@ -104,9 +104,16 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
         judged = [means.place.get(f"{name}, {observer}") for name in JUDGED]
         error, named = ({} if place is None else ranking(means, setting, budget, place).by_play for place in judged)
         reached = [Reached(means.makers[p], error[p], named[p]) for p in sorted(error) if p in named and hides[p]]
-        parts += [f"Hidden from the {observer} observer: {asked.judge(reached)}."] if reached else []
-        meaning = meaning or asked.meaning(without="decisions", state="state", cases="the cases")
-    return [*parts, meaning] if parts else []
+        if not reached:
+            continue
+        first = asked if first is None else first
+        own = (
+            f" (for it errors of {asked.least_error:.2f} and namings of {asked.most_named:.0%})"
+            if asked != first
+            else ""
+        )
+        parts.append(f"Hidden from the {observer} observer{own}: {asked.judge(reached)}.")
+    return [] if first is None else [*parts, first.meaning(without="decisions", state="state", cases="the cases")]
 
 
 def _known(means: StudyMeans, setting: int, measure: str, observer: str) -> float:

@@ -279,7 +279,7 @@ def test_the_rule_reads_numbers_and_says_what_it_loses_by_cells() -> None:
         (chain.prior.weights @ chain.public[chain.cells.symbols(path.public)[0]])
         / (chain.prior.weights @ chain.public[chain.cells.symbols(path.public)[0]]).sum()
     )
-    assert "24 cells: who reads them and sees no decision errs by" in maker.summary()
+    assert "24 cells: error without decisions" in maker.summary()
     # All is public: little is left but what cells and grid leave.
     assert chain.cells.numbers_error == pytest.approx(0.0, abs=1e-9)
     assert chain.cells.symbols_error < 0.1

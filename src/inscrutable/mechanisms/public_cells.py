@@ -80,8 +80,8 @@ class PublicCells:
         if np.isnan(self.numbers_error):
             return f"{len(self)} cells; errors not measured"
         return (
-            f"{len(self)} cells: who reads them and sees no decision errs by {self.symbols_error:.4f}, who reads the numbers "
-            f"by {self.numbers_error:.4f} (difference ± {1.96 * self.error_se:.4f})"
+            f"{len(self)} cells: error without decisions {self.symbols_error:.4f}, with the numbers themselves "
+            f"{self.numbers_error:.4f} (difference ± {1.96 * self.error_se:.4f})"
         )
 
 

@@ -26,14 +26,18 @@ _LEAST_LAW = 1e-9
 """Share of the prior in the laws of cuts, so that their logarithms are finite."""
 
 
+_LEAST_SPREAD = 1e-3
+"""Share of what answers differ by that is the least unit of a rival's loss: one whose best answer hardly changes loses less."""
+
+
 class Aim(ABC):
     """What is made least, in a unit in which it is from 0 to 1."""
 
     is_by_decision = False
     largest_ratio: float | None = None
 
-    def __init__(self, unit: float) -> None:
-        self.unit = unit
+    def __init__(self, unit: float, spread: float) -> None:
+        self.unit, self.spread = unit, spread  # the latter is the most that can be told
 
     @abstractmethod
     def value(self, game: PlayedGame, table: Array) -> float:
@@ -77,7 +81,8 @@ class LeastInformation(Aim):
     """I(π;u), in nats; `start` is a table (B,M) of posterior laws to begin with."""
 
     def __init__(self, weights: Array, start: Array) -> None:
-        super().__init__(max(float(-np.log(weights.min())), 1.0))
+        entropy = float(-weights @ np.log(weights))
+        super().__init__(max(entropy, 1.0), entropy)
         self._start = start
 
     def value(self, game: PlayedGame, table: Array) -> float:
@@ -108,9 +113,12 @@ class LeastWorth(Aim):
 
     def __init__(self, loss: Loss, game: PlayedGame) -> None:
         self._loss = loss
-        mean = game.weights @ game.beliefs
+        mean, n_states = game.weights @ game.beliefs, game.beliefs.shape[1]
         self._before = self._lost(game, mean[None])
-        super().__init__(max(float(game.weights @ self._before[:, 0]), np.finfo(float).tiny))
+        self._likely = np.vstack([mean[None], np.eye(n_states), 0.5 * np.eye(n_states) + 0.5 * mean])
+        spread = float(game.weights @ self._before[:, 0])
+        largest = float(np.abs(self._before - self._lost(game, self._likely)).max())
+        super().__init__(max(spread, _LEAST_SPREAD * largest) or 1.0, spread)
 
     def _lost(self, game: PlayedGame, means: Array) -> Array:
         """What the best answers to means (n,X) lose beyond one who knows the belief, shape (B,n)."""
@@ -124,7 +132,7 @@ class LeastWorth(Aim):
         """Return the loss without decisions less the one after them, beyond what one loses who knows the belief."""
         which = np.flatnonzero(game.played(table) > 0)
         joint = game.weights[:, None] * table[:, which]
-        return max(self.unit - float((joint * self._lost(game, game.means(table)[which])).sum()), 0.0)
+        return max(self.spread - float((joint * self._lost(game, game.means(table)[which])).sum()), 0.0)
 
     def gains(self, game: PlayedGame, table: Array, which: np.ndarray) -> Array:
         """Return w_b (ℓ_b(a₀) − ℓ_b(a)) with the best answers to the posterior means."""
@@ -132,11 +140,8 @@ class LeastWorth(Aim):
 
     def first(self, game: PlayedGame) -> tuple[Array, np.ndarray]:
         """Return those of the answers where one state is sure, and of the one before any decision."""
-        n_columns, n_states = game.shape[1], game.beliefs.shape[1]
-        mean = game.weights @ game.beliefs
-        means = np.vstack([mean[None], np.eye(n_states), 0.5 * np.eye(n_states) + 0.5 * mean])
-        slopes = game.weights[:, None] * (self._before - self._lost(game, means))
-        return np.tile(slopes, (1, n_columns)), np.repeat(np.arange(n_columns), len(means))
+        slopes, n_columns = game.weights[:, None] * (self._before - self._lost(game, self._likely)), game.shape[1]
+        return np.tile(slopes, (1, n_columns)), np.repeat(np.arange(n_columns), len(self._likely))
 
 
 @dataclass(frozen=True, eq=False)

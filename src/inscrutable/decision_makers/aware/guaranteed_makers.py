@@ -90,18 +90,21 @@ class AimedSearch(TableSearch):
     def _begin(self) -> None:
         """Begin with cuts at the table of an interior-point method, which may break what is no row yet."""
         assert isinstance(self.aim, LeastInformation)
+        proposed = None
         for _ in range(_PROPOSALS):
             table = least_informing(self.game, [stacked(group) for group in self.blocks[1:]])
             if table is None:
-                return
+                break
+            proposed = table
             broken = [rule.cuts(self.game, table) for rule in self.rules[1:]]
             for block, cut in zip(self.blocks[1:], broken, strict=True):
                 if cut is not None:
                     block.append(cut)
             if all(cut is None for cut in broken):
                 break
-        self._keep(table)
-        self.blocks[0].append(self.aim.at(self.game, table))
+        if proposed is not None:
+            self._keep(proposed)
+            self.blocks[0].append(self.aim.at(self.game, proposed))
 
     def _without_idle(self, duals: Array, idle: Array) -> Array:
         """Leave out cuts of the aim that have had no price for some rounds; return for how many the others had none."""

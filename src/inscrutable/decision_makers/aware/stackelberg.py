@@ -55,7 +55,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
         plausible_only: Whether candidates that no belief explains are left out.
         gap: Asked for between `value` and `bound`, as a share of the bound; None is 1e-6 up to 20,000 pairs of belief
-            and candidate, and 0.01 above. With a loss both are above the loss where the belief is known.
+            and candidate, and 0.01 above or with guarantees. With a loss both are above the loss where the belief is known.
         loss: What the observer loses, in the place of the square error ‖π − μ‖²: `NamingError()`, `RivalProblem(problem)`.
         guarantees: What every rule is to give besides, as for `least_regret`; None: nothing. The rule is then found by linear
             programmes with cuts, on about 60 decoys where no candidates are given, and decides for the prior's beliefs alone.
@@ -217,10 +217,10 @@ def _promised(maker: StackelbergDecisionMaker) -> _Solution:
     def aim(game: PlayedGame, columns: Columns, regrets: Array) -> LeastWorth:
         return LeastWorth(maker.loss, game)
 
-    found = promised(maker, lambda weights: np.eye(len(weights)), aim, lambda wanted: 0.5 * share * wanted.unit)
+    found = promised(maker, lambda weights: np.eye(len(weights)), aim, lambda wanted: 0.5 * share * wanted.spread)
     game, table, solved = found.game, found.solved.table, found.solved
     used = np.flatnonzero(game.played(table) > 0)
-    columns, most = found.columns.pick(used), LeastWorth(maker.loss, game).unit
+    columns, most = found.columns.pick(used), LeastWorth(maker.loss, game).spread
     least = float(game.weights @ maker.loss.least(game.beliefs))
     known = (least + most - solved.regret, least + most - solved.bound, most, share, least)
     mechanism = Mechanism(

@@ -114,9 +114,9 @@ def test_protection_is_judged_by_what_each_observer_knows_without(tmp_path: Path
     done = run_study(plan_of("bayesian", FOLLOWING[1]), tmp_path)
     lines = done.protection()
     assert [line.partition(":")[0] for line in lines[:3]] == [
-        "Hidden from the bayesian observer",
-        "Hidden from the sequential, public market observer",
-        "Hidden from the sequential, public 1 observer",
+        "Hidden from the aware (bayesian) observer",
+        "Hidden from the aware over time (sequential), public market observer",
+        "Hidden from the aware over time (sequential), public 1 observer",
     ]
     means = done.means()
     known = means[means.measure == "prior_error"].groupby("adversary")["mean"].first()

@@ -10,7 +10,7 @@ from inscrutable import tolerances
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.measures import MEASURES, WITHOUT
 from inscrutable.experiments.studies.layout import JUDGED, PAID
-from inscrutable.experiments.studies.means import StudyMeans
+from inscrutable.experiments.studies.means import StudyMeans, spoken_observer
 from inscrutable.validation import Array
 
 SAME_COST = 0.05
@@ -104,7 +104,7 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
         judged = [means.place.get(f"{name}, {observer}") for name in JUDGED]
         error, named = ({} if place is None else ranking(means, setting, budget, place).by_play for place in judged)
         reached = [Reached(means.makers[p], error[p], named[p]) for p in sorted(error) if p in named and hides[p]]
-        parts += [f"Hidden from the {observer} observer: {asked.judge(reached)}."] if reached else []
+        parts += [f"Hidden from the {spoken_observer(observer)} observer: {asked.judge(reached)}."] if reached else []
         meaning = meaning or asked.meaning(without="decisions", state="state", cases="the cases")
     return [*parts, meaning] if parts else []
 

@@ -114,10 +114,10 @@ def test_who_sees_more_errs_less(rows: dict[tuple[str, str, str, str], dict[str,
 def test_protection_is_judged_by_what_each_observer_knows_without(tmp_path: Path) -> None:
     done = run_study(plan_of("bayesian", FOLLOWING[1]), tmp_path)
     lines = done.protection()
-    assert [re.split(r":| \(", line)[0] for line in lines] == [
-        "Hidden from the bayesian observer",
-        "Hidden from the sequential, public market observer",
-        "Hidden from the sequential, public 1 observer",
+    assert [re.split(r": | \(for", line)[0] for line in lines] == [
+        "Hidden from the aware (bayesian) observer",
+        "Hidden from the aware over time (sequential), public market observer",
+        "Hidden from the aware over time (sequential), public 1 observer",
         "Hidden means",
     ]
     means = done.means()

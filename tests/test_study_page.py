@@ -129,7 +129,7 @@ def test_verdict_names_the_best_against_each_observer(means: StudyMeans, page: P
         best = ranking(means, 0, 0.1, place).plays[0]
         assert f"largest error of the {observer} observer is under {means.makers[best]} (" in said
     assert "budget of 0.1 of |c*|" in said
-    assert re.search(r"By the error of the bayesian observer, .+ is first in [12] of 2 settings", said)
+    assert re.search(r"By the error of the aware \(bayesian\) observer, .+ is first in [12] of 2 settings", said)
 
 
 def test_an_unfinished_study_says_so(tmp_path: Path) -> None:

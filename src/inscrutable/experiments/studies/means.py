@@ -40,6 +40,16 @@ class Figure:
         return f"{self.measure}, {self.observer}" if self.observer else self.measure
 
 
+_TERMS = {"bayesian": "aware (bayesian)", "sequential": "aware over time (sequential)"}
+"""The glossary's terms for observers, where a study file has another name."""
+
+
+def spoken_observer(name: str) -> str:
+    """Return the name of an observer for a reader; its settings after a comma stay."""
+    kind, comma, settings = name.partition(",")
+    return f"{_TERMS.get(kind, kind)}{comma}{settings}"
+
+
 @dataclass(frozen=True, eq=False)
 class StudyMeans:
     """Means of a study's figures over its repeats; S settings, P plays (decision maker and budget), F figures.

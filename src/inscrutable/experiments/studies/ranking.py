@@ -10,7 +10,7 @@ from inscrutable import tolerances
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.measures import MEASURES, WITHOUT
 from inscrutable.experiments.studies.layout import JUDGED, PAID
-from inscrutable.experiments.studies.means import StudyMeans
+from inscrutable.experiments.studies.means import StudyMeans, spoken_observer
 from inscrutable.validation import Array
 
 SAME_COST = 0.05
@@ -112,7 +112,7 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
             if asked != first
             else ""
         )
-        parts.append(f"Hidden from the {observer} observer{own}: {asked.judge(reached)}.")
+        parts.append(f"Hidden from the {spoken_observer(observer)} observer{own}: {asked.judge(reached)}.")
     return [] if first is None else [*parts, first.meaning(without="decisions", state="state", cases="the cases")]
 
 

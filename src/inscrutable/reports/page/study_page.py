@@ -11,7 +11,7 @@ import numpy as np
 from inscrutable.experiments.measures import HEADLINES, MEASURES, OF_OBSERVERS
 from inscrutable.experiments.studies import Study
 from inscrutable.experiments.studies.layout import StudyFile
-from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of
+from inscrutable.experiments.studies.means import Figure, StudyMeans, means_of, spoken_observer
 from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protection, ranking, times_the_least
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.experiments.studies.sweeps import Sweep, sweep_of
@@ -112,7 +112,7 @@ def _titled(name: str) -> str:
 
 def title_of(figure: Figure) -> str:
     """Return a figure's title: what it is, and against whom."""
-    return ", ".join(filter(None, [_titled(figure.measure), figure.observer]))
+    return ", ".join(filter(None, [_titled(figure.measure), spoken_observer(figure.observer)]))
 
 
 def _table(study: Study, means: StudyMeans, setting: int, number: int) -> PageTable:
@@ -354,7 +354,7 @@ def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str
 def _spoken(figure: Figure) -> str:
     """A figure within a sentence: what it is, and whose."""
     kind = MEASURES[figure.measure]
-    whom = f" of the {figure.observer} observer" if figure.observer else ""
+    whom = f" of the {spoken_observer(figure.observer)} observer" if figure.observer else ""
     return f"{kind.spoken or kind.title}{whom}"
 
 

@@ -148,3 +148,14 @@ def test_an_asset_that_is_none_is_said_in_the_row(tmp_path: Path) -> None:
     done = run_study(plan_of({"name": "sequential", "public": 7}), tmp_path)
     assert all("public = 7 is no asset: they are numbered from 0 to 1" in line for line in done.errors())
     assert done.status().failed == 2
+
+
+def test_observers_of_one_name_are_told_apart_by_keys_that_one_of_them_has(tmp_path: Path) -> None:
+    asked = ["sequential", {"name": "sequential", "disclosure": "every(3)"}, {"name": "sequential", "public": "market"}]
+    done = run_study(plan_of(*asked), tmp_path)
+    means, rows = done.means(), done.frame()
+    names = ["sequential", "sequential, every(3)", "sequential, public market"]
+    for name, place in zip(names, range(3), strict=True):
+        mine = means[(means.measure == "error") & (means.adversary == name)]["mean"].tolist()
+        assert mine == rows["error"].tolist()[place::3]
+    assert len(set(rows["error"].tolist()[3:])) == 3

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -192,15 +193,23 @@ def _settings(grid: StudyGrid) -> tuple[str, ...]:
 
 
 def labels(choices: Sequence[Variant], *, name: str | None = None, prefix: str = "") -> list[str]:
-    """Return what tells choices apart, one text each: those of the same name by the entries that differ among them."""
+    """Return what tells choices apart, one text each: those of the same name by the entries that differ among them.
+
+    An entry that one of them lacks counts only where they are not told apart without it.
+    """
     data = [choice.data or {} for choice in choices]
-    found = []
-    for each in data:
-        alike = [other for other in data if name is None or other.get(name) == each.get(name)]
-        differing = [key for key in each if len({json.dumps(other[key]) for other in alike if key in other}) > 1]
-        parts = [str(each[name])] if name else []
-        found.append(", ".join([*parts, *(_entry(prefix, key, each[key]) for key in differing)]))
-    return found
+    found = [_label(each, data, name, prefix) for each in data]
+    again = [_label(each, data, name, prefix, lacking=True) for each in data]
+    return [more if found.count(text) > 1 else text for text, more in zip(found, again, strict=True)]
+
+
+def _label(
+    own: Mapping[str, Any], data: Sequence[Mapping[str, Any]], name: str | None, prefix: str, *, lacking: bool = False
+) -> str:
+    alike = [other for other in data if name is None or other.get(name) == own.get(name)]
+    told = {key: {json.dumps(other.get(key)) for other in alike if lacking or key in other} for key in own}
+    parts = [str(own[name])] if name else []
+    return ", ".join([*parts, *(_entry(prefix, key, own[key]) for key in own if len(told[key]) > 1)])
 
 
 def _entry(prefix: str, key: str, value: object) -> str:

@@ -17,7 +17,7 @@ import browser
 from inscrutable import InputError, Study, cli, run_study
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.experiments.studies.grid import StudyGrid, Variant
-from inscrutable.experiments.studies.means import StudyMeans, labels, means_of
+from inscrutable.experiments.studies.means import StudyMeans, labels, means_of, spoken_observer
 from inscrutable.experiments.studies.ranking import ranking
 from inscrutable.experiments.studies.store import STORE
 from inscrutable.experiments.studies.sweeps import sweep_of
@@ -127,7 +127,7 @@ def test_verdict_names_the_best_against_each_observer(means: StudyMeans, page: P
     for observer in ("naive", "bayesian"):
         place = means.place[f"error, {observer}"]
         best = ranking(means, 0, 0.1, place).plays[0]
-        assert f"largest error of the {observer} observer is under {means.makers[best]} (" in said
+        assert f"largest error of the {spoken_observer(observer)} observer is under {means.makers[best]} (" in said
     assert "budget of 0.1 of |c*|" in said
     assert re.search(r"By the error of the aware \(bayesian\) observer, .+ is first in [12] of 2 settings", said)
 
@@ -410,7 +410,7 @@ def test_a_protection_is_judged_as_by_the_other_verbs(tmp_path: Path, capsys: py
     for observer in ("naive", "bayesian"):
         own = rows.loc[observer]
         told = asked.judge([Reached(name, own.error[name], own.top_state[name]) for name in makers[1:]])
-        wanted.append(f"Hidden from the {observer} observer: {told}.")
+        wanted.append(f"Hidden from the {spoken_observer(observer)} observer: {told}.")
     assert cli.main(["study", "report", str(tmp_path)]) == 0
     line = " ".join(capsys.readouterr().out.split())
     assert set(study.protection()) == set(wanted)

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.indicators import Indicator, IndicatorTable, table_of
-from inscrutable.decision_makers.linear_goals import cheapest_unexplained
 from inscrutable.decision_makers.result_table import ResultTable, known
 from inscrutable.decision_makers.results import (
     Decision,
@@ -25,6 +25,7 @@ from inscrutable.decision_makers.results import (
 )
 from inscrutable.decision_makers.search.indicator_polish import Block, cheaper
 from inscrutable.kernels.threads import in_chunks
+from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, LinearForm
 from inscrutable.validation import Array
@@ -164,7 +165,7 @@ def _by_programme(
     case: Case, goal: Indicator, form: LinearForm, belief: Array, optimal_cost: float
 ) -> tuple[Array, float] | None:
     """The cheapest unexplained decision of linear costs and its regret, where it is admissible."""
-    action = cheapest_unexplained(form, belief, goal.margin)
+    action = _cheapest_unexplained(form, belief, goal.margin)
     if action is None or not case.problem.constraints.is_admissible(action):
         return None
     if not LevelTest(case.problem, goal.margin).reaches(action):
@@ -179,3 +180,30 @@ def _centres(problem: DecisionProblem, actions: Array) -> Array:
     for i in np.flatnonzero(sets.dimension >= LARGER):
         middle[i] = sets[int(i)].interior_point()
     return np.where((sets.dimension < 0)[:, None], np.nan, middle)
+
+
+def _cheapest_unexplained(form: LinearForm, belief: Array, margin: float) -> Array | None:
+    """Return the decision (U,) of least cost under a belief whose plausibility gap is at least the margin, None where
+    there is none.
+
+    r(u) = min_π max_{v ∈ C} π·(s(u) − s(v)) = max_{v ∈ C} min_i c_i'(u − v): least regrets of at least the margin are where
+    some v ∈ C costs less by the margin in every state. One linear programme finds the cheapest.
+    """
+    region, costs, size = form.constraints, form.costs, form.constraints.n_actions
+    scale = max(float(np.abs(costs).max()), np.finfo(float).tiny)
+    # A gap is proved only up to its accuracy.
+    wanted = margin / scale + 2.0 * tolerances.GAP_STEP * max(1.0, margin / scale)
+    nothing, other = np.zeros_like(region.A_ub), np.zeros_like(region.A_eq)
+    below = Rows(
+        np.block([[-costs / scale, costs / scale], [region.A_ub, nothing], [nothing, region.A_ub]]),
+        np.concatenate([np.full(len(costs), -wanted), region.b_ub, region.b_ub]),
+    )
+    equal = Rows(np.block([[region.A_eq, other], [other, region.A_eq]]), np.tile(region.b_eq, 2))
+    answer = minimise(np.concatenate([belief @ costs / scale, np.zeros(size)]), below, equal)
+    if answer.status != OPTIMAL:
+        return None
+    action = answer.x[:size]
+    for limit in region.coordinate_bounds:
+        near = np.abs(action - limit) <= tolerances.FEASIBILITY * np.maximum(1.0, np.abs(action))
+        action = np.where(near, limit, action)
+    return np.asarray(action) + 0.0

@@ -184,7 +184,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
 
     known: (the distance, the budget's multiplier, whether that is more than a guess).
     """
-    (w, z), (slope, hessian), (distance, weight, is_told) = place, out, known
+    (w, z), (slope, hessian), (distance, weight, is_known) = place, out, known
     k = w.size - 1
     cost_slope, bend = np.empty(k), np.empty((k, k))
     cost_model(curves, aim.belief, w, cost_slope, bend)
@@ -206,7 +206,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
             slope[a] = -aim.sign * slope[a] / length + aim.price * cost_slope[a]
         inner -= slope[a] * cost_slope[a]
         square += cost_slope[a] * cost_slope[a]
-    if aim.limit < np.inf and not is_told and square > 0.0:
+    if aim.limit < np.inf and not is_known and square > 0.0:
         weight = max(inner / square, 0.0)
     bending = weight if aim.limit < np.inf else aim.price
     size = 0.0
@@ -319,8 +319,8 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
                 break
             creeps = share == 1.0 and (2 * rounds - turn) * gain <= _CREEP * abs(best)
             share = 1.0
-            told = (distance, weight, known)
-            weight = _model(curves, rows, aim, rules.basis, (w, z), active, told, (slope, hessian))
+            state = (distance, weight, known)
+            weight = _model(curves, rows, aim, rules.basis, (w, z), active, state, (slope, hessian))
             known = True
             cost_model(curves, aim.belief, w, cost_slope, bend)
             left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost

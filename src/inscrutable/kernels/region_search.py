@@ -255,9 +255,9 @@ def _ask_at_corner(
     n_states, first = belief.size, regions.n_set_rows[number]
     rows = rows_of(regions, number, n_states)
     if has_multipliers(regions, number, n_states):
-        for r in range(regions.n_told[number]):
+        for r in range(regions.n_observable[number]):
             if _row_at(rows[n_states + r], belief, w) <= limits.reach:
-                _ask(regions, number, regions.told[number, r], source, t, search)
+                _ask(regions, number, regions.observable[number, r], source, t, search)
     for row in range(regions.tight.shape[1]):
         if not regions.tight[number, row]:
             if _row_at(rows[first], belief, w) <= limits.reach:
@@ -275,49 +275,26 @@ def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: i
     those rows.
     """
     _, turn = search
-    n_states, n_told, far = rules.basis.shape[0], regions.n_told[number], turn.decoys[FAR]
+    n_states, n_observable, far = rules.basis.shape[0], regions.n_observable[number], turn.decoys[FAR]
     face = face_of(regions, number, n_states)
-    for r in range(n_told):
+    for r in range(n_observable):
         distance = nearest_belief(face, w, aim.point, rules, n_states + r, turn.members[r], turn.climb.distance)
         turn.values[r] = aim.sign * distance
         if not distance < np.inf:
             put(far, turn.members[r])
             turn.values[r] = -_UNMET - _row_at(face.rows[n_states + r], far, w)
-    put_descending(turn.values[:n_told], turn.order)
-    for j in range(min(n_states, n_told)):
+    put_descending(turn.values[:n_observable], turn.order)
+    for j in range(min(n_states, n_observable)):
         r = turn.order[j]
         put(turn.members[r], turn.decoys[FAR + 1 + j])
-        _ask(regions, number, regions.told[number, r], FAR + 1 + j, t, search)
+        _ask(regions, number, regions.observable[number, r], FAR + 1 + j, t, search)
 
 
 @inlined
-def _ask_all_told(regions: Any, number: int, t: int, search: Any) -> None:
+def _ask_beyond_all(regions: Any, number: int, t: int, search: Any) -> None:
     """Ask for the regions beyond all tight rows: none has a multiplier of its own."""
-    for r in range(regions.n_told[number]):
-        _ask(regions, number, regions.told[number, r], BEST, t, search)
-
-
-@inlined
-def _ask_into_corner(regions: Any, number: int, n: int, limits: Any, w: Any, corner: Any, t: int, search: Any) -> None:
-    """Ask for the regions that meet at the member of w's set that is farthest from the aim's point, one after the other.
-
-    All members have the same decision and so the same regret. At a corner of the set the multipliers of some tight rows are
-    zero: with these freed the set shrinks to the corner at no cost to first order.
-    """
-    _, turn = search
-    n_states, n_told = corner.size, regions.n_told[number]
-    rows = rows_of(regions, number, n_states)
-    for r in range(n_told):
-        turn.values[r] = -_row_at(rows[n_states + r], corner, w)
-    put_descending(turn.values[:n_told], turn.order)
-    here = number
-    for j in range(min(n - regions.size[number], n_told)):
-        r = turn.order[j]
-        if -turn.values[r] > limits.reach:
-            break
-        here = _ask(regions, here, regions.told[number, r], FAR, t, search)
-        if here == UNKNOWN:
-            break
+    for r in range(regions.n_observable[number]):
+        _ask(regions, number, regions.observable[number, r], BEST, t, search)
 
 
 @inlined
@@ -338,7 +315,7 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
     if e < 0:
         reached.stage[t] = ENDED
         return
-    n_states, n = rules.basis.shape
+    n_states = rules.basis.shape[0]
     number = reached.region[t, e]
     size, is_point = regions.size[number] + 1, regions.is_point[number]
     w, v, far = reached.place[t, e, :size], reached.far_place[t, e, :size], turn.decoys[FAR]
@@ -351,7 +328,7 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
         put(reached.nearest[t, e], nearest)
         decision_in(regions, number, w, limits.bound, turn.actions[BEST])
         if not has_multipliers(regions, number, n_states):
-            _ask_all_told(regions, number, t, search)
+            _ask_beyond_all(regions, number, t, search)
         elif not is_point and not is_set:
             _ask_for_freed(regions, number, aim, rules, w, t, search)
         _ask_at_corner(regions, number, limits, w, nearest, BEST, t, search)
@@ -359,7 +336,6 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
         _ask_at_corner(regions, number, limits, v, far, FAR, t, search)
         if has_multipliers(regions, number, n_states):
             _ask_for_freed(regions, number, aim, rules, v, t, search)
-            _ask_into_corner(regions, number, n, limits, v, far, t, search)
     if reached.n_missing[t] > 0:
         return
     reached.expanded[t, e] = True

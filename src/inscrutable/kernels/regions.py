@@ -29,8 +29,8 @@ class Regions(NamedTuple):
     rows: Any  # flat
     charts: Any  # flat
     tight: Any  # (K,R)
-    n_told: Any  # (K,) how many tight rows have something to say of the set
-    told: Any  # (K,R) their numbers
+    n_observable: Any  # (K,) how many tight rows bind the consistent set: not those of mere copies
+    observable: Any  # (K,R) their numbers
     beyond: Any  # (K,R) the region in which one row is loose instead of tight, or tight instead of loose
     bounds: Any  # (low (U,), high (U,)) values that single rows leave to coordinates
 
@@ -94,5 +94,5 @@ def decision_in(regions: Any, number: int, w: Any, near: float, action: Any) -> 
 
 @uncounted
 def has_multipliers(regions: Any, number: int, n_states: int) -> bool:
-    """Whether every row that tells has a multiplier of its own, in order."""
-    return bool(regions.n_set_rows[number] - n_states == regions.n_told[number])
+    """Whether every observable row has a multiplier of its own, in order."""
+    return bool(regions.n_set_rows[number] - n_states == regions.n_observable[number])

@@ -51,7 +51,7 @@ class Partition:
         self._columns = [np.empty(0, dtype=np.int64) for _ in range(7)]
         self._scale, self._is_point = np.empty(0), np.empty(0, dtype=np.bool_)
         self._tight = np.empty((0, n_rows), dtype=np.bool_)
-        self._told, self._beyond = (np.empty((0, n_rows), dtype=np.int64) for _ in range(2))
+        self._observable, self._beyond = (np.empty((0, n_rows), dtype=np.int64) for _ in range(2))
         self._flat = [_Flat() for _ in range(3)]
 
     @contextmanager
@@ -78,11 +78,11 @@ class Partition:
     def arrays(self) -> Regions:
         """All regions as kernels read them."""
         with self._lock:
-            size, n_rows, n_set_rows, curve_at, row_at, chart_at, n_told = self._columns
+            size, n_rows, n_set_rows, curve_at, row_at, chart_at, n_observable = self._columns
             curves, rows, charts = (flat.values for flat in self._flat)
             return Regions(
                 size, n_rows, n_set_rows, self._scale, self._is_point, curve_at, row_at, chart_at, curves, rows, charts,
-                self._tight, n_told, self._told, self._beyond, self._bounds,
+                self._tight, n_observable, self._observable, self._beyond, self._bounds,
             )  # fmt: skip
 
     def numbers(self, patterns: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ class Partition:
         self._columns = [_longer(column, more, UNKNOWN) for column in self._columns]
         self._scale, self._is_point = _longer(self._scale, more, 0), _longer(self._is_point, more, 0)
         self._tight = _longer(self._tight, more, 0)
-        self._told, self._beyond = _longer(self._told, more, UNKNOWN), _longer(self._beyond, more, UNKNOWN)
+        self._observable, self._beyond = _longer(self._observable, more, UNKNOWN), _longer(self._beyond, more, UNKNOWN)
 
     def programme(self, number: int) -> FaceProgramme:
         """Return the programme of a region."""
@@ -121,11 +121,11 @@ class Partition:
                 chart = np.concatenate([face.origin, face.span.ravel()])
                 for flat, values in zip(self._flat, (face.curves.ravel(), face.rows.ravel(), chart), strict=True):
                     flat.append(values)
-                row = (len(face.place), len(face.rows), face.n_set_rows, *places, len(face.told))
+                row = (len(face.place), len(face.rows), face.n_set_rows, *places, len(face.observable))
                 for column, value in zip(self._columns, row, strict=True):
                     column[number] = value
                 self._scale[number], self._is_point[number] = face.scale, face.has_single_beliefs
-                self._told[number, : len(face.told)] = face.told
+                self._observable[number, : len(face.observable)] = face.observable
 
     def reach(self, pairs: np.ndarray) -> None:
         """Make the regions beyond rows, given as pairs (n,2) of region and row."""
@@ -168,7 +168,7 @@ class FaceProgramme(NamedTuple):
     n_set_rows: int  # how many of them describe the consistent set
     scale: float  # size of the gradients
     bounds: tuple[Array, Array]  # (U,) values that single rows leave to coordinates
-    told: np.ndarray  # numbers of the tight rows that say something of the set: not those of mere copies
+    observable: np.ndarray  # numbers of the tight rows that bind the consistent set: not those of mere copies
 
     @property
     def place(self) -> Array:
@@ -233,8 +233,10 @@ def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramm
     slacks[:, :, k] = ((region.b_ub[loose] - falling @ origin) / lengths - region.played_slack)[:, None]
     if _contradict(region, tight, origin):  # opposite bounds, met halfway: the face is empty, so no row of it holds
         rows[:, :, :k], rows[:, :, k] = 0.0, -1.0
-    told = np.flatnonzero(tight & ~problem.idle_rows)
-    return FaceProgramme(tight, origin, chart.span, curves, rows, n_set_rows, scale, region.coordinate_bounds, told)
+    observable = np.flatnonzero(tight & ~problem.idle_rows)
+    return FaceProgramme(
+        tight, origin, chart.span, curves, rows, n_set_rows, scale, region.coordinate_bounds, observable
+    )
 
 
 def _contradict(region: Polyhedron, tight: np.ndarray, origin: Array) -> bool:

@@ -272,7 +272,7 @@ def search(
     patience = _PATIENCE if n_states > 3 else _PATIENCE_IN_PLANE
     limits = _LIMITS._replace(patience=patience if goes_on else 0)
     partition.make(starts.region)
-    # Climbs of a turn: all starts; every row from the best and from the farthest decision, freed ones, and those of a corner.
+    # Climbs of a turn: all starts; every row from the best and from the farthest decision, and freed ones.
     around = 2 * (len(space.problem.constraints.b_ub) + n_states)
     most = max(int(np.diff(starts.first).max(initial=0)), around)
     reached, left = _explored(space, count, around), np.arange(count)

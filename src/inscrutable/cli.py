@@ -156,7 +156,7 @@ def backtest(
     strict: Annotated[bool, Parameter(group=OUTPUT, negative=(), show_default=False)] = False,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> int:
-    """Walk a regime-switching investor through real returns while a rival reads its published weights.
+    """Walk a regime-switching investor through real returns while observers read its published weights.
 
     Without a data option: the 12 US industries that come with the package, monthly, 1949 to 2017. With `--alphas` the private
     belief is expected returns instead, hidden from the aware observer, who knows the rule.
@@ -170,8 +170,8 @@ def backtest(
         regime_names: For `--beliefs` whose columns have other names: these, by rising volatility, such as bull,bear.
         train_until: Last date of the training sample, such as 1989-12. Default: 1989-12 for the 12 industries, the
             middle of other data.
-        public: What the rival follows beside the weights: none, market, all, the name of a column of the returns, or a CSV of
-            dates and one column of numbers, which the investor then reads, too. The market is that of the 12 industries, of
+        public: What the observer follows beside the weights: none, market, all, the name of a column of the returns, or a CSV
+            of dates and one column of numbers, which the investor then reads, too. The market is that of the 12 industries, of
             other data the mean of the assets.
         private: CSV of your own signal, which nobody else has: dates, then the likelihood of it in each regime, columns named
             as for `--beliefs`. A date without a row has no signal.
@@ -190,7 +190,7 @@ def backtest(
         measure: What privacy means.
         target: For `--measure desired`: a belief such as 0.2,0.3,0.5, or reverse.
         sequential: Play the sequential rule as well, whose prices take up to a minute to find.
-        disclosure: What one more rival is shown of the weights, how often and how late, in rows of the returns:
+        disclosure: What one more observer sees of the weights, how often and how late, in rows of the returns:
             "every(3)|delayed(2)", portfolio_return(), form_13f(0) where the first decision ends a quarter, as by default.
         seed: The same seed gives the same numbers.
         out: Folder for the table, the figures, the weights and model.json; with the extra `inscrutable[report]` also

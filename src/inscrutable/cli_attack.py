@@ -32,7 +32,7 @@ def attack(
     out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Read published weights back into the beliefs that explain them: what do my holdings say?
+    """Find the beliefs that explain published weights: what do my holdings reveal?
 
     Weights rounded to a few digits are read as such: the digits written in the file are counted. With `--mechanism` also
     what the aware observer, who knows the rule, concludes from all rows so far; rows are one step of the model apart.

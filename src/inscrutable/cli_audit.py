@@ -31,7 +31,8 @@ def audit(
         secrets: CSV of what should stay private, such as signals: dates or labels in the first column, then numbers or classes.
         published: CSV of decisions, such as weights: the same layout. Rows are joined by their dates or labels.
         lags: Rows from the secret to the decision that is read for it, such as 0,1,2; 1 is told one row late, −1 one early.
-        embargo: Rows left out between what is learned from and what is read. Default: as long as a secret is remembered.
+        embargo: Rows left out between what is learned from and what is read. Default: the length over which the secret is
+            autocorrelated.
         kind: What every secret is. Default: words, and whole numbers of at most ten values, are classes.
         seed: The same seed gives the same numbers.
         out: Folder for the tables, summary.json and the figure; without it the results are only printed.

@@ -39,12 +39,12 @@ def compare(
             that come with the package, and how often its investor holds which belief), the model.json of a backtest,
             or a model.toml of your own with regimes.
         resolution: Beliefs are multiples of 1/resolution; 30 gives up to 496 for three regimes.
-        rival: TOML file whose [problem] is what a rival wants the belief for: what the secret and reading are worth to it.
+        rival: TOML file whose [problem] is a rival's decision problem: adds the worth of the belief and of reading to it.
         budgets: Expected regrets, rising: shares of |c*| such as 0.05,0.1, or silence:0.25,0.5,1, shares of the silence
             regret at which one constant decision suffices, or regret:0.001,0.002 in the cost's unit.
         makers: Which decision makers are compared, by the table's names, such as CDM,PDM,rate-distortion; else all.
         pairs: Such as 100,1000: beside them an observer who has only so many pairs of belief and decision.
-        disclosure: What rivals are shown of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
+        disclosure: What observers see of decisions, how often and how late, such as "every(3)|delayed(2)" or form_13f();
             `inscrutable disclose` compares such schedules. The sequential rule goes by it; the two that trade late or in part
             are then left out.
         limits: What may be held.

@@ -45,7 +45,7 @@ def views(
     out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Say which expected returns make weights the best mean-variance portfolio: what do my holdings say of my views?
+    """Find the expected returns that make weights the best mean-variance portfolio: what do my holdings reveal of my views?
 
     Example: inscrutable views --weights weights.csv --returns returns.csv --factors 3 --risk-aversion 5 --held long-only
     --reference portfolio

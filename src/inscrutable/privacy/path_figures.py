@@ -163,7 +163,7 @@ def enumerated(
     told, is_public = reader.rule.is_public, reader.moves.n_public > 1
     laws = _told_starts(reader)[0] if told else reader.predicted(None)[0]
     chances = reader.rule.initial[laws.memory] if told else np.ones(1)
-    last: list[Any] = [None] * len(chances)
+    last, unread = list[Any]([None] * len(chances)), 0.0
     if is_public:
         _read_before(reader, prior, (laws, chances), found[:, : schedule.lag])
     for s in range(n_steps - schedule.lag):
@@ -200,16 +200,16 @@ def enumerated(
             if is_public:
                 prior.followed(np.repeat(np.arange(len(chances)), [len(each) for _, each in grown]))
                 known = np.hstack([known, prior.rows])
-            laws, chances, kept = _merged(
-                side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]), known
-            )
+            after_all, their = (list(each) for each in zip(*grown, strict=True))
+            laws, chances, kept = _merged(side_by_side(after_all), np.concatenate(their), known)
             last = [seen[k] for k in kept]
             prior.followed(kept)
         else:
             laws = _passed(reader, laws)
         if not is_public:
-            held = reader.later(laws, schedule.lag)[0]
-            found[_BELIEF:_PRIOR, t] = [chances @ each for each in prior.figures(held, t)[:4]]
+            found[_BELIEF:_PRIOR, t] = [
+                chances @ each for each in prior.figures(reader.later(laws, schedule.lag)[0], t)[:4]
+            ]
             continue
         later = _read_on(reader, prior, (laws, chances), schedule.lag)
         if later is None:

@@ -175,7 +175,7 @@ def enumerated(
             laws = reader.predicted(laws)[0]
         if len(laws.memory) > len(chances) or len(chances) > most:
             return None
-        unread = 0.0
+        begun: _ReadOn | None = None
         if schedule.shows(s):
             begun = _read_on(reader, prior, (laws, chances), schedule.lag if is_late else 0)
             if begun is None:
@@ -211,7 +211,7 @@ def enumerated(
         later = _read_on(reader, prior, (laws, chances), schedule.lag)
         if later is None:
             return None
-        if schedule.shows(s):  # what is read until a decision is seen foretells it
+        if begun is not None:  # what is read until a decision is seen foretells it
             found[0, t] = max(found[0, t] - (later.bits - begun.bits), 0.0)
         found[_BELIEF:_PRIOR, t] = [later.chances @ each for each in later.prior.figures(later.laws, t)[:4]]
         found[_PRIOR:, t] = [later.chances @ each for each in later.prior.own(t)]

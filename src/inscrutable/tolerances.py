@@ -425,6 +425,15 @@ LEAST_TEMPTING = 1e-4
 """Share of the prior loss to which estimates after decisions that are not played are found for a bound, which they loosen by
 as much."""
 
+LEAST_LAW = 1e-9
+"""Share of the prior in the posterior laws of cuts of the information, so that their logarithms are finite."""
+
+LEAST_SPREAD = 1e-3
+"""Share of the differences of a rival's answers that is the least unit of its loss."""
+
+LINE_SEARCH = 1e-4
+"""Share of the way between two tables to which the best mixture of them is found; the programme improves it."""
+
 GUARANTEE_ROUNDING = 1e-13
 """What a table may miss a guarantee by before it is repaired: probabilities and errors of beliefs are at most one, and are sums
 over some hundreds of beliefs."""

@@ -163,7 +163,7 @@ def enumerated(
     told, is_public = reader.rule.is_public, reader.moves.n_public > 1
     laws = _told_starts(reader)[0] if told else reader.predicted(None)[0]
     chances = reader.rule.initial[laws.memory] if told else np.ones(1)
-    last: list[Any] = [None] * len(chances)
+    last, is_late = list[Any]([None] * len(chances)), is_public and schedule.lag > 0
     if is_public:
         _read_before(reader, prior, (laws, chances), found[:, : schedule.lag])
     for s in range(n_steps - schedule.lag):
@@ -175,13 +175,11 @@ def enumerated(
             laws = reader.predicted(laws)[0]
         if len(laws.memory) > len(chances) or len(chances) > most:
             return None
-        unread = 0.0
+        begun: _ReadOn | None = None
         if schedule.shows(s):
-            if is_public and schedule.lag:
-                begun = _read_on(reader, prior, (laws, chances), schedule.lag)
-                if begun is None:
-                    return None
-                unread = begun.bits
+            begun = _read_on(reader, prior, (laws, chances), schedule.lag if is_late else 0)
+            if begun is None:
+                return None
             grown: list[tuple[Laws, Array]] = []
             count, seen = 0, []
             for i, chance in enumerate(chances):
@@ -200,22 +198,21 @@ def enumerated(
             if is_public:
                 prior.followed(np.repeat(np.arange(len(chances)), [len(each) for _, each in grown]))
                 known = np.hstack([known, prior.rows])
-            laws, chances, kept = _merged(
-                side_by_side([each for each, _ in grown]), np.concatenate([each for _, each in grown]), known
-            )
+            after_all, their = (list(each) for each in zip(*grown, strict=True))
+            laws, chances, kept = _merged(side_by_side(after_all), np.concatenate(their), known)
             last = [seen[k] for k in kept]
             prior.followed(kept)
         else:
             laws = _passed(reader, laws)
         if not is_public:
-            held = reader.later(laws, schedule.lag)[0]
-            found[_BELIEF:_PRIOR, t] = [chances @ each for each in prior.figures(held, t)[:4]]
+            held = prior.figures(reader.later(laws, schedule.lag)[0], t)
+            found[_BELIEF:_PRIOR, t] = [chances @ each for each in held[:4]]
             continue
         later = _read_on(reader, prior, (laws, chances), schedule.lag)
         if later is None:
             return None
-        if schedule.shows(s):  # what is read until a decision is seen foretells it
-            found[0, t] = max(found[0, t] - (later.bits - unread), 0.0)
+        if begun is not None:  # what is read until a decision is seen foretells it
+            found[0, t] = max(found[0, t] - (later.bits - begun.bits), 0.0)
         found[_BELIEF:_PRIOR, t] = [later.chances @ each for each in later.prior.figures(later.laws, t)[:4]]
         found[_PRIOR:, t] = [later.chances @ each for each in later.prior.own(t)]
     return _made(found[:, None], is_public, is_sampled=False)

@@ -16,21 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from inscrutable import tolerances
 from inscrutable.decision_makers.aware.guaranteed_programme import NO_COLUMN, SPARSE, PlayedGame, RowBlock
 from inscrutable.decision_makers.aware.guarantees import of_columns
 from inscrutable.privacy import Loss
 from inscrutable.privacy.losses import DecisionLoss, on_simplex
 from inscrutable.validation import Array
 
-_LEAST_LAW = 1e-9
-"""Share of the prior in the laws of cuts, so that their logarithms are finite."""
 
-
-_LEAST_SPREAD = 1e-3
-"""Share of what answers differ by that is the least unit of a rival's loss: one whose best answer hardly changes loses less."""
-
-
-class Aim(ABC):
+class ToldAim(ABC):
     """What is made least, in a unit in which it is from 0 to 1."""
 
     is_by_decision = False
@@ -77,7 +71,7 @@ class Aim(ABC):
         return RowBlock(table, -own, nothing, nothing, np.full(count, NO_COLUMN), np.ones(n_columns))
 
 
-class LeastInformation(Aim):
+class LeastInformation(ToldAim):
     """I(π;u), in nats; `start` is a table (B,M) of posterior laws to begin with."""
 
     def __init__(self, weights: Array, start: Array) -> None:
@@ -94,7 +88,7 @@ class LeastInformation(Aim):
     def gains(self, game: PlayedGame, table: Array, which: np.ndarray) -> Array:
         """Return w_b log(r_b/w_b) with the posterior laws r."""
         ratios = table[:, which] / game.played(table)[which]
-        return np.asarray(game.weights[:, None] * np.log((1.0 - _LEAST_LAW) * ratios + _LEAST_LAW))
+        return np.asarray(game.weights[:, None] * np.log((1.0 - tolerances.LEAST_LAW) * ratios + tolerances.LEAST_LAW))
 
     def at(self, game: PlayedGame, table: Array) -> RowBlock:
         """Return the rows that are right for a table, of all decisions."""
@@ -108,7 +102,7 @@ class LeastInformation(Aim):
         return np.hstack([slopes, np.zeros_like(slopes)]), np.tile(every, 2)
 
 
-class LeastWorth(Aim):
+class LeastWorth(ToldAim):
     """What the decisions spare the observer of its loss."""
 
     def __init__(self, loss: Loss, game: PlayedGame) -> None:
@@ -118,7 +112,7 @@ class LeastWorth(Aim):
         self._likely = np.vstack([mean[None], np.eye(n_states), 0.5 * np.eye(n_states) + 0.5 * mean])
         spread = float(game.weights @ self._before[:, 0])
         largest = float(np.abs(self._before - self._lost(game, self._likely)).max())
-        super().__init__(max(spread, _LEAST_SPREAD * largest) or 1.0, spread)
+        super().__init__(max(spread, tolerances.LEAST_SPREAD * largest) or 1.0, spread)
 
     def _lost(self, game: PlayedGame, means: Array) -> Array:
         """What the best answers to means (n,X) lose beyond one who knows the belief, shape (B,n)."""

@@ -13,7 +13,7 @@ from inscrutable.decision_makers.aware.base import AwareDecisionMaker
 from inscrutable.decision_makers.aware.cheapest_rule import RegretSearch, checked_guarantees
 from inscrutable.decision_makers.aware.columns import Columns, places_of
 from inscrutable.decision_makers.aware.entropy_cones import least_informing
-from inscrutable.decision_makers.aware.guaranteed_aims import Aim, LeastExcess, LeastInformation, Spending
+from inscrutable.decision_makers.aware.guaranteed_aims import LeastExcess, LeastInformation, Spending, ToldAim
 from inscrutable.decision_makers.aware.guaranteed_programme import (
     MOST_ROUNDS,
     PlayedGame,
@@ -52,7 +52,7 @@ class AimedSearch(TableSearch):
     def __init__(
         self,
         game: PlayedGame,
-        aim: Aim | LeastExcess,
+        aim: ToldAim | LeastExcess,
         spending: Spending | None,
         rules: tuple[Guarantee, ...],
         start: Array,
@@ -81,7 +81,7 @@ class AimedSearch(TableSearch):
             idle = self._without_idle(found.duals[0], idle)
             if not self._cut(found.table):
                 break
-            if isinstance(self.aim, Aim):
+            if isinstance(self.aim, ToldAim):
                 middle = self.aim.cuts(self.game, self.best)
                 assert middle is not None
                 self.blocks[0].append(middle)
@@ -134,7 +134,7 @@ class AimedSearch(TableSearch):
             one, two = at(near), at(far)
             tried += [one, two]
             low, high = (low, far) if one[0] <= two[0] else (near, high)
-            if high - low < 1e-4:
+            if high - low < tolerances.LINE_SEARCH:
                 break
         value, best = min(tried, key=lambda each: each[0])
         if value < self.value:
@@ -157,8 +157,8 @@ class AimedSearch(TableSearch):
 def promised(
     maker: AwareDecisionMaker,  # type: ignore[type-arg]
     shares: Callable[[Array], Array],
-    aim: Callable[[PlayedGame, Columns, Array], Aim],
-    goal: Callable[[Aim], float],
+    aim: Callable[[PlayedGame, Columns, Array], ToldAim],
+    goal: Callable[[ToldAim], float],
 ) -> Promised:
     """Return the best table for a maker's aim that gives its guarantees.
 

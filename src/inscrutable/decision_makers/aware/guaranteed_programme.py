@@ -249,6 +249,8 @@ class TableSearch:
             costs = self.objective - prices[:-2, None]
             least = least_of_ratios(self.game.weights, costs, ratio, float(prices[-2]))
             bound = float(prices[:-2].sum() - prices[-1] + least.min(initial=0.0))
+            if share == 0.0:  # of decisions that are there the programme knows more: none is played more than always
+                bound = max(bound, found.low + float(least[others].min(initial=0.0)))
             if share < 1.0:
                 order = others[np.argsort(least[others])[: _TEMPTING // 2]]
                 tempting.append(order[self.unit * least[order] < -0.5 * self.goal])

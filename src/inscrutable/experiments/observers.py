@@ -239,7 +239,7 @@ class Data(ObserverSection):
         return DataAdversary.of(played, observed.setting.prior, chosen.get("pairs", 1000), rng=rng)
 
 
-class Sequential(ObserverSection):
+class SequentialObserver(ObserverSection):
     """Knows the mechanism and how the belief moves, and follows it through all decisions along paths; needs [beliefs] of kind
     "stationary". `disclosure` may say how often and how late decisions are shown, such as "every(3)|delayed(2)"; `public`
     is what it reads itself at every step: "none", "market" (the mean of the assets' returns, or of the farms' outputs), "all"
@@ -277,6 +277,6 @@ OBSERVERS: Mapping[str, type[ObserverSection]] = {
     "budget-aware": BudgetAware,
     "bayesian": Bayesian,
     "data": Data,
-    "sequential": Sequential,
+    "sequential": SequentialObserver,
 }
 """Every observer by the name that files give it."""

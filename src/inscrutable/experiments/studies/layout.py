@@ -160,7 +160,7 @@ ObserverSection = (
     | observers.BudgetAware
     | observers.Bayesian
     | observers.Data
-    | observers.Sequential
+    | observers.SequentialObserver
 )
 Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], BeforeValidator(named)]
 Measure: Any = Literal[tuple(MEASURES)]
@@ -217,4 +217,4 @@ class StudyFile(PlanFile):
 
 def follows(study: StudyFile) -> bool:
     """Whether some observer follows the belief from step to step, so that it has to be known how that moves."""
-    return any(isinstance(each, observers.Sequential) for each in study.adversaries)
+    return any(isinstance(each, observers.SequentialObserver) for each in study.adversaries)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from inscrutable.errors import InputError, ModelError
-from inscrutable.experiments.observers import ALL, NOTHING, Sequential
+from inscrutable.experiments.observers import ALL, NOTHING, SequentialObserver
 from inscrutable.experiments.sections import PlanFile, expected, shortened
 from inscrutable.experiments.studies.extensions import Extension
 from inscrutable.experiments.studies.grid import StudyGrid, variants
@@ -194,7 +194,7 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
 def _check_followed(study: StudyFile, source: StudySource) -> None:
     """Refuse observers that follow beliefs which do not move, or returns that nobody observes."""
     for number, each in enumerate(study.adversaries):
-        if not isinstance(each, Sequential):
+        if not isinstance(each, SequentialObserver):
             continue
         if not isinstance(study.beliefs, StationaryBeliefs):
             raise InputError(

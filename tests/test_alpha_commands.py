@@ -125,6 +125,31 @@ def test_months_that_are_remembered(capsys: pytest.CaptureFixture[str], folder: 
     assert (folder / "state").read_bytes() == before
 
 
+@pytest.mark.parametrize("changed", ["held", "cap", "loadings", "none"])
+def test_a_state_is_of_its_limits_and_loadings(capsys: pytest.CaptureFixture[str], folder: Path, changed: str) -> None:
+    # Orthogonal loadings whose scale and signs leave tr(ΘE), bits and error as they are.
+    for name, signs in (("B", [1.0, 1.0, 1.0]), ("C", [1.0, 1.0, -1.0])):
+        pd.DataFrame(np.diag(signs), NAMES, NAMES).to_csv(folder / f"{name}.csv", index_label="asset")
+    asked = {"held": "long-only", "cap": 0.6, "loadings": folder / "B.csv"}
+
+    def protected(**options: object) -> tuple[int, str, str]:
+        rows = [each for name, value in options.items() for each in (f"--{name}", value)]
+        return run(capsys, folder, "--world", folder / "W.json", "--state", folder / "state", *rows)
+
+    code, _, err = protected(**asked)
+    assert code == 0, err
+    before = (folder / "state").read_bytes()
+    others = {"held": "invested", "cap": 0.7, "loadings": folder / "C.csv", "none": None}
+    new = {} if changed == "none" else {**asked, changed: others[changed]}
+    code, _, err = protected(**new)
+    assert code == 3
+    assert "of another rule" in err
+    assert "limits, loadings" in err
+    assert (folder / "state").read_bytes() == before
+    code, _, err = protected(**asked)
+    assert code == 0, err
+
+
 def test_months_with_what_everybody_reads(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     public = {"public_sensor": [[1.0, 1.0, 0.0]], "public_noise": [[1e-4]]}
     (folder / "W.json").write_text(json.dumps({**WORLD, **public}), "utf-8")

@@ -13,7 +13,7 @@ from inscrutable.alphas.error_law import ErrorLaw, after_sensor, root_of
 from inscrutable.alphas.observed import Moves
 from inscrutable.alphas.plans import AlphaStatus, Plan
 from inscrutable.alphas.problem import AlphaProblem
-from inscrutable.alphas.sequence_state import AlphaState
+from inscrutable.alphas.sequence_state import AlphaState, arrays_of
 from inscrutable.alphas.trading import TradingPolicy
 from inscrutable.decision_makers.sequential.lock import KeptInFile
 from inscrutable.errors import InputError
@@ -319,19 +319,14 @@ class AlphaSequence(KeptInFile):
         return None if self._is_settled else self._law.before
 
     def _signature(self) -> tuple[Array, ...]:
-        """What the rule is of: the law of the means, what errors cost, and what is spent and told."""
-        plan, figures = self._plan, np.array([self._plan.regret, self._plan.bits, self._plan.error])
+        """What the rule is of: the problem, the law of the means, and what is spent and told."""
+        plan, start = self._plan, self._maker.start_mean
+        common = (*arrays_of(self._problem), start, np.array([plan.regret, plan.bits, plan.error]))
         if self._is_fresh and not isinstance(plan.law, ErrorLaw):
-            return self._maker.start_mean, plan.law.diagonal(before=True), plan.law.diagonal(), figures
+            return *common, plan.law.diagonal(before=True), plan.law.diagonal()
         moves = self._maker.moves
-        return (
-            self._maker.start_mean,
-            moves.transition,
-            moves.innovation,
-            self._maker.theta,
-            plan.law.covariance,
-            figures,
-        )
+        read = moves.public_sensor, moves.cross, moves.public_covariance
+        return *common, moves.transition, moves.innovation, *read, plan.law.covariance
 
     def __repr__(self) -> str:
         return self.summary()

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances, validation
+from inscrutable.alphas.problem import AlphaProblem
 from inscrutable.errors import InputError
 from inscrutable.files import PathLike
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
 
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +56,30 @@ class AlphaState(Saved):
         same = len(rule) == len(self.rule) and all(map(_agree, rule, self.rule))
         if not same:
             raise InputError(
-                f"{path} cannot be gone on with: it is of another rule (another law of the means, problem or budget). A law "
-                "that is estimated afresh from private means would tell of them: keep the one that the sequence began with"
+                f"{path} cannot be gone on with: it is of another rule (another law of the means, risk, risk aversion, "
+                "limits, loadings, trading cost or budget). A law that is estimated afresh from private means would tell of "
+                "them: keep the one that the sequence began with"
             )
         return self
+
+
+def arrays_of(problem: AlphaProblem) -> tuple[Array, ...]:
+    """Return what tells a problem from others: risk, risk aversion, trading cost, loadings and limits.
+
+    Factors of one risk differ between machines by their signs, so that a risk is compared by its variances and by V x for one
+    x, whose entries are all different: distinct covariances that agree in both are exceptions.
+    """
+    risk, layout = problem.risk, problem.layout
+    direction = 0.5 + np.modf(np.arange(risk.n_assets) * 0.5 * (np.sqrt(5.0) - 1.0))[0]
+    return (
+        risk.diagonal,
+        risk.times(direction),
+        np.array([problem.risk_aversion]),
+        np.array([] if problem.trading_cost is None else [problem.trading_cost]),
+        np.zeros((0, 0)) if problem.loadings is None else problem.loadings,
+        *(() if layout is None else (layout.lower, layout.upper, layout.general, layout.sides)),
+        *(() if layout is None else (layout.equalities, layout.equality_sides)),
+    )
 
 
 def _agree(one: Array, other: Array) -> bool:

@@ -107,6 +107,31 @@ def test_bounds_and_distances_are_those_of_lifted_programmes(
         assert not views.contains(other) or views.distance(other) < 1e-9
 
 
+def test_an_end_along_a_ray_is_infinite_in_every_unit(fresh_rng: np.random.Generator) -> None:
+    for rng in (np.random.default_rng(2380298458), fresh_rng):
+        region, risk = regions(rng)["neutral"], risk_of(rng)
+        _, loads, _ = rng.normal(size=(N, 2)), rng.normal(size=(N, N + 2)), rng.normal(size=2 * N + 4)
+        mean = rng.normal(size=N + 2)
+        for unit in (1e-5, 1.0, 1e5):
+            problem = AlphaProblem(risk, GAMMA, region, unit * loads)
+            weights = problem.optimum(mean / unit)
+            for reference in (None, 2):
+                # Signals move all assets apart, by multiples of the second equality too, and no decision shows it.
+                views = implied_views(problem, weights, regret=0.05, reference=reference)
+                assert views.interval(0) == (-np.inf, np.inf)
+
+
+def test_programmes_at_the_border_of_a_region_overflow_nothing() -> None:
+    rng = np.random.default_rng(2380298458)
+    region, risk, loads = regions(rng)["sector"], risk_of(rng), rng.normal(size=(N, 2))
+    rng.normal(size=N * (N + 2) + 2 * N)
+    problem = AlphaProblem(risk, GAMMA, region, loads)
+    weights = problem.optimum(rng.normal(size=2))
+    found = implied_views(problem, weights, regret=0.05, reference=2).interval(0)
+    lifted, direction = Lifted(risk.dense(), region, loads, weights, 0.05), loads[0] - loads[2]
+    np.testing.assert_allclose(found, [-lifted.most(-direction), lifted.most(direction)], rtol=1e-3)
+
+
 def test_unconstrained_views_are_the_products_of_risk_and_weights(fresh_rng: np.random.Generator) -> None:
     risk = risk_of(fresh_rng)
     weights = fresh_rng.normal(size=N)

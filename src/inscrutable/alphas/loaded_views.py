@@ -203,9 +203,12 @@ class ViewsWithinRegret(ViewSet):
             return np.inf  # nothing that is held moves with it
         if not direction.any():
             return 0.0
-        layout, moved = _exposed(self.problem, self.weights), inside / sizes
+        moved = inside / sizes
+        if not _can_move(self.problem, self.weights, moved):
+            return np.inf
+        layout = _exposed(self.problem, self.weights)
         longest = _longest(layout, moved)
-        if longest <= 0.0:
+        if longest <= 0.0:  # by rounding
             return np.inf
         gamma, risk = self.problem.risk_aversion, self.problem.risk
         now, nothing = float(risk.quadratic(self.weights)), np.zeros((1, self.problem.n_assets))
@@ -267,6 +270,25 @@ def _exposed(problem: AlphaProblem, weights: Array) -> Layout:
     return replace(
         held, equalities=np.vstack([rows, frame.T]), equality_sides=np.concatenate([sides, frame.T @ weights])
     )
+
+
+def _can_move(problem: AlphaProblem, weights: Array, moved: Array) -> bool:
+    """Whether a way from the weights into C moves their exposures; without one, views go on along a ray at no more regret.
+
+    By Farkas: either δ has B'δ = d, H δ = 0 and G δ ≤ 0 over tight rows, or a view m = Bm − H'ν − G'λ = 0, λ ≥ 0, has d'm > 0.
+    Nothing is compared with a length, so that units and the rows' other sides do not matter.
+    """
+    slacks, (rows, _), frame = slacks_of(problem, weights), problem.equalities, _frame(problem.loadings)[0]
+    tight = np.zeros((0, problem.n_assets)) if problem.layout is None else problem.layout.general[slacks.general == 0]
+    sides = np.concatenate([np.zeros(len(rows)), moved / np.abs(moved).max()])
+    bounds = [(0.0 if low == 0 else None, 0.0 if high == 0 else None) for low, high in zip(*slacks[:2], strict=True)]
+    answer = minimise(
+        np.zeros(problem.n_assets),
+        Rows(tight, np.zeros(len(tight))),
+        Rows(np.vstack([rows, frame.T]), sides),
+        bounds,
+    )
+    return answer.status == OPTIMAL
 
 
 def _longest(layout: Layout, moved: Array) -> float:

@@ -266,5 +266,7 @@ def _reach(point: _Point, step: _Point, most: float) -> float:
     for now, move in ((point.slacks, step.slacks), (point.duals, step.duals)):
         falling = move < 0
         if falling.any():
-            longest = min(longest, most * float((-now[falling] / move[falling]).min()))
+            with np.errstate(over="ignore"):  # a step of next to nothing is as long as it may be
+                reached = -now[falling] / move[falling]
+            longest = min(longest, most * float(reached.min()))
     return longest

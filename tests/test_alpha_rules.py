@@ -448,7 +448,7 @@ def test_both_singular_is_reduced_to_what_is_reached() -> None:
 def test_an_unstable_world_takes_an_absolute_budget() -> None:
     world = LinearGaussianWorld([[1.2]], [[1.0]], [[1.0]], [[0.5]], initial=([0.0], [[1.0]]))
     with pytest.raises(
-        InputError, match=r"silence regret, which is infinite: the largest eigenvalue of transition has modulus 1\.2"
+        InputError, match=r"silence costs without end: the largest eigenvalue of transition has modulus 1\.2"
     ):
         _ = AlphaDecisionMaker(problem_of(np.eye(1)), 0.5, world=world).bits
     maker = AlphaDecisionMaker(problem_of(np.eye(1)), Budget.regret(0.7), world=world)

@@ -137,7 +137,8 @@ def most_error_over_time(moves: Moves, theta: Array, weights: Array, limit: floa
     Up to 120 signals it is found by an interior-point method. Where that has no point to begin at, and for more signals, it is
     the limit of rules that trade bits against the error, at a price ε of bits of which all together are worth a millionth of
     the error; all prices together take at most 20,000 steps. Where Q is a multiple of Θ all rules that spend the limit leave
-    the same, and the one of fewest bits is returned.
+    the same, and the one of fewest bits is returned. Of ties in some directions alone the interior-point method returns some
+    rule, and prices of bits one that is near the fewest.
 
     Raises:
         SolverError: Neither method converged, and the silence regret is infinite.

@@ -659,3 +659,26 @@ def test_a_sequence_goes_on_where_it_was_saved(tmp_path: object) -> None:
     other.close()
     with pytest.raises(InputError, match="is of another rule"):
         AlphaDecisionMaker(problem_of(np.eye(3)), 0.5, world=world).begin().load(path)
+
+
+@pytest.mark.parametrize("changed", ["unit of what is public", "risk and loadings"])
+def test_a_sequence_goes_on_for_the_same_decisions_alone(tmp_path: object, changed: str) -> None:
+    # Θ and the law are the same; what is read or played is not.
+    eye, path = np.eye(2), f"{tmp_path}/state"
+
+    def begun(unit: float, size: float) -> AlphaDecisionMaker:
+        world = LinearGaussianWorld(
+            0.9 * eye, eye, eye, eye, public=(unit * eye[:1], [[unit**2]]), initial=([0.0, 0.0], eye)
+        )
+        return AlphaDecisionMaker(AlphaProblem(size**2 * eye, 0.25, loadings=size * eye), 0.4, world=world)
+
+    one, same = begun(1.0, 1.0), begun(1.0, 1.0)
+    sequence = one.begin()
+    sequence.save(path)
+    sequence.close()
+    other = begun(2.0, 1.0) if changed == "unit of what is public" else begun(1.0, 3.0)
+    np.testing.assert_allclose(other.error_covariance, one.error_covariance, rtol=0, atol=1e-9)
+    assert other.regret == pytest.approx(one.regret, rel=1e-9)
+    with pytest.raises(InputError, match="is of another rule"):
+        other.begin().load(path)
+    same.begin().load(path).close()

@@ -278,6 +278,7 @@ def _can_move(problem: AlphaProblem, weights: Array, moved: Array) -> bool:
     By Farkas: either δ has B'δ = d, H δ = 0 and G δ ≤ 0 over tight rows, or a view m = Bm − H'ν − G'λ = 0, λ ≥ 0, has d'm > 0.
     Nothing is compared with a length, so that units and the rows' other sides do not matter.
     """
+    assert problem.loadings is not None
     slacks, (rows, _), frame = slacks_of(problem, weights), problem.equalities, _frame(problem.loadings)[0]
     tight = np.zeros((0, problem.n_assets)) if problem.layout is None else problem.layout.general[slacks.general == 0]
     sides = np.concatenate([np.zeros(len(rows)), moved / np.abs(moved).max()])

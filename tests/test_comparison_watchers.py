@@ -35,6 +35,7 @@ from inscrutable.mechanisms.calendars import Schedule
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.joint import joint_law
 from inscrutable.reports import comparison_plots
+from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.comparison import notes_of, short_table, terminal_table
 from inscrutable.reports.page.comparison_page import comparison_content, page_data
 from oracles.chain_paths import every_path
@@ -405,7 +406,7 @@ def test_the_picture_shows_the_observer_over_time(moving: Comparison, monkeypatc
     assert shown[-1].get_title(loc="left") == "aware observer, over time"
     lines = {line.get_label(): line for line in shown[-1].get_lines()}
     for maker in comparison_plots.main_makers(moving):
-        np.testing.assert_allclose(lines[maker].get_ydata(), [row.path_error for row in moving.of(maker)])
+        np.testing.assert_allclose(lines[spelled(maker)].get_ydata(), [row.path_error for row in moving.of(maker)])
 
 
 def test_observers_that_cannot_be_are_told_of() -> None:

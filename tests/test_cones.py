@@ -106,5 +106,5 @@ def test_fifty_coordinates_with_many_rows_in_a_corner(region):
 def test_a_corner_with_too_many_faces_is_refused_with_what_to_do():
     rows = np.hstack([np.ones((90, 1)), np.random.default_rng(0).normal(size=(90, 39))])
     region = Polyhedron(rows, np.zeros(90))
-    with pytest.raises(SolverError, match=r"span only 40 directions.*may have .* faces; remove constraints that meet"):
+    with pytest.raises(SolverError, match=r"span only 40 directions.*may have .* facets; remove constraints that meet"):
         region.stationarity(np.ones(90, dtype=bool))

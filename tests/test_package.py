@@ -177,7 +177,7 @@ def read(name: str) -> str:
     return (ROOT / name).read_text("utf-8")
 
 
-ORDERED = ("problem", "measure", "budget")
+ORDERED = ("problem", "measure", "budget", "decoy")
 """What a decision maker or an observer takes by position, in this order; every argument with a default beyond is named."""
 
 

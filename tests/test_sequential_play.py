@@ -109,10 +109,10 @@ def test_the_sequential_rule_stands_beside_the_others(tmp_path: Path, monkeypatc
     table = short_table(found, found.budgets[0])
     assert table.loc["ceiling", "error, aware, over time"] == f"{rows[0].path_ceiling:.3f}"
     assert table.loc["sequential", "error, aware, 5 decisions, rule told"] != "-"
-    assert any("no figure here holds without the chain" in note for note in notes_of(found))
+    assert any("All these figures hold for this chain alone" in note for note in notes_of(found))
     assert not any("told" in title for title in terminal_table(found, found.budgets[0]))
     stays = 0.8 + 0.2 * (held.prior.weights**2).sum()
-    assert f"by the chain of beliefs, on which it stays as it is in {stays:.0%} of the steps: " in found.summary()
+    assert f"over time, on a chain where the belief stays as it is in {stays:.0%} of the steps: " in found.summary()
     assert "5 decisions on one belief, which the sequential rule takes to move by that chain: " in found.summary()
     drawn: Any = comparison_plots.draw_comparison(found, tmp_path)
     assert all(each.exists() for each in drawn)

@@ -61,7 +61,7 @@ def verdict(result: Backtest) -> list[str]:
 
 
 def limits(result: Backtest) -> list[str]:
-    """Return what the verdict rests on, a line each: what "hidden" means, other draws, and ceilings."""
+    """Return what the verdict rests on, a line each: what "hidden" means, names and budgets, and ceilings."""
     names = "; ".join(f"{name}: {FULL_NAMES[name]}" for name in result.names if name in FULL_NAMES)
     budget = f"{'budget of ' if result.budget.is_relative else ''}{result.budget}"
     if result.sequential is not None and result.settings.budget is None:
@@ -78,8 +78,8 @@ def limits(result: Backtest) -> list[str]:
         return said
     word = result.market.frequency.word
     asked = _asked(result)
-    said.append(asked.meaning(without="weights", state="regime", cases=f"{word}s"))
-    return [*said, *_luck(result, asked), *_ceilings(result)]
+    meaning = asked.meaning(without="weights", state="regime", cases=f"{word}s")
+    return [meaning, *said, *_ceilings(result)]
 
 
 def _asked(result: Backtest) -> Requirement:
@@ -123,12 +123,14 @@ def _ceilings(result: Backtest) -> list[str]:
     ]
 
 
-def _luck(result: Backtest, asked: Requirement) -> list[str]:
-    """In how many other draws the sequential rule hides the belief."""
+def _luck(result: Backtest) -> list[str]:
+    """In how many other draws the sequential rule hides the belief; no line where it does in all of them."""
     if result.sequential is None or not result.sequential.others:
         return []
-    beliefs, others = result.beliefs.to_numpy(), result.sequential.others
+    asked, beliefs, others = _asked(result), result.beliefs.to_numpy(), result.sequential.others
     held = sum(asked.is_met(Reached(SEQUENTIAL, *estimate_quality(each, beliefs))) for each in others)
+    if held == len(others):
+        return []
     return [
         f"The {FULL_NAMES[SEQUENTIAL]} rule draws its decisions: {held or 'none'} of {len(others)} other draws would have "
         "hidden the belief from the aware observer."
@@ -140,7 +142,7 @@ def _and(words: Sequence[str]) -> str:
 
 
 def cautions(result: Backtest) -> list[str]:
-    """Return what the verdict leaves out: who needs no weights, hiding that did not hide, and silence that costs less."""
+    """Return what the verdict leaves out: who needs no weights, other draws, weak hiding, and silence that costs less."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     told = figures[odm]["share_regime_named"]
@@ -162,7 +164,7 @@ def cautions(result: Backtest) -> list[str]:
             f"cost {_POINTS * result.silence_regret:.3g} basis points a {word} instead of "
             f"{_and([f'{_POINTS * spent:.3g} ({_full(name)})' for name, spent in dearer.items()])}."
         )
-    return [*_beyond_public(result), *said]
+    return [*_beyond_public(result), *_luck(result), *said]
 
 
 def _change(figures: Mapping[str, float]) -> str:

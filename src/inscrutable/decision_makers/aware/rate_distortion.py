@@ -180,7 +180,6 @@ def rate_distortion_curve(
     problem: DecisionProblem,
     prior: Prior,
     budgets: Sequence[Budget | float],
-    *,
     candidates: Candidates | ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> RateDistortionCurve:

@@ -43,7 +43,7 @@ class CoinDecisionMaker(DrawingDecisionMaker):
 
     _shown = ("probability",)
 
-    def __init__(self, problem: DecisionProblem, probability: float, *, decoy: ArrayLike | None = None) -> None:
+    def __init__(self, problem: DecisionProblem, probability: float, decoy: ArrayLike | None = None) -> None:
         super().__init__(problem)
         self.probability = validation.non_negative(probability, "probability")
         if self.probability > 1:

@@ -81,9 +81,9 @@ def _lead(result: Backtest) -> PagePicture | None:
         drawn = [path.read_text("utf-8") for path in pictures]
     word = result.market.frequency.word
     caption = (
-        f"Error of two observers under each way to invest, over {len(result.beliefs)} {word}s. A mark hides the "
-        "belief to the right of the grey zone and without a cross, which says that the regime is named too often. Dashed: the "
-        "error without weights. Ceiling: no rule of the same cost leaves the aware observer a larger error in the long run; it "
+        f"Error of two observers under each way to invest, over {len(result.beliefs)} {word}s. Hidden: right of "
+        "the grey zone and not crossed out; a cross says that the observer names the regime too often. Dashed: the error "
+        "without weights. Ceiling: no rule of the same cost leaves the aware observer a larger error in the long run; it "
         "does not bound that of the naive one, nor that of a few draws."
     )
     return PagePicture("Error of two observers", caption, drawn[0]) if drawn else None

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 
+import inscrutable
 from inscrutable import (
     BudgetAwareAdversary,
     CategoricalEmission,
@@ -45,3 +48,13 @@ CHOICES = FiniteProblem([[0.0, 1.0, 0.4], [1.0, 0.0, 0.4]])
 def test_printed_results_are_sentences(result: object, said: str) -> None:
     assert said in str(result)
     assert "array(" not in str(result)
+
+
+def test_every_public_result_with_a_summary_prints_it() -> None:
+    """A dataclass writes a representation of its own unless it is told not to."""
+    for name in inscrutable.__all__:
+        thing = getattr(inscrutable, name)
+        if inspect.isclass(thing) and hasattr(thing, "summary") and thing.__str__ is object.__str__:
+            assert not hasattr(thing.__repr__, "__wrapped__"), (
+                name
+            )  # what a dataclass writes is wrapped against recursion

@@ -21,7 +21,7 @@ from inscrutable.saved import Saved, Summarised
 from inscrutable.validation import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frontier(Summarised, Saved):
     """The privacy-utility trade-off of one belief: the best privacy as a function of regret, without and with lotteries.
 

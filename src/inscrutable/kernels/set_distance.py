@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inscrutable.kernels.deferred import deferred
 from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.projection import project_in, room_for
 
@@ -183,6 +184,28 @@ def nearest_belief(face: Any, w: Any, point: Any, rules: Any, reversed_row: int,
         out[i] = total
         square += (total - point[i]) * (total - point[i])
     return float(np.sqrt(square))
+
+
+@deferred(kernel)
+def is_explained_once(face: Any, w: Any, rules: Any, n_rows: int, same: float) -> bool:
+    """Whether one belief alone explains the decision: the consistent beliefs nearest to all corners differ by at most `same`.
+
+    `n_rows` is the most rows that a face of the problem has.
+    """
+    n_states = rules.basis.shape[0]
+    room = distance_room(n_states, w.size - 1, n_rows)
+    first, found, corner = np.empty(n_states), np.empty(n_states), np.zeros(n_states)
+    for i in range(n_states):
+        corner[:] = 0.0
+        corner[i] = 1.0
+        if nearest_belief(face, w, corner, rules, NO_ROW, found, room) == np.inf:
+            return False
+        if i == 0:
+            first[:] = found
+        for j in range(n_states):
+            if abs(found[j] - first[j]) > same:
+                return False
+    return True
 
 
 @uncounted

@@ -15,7 +15,7 @@ from inscrutable.validation import Array
 _MOST_LISTED = 12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RowConflict(Summarised):
     """Rows of a feasible set that no decision satisfies together; without any one of them some decision would.
 

@@ -67,7 +67,7 @@ class Restart:
     weights: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FittedWorld(Summarised):
     """The best world of several restarts.
 

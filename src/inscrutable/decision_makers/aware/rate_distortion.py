@@ -143,7 +143,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
         return lotteries(columns, held, costs, without_small(shares, regrets), self.status)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RateDistortionCurve(Summarised):
     """Least rates at many budgets, with their bounds.
 

@@ -36,7 +36,7 @@ from inscrutable.kernels.region_search import (
     search_regions,
 )
 from inscrutable.kernels.regions import UNKNOWN, Regions
-from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
+from inscrutable.kernels.set_distance import is_explained_once
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
@@ -122,20 +122,14 @@ class SearchSpace:
 
     def _explained_once(self, actions: Array) -> np.ndarray:
         """Whether one belief alone explains each decision (n,U): the consistent beliefs nearest to all corners are the same."""
-        problem, n_states = self.problem, self.problem.n_states
+        problem = self.problem
         numbers = self.partition.numbers(problem.constraints.slacks(actions) < problem.constraints.observed_slack)
         self.partition.make(numbers)
-        rules, nearest = rules_for(n_states), np.empty((n_states, n_states))
-        room = distance_room(n_states, problem.n_actions, n_states + len(problem.constraints.b_ub))
+        rules, most = rules_for(problem.n_states), problem.n_states + len(problem.constraints.b_ub)
         alone = np.ones(len(actions), dtype=np.bool_)
         for j, number in enumerate(numbers):
             programme = self.partition.programme(int(number))
-            face, w = programme.arrays, programme.w(actions[j])
-            for corner, found in zip(np.eye(n_states), nearest, strict=True):
-                distance = nearest_belief(face, w, corner, rules, NO_ROW, found, room)
-                alone[j] = distance < np.inf and np.abs(found - nearest[0]).max() <= tolerances.SAME_BELIEF
-                if not alone[j]:
-                    break
+            alone[j] = is_explained_once(programme.arrays, programme.w(actions[j]), rules, most, tolerances.SAME_BELIEF)
         return alone
 
     @cached_property

@@ -19,7 +19,7 @@ from inscrutable.worlds.observations import in_rows, real_rows
 
 N_CELLS = 24
 """Cells where no cuts are given. The error of one who sees no decision is then 0.1 to 0.6 % above that of one who reads the
-numbers (one or two of them, two or three states); with 12 cells 0.3 to 3 %, with 4 cells 2 to 16 %."""
+numbers (one or two of them, two or three states); with 12 cells 0.3 to 4 %, with 4 cells 2 to 16 %."""
 _MOST_SEEN = 20_000
 
 

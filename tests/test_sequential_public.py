@@ -92,16 +92,22 @@ def test_symbols_that_say_nothing_change_nothing() -> None:
         assert np.abs(getattr(one, name) - getattr(other, name)).max() < 1e-12
 
 
+def assert_a_path_has_its_figures(maker: SequentialDecisionMaker, chain: BeliefChain, rng: np.random.Generator) -> None:
+    """Of 600 steps: the regret of the calibration, and a loss below the ceiling."""
+    prices = maker.calibration
+    places, read = (each[:, 0] for each in chain.public_paths(600, 1, rng=rng))
+    path = maker.decide_path(np.eye(2)[places], public=read, rng=rng)
+    assert path.expected_regrets.mean() == pytest.approx(prices.regret, abs=6 * prices.regret_se + 0.03)
+    assert path.losses.mean() <= maker.ceiling + 0.05
+
+
 def test_the_calibration_meets_the_budget() -> None:
     rng = np.random.default_rng([SEED, 4])
     chain = chain_of(np.array([[0.6, 0.4], [0.4, 0.6]]))
     maker = maker_of(chain, information_price=float("inf"))
     prices = maker.calibration
     assert prices.regret == pytest.approx(0.25, abs=0.01)
-    places, read = (each[:, 0] for each in chain.public_paths(600, 1, rng=rng))
-    path = maker.decide_path(np.eye(2)[places], public=read, rng=rng)
-    assert path.expected_regrets.mean() == pytest.approx(prices.regret, abs=6 * prices.regret_se + 0.03)
-    assert path.losses.mean() <= maker.ceiling + 0.05
+    assert_a_path_has_its_figures(maker, chain, rng)
 
 
 def test_a_world_with_public_symbols_makes_such_a_chain_and_paths_tell_less_beyond_them() -> None:
@@ -212,10 +218,7 @@ def test_a_late_rule_is_calibrated_with_what_is_read() -> None:
     maker = SequentialDecisionMaker(GUESS, Budget.regret(0.1), chain=chain, rng=rng, **options)
     prices = maker.calibration
     assert prices.regret == pytest.approx(0.1, abs=0.005)
-    places, read = (each[:, 0] for each in chain.public_paths(600, 1, rng=rng))
-    path = maker.decide_path(np.eye(2)[places], public=read, rng=rng)
-    assert path.expected_regrets.mean() == pytest.approx(prices.regret, abs=6 * prices.regret_se + 0.03)
-    assert path.losses.mean() <= maker.ceiling + 0.05
+    assert_a_path_has_its_figures(maker, chain, rng)
 
 
 @pytest.mark.parametrize("kind", ["sensor", "part"])

@@ -180,26 +180,19 @@ def enumerated(
             begun = _read_on(reader, prior, (laws, chances), schedule.lag if is_late else 0)
             if begun is None:
                 return None
-            grown: list[tuple[Laws, Array]] = []
-            count, seen = 0, []
-            for i, chance in enumerate(chances):
-                one = laws.repeated(np.array([i]))
-                tables = reader.rule.at(one.of_belief()[0], last[i])
-                after = _every_decision(tables, one, told)
-                if after is None or count + len(after[1]) > most:
-                    return None
-                found[0, t] += chance * after[2]
-                grown.append((after[0], chance * after[1]))
-                count += len(after[1])
-                seen += [tables.action(column) for column in after[3]]
+            grown = _decided(reader, (laws, chances), last, told, most)
+            if grown is None:
+                return None
+            found[0, t], seen, counts = grown.bits, grown.seen, grown.counts
             known = (
-                np.zeros((count, 0)) if reader.rule.is_fixed else np.array(seen, dtype=np.float64).reshape(count, -1)
+                np.zeros((len(seen), 0))
+                if reader.rule.is_fixed
+                else np.array(seen, dtype=np.float64).reshape(len(seen), -1)
             )
             if is_public:
-                prior.followed(np.repeat(np.arange(len(chances)), [len(each) for _, each in grown]))
+                prior.followed(np.repeat(np.arange(len(chances)), counts))
                 known = np.hstack([known, prior.rows])
-            after_all, their = (list(each) for each in zip(*grown, strict=True))
-            laws, chances, kept = _merged(side_by_side(after_all), np.concatenate(their), known)
+            laws, chances, kept = _merged(grown.laws, grown.chances, known)
             last = [seen[k] for k in kept]
             prior.followed(kept)
         else:
@@ -216,6 +209,37 @@ def enumerated(
         found[_BELIEF:_PRIOR, t] = [later.chances @ each for each in later.prior.figures(later.laws, t)[:4]]
         found[_PRIOR:, t] = [later.chances @ each for each in later.prior.own(t)]
     return _made(found[:, None], is_public, is_sampled=False)
+
+
+class _Grown(NamedTuple):
+    """Laws after every decision that may be seen next, with their chances, the actions seen, how many follow each law before,
+    and the bits that the decision tells."""
+
+    laws: Laws
+    chances: Array
+    seen: list[Any]
+    counts: list[int]
+    bits: float
+
+
+def _decided(reader: InverseFilter, known: tuple[Laws, Array], last: list[Any], told: bool, most: int) -> _Grown | None:
+    """Return what one decision leaves of laws and their chances; None where more than `most` laws are left."""
+    laws, chances = known
+    after_all: list[Laws] = []
+    their: list[Array] = []
+    seen: list[Any] = []
+    bits = 0.0
+    for i, chance in enumerate(chances):
+        one = laws.repeated(np.array([i]))
+        tables = reader.rule.at(one.of_belief()[0], last[i])
+        after = _every_decision(tables, one, told)
+        if after is None or len(seen) + len(after[1]) > most:
+            return None
+        after_all.append(after[0])
+        their.append(chance * after[1])
+        seen += [tables.action(column) for column in after[3]]
+        bits += chance * after[2]
+    return _Grown(side_by_side(after_all), np.concatenate(their), seen, [len(each) for each in their], bits)
 
 
 class _ReadOn(NamedTuple):

@@ -11,24 +11,27 @@ with equality for the posterior law and the best answer after the decision; a₀
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.decision_makers.aware.guaranteed_programme import NO_COLUMN, SPARSE, PlayedGame, RowBlock
+from inscrutable.decision_makers.aware.guaranteed_programme import (
+    NO_COLUMN,
+    SPARSE,
+    PlayedGame,
+    RowBlock,
+    RowsAndCuts,
+)
 from inscrutable.decision_makers.aware.guarantees import of_columns
 from inscrutable.privacy import Loss
 from inscrutable.privacy.losses import DecisionLoss, on_simplex
 from inscrutable.validation import Array
 
 
-class ToldAim(ABC):
+class ToldAim(RowsAndCuts):
     """What is made least, in a unit in which it is from 0 to 1."""
-
-    is_by_decision = False
-    largest_ratio: float | None = None
 
     def __init__(self, unit: float, spread: float) -> None:
         self.unit, self.spread = unit, spread  # the latter is the most that can be told
@@ -54,14 +57,6 @@ class ToldAim(ABC):
         which = np.flatnonzero(game.played(table) > 0)
         near = game.near[which]
         return self._block(game, np.repeat(self.gains(game, table, which), near.shape[1], axis=1), near.ravel())
-
-    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
-        """Return zeros: nothing is promised of it."""
-        return np.zeros(game.shape[1])
-
-    def toward_honest(self, game: PlayedGame, table: Array) -> float:
-        """Return 0."""
-        return 0.0
 
     def _block(self, game: PlayedGame, slopes: Array, which: np.ndarray) -> RowBlock:
         count, n_columns = len(which), game.shape[1]
@@ -139,15 +134,12 @@ class LeastWorth(ToldAim):
 
 
 @dataclass(frozen=True, eq=False)
-class Spending:
+class Spending(RowsAndCuts):
     """Budgets: Σ_b share_kb Σ_m K_bm ρ_bm ≤ limits_k, for the rows k of shares (k,B)."""
 
     shares: Array
     limits: Array
     regrets: Array
-
-    is_by_decision = False
-    largest_ratio = None
 
     @property
     def unit(self) -> float:
@@ -175,18 +167,6 @@ class Spending:
         unit = self.unit
         no_column = np.full(count, NO_COLUMN)
         return RowBlock(self._matrix() / unit, nothing, self.limits / unit, np.full(count, 1.0 / unit), no_column)
-
-    def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
-        """Return none: the rows are all there."""
-        return None
-
-    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
-        """Return zeros: tables are mixed with one of less regret."""
-        return np.zeros(game.shape[1])
-
-    def toward_honest(self, game: PlayedGame, table: Array) -> float:
-        """Return 0."""
-        return 0.0
 
 
 class LeastExcess(Spending):

@@ -18,8 +18,9 @@ most. That is done for guarantees which need no cuts and are not compared with t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -92,27 +93,32 @@ class RowBlock(NamedTuple):
     costs: Any = None  # (k,): what each z costs where it is aimed at; None for nothing
 
 
-class RowsAndCuts(Protocol):
-    """A guarantee as the programme reads it."""
+class RowsAndCuts(ABC):
+    """What the programme reads of a guarantee, a budget or an aim: rows, and cuts that tables call for."""
 
-    is_by_decision: bool
+    is_by_decision = False
     """Whether a decision that is left out can be priced: no cuts are to be found, and nothing is compared with another law."""
 
     @property
     def largest_ratio(self) -> float | None:
         """The most that K_bm/p(u_m) may be, where that and the price of the largest K_bm are all that its rows say."""
+        return None
 
+    @abstractmethod
     def rows(self, game: PlayedGame) -> RowBlock:
-        """Rows that are there from the start."""
+        """Rows of the programme that are there from the start."""
 
     def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
         """Rows that a table breaks; None where it breaks none."""
+        return None
 
     def toward_prior(self, game: PlayedGame, table: Array) -> Array:
-        """Least share θ (M,) by which each column must be mixed with one that looks at no belief."""
+        """Least share (M,) by which each column must be mixed with one that looks at no belief."""
+        return np.zeros(game.shape[1])
 
     def toward_honest(self, game: PlayedGame, table: Array) -> float:
         """Least share of the optimal rule's law, drawn without a look at the belief, that must be mixed in."""
+        return 0.0
 
 
 class Solved(NamedTuple):

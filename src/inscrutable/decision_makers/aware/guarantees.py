@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from inscrutable import tolerances, validation
-from inscrutable.decision_makers.aware.guaranteed_programme import NO_COLUMN, SHARED, SPARSE, PlayedGame, RowBlock
+from inscrutable.decision_makers.aware.guaranteed_programme import (
+    NO_COLUMN,
+    SHARED,
+    SPARSE,
+    PlayedGame,
+    RowBlock,
+    RowsAndCuts,
+)
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior
 from inscrutable.mechanisms.joint import joint_law
@@ -18,7 +25,7 @@ from inscrutable.problems import DecisionProblem, checked_problem
 from inscrutable.validation import Array
 
 
-class Guarantee(ABC):
+class Guarantee(RowsAndCuts):
     """A promise about a mechanism K(u|π) under a prior, for `least_regret`; all of them can be asked for together.
 
     Each of them can be recomputed from any mechanism, of whatever decision maker.
@@ -39,14 +46,6 @@ class Guarantee(ABC):
 
     is_floor = False
     """Whether the limit is a least value; otherwise it is a largest one."""
-
-    is_by_decision = False
-    """Whether its rows are all there from the start and none compares with the optimal rule: see `guaranteed_programme`."""
-
-    @property
-    def largest_ratio(self) -> float | None:
-        """The most that K_bm/p(u_m) may be, where that and the price of the largest K_bm are all that its rows say."""
-        return None
 
     @abstractmethod
     def level(self, game: PlayedGame, table: Array) -> float:
@@ -69,24 +68,6 @@ class Guarantee(ABC):
         """Return whether a level is within the limit, up to the rounding of sums over beliefs."""
         over = self.limit - level if self.is_floor else level - self.limit
         return over <= tolerances.GUARANTEE_MET
-
-    # What follows is how the programme reads a guarantee; see `guaranteed_programme.RowsAndCuts`.
-
-    @abstractmethod
-    def rows(self, game: PlayedGame) -> RowBlock:
-        """Rows of the programme that are there from the start."""
-
-    def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
-        """Rows that a table breaks; None where it breaks none."""
-        return None
-
-    def toward_prior(self, game: PlayedGame, table: Array) -> Array:
-        """Least share (M,) by which each column must be mixed with one that looks at no belief."""
-        return np.zeros(game.shape[1])
-
-    def toward_honest(self, game: PlayedGame, table: Array) -> float:
-        """Least share of the optimal rule's law, drawn without a look at the belief, that must be mixed in."""
-        return 0.0
 
     def most(self, game: PlayedGame) -> float:
         """Return the most that a rule which looks at no belief gives: above that a floor contradicts itself."""

@@ -107,7 +107,7 @@ def reproduce(
             when the same command is given again.
     """
     from inscrutable.experiments.reproduction import ReproductionSettings, reproduce
-    from inscrutable.reports.reproduction import claims_table, write_reproduction
+    from inscrutable.reports.reproduction import claims_table, verdict, write_reproduction
 
     sizes: dict[str, Any] = {"markets": markets, "simulations": simulations, "steps": steps, "resolution": resolution}
     settings = ReproductionSettings(seed=seed, budget=budget, **sizes)
@@ -125,6 +125,7 @@ def reproduce(
     title = f"The paper's claims over {markets} random markets (seed {seed})"
     show_table(claims_table(result).set_index("claim"), title, prose=True)
     speech.files(files)
+    speech.sentence(f"\n{verdict(result)}")
 
 
 @app.command(validator=alphas_go_with)
@@ -260,9 +261,10 @@ def _show_backtest(result: Backtest, folder: Path, files: list[Path], speech: Sp
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
-    parts = (warnings_of(result), backtest_verdict.verdict(result), backtest_verdict.limits(result))
+    parts = (backtest_verdict.limits(result), warnings_of(result))
     speech.sentence("\n\n".join(filter(None, [text_of(result), *map("\n".join, parts)])) + "\n")
     speech.files(files)
+    speech.sentence("\n" + "\n".join(backtest_verdict.verdict(result)))
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:

@@ -13,7 +13,7 @@ import numpy as np
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.privacy.repeated import SIDE
-from inscrutable.reports.backtest_verdict import spelled
+from inscrutable.reports.names import spelled
 from inscrutable.reports.style import BLACK, PAGE_WIDTH, PERCENT, Look, drawing, looks_of, save_figure
 from inscrutable.validation import Array
 

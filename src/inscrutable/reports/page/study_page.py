@@ -16,7 +16,7 @@ from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protecti
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.experiments.studies.sweeps import Sweep, sweep_of
 from inscrutable.labels import capital
-from inscrutable.reports.backtest_verdict import spelled
+from inscrutable.reports.names import spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
 from inscrutable.reports.style import REGIME_COLOURS, Look, looks_of

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
 _MOST_RISKLESS = 0.05
-"""Riskless returns of a row above this are percentages that nobody divided."""
+"""Riskless returns of a row above this are percentages, not fractions."""
 
 app = App(
     name="inscrutable",
@@ -314,7 +314,7 @@ def _riskless(path: Path) -> pd.Series:
 def _own_beliefs(
     path: Path, given: str | None, count: int, speech: Speech, known: tuple[str, ...] | None
 ) -> pd.DataFrame:
-    """Beliefs of a file with the fitted regimes' names, which column is which said aloud."""
+    """Beliefs of a file with the fitted regimes' names, with a log of which column is which."""
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import regime_names
 
@@ -339,7 +339,7 @@ def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
     from inscrutable.worlds import HiddenMarkovModel
 
     note = "; ".join([f"regimes fitted to {len(result.assets)} assets up to {train_until}", *result.doubts])
-    kept = result.world  # numbers that are no returns are no part of the file
+    kept = result.world  # a public sensor of other numbers is no part of the file
     world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
     model = InvestorModel(world, result.problem, result.assets, result.regimes, result.budget, note)
     return model.save(folder / "model.json")

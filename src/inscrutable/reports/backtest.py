@@ -1,4 +1,4 @@
-"""What a backtest leaves for a reader: one table, and a folder of files that are the same for the same seed."""
+"""Files of a backtest: one table, and a folder of files that are the same for the same seed."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def _public_notes(result: Backtest) -> list[str]:
 
 
 def _all_public(result: Backtest) -> str:
-    """What the returns alone give away."""
+    """The error of an observer who follows the returns alone."""
     figures = result.figures[result.names[0]]
     error = figures["error_all_returns"]
     if error <= tolerances.SAME_BELIEF:
@@ -200,7 +200,7 @@ def _all_public(result: Backtest) -> str:
 
 
 def _misled(result: Backtest) -> str:
-    """Where what is public is worse than nothing, because the fitted regimes are not the truth, a sentence that says so."""
+    """A sentence for the case that public information raises the error, because the fitted regimes are not the truth."""
     figures = result.figures[result.names[0]]
     following, blind = figures["error_public_without"], figures["error_without"]
     if not following > blind:
@@ -245,7 +245,7 @@ def _source_of_regimes(result: Backtest) -> str:
 
 
 def _limit_notes(result: Backtest) -> list[str]:
-    """What may be held, where it is more than weights of at least 0 that add up to 1."""
+    """The limits on weights, where there are more than non-negativity and a sum of 1."""
     own = result.settings.own
     given = {} if own is None else own.file.constraints.model_dump(exclude_none=True)
     if not given:

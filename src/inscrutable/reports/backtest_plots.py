@@ -254,7 +254,7 @@ def _draw_price(axis: Any, frontier: Frontier, limit: float, scale: float) -> No
 
 
 def draw_month(result: Backtest, folder: Path, step: int) -> list[Path]:
-    """Draw one decision on the belief simplex, as `month`: π, what each portfolio says, and the distance dashed."""
+    """Draw one decision on the belief simplex, as `month`: π, the belief read from each portfolio, and the distance dashed."""
     belief = result.beliefs.to_numpy()[step]
     with drawing(PAGE_WIDTH, 4.0, subplot_kw={"projection": "ternary"}) as (figure, axis):
         ternary_labels(axis, result.regimes)
@@ -389,7 +389,7 @@ def _unit_axis(axis: Any, values: Array) -> None:
 
 
 def _main_assets(result: Backtest) -> tuple[list[str], list[str]]:
-    """Assets by mean and largest weight, and those drawn as one; what nobody ever held is left out."""
+    """Assets by mean and largest weight, and those drawn as one; assets that are never held are left out."""
     every = [result.weights(name) for name in result.names]
     mean = pd.concat([weights.mean() for weights in every], axis=1).max(axis=1)
     ever = pd.concat([weights.max() for weights in every], axis=1).max(axis=1)

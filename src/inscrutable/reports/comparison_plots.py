@@ -1,4 +1,4 @@
-"""The picture of a comparison: what is paid on one axis, what each observer still does not know on the other."""
+"""The picture of a comparison: expected regret on one axis, the error of each observer on the other."""
 
 from __future__ import annotations
 
@@ -102,7 +102,8 @@ def _header(comparison: Comparison) -> str:
 
 
 def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
-    """Draw what reading one decision is worth to the rival against what it costs, where there is a rival; return the paths.
+    """Draw the worth of reading one decision to the rival against the expected regret, where there is a rival; return the
+    paths.
 
     Where the rival's problem is the agent's own, a line says what it can always have by copying.
     """

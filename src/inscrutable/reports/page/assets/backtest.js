@@ -346,7 +346,7 @@
   }
 
   function drawBits(step) {
-    drawLines("bits", step, followed.bits, { yLabel: "bits told so far", least: 0.01, levels: [], ceilings: {} });
+    drawLines("bits", step, followed.bits, { yLabel: "bits leaked so far", least: 0.01, levels: [], ceilings: {} });
   }
 
   function drawErrors(step) {

@@ -87,7 +87,7 @@
         if (isLottery(name) && atoms.length > 1) {
           const [x, y] = place(centres[atom[0]]);
           const isLeft = x > points[2][0] - 30;
-          svg(drawing, "text", { x: at(isLeft ? x - 9 : x + 9), y: at(y - 8), "text-anchor": isLeft ? "end" : "start" }, `with ${Math.round(100 * atom[1])}%`);
+          svg(drawing, "text", { x: at(isLeft ? x - 9 : x + 9), y: at(y - 12), "text-anchor": isLeft ? "end" : "start" }, `with ${Math.round(100 * atom[1])}%`);
         }
       });
       if (aware && name !== makers[0]) {

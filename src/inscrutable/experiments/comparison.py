@@ -80,6 +80,10 @@ class ComparisonSettings(Section):
         return self
 
 
+_MOST_NAMED = 2
+"""Decision makers that a summary names; of more it gives the number."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Saved):
     """Decision makers against observers at equal expected regret.
@@ -227,8 +231,13 @@ class Comparison(Saved):
             later += ", which the sequential rule takes to move by that chain" if self.ceilings else ""
             seen[later] = [(float(row.repeated_errors[last]), float(row.repeated_top_state[last])) for row in rows]
         asked = Requirement(self.prior_error, self.prior_top_state)
+        hiding = {
+            who: [row.maker for row, each in zip(rows, found, strict=True) if asked.is_met(Reached(row.maker, *each))]
+            for who, found in seen.items()
+        }
         lines = [
-            f"At an expected regret of {worth}:",
+            f"In short: at an expected regret of {worth} the belief is hidden "
+            f"{', '.join(f'from the {_short(who)} by {_few(names, len(rows))}' for who, names in hiding.items())}.",
             *(
                 f"Hidden from the {who}: "
                 f"{asked.judge([Reached(row.maker, *each) for row, each in zip(rows, found, strict=True)])}."
@@ -276,6 +285,20 @@ class Comparison(Saved):
 
     def __repr__(self) -> str:
         return f"{self.header()}\n{self.summary()}"
+
+
+def _short(observer: str) -> str:
+    """Return an observer's name without what it knows; what it sees stays."""
+    name, _, knows = observer.partition(", ")
+    sees = knows.partition(",")[0].removeprefix("who ")
+    return f"{name} who {sees}" if sees.startswith("sees") else name
+
+
+def _few(names: Sequence[str], n: int) -> str:
+    """Return which of n decision makers hide a belief: up to two by name, more as a number."""
+    if len(names) > _MOST_NAMED:
+        return f"{len(names)} of {n} decision makers"
+    return " and ".join(names) or "none"
 
 
 def compare(

@@ -180,7 +180,7 @@ def _curve(axes: Any, along: Array, heights: Array, sides: Array, name: str, loo
         color=look.colour,
         marker=look.marker,
         label=spelled(name),
-        zorder=3,
+        zorder=4 if look.marker in "x+" else 3,  # a cross stays visible on any other mark
         clip_on=False,
         **hollow,
     )

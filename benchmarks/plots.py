@@ -9,10 +9,12 @@ from typing import Any
 
 from benchmarks.growth import CURVES, slope
 from benchmarks.table import Row
+from inscrutable.reports.names import spelled
 from inscrutable.reports.style import drawing, look_of
 
 MOST_TICKS = 6
 LEAST_SECONDS, LEAST_MEGABYTES = 1e-6, 0.1  # what is smaller is drawn there: a logarithm needs something
+WHOLE_MARK = 1.3  # room above and below a mark, as a factor
 WIDTH, HEIGHT = 3.5, 2.6  # inches: one column of a page, at which the letters are eight points
 
 
@@ -48,7 +50,7 @@ def _lines(points: Sequence[dict[str, float]], curve: str, key: str) -> list[tup
 def _seconds(axes: Any, points: Sequence[dict[str, float]], curve: str) -> None:
     for maker, xs, ys in _lines(points, curve, "seconds"):
         look = look_of(maker)
-        label = f"{maker}, all decisions, slope {slope(xs, ys):.2f}"
+        label = f"{spelled(maker)}, slope {slope(xs, ys):.2f}"
         axes.loglog(xs, ys, marker=look.marker, color=look.colour, linestyle=look.line, label=label)
     if curve != "steps":
         for _, xs, ys in _lines(points, curve, "prepared_seconds"):
@@ -61,11 +63,15 @@ def _memory(axes: Any, points: Sequence[dict[str, float]]) -> None:
     for maker, xs, ys in _lines(points, "steps", "working_bytes"):
         look = look_of(maker)
         megabytes = [max(y / 2**20, LEAST_MEGABYTES) for y in ys]
-        axes.loglog(xs, megabytes, marker=look.marker, color=look.colour, linestyle="-", label=f"{maker}, working")
+        axes.loglog(
+            xs, megabytes, marker=look.marker, color=look.colour, linestyle="-", label=f"{spelled(maker)}, working"
+        )
     for maker, xs, ys in _lines(points, "steps", "result_bytes"):
         look = look_of(maker)
         megabytes = [max(y / 2**20, LEAST_MEGABYTES) for y in ys]
-        axes.loglog(xs, megabytes, marker=look.marker, color=look.colour, linestyle=":", label=f"{maker}, result")
+        axes.loglog(
+            xs, megabytes, marker=look.marker, color=look.colour, linestyle=":", label=f"{spelled(maker)}, result"
+        )
     _finish(axes, "steps", "MB above the start", sorted({point["steps"] for point in points}))
 
 
@@ -77,7 +83,7 @@ def _finish(axes: Any, curve: str, vertical: str, ticks: Sequence[float]) -> Non
         axes.set_xticks([], minor=True)
     # Whole decades: a scale without a labelled tick cannot be read.
     low, high = axes.dataLim.intervaly
-    lowest = floor(log10(low))
-    axes.set_ylim(10.0**lowest, 10.0 ** max(ceil(log10(high)), lowest + 1))
+    lowest = floor(log10(low / WHOLE_MARK))
+    axes.set_ylim(10.0**lowest, 10.0 ** max(ceil(log10(high * WHOLE_MARK)), lowest + 1))
     axes.grid(True, which="major", linewidth=0.3)
-    axes.legend()
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)

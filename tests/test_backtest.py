@@ -28,7 +28,8 @@ from inscrutable.experiments.backtest import RESTARTS, Backtest, BacktestSetting
 from inscrutable.experiments.episodes import Record, relative_increase
 from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.reports.backtest import table_of, text_of, timing_of, write_backtest
-from inscrutable.reports.backtest_verdict import FULL_NAMES, limits, verdict
+from inscrutable.reports.backtest_verdict import limits, verdict
+from inscrutable.reports.names import FULL_NAMES
 from test_golden_tables import assert_same, golden
 
 TRAINING, DECISIONS = 120, 9
@@ -262,6 +263,8 @@ def test_short_lines_say_what_is_hidden_from_whom_at_what_price(found: Backtest,
     for line, part in zip(
         said,
         (
+            "In short: ",
+            "This holds for observers who see the weights alone",
             "Without protection: ",
             "naive observer, who takes the weights at face value",
             "aware observer, who knows the rules and follows all months",
@@ -449,6 +452,6 @@ def test_optimal_costs_of_zero_give_no_nan(found: Backtest, spent: float) -> Non
         "10 (counter-adversarial) and 10 (probabilistic)" if spent else "0 (counter-adversarial) and 0 (probabilistic)"
     )
     own = f"{points} basis points a month by the investor's own belief"
-    told = f"{own}." if spent else f"{own}, 0.0% and 0.0% of the optimal cost |c*|."
+    told = f"{own}." if spent else f"{own}, 0.0% and 0.0% of |c*|, the size of the optimal cost, 0 basis points"
     assert told in said
     assert not np.isnan(table_of(shifted).loc["regret, sum as % of the sum of |c*|"]).any()

@@ -13,7 +13,7 @@ from inscrutable.cli_values import UsageError, beside_of
 from inscrutable.experiments.backtest import Backtest
 from inscrutable.experiments.backtest_public import BesideReturns
 from inscrutable.reports.backtest import table_of, text_of
-from inscrutable.reports.backtest_verdict import cautions
+from inscrutable.reports.backtest_verdict import verdict
 from test_backtest import DECISIONS, TRAINING, market, run
 
 PUBLIC = ("error_public_without", "error_public_face_value", "error_public_followed")
@@ -109,7 +109,7 @@ def test_where_all_is_public_nothing_is_left_to_hide(runs: dict[str, Backtest]) 
     for figures in runs["all"].figures.values():
         assert figures["error_public_without"] == figures["error_public_followed"] == 0.0
     for name, found in runs.items():
-        left = any("without any weights" in each for each in cautions(found))
+        left = any("without any weights" in each for each in verdict(found))
         assert left == (name != "private")
         assert ("nothing can be hidden from it" in text_of(found)) == left
         assert ("error by following what is public, without weights" in table_of(found).index) == (name != "none")

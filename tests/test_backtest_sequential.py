@@ -20,7 +20,7 @@ from inscrutable.mechanisms import mechanism
 from inscrutable.mechanisms.chains import predicted_chain
 from inscrutable.privacy import DesiredObfuscation
 from inscrutable.reports.backtest import table_of, text_of, write_backtest
-from inscrutable.reports.backtest_verdict import cautions, limits, verdict
+from inscrutable.reports.backtest_verdict import limits, verdict
 
 TRAINING, DECISIONS, GRID = 480, 240, 12
 SETTINGS = BacktestSettings(regimes=2, train_until="2039-12")
@@ -132,7 +132,8 @@ def test_what_is_said_of_it(found: Backtest, tmp_path: Path) -> None:
     said = "\n".join(limits(found))
     assert "(SDM: 50% of the silence regret, in the long run)" in said
     assert (
-        f"and {figures['error_ceiling']:.2f}, of {found.sequential.maker.chain.prior.error:.2f} without weights" in said
+        f"and {figures['error_ceiling']:.2f}, in the long run of the fitted regimes. There the error without weights is "
+        f"{found.sequential.maker.chain.prior.error:.2f}; in these months it is {figures['error_without']:.2f}" in said
     )
     assert "on a grid of" in text_of(found)
     written = {path.name for path in write_backtest(found, tmp_path)}
@@ -150,7 +151,7 @@ def test_none_holds_is_said_as_such(found: Backtest) -> None:
     shifted = replace(found, sequential=read)
     shifted.__dict__["figures"] = weak
     assert any("follows all months: by none, not by " in each for each in verdict(shifted))
-    assert any("none of 1 other draws would have hidden" in each for each in cautions(shifted))
+    assert any("none of 1 other draws would have hidden" in each for each in verdict(shifted))
 
 
 def test_a_budget_of_its_own_none_and_what_it_is_not_played_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,9 +39,9 @@ from inscrutable.experiments.random_markets import random_market
 from inscrutable.experiments.setting import Behaviour, Setting, behaviour_of, scaled_to
 from inscrutable.experiments.studies.comparison_tasks import ComparisonFile, compared_pairs
 from inscrutable.reports import comparison_plots
-from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.comparison import markdown_of, short_table, terminal_table, write_comparison
 from inscrutable.reports.comparison_plots import draw_comparison
+from inscrutable.reports.names import spelled
 from inscrutable.tolerances import CALIBRATED
 
 SETTINGS = ComparisonSettings(budgets=(0.25, 0.75), repeats=(1, 20), draws=100)

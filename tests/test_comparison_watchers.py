@@ -35,8 +35,8 @@ from inscrutable.mechanisms.calendars import Schedule
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.joint import joint_law
 from inscrutable.reports import comparison_plots
-from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.comparison import notes_of, short_table, terminal_table
+from inscrutable.reports.names import spelled
 from inscrutable.reports.page.comparison_page import comparison_content, page_data
 from oracles.chain_paths import every_path
 from strategies import uneven_chain

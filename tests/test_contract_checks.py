@@ -314,7 +314,7 @@ ADVERSARIES = {
     "the shape of estimates": Observer(guess=lambda actions, nearest: np.full((len(actions), 2), 0.5)),
     r"the shape of estimate\(": Observer(estimate=lambda action, nearest=False: np.full((1, 3), 1 / 3)),
     "beliefs, or NaN throughout": Observer(guess=lambda actions, nearest: np.full((len(actions), 3), 0.5)),
-    "beliefs, also where a decision makes no sense": Observer(
+    "beliefs, also where no belief explains the decision": Observer(
         guess=lambda actions, nearest: np.full((len(actions), 3), np.nan)
     ),
     "one decision is read as among many": Observer(estimate=lambda action, nearest=False: np.eye(3)[0]),

@@ -318,7 +318,7 @@ def test_bad_input_is_refused() -> None:
         implied_views(AlphaProblem(np.eye(2), 1.0), [0.5, -0.5], reference="portfolio")
     with pytest.raises(InputError, match="other signal labels"):
         implied_views(problem, [0.5, 0.5]).distance(pd.Series([0.1, 0.2], ["A", "D"]))
-    with pytest.raises(ModelError, match="nothing is left to hide"):
+    with pytest.raises(ModelError, match="there is nothing to hide"):
         obfuscated_decision(AlphaProblem(np.eye(2), 1.0, loadings=np.zeros((2, 1))), [1.0], 0.1)
     swapped = implied_views(problem, pd.Series([0.7, 0.3], ["B", "A"]))
     assert swapped.weights.tolist() == [0.3, 0.7]

@@ -173,7 +173,7 @@ def test_the_order_of_beliefs_and_decisions_does_not_matter(case):
     )
     found = leakage(played, case.prior)
     if len(np.unique(np.round(beliefs, 6), axis=0)) < len(beliefs):
-        return  # equal beliefs with different rows cannot be told apart
+        return  # equal beliefs with different rows cannot be distinguished
     for prior in (Prior(beliefs[some], case.prior.weights[some]), case.prior):
         again = leakage(moved, prior)
         for name in Leakage.__dataclass_fields__:

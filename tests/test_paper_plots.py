@@ -15,6 +15,7 @@ from inscrutable.errors import InputError
 from inscrutable.experiments.random_markets import random_market
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import MarkowitzProblem
+from inscrutable.reports.names import spelled
 from inscrutable.reports.simplex_plots import plot_actions, plot_beliefs
 from inscrutable.reports.style import COLUMN_WIDTH, around, drawing, save_figure
 from inscrutable.reports.time_plots import plot_costs, plot_privacy
@@ -59,7 +60,7 @@ def assert_written_whole(figure: Any, folder: Path) -> None:
 def test_beliefs_of_every_shape(triangle: tuple[Any, Any], tmp_path: Path) -> None:
     figure, axes = triangle
     plot_beliefs(axes, [0.2, 0.7, 0.1], {"ODM": POINT, "CDM": SEGMENT, "PDM": AREA, "PDM rounded": EMPTY}, NAMES)
-    assert words(axes) == ["ODM", "CDM", "PDM", "PDM rounded: no belief", "private belief"]
+    assert words(axes) == [*map(spelled, ("ODM", "CDM", "PDM")), "PDM rounded: no belief", "private belief"]
     dashed = [line for line in axes.lines if line.is_dashed() and len(line.get_xdata()) == 2]
     assert len(dashed) == 3
     lengths = [np.hypot(*(np.diff(axis)[0] for axis in line.get_data())) for line in dashed]
@@ -94,7 +95,7 @@ def test_actions_with_bars(triangle: tuple[Any, Any], tmp_path: Path) -> None:
     grid = action_grid(problem, 20).actions
     plot_actions(axes, {"ODM": [1, 0, 0], "CDM": [0, 1, 0], "PDM": [0, 0, 1]}, NAMES, candidates=grid, lottery=mixed)
     assert words(axes)[0] == "candidates (231)"
-    assert words(axes)[2:] == ["ODM", "CDM", "PDM"]
+    assert words(axes)[2:] == [*map(spelled, ("ODM", "CDM", "PDM"))]
     assert words(axes)[1] in {f"p = {a:.2f}, {b:.2f}" for a, b in (mixed.probabilities, mixed.probabilities[::-1])}
     bars = [line for line in axes.lines if line.get_linewidth() == 3.0]
     heights = sorted(np.ptp(line.get_ydata()) / 0.35 for line in bars)
@@ -109,7 +110,7 @@ def test_markers_of_the_paper(triangle: tuple[Any, Any]) -> None:
     seen = {name: consistent_beliefs(problem, problem.solve(np.eye(3)[0])) for name in ("ODM", "CDM", "PDM")}
     plot_beliefs(axes, np.eye(3)[1], seen, NAMES)
     marks = {line.get_label(): line.get_marker() for line in axes.lines if not line.get_label().startswith("_")}
-    assert {name: marks[name] for name in seen} == {"ODM": "^", "CDM": "x", "PDM": "o"}
+    assert {name: marks[spelled(name)] for name in seen} == {"ODM": "^", "CDM": "x", "PDM": "o"}
 
 
 def test_wrong_number_of_coordinates(triangle: tuple[Any, Any]) -> None:
@@ -123,7 +124,11 @@ def test_wrong_number_of_coordinates(triangle: tuple[Any, Any]) -> None:
 def test_time_plots(chart: tuple[Any, Any], tmp_path: Path) -> None:
     figure, axes = chart
     plot_costs(axes, {"CDM": np.full(40, 0.1), "PDM": np.linspace(0, 0.3, 40)}, budget=0.1)
-    assert words(axes) == ["CDM, mean 0.100", "PDM, mean 0.150", "cost budget $c_b$"]
+    assert words(axes) == [
+        "counter-adversarial (CDM), mean 0.100",
+        "probabilistic (PDM), mean 0.150",
+        "cost budget $c_b$",
+    ]
     assert "normalised cost increase" in axes.get_ylabel()
     assert_written_whole(figure, tmp_path)
 

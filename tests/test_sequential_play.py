@@ -108,7 +108,7 @@ def test_the_sequential_rule_stands_beside_the_others(tmp_path: Path, monkeypatc
     assert found.ceilings == {row.budget: row.path_ceiling for row in rows}
     table = short_table(found, found.budgets[0])
     assert table.loc["ceiling", "error, aware, over time"] == f"{rows[0].path_ceiling:.3f}"
-    assert table.loc["sequential", "error, aware, 5 decisions, rule told"] != "-"
+    assert table.loc["sequential", "error, aware, 5 decisions, rule knows it stays"] != "-"
     assert any("All these figures hold for this chain alone" in note for note in notes_of(found))
     assert not any("told" in title for title in terminal_table(found, found.budgets[0]))
     stays = 0.8 + 0.2 * (held.prior.weights**2).sum()

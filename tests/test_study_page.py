@@ -195,7 +195,7 @@ def test_studies_without_an_observers_error_have_a_verdict(tmp_path: Path) -> No
     plan = PLAN | {"measures": ["mutual_information"], "problem": {}, "decision_makers": ["ODM", "uniform"]}
     study = run_study(Study.of(plan | {"budgets": {"values": 0.1}}), tmp_path)
     read = Reader(write_page(study, tmp_path / "report.html"))
-    assert "the smallest bits told is under uniform" in " ".join(read.inside["p"])
+    assert "the smallest leakage in bits is under uniform" in " ".join(read.inside["p"])
     assert [each["id"] for each in read.all("input")] == ["figure"], "what is paid is measured, too"
     bare = run_study(Study.of(plan | {"measures": ["n_actions"], "repeats": 1}), tmp_path / "bare")
     said = " ".join(Reader(write_page(bare, tmp_path / "bare.html")).inside["p"])

@@ -3,7 +3,7 @@ Report
 ======
 
 Every picture of the library is a function of ``inscrutable.reports`` that draws on an axis it is given; every result prints a
-summary and goes to disk and back. Colours can be told apart by colour-blind readers, and each decision maker keeps its marker.
+summary and goes to disk and back. Colours can be distinguished by colour-blind readers, and each decision maker keeps its marker.
 """
 
 from pathlib import Path

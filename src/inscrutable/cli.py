@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 FAILURE, USAGE, INTERRUPTED = 1, 2, 130
 _MOST_RISKLESS = 0.05
-"""Riskless returns of a row above this are percentages that nobody divided."""
+"""Riskless returns of a row above this are percentages, not fractions."""
 
 app = App(
     name="inscrutable",
@@ -107,7 +107,7 @@ def reproduce(
             when the same command is given again.
     """
     from inscrutable.experiments.reproduction import ReproductionSettings, reproduce
-    from inscrutable.reports.reproduction import claims_table, write_reproduction
+    from inscrutable.reports.reproduction import claims_table, verdict, write_reproduction
 
     sizes: dict[str, Any] = {"markets": markets, "simulations": simulations, "steps": steps, "resolution": resolution}
     settings = ReproductionSettings(seed=seed, budget=budget, **sizes)
@@ -125,6 +125,7 @@ def reproduce(
     title = f"The paper's claims over {markets} random markets (seed {seed})"
     show_table(claims_table(result).set_index("claim"), title, prose=True)
     speech.files(files)
+    speech.sentence(f"\n{verdict(result)}")
 
 
 @app.command(validator=alphas_go_with)
@@ -260,9 +261,10 @@ def _show_backtest(result: Backtest, folder: Path, files: list[Path], speech: Sp
     if speech.json:
         speech.summary_file(folder / "summary.json")
         return
-    parts = (warnings_of(result), backtest_verdict.verdict(result), backtest_verdict.limits(result))
+    parts = (backtest_verdict.limits(result), warnings_of(result))
     speech.sentence("\n\n".join(filter(None, [text_of(result), *map("\n".join, parts)])) + "\n")
     speech.files(files)
+    speech.sentence("\n" + "\n".join(backtest_verdict.verdict(result)))
 
 
 def _returns(returns: Path | None, prices: Path | None, daily: bool) -> tuple[pd.DataFrame, pd.Series | None]:
@@ -312,7 +314,7 @@ def _riskless(path: Path) -> pd.Series:
 def _own_beliefs(
     path: Path, given: str | None, count: int, speech: Speech, known: tuple[str, ...] | None
 ) -> pd.DataFrame:
-    """Beliefs of a file with the fitted regimes' names, which column is which said aloud."""
+    """Beliefs of a file with the fitted regimes' names, with a log of which column is which."""
     from inscrutable.datasets import read_beliefs
     from inscrutable.experiments.backtest import regime_names
 
@@ -337,7 +339,7 @@ def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
     from inscrutable.worlds import HiddenMarkovModel
 
     note = "; ".join([f"regimes fitted to {len(result.assets)} assets up to {train_until}", *result.doubts])
-    kept = result.world  # numbers that are no returns are no part of the file
+    kept = result.world  # a public sensor of other numbers is no part of the file
     world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
     model = InvestorModel(world, result.problem, result.assets, result.regimes, result.budget, note)
     return model.save(folder / "model.json")

@@ -1,4 +1,4 @@
-"""The verb `inscrutable attack`: what published weights say."""
+"""The verb `inscrutable attack`: the beliefs behind published weights."""
 
 from __future__ import annotations
 

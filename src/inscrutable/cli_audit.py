@@ -22,7 +22,7 @@ def audit(
     out: Out | None = None,
     speech: Speech = Speech(),  # noqa: B008  # frozen
 ) -> None:
-    """Say whether published decisions leak secrets at all, and how much at least, from two files and no model.
+    """Test whether published decisions leak secrets at all, and how much at least, from two files and no model.
 
     An observer who has only past pairs learns from them (nearest neighbours, ridge regression, a tree; needs the extra
     `inscrutable[audit]`), forward in time. That nothing is found proves nothing; what would have been found is said.

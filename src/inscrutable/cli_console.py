@@ -1,4 +1,4 @@
-"""How the command line speaks: results to stdout, progress and log to stderr."""
+"""Output of the command line: results to stdout, progress and log to stderr."""
 
 from __future__ import annotations
 

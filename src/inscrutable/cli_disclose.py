@@ -1,4 +1,4 @@
-"""The verb `inscrutable disclose`: monthly or quarterly, and how late?"""
+"""The verb `inscrutable disclose`: schedules of publication, compared."""
 
 from __future__ import annotations
 

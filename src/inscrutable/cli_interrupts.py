@@ -1,4 +1,4 @@
-"""Ctrl-C that works: an interrupt that foreign code swallows is sent again until the command ends."""
+"""Ctrl-C: an interrupt that foreign code drops is sent again until the command ends."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _interrupt() -> None:
 
 @contextmanager
 def interrupts_kept() -> Iterator[Interrupts]:
-    """Hear every interrupt, also one that strikes within a callback of C code or a destructor, where Python drops it.
+    """Receive every interrupt, also one within a callback of C code or a destructor, where Python drops it.
 
     The compiler calls Python back from C, and an exception cannot pass through that: Python prints and forgets it.
     """

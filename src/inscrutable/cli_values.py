@@ -27,7 +27,7 @@ class UsageError(Exception):
 
 
 def budget_of(text: str, speech: Speech | None = None, option: str = "--budget") -> Budget | SilenceShare:
-    """Return the budget that "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5" stands for; what is odd about it is said."""
+    """Return the budget that "0.1", "10%", "5bp", "regret:0.002" or "silence:0.5" stands for; an odd value gives a warning."""
     from inscrutable.budgets import Budget, is_budget, written_budget
     from inscrutable.errors import InputError
 

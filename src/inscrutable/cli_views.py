@@ -1,4 +1,4 @@
-"""The verb `inscrutable views`: which expected returns do my weights say?"""
+"""The verb `inscrutable views`: expected returns implied by weights."""
 
 from __future__ import annotations
 

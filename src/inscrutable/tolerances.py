@@ -290,7 +290,7 @@ REDUCED_COST = 1e-11
 little tightness hangs on it."""
 
 PROOF_FLOOR = 1e-2
-"""A proof's gap is relative to the privacy, or to this where the privacy is smaller: distances of 1e-4 need not be told
+"""A proof's gap is relative to the privacy, or to this where the privacy is smaller: distances of 1e-4 need not be resolved
 apart at one per cent."""
 
 PROVED = 1e-6
@@ -409,7 +409,7 @@ STEP_GAP = 1e-5
 the step counts as not solved. Steps end at `SOLVED_STEP` times the price; this is a thousand times more."""
 
 SILENT_PRICE = 1e-6
-"""Price of regret, in units of loss per mean regret of the cheapest constant decision, at which nothing is told: any so small
+"""Price of regret, in units of loss per mean regret of the cheapest constant decision, at which nothing leaks: any so small
 plays that decision for ever."""
 
 SAME_PRICES = 1e-4
@@ -467,7 +467,7 @@ WELL_CONDITIONED = 1e-5
 """Ratio of the smallest to the largest diagonal entry of a triangular factor above which it stands for a large covariance."""
 
 ALL_LEFT = 1e-9
-"""Share of a variance below one by this much that is taken to be left whole: nothing is told of it, and no noise is drawn."""
+"""Share of a variance below one by this much that is taken to be left whole: nothing leaks about it, and no noise is drawn."""
 
 COMMUTING = 1e-12
 """Difference of two products of matrices, relative to both, below which the matrices have the same directions."""

@@ -2,7 +2,7 @@
 
 α_0(x,b) = p_0(x) Σ_y B[x,y] W_0[y,b],   α_{t+1}(x',b') = Σ_y B[x',y] Σ_b W_y[b,b'] Σ_x P[x,x'] α_t(x,b).
 Row (y,b) of W holds the mixture of points that stands for the agent's next belief T(π_b,y). The sums over y are taken once, in
-one sparse matrix. Of a chain of beliefs there is one state, which says nothing.
+one sparse matrix. A chain of beliefs has one state, which carries no information.
 
 Where something is public, y stands for all that is reported at a step, and what was read of it keeps the terms that agree with
 it: there is one matrix for every public symbol, and the law then holds the probability of what was read.

@@ -39,7 +39,7 @@ class Cloud(NamedTuple):
 class PublicReading(NamedTuple):
     """What was read of what is public at a step."""
 
-    values: Any = None  # (Z,), or a symbol; None where it is told by its number, or was not read
+    values: Any = None  # (Z,), or a symbol; None where its number alone is known, or nothing was read
     likelihoods: Any = None  # (X,): p(z|x) in the observer's world, up to exp(offset)
     own: Any = None  # (X,): the same in the agent's, up to a factor
     offset: float = 0.0

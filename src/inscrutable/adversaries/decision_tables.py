@@ -1,4 +1,4 @@
-"""What each decision of a mechanism tells of the belief and of the memory, as sparse tables made once."""
+"""Likelihoods of belief and memory given each decision of a mechanism, as sparse tables made once."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Entries(NamedTuple):
 
 
 class DecisionTables:
-    """The decisions of a mechanism: which is which, and what each tells.
+    """The decisions of a mechanism: their numbers and their likelihoods.
 
     Attributes:
         mechanism: The mechanism.
@@ -75,7 +75,7 @@ class DecisionTables:
         return (int(self.played[self._tree.query(point)[1]]), True) if nearest else (NEVER_PLAYED, False)
 
     def entries(self, columns: np.ndarray, memories: np.ndarray) -> Entries:
-        """Return what decisions (C,) tell where the memories before them are (C,)."""
+        """Return the likelihoods given decisions (C,), where the memories before them are (C,)."""
         numbers = np.where(columns >= 0, columns, self._n_actions - 1 - columns)
         found: Any = self._rows[numbers * self.n_memories + memories]
         belief, after = np.divmod(found.indices, self.n_memories)

@@ -23,7 +23,7 @@ from inscrutable.validation import Array
 
 _MOST_LISTED = 6
 _MUCH = 0.01
-"""Share of the largest change of a coordinate below which a change is not worth a word."""
+"""Share of the largest change of a coordinate below which a change is not listed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,7 +182,7 @@ def _contradiction(problem: DecisionProblem, form: SmoothForm, u: Array) -> tupl
     if not length > 0:
         return np.zeros(u.size), 0.0
     direction = direction / length
-    # Where costs have kinks a gradient need not tell what a change does: believe the costs themselves.
+    # Where costs have kinks, a gradient need not predict what a change costs: compare the costs themselves.
     probed = problem.state_costs(u + tolerances.EDGE_PROBE * direction)
     if (probed >= problem.state_costs(u)).any():
         return np.zeros(u.size), 0.0

@@ -25,9 +25,9 @@ class Adversary(Protocol):
         """Return everything the observer concludes from one decision: a set of beliefs, or a posterior."""
 
     def estimate(self, action: ArrayLike, *, nearest: bool = False) -> Array:
-        """Return the observer's guess at the belief, shape (X,); NaN where the decision makes no sense to it.
+        """Return the observer's guess at the belief, shape (X,); NaN where the observer cannot explain the decision.
 
-        `nearest` asks for a guess even then: from the nearest decision, or belief, that does make sense.
+        `nearest` asks for a guess even then: from the nearest decision, or belief, that it can explain.
         """
 
     def estimates(self, actions: ArrayLike, *, nearest: bool = False) -> Array:

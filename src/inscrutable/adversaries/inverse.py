@@ -48,7 +48,7 @@ def smooth_form_of(problem: DecisionProblem) -> SmoothForm:
     form = problem.without_common_costs.smooth_form()
     if form is None:
         raise ModelError(
-            f"{problem!r} has neither a smooth form nor explaining rows: nothing says what an observer infers"
+            f"{problem!r} has neither a smooth form nor explaining rows, so that no belief set can be computed"
         )
     return form
 

@@ -109,7 +109,7 @@ class DecisionReading(NamedTuple):
 def read_decisions(
     tables: DecisionTables, laws: Laws, columns: np.ndarray, told: np.ndarray | None = None
 ) -> DecisionReading:
-    """Return how one decision of each observer (L,) is read, perhaps with the memory that was told after it (L,)."""
+    """Return how one decision of each observer (L,) is read, with the public memory after it (L,) where there is one."""
     entries = tables.entries(columns[laws.observer], laws.memory)
     if told is not None:
         some = entries.after == told[laws.observer[entries.column]]
@@ -327,7 +327,7 @@ def _columns(reading: DecisionReading, place: np.ndarray, start: int, count: int
 
 
 def _passed_over(tables: DecisionTables, seen: Laws, told: np.ndarray | None) -> DecisionReading:
-    """Read nothing; where the told memory cannot follow, it is taken all the same."""
+    """Read nothing; where the public memory cannot follow, it is taken all the same."""
     reading = read_decisions(tables, seen, np.array([UNSEEN]), told)
     if told is None or reading.moved(seen).weights.sum() > 0:
         return reading

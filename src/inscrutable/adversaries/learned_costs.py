@@ -1,4 +1,4 @@
-"""What decisions tell of an unknown cost, and what one decision then tells of the belief."""
+"""The costs that explain observed decisions, and the beliefs that a decision then allows."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class CostStatus(Enum):
 
     IDENTIFIED = "identified: one value explains every decision"
     INTERVAL = "an interval of values explains every decision: decisions that hold more than X assets would narrow it"
-    SEVERAL = "several intervals of values explain every decision: more decisions would tell them apart"
+    SEVERAL = "several intervals of values explain every decision: more decisions would separate them"
     AT_BOUND = "the values that explain every decision reach the bounds given: widen these"
     UNEXPLAINED = (
         "no value explains every decision: were they rounded, is the cost of another kind, are bounds too tight?"

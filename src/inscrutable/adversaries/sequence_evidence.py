@@ -64,7 +64,7 @@ class Evidence:
         return replace(self, states=np.ones_like(self.states), offsets=np.zeros_like(self.offsets), public=read)
 
     def status(self, column: int, moved: bool, total: float) -> SequenceStatus:
-        """Return what a decision told, given its number, whether the nearest stood in for it, and its probability."""
+        """Return the likelihoods given a decision, its number, whether the nearest stood in for it, and its probability."""
         if column == UNSEEN:
             return SequenceStatus.UNSEEN
         if column == NEVER_PLAYED:
@@ -168,7 +168,7 @@ def checked_sensor(sensor: Any, n_states: int) -> Emission | None:
 
 
 def told_memories(memories: Any, n_steps: int, mechanism: Any) -> np.ndarray | None:
-    """Return a public memory (T+1,), before the first decision and after each; None where the memory is not told."""
+    """Return a public memory (T+1,), before the first decision and after each; None where the memory is not public."""
     if memories is None:
         if getattr(mechanism, "is_public", False):
             raise InputError(

@@ -53,8 +53,8 @@ class SequentialAdversary:
     Args:
         world: The world as the adversary knows it; or a `BeliefChain` on the mechanism's beliefs.
         mechanism: What the agent plays under which belief: K(u|π); a `MemoryMechanism`, whose law of the memory is followed as
-            well; or a `MechanismRule`, such as `SequentialDecisionMaker`, which makes K_t of what one holds at step t who
-            has seen the decisions before it and nothing else.
+            well; or a `MechanismRule`, such as `SequentialDecisionMaker`, which makes K_t from the law that an observer of the
+            earlier decisions alone holds at step t.
         agent_world: The world as the agent has it in its own filter; None: the same. An observation that it rules out
             leaves the agent with its prediction. Of a chain the one that a rule takes for true, which may have nothing public.
         sensor: The adversary's own sensor on the same states, an `Emission`; what it reports goes into `observations`.

@@ -1,4 +1,4 @@
-"""What one infers who is shown a part of a decision: the beliefs behind any candidate that would look the same."""
+"""Beliefs that an observer infers from a part of a decision: the union over the candidates that look the same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one reads of a sequence who is shown parts of decisions, now and then, and late."""
+"""The inverse filter of an observer who sees parts of decisions, at some steps, with a delay."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ class AlphaDecisionMaker:
     """The rule of least information about a private mean, against the aware observer, at an expected regret.
 
     Formula: with E the covariance of m − m̂ after a decision and Θ of the problem, tr(ΘE) is the mean regret. "information"
-    tells the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE); over 0 ⪯ E ⪯ P. Of rules that
-    leave the same error, that of one decision tells the fewest bits; over time so does the one where Q is a multiple of Θ, and
+    leaks the fewest bits, min ½ log det P − ½ log det E; "error" leaves the largest tr(QE); over 0 ⪯ E ⪯ P. Of rules that leave
+    the same error, the one returned for one decision leaks the fewest bits, and over time as well where Q is a multiple of Θ;
     other ties end at some tied rule, in an example of three signals with 3 % more bits than the fewest. The rule draws m̂ = m̂⁻
     + (I − EP⁻¹)(m − m̂⁻) + N(0, E − EP⁻¹E) and plays the optimum for m̂, which is what the observer then believes. With
     `prior_covariance` P = S, every decision is about another mean; with a `world` P = AEA' + W, after public observations, and
@@ -50,8 +50,8 @@ class AlphaDecisionMaker:
 
     Args:
         problem: The problem; with a trading cost decisions trade part of the way to an aim.
-        budget: The regret a step, `Budget.regret(r)`; a number is a share of the silence regret tr(ΘS), what it costs to
-            decide by what everybody knows. (It is a share of E|c*| as well where the mean is zero and nothing constrains.)
+        budget: The regret a step, `Budget.regret(r)`; a number is a share of the silence regret tr(ΘS), the cost of deciding by
+        public information alone. (It is a share of E|c*| as well where the mean is zero and nothing constrains.)
         prior_covariance: S, public, shape (k,k), or a `FactorRisk` over the assets, squared units of m.
         world: How the estimated state m moves, public: the agent has its steady Kalman filter. Instead of `prior_covariance`.
         prior_mean: m̄, shape (k,); None is zero.
@@ -145,7 +145,7 @@ class AlphaDecisionMaker:
 
     @cached_property
     def moves(self) -> Moves:
-        """How the mean moves before the observer's eyes; means of `prior_covariance` are drawn afresh."""
+        """How the mean moves for the observer; means of `prior_covariance` are drawn afresh."""
         if self.world is None:
             assert self._prior is not None
             prior = self._prior.dense() if isinstance(self._prior, FactorRisk) else self._prior
@@ -161,12 +161,12 @@ class AlphaDecisionMaker:
 
     @cached_property
     def silence(self) -> Array | None:
-        """Covariance of the mean for an observer who sees no decision, shape (k,k); None where it grows without end."""
+        """Covariance of the mean for an observer who sees no decision, shape (k,k); None where it grows without bound."""
         return self.moves.innovation if self.world is None else self.moves.silence()
 
     @cached_property
     def silence_regret(self) -> float:
-        """r₀ = tr(ΘS), what it costs a step to decide by what everybody knows; infinite where that grows without end."""
+        """r₀ = tr(ΘS), the cost a step of deciding by public information alone; infinite where that grows without bound."""
         if self._ratio is not None:
             assert isinstance(self.plan.law, FactoredErrorLaw)
             return self.plan.law.silence
@@ -204,7 +204,7 @@ class AlphaDecisionMaker:
 
     @property
     def bits(self) -> float:
-        """What a decision tells of the mean, a step in the long run; infinite where something is shown exactly."""
+        """Bits that a decision leaks about the mean, a step in the long run; infinite where something is shown exactly."""
         return self.plan.bits
 
     @property
@@ -336,13 +336,13 @@ class AlphaDecisionMaker:
         best = (
             ""
             if ceiling is None
-            else f"; no rule {'tells fewer' if what == 'bits' else 'leaves more'} than {ceiling:.6g} {what}"
+            else f"; no rule {'leaks fewer' if what == 'bits' else 'leaves more'} than {ceiling:.6g} {what}"
         )
         simulated = self.simulated_regret
         drawn = "" if simulated is None else f"; simulated {simulated.mean:.6g} ± {simulated.standard_error:.2g}"
         return (
             f"regret a step    {most}{plan.regret:.6g}{share}{drawn}\n"
-            f"tells            {most}{plan.bits:.6f} bits a step\n"
+            f"leaks            {most}{plan.bits:.6f} bits a step\n"
             f"leaves           a mean square error of {plan.error:.6g} a step\n"
             f"gap              {self.gap:.1e}{best}\n"
             f"{self.status.value}"

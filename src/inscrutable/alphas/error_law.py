@@ -1,4 +1,4 @@
-"""What error a rule leaves an observer, and the message that leaves it: E = T diag(e) T' where the prediction's is T T'."""
+"""The error that a rule leaves an observer, and the message that leaves it: E = T diag(e) T' where the prediction's is T T'."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class ErrorLaw:
     """Covariances before and after a decision in one basis: P = T T' before, E = T diag(e) T' after.
 
     In coordinates z = T⁺(m − m̂⁻), independent of variance 1 to the observer, the rule shows ẑ = (1 − e) z + √(e (1 − e)) g
-    with g standard normal. Then m̂ = m̂⁻ + T ẑ is his mean after it, and the covariance of m − m̂ is E. An exact share e =
-    0 shows z itself, e = 1 nothing. It is the rule m̂ = m̂⁻ + (I − E P⁻¹)(m − m̂⁻) + N(0, E − E P⁻¹ E).
+    with g standard normal. Then m̂ = m̂⁻ + T ẑ is the observer's mean after it, and the covariance of m − m̂ is E. An exact
+    share e = 0 shows z itself, e = 1 nothing. It is the rule m̂ = m̂⁻ + (I − E P⁻¹)(m − m̂⁻) + N(0, E − E P⁻¹ E).
 
     Args:
         basis: T, shape (n,q).
@@ -75,7 +75,8 @@ class ErrorLaw:
         return np.asarray(left @ right)
 
     def sensor(self) -> tuple[Array, Array]:
-        """Return the sensor that tells the same: rows (s,n) of what it reads, and their noise variances (s,), 0 where exact."""
+        """Return the sensor that carries the same information: rows (s,n) of what it reads, and their noise variances (s,),
+        0 where exact."""
         told = self.shares < 1.0
         return self.dual[told], self.shares[told] / (1.0 - self.shares[told])
 

@@ -110,10 +110,10 @@ class _Programme:
         return _even(kept.T @ later @ kept - both.T @ later @ both + price * self.theta - self.weights)
 
     def start(self) -> _Point:
-        """A point inside: of E with all that moves faded, and of Z with a belief that forgets.
+        """An interior point: E from a faded transition, and Z from a belief that forgets.
 
         Raises:
-            SolverError: An observer who sees no decision loses even a belief that fades.
+            SolverError: The error of an observer who sees no decision is unbounded even for a fading belief.
         """
         moves, radius = self.moves, self.moves.radius
         fading = np.sqrt(min(0.9, 0.8 / radius**2)) if radius else 1.0
@@ -121,7 +121,7 @@ class _Programme:
             moves, transition=fading * moves.transition, public_sensor=fading * moves.public_sensor
         ).silence()
         if faded is None:
-            raise SolverError("an interior-point method for the rule over time found no point to begin at")
+            raise SolverError("the interior-point method for the rule over time found no point to start from")
         error = 0.5 * min(1.0, self.limit / float(np.sum(self.theta * faded))) * faded
         size, sensor = float(np.linalg.eigvalsh(self.weights)[-1]), moves.public_sensor
         heard = size / max(float(np.sum(sensor**2)), np.finfo(float).tiny)

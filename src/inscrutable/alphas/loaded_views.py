@@ -1,4 +1,5 @@
-"""What weights say of signals that move assets through loadings B: a polyhedron, an ellipsoid, or a convex set of views."""
+"""Views of signals, implied by weights, where signals move assets through loadings B: a polyhedron, an ellipsoid, or a
+convex set of views."""
 
 from __future__ import annotations
 

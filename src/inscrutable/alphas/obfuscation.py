@@ -62,8 +62,8 @@ def obfuscated_decision(
 ) -> AlphaDecision:
     """Return the decision u*(m̂) whose implied views are farthest from the true mean at an affordable regret.
 
-    Formula: max_m̂ dist(m, Π(u*(m̂))) subject to ρ(m, u*(m̂)) ≤ r. Without inequalities it is √(r/λ), λ the least eigenvalue of Θ
-    above zero, along its eigenvector: for B = I and no constraints √(4γ r λ_max(V)), along V's first eigenvector: one hides
+    Formula: max_m̂ dist(m, Π(u*(m̂))) subject to ρ(m, u*(m̂)) ≤ r. Without inequalities it is √(r/λ), λ the least eigenvalue of
+    Θ above zero, along its eigenvector: for B = I and no constraints √(4γ r λ_max(V)), along V's first eigenvector: one hides
     in the riskiest direction, cheaply. It is concave in r, so that drawing between decisions gains nothing.
 
     Args:
@@ -75,7 +75,7 @@ def obfuscated_decision(
 
     Raises:
         InputError: Malformed arguments.
-        ModelError: No signal moves any decision, so that nothing is told and nothing is left to hide.
+        ModelError: No signal moves any decision, so that decisions reveal nothing and there is nothing to hide.
 
     Returns:
         `AlphaDecision`; of the two signs of a closed form the one with the smaller positions.
@@ -124,7 +124,7 @@ def _cheapest_directions(problem: AlphaProblem, most: int) -> Array:
     values, vectors = np.linalg.eigh(problem.theta)
     felt = np.flatnonzero(values > tolerances.CURVATURE * max(float(values[-1]), 0.0))
     if not felt.size or values[-1] <= 0.0:
-        raise ModelError("no signal moves any decision: nothing is told, and nothing is left to hide")
+        raise ModelError("no signal moves any decision: decisions reveal nothing, and there is nothing to hide")
     return np.asarray(vectors[:, felt[:most]].T)
 
 

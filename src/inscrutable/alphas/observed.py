@@ -1,4 +1,4 @@
-"""How the belief moves before the observer's eyes: m_{t+1} = A m_t + K ν_t, and what everybody reads of it."""
+"""How the belief moves for the observer: m_{t+1} = A m_t + K ν_t, and what everybody reads of it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Moves:
         return 0.5 * (found + found.T), moved
 
     def silence(self) -> Array | None:
-        """Return the error covariance (n,n) of an observer who is told nothing; None where it grows without end."""
+        """Return the error covariance (n,n) of an observer who sees no decision; None where it grows without bound."""
         if self.radius < 1.0 - tolerances.STABLE and not len(self.public_sensor):
             return np.asarray(solve_discrete_lyapunov(self.transition, self.innovation))
         if not len(self.public_sensor):

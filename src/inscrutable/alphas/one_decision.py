@@ -1,7 +1,7 @@
 """One decision against the aware observer: the least mutual information and the largest error at an expected regret.
 
-Θ weighs errors by what they cost: deciding for m̂ instead of m costs (m̂ − m)'Θ(m̂ − m) more. With m ~ N(m̄, S), S = T T', every
-rule leaves some E = T X T', 0 ⪯ X ⪯ I, at an expected regret of at least tr(T'ΘT X), and the Gaussian one attains it.
+Θ weighs errors by what they cost: deciding for m̂ instead of m costs (m̂ − m)'Θ(m̂ − m) more. With m ~ N(m̄, S), S = T T',
+every rule leaves some E = T X T', 0 ⪯ X ⪯ I, at an expected regret of at least tr(T'ΘT X), and the Gaussian one attains it.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ _LARGE = 500
 _MOST_COARSE = 8
 _MOST_PRICES = 200
 _WINDOW = 30
-"""Directions on each side of none that say how many cross it as the price moves."""
+"""Directions on each side of zero that show how many cross it as the price moves."""
 
 
 def filled(costs: Array, limit: float, counts: Array | None = None) -> Array:
-    """Return the shares of variance left, shape (q,), at which least is told: e_i = min(1, ν/λ_i) with Σ λ_i e_i the limit.
+    """Return the shares of variance left, shape (q,), at which decisions leak least: e_i = min(1, ν/λ_i) with Σ λ_i e_i the
+    limit.
 
-    Formula: reverse water-filling: the level ν is what every direction that tells anything costs.
+    Formula: reverse water-filling: the level ν is the cost of every direction that is revealed in part.
 
     Args:
         costs: λ, the regret of hiding each direction whole, shape (q,), at least 0.
@@ -45,7 +46,7 @@ def filled(costs: Array, limit: float, counts: Array | None = None) -> Array:
     sorted_costs, sorted_counts = costs[order], many[order]
     whole = np.concatenate([[0.0], np.cumsum(sorted_counts * sorted_costs)[:-1]])  # cost of all that are cheaper
     above = np.cumsum(sorted_counts[::-1])[::-1]
-    levels = (limit - whole) / above  # ν if this direction and all dearer ones are told of
+    levels = (limit - whole) / above  # ν if this direction and all dearer ones are revealed in part
     told = levels < sorted_costs
     if not told.any():  # the limit misses the sum by rounding alone
         return np.ones(len(costs))

@@ -1,4 +1,4 @@
-"""The least that decisions tell over time, or the most error they leave, at a mean regret a step.
+"""The fewest bits that decisions leak over time, or the largest error that they leave, at a mean regret a step.
 
 With E the observer's error covariance after a decision and P(E) before the next one (`Moves.predicted`), the problems
 
@@ -46,7 +46,7 @@ class LongRun:
         law: The covariances before and after a decision.
         regret: tr(ΘE), a step.
         value: Bits a step, or tr(QE).
-        bound: No causal rule at this regret tells fewer bits, or leaves a larger tr(QE).
+        bound: No causal rule at this regret leaks fewer bits, or leaves a larger tr(QE).
     """
 
     law: ErrorLaw
@@ -105,12 +105,11 @@ class _State(NamedTuple):
 
 
 def least_bits(moves: Moves, theta: Array, limit: float) -> LongRun:
-    """Return the stationary rule that tells the fewest bits a step at tr(ΘE) ≤ limit, limit > 0.
+    """Return the stationary rule that leaks the fewest bits a step at tr(ΘE) ≤ limit, limit > 0.
 
     It ends after 20,000 steps of the iteration with the best rule so far and its bound.
 
-    Raises:
-        SolverError: No step settled, and silence costs without end.
+    Raises: SolverError: No step converged, and the silence regret is infinite.
 
     Cost: some thousand eigendecompositions of n×n matrices: some seconds for 100 signals.
     """

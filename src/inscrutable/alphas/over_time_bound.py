@@ -1,4 +1,4 @@
-"""Dual bounds of the programmes over time: what no causal rule exceeds, from any multiplier Z ⪰ 0 of E ⪯ P(E).
+"""Dual bounds of the programmes over time: bounds for every causal rule, from any multiplier Z ⪰ 0 of E ⪯ P(E).
 
 P(E) is concave, so that E ⪯ P(E) implies E ⪯ A_L E A_L' + W_L with A_L and W_L taken at any E₀; a convex cost is at least
 its tangent at E₀. What is left is linear in E: with μ ≥ 0 and R = ∇ + μΘ + Z − A_L' Z A_L ⪰ 0 its least value is −μr −
@@ -17,7 +17,7 @@ from inscrutable.validation import Array
 
 
 def least_bits_bound(moves: Moves, theta: Array, limit: float, error: Array, price: float, multiplier: Array) -> float:
-    """Return what the bits a step of no causal rule with tr(ΘE) ≤ limit fall below.
+    """Return a lower bound of the bits a step of every causal rule with tr(ΘE) ≤ limit.
 
     Args:
         moves: How the belief moves.
@@ -40,7 +40,7 @@ def least_bits_bound(moves: Moves, theta: Array, limit: float, error: Array, pri
 def most_error_bound(
     moves: Moves, theta: Array, weights: Array, limit: float, error: Array, price: float, multiplier: Array
 ) -> float:
-    """Return what tr(QE) of no causal rule with tr(ΘE) ≤ limit exceeds; `price` is in units of tr(QE)."""
+    """Return an upper bound of tr(QE) of every causal rule with tr(ΘE) ≤ limit; `price` is in units of tr(QE)."""
     before, moved = moves.predicted(error)
     rest = before - moved @ error @ moved.T
     missing = price * theta - weights + multiplier - moved.T @ multiplier @ moved
@@ -53,7 +53,7 @@ def _log_size(matrix: Array) -> float:
 
 
 def _made_up(missing: Array, moved: Array, rest: Array, theta: Array, limit: float) -> float:
-    """What it takes from the bound to make R positive semidefinite; infinite where neither way is open."""
+    """By how much the bound falls when R is made positive semidefinite; infinite where neither way exists."""
     values, vectors = np.linalg.eigh(0.5 * (missing + missing.T))
     lost = (vectors * np.maximum(-values, 0.0)) @ vectors.T
     if not lost.any():

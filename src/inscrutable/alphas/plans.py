@@ -1,4 +1,4 @@
-"""What a rule on private means leaves and costs: of one decision, or a step of many."""
+"""The error, leakage and cost of a rule on private means: of one decision, or a step of many."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class AlphaStatus(Enum):
 
     Example:
         >>> AlphaStatus.SILENT.value
-        'the budget pays for silence: the constant decision is played, and nothing is told'
+        'the budget pays for silence: the constant decision is played, and nothing leaks'
     """
 
     OPTIMAL = "optimal: no rule does better at this regret, up to the gap"
     BOUNDED = "its bound is further away than the gap: a rule that does a little better may exist"
-    SILENT = "the budget pays for silence: the constant decision is played, and nothing is told"
-    AT_MOST = "with inequalities: it costs and tells at most what is stated, and no ceiling is known"
+    SILENT = "the budget pays for silence: the constant decision is played, and nothing leaks"
+    AT_MOST = "with inequalities: it costs and leaks at most what is stated, and no ceiling is known"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Plan:
     Args:
         law: Covariances before and after a decision.
         regret: tr(ΘE).
-        bits: What a decision tells of m.
+        bits: Leakage of a decision about m.
         error: tr(QE).
         ceiling: The fewest bits, or the largest error, of any rule at this regret.
     """
@@ -81,7 +81,7 @@ def plan_over_time(moves: Moves, theta: Array, limit: float, weights: Array, is_
 
 
 def silent_plan(silence: Array, theta: Array, weights: Array, is_error: bool) -> Plan:
-    """Return the plan that tells nothing: E is the error of an observer who sees no decision."""
+    """Return the plan that reveals nothing: E is the error of an observer who sees no decision."""
     law = law_between(root_of(silence), silence)
     error = law.weighed(weights)
     return Plan(law, law.weighed(theta), 0.0, error, error if is_error else 0.0)

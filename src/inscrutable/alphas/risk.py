@@ -20,7 +20,7 @@ _COVARIANCE = "a covariance has no negative eigenvalue"
 
 
 class Risk(ABC):
-    """A covariance V (n,n) of assets by what is done with it; columns of (n,m) arrays are taken one by one."""
+    """A covariance V (n,n) of assets as the operations it offers; columns of (n,m) arrays are taken one by one."""
 
     names: Names | None
     """Labels of the assets where known."""

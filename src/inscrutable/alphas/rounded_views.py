@@ -1,4 +1,4 @@
-"""What weights that were rounded say of expected returns: an outer interval, and membership by solving forward.
+"""Expected returns implied by rounded weights: an outer interval, and membership by solving forward.
 
 The views that explain some weights w within half a digit are a union of polyhedra, one for each set of tight rows. What is
 bounded is larger and convex: every w of the cell together with every multiplier of a row that some w of the cell makes tight.
@@ -63,7 +63,7 @@ class RoundedViews(ViewSet):
 
     @property
     def gap(self) -> float:
-        """Not known: nothing says which decision was rounded."""
+        """Not known, because the decision that was rounded is not."""
         return 0.0 if self._is_possible else np.inf
 
     def signal_bounds(self, reference: Array | None, wanted: np.ndarray) -> Array:

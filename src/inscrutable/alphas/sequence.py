@@ -56,9 +56,9 @@ class AlphaPath(Saved):
     Args:
         actions: u_t, shape (T,n).
         estimates: m̂_t, the observer's mean after each decision, shape (T,k).
-        predictions: m̂_t⁻, his mean before it, shape (T,k).
+        predictions: m̂_t⁻, its mean before it, shape (T,k).
         regrets: What each decision cost, shape (T,).
-        bits: What each told by the observer's law, shape (T,): the first ones differ from the long run.
+        bits: Leakage of each by the observer's law, shape (T,): the first ones differ from the long run.
 
     Example:
         >>> zero = np.zeros((2, 1))
@@ -98,7 +98,7 @@ class PreparedAlphas(Protocol):
 
     @property
     def silence(self) -> Array | None:
-        """Covariance of the mean for who sees no decision."""
+        """Covariance of the mean for an observer who sees no decision."""
 
     @property
     def theta(self) -> Array:
@@ -141,7 +141,7 @@ class AlphaSequence(KeptInFile):
 
     @property
     def covariance(self) -> Array:
-        """What the observer's error covariance is now, (k,k): before the step's decision, or after it was published."""
+        """The observer's error covariance now, (k,k): before the step's decision, or after it was published."""
         return self._law.covariance if self._published else self._before
 
     @property
@@ -155,7 +155,7 @@ class AlphaSequence(KeptInFile):
 
     @property
     def expected_bits(self) -> float:
-        """What this step's decision tells on average."""
+        """Bits that this step's decision leaks on average."""
         return self._expected(self._law)[1]
 
     def upcoming(self) -> tuple[float, float]:
@@ -319,7 +319,7 @@ class AlphaSequence(KeptInFile):
         return None if self._is_settled else self._law.before
 
     def _signature(self) -> tuple[Array, ...]:
-        """What the rule is of: the problem, the law of the means, and what is spent and told."""
+        """What the rule is of: the problem, the law of the means, and its regret and leakage."""
         plan, start = self._plan, self._maker.start_mean
         common = (*arrays_of(self._problem), start, np.array([plan.regret, plan.bits, plan.error]))
         if self._is_fresh and not isinstance(plan.law, ErrorLaw):
@@ -335,7 +335,7 @@ class AlphaSequence(KeptInFile):
         """Return a few lines for a person to read."""
         return (
             f"{self.n_published} decisions published\n"
-            f"cost so far     {self.total_regret:.4g} of regret, {self.total_bits:.4f} bits told, by the observer's law\n"
+            f"cost so far     {self.total_regret:.4g} of regret, {self.total_bits:.4f} bits leaked, by the observer's law\n"
             f"this step       {self.expected_regret:.4g} of regret, {self.expected_bits:.4f} bits\n"
             f"{self._maker.status.value}"
         )

@@ -57,14 +57,14 @@ class AlphaState(Saved):
         if not same:
             raise InputError(
                 f"{path} cannot be gone on with: it is of another rule (another law of the means, risk, risk aversion, "
-                "limits, loadings, trading cost or budget). A law that is estimated afresh from private means would tell of "
+                "limits, loadings, trading cost or budget). A law that is estimated afresh from private means would reveal "
                 "them: keep the one that the sequence began with"
             )
         return self
 
 
 def arrays_of(problem: AlphaProblem) -> tuple[Array, ...]:
-    """Return what tells a problem from others: risk, risk aversion, trading cost, loadings and limits.
+    """Return what distinguishes a problem from others: risk, risk aversion, trading cost, loadings and limits.
 
     Factors of one risk differ between machines by their signs, so that a risk is compared by its variances and by V x for one
     x, whose entries are all different: distinct covariances that agree in both are exceptions.

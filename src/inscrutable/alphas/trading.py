@@ -1,4 +1,4 @@
-"""Trading that costs: how fast to trade, and where to, for a private mean that moves."""
+"""Trading with costs: the rate and the aim of trades for a private mean that moves."""
 
 from __future__ import annotations
 

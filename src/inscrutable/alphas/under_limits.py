@@ -1,4 +1,4 @@
-"""What hiding a private mean costs under inequalities, by simulation, and the rule that spends a budget there.
+"""The cost of hiding a private mean under inequalities, by simulation, and the rule that spends a budget there.
 
 Under limits the decision for m̂ costs at most (m̂ − m)'Θ(m̂ − m): weights at a limit do not move. A rule of tr(ΘE) above the
 budget may then cost no more than it.

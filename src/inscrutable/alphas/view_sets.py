@@ -1,4 +1,4 @@
-"""What weights say of expected returns where every asset has one of its own (B = I): closed forms.
+"""Expected returns implied by weights where every asset has its own (B = I): closed forms.
 
 All views with regret ρ(m,u) ≤ r are m = 2γV(u + δ) + H'ν + G'λ with γ δ'Vδ + s'λ ≤ r and λ ≥ 0, s the slacks of the
 inequalities G u ≤ h at the weights u: duality of the least cost over C. At r = 0 only multipliers of tight rows are left. A

@@ -33,8 +33,12 @@ class ViewStatus(Enum):
     """
 
     POINT = "one view explains the weights"
-    SUBSPACE = "the views that explain the weights are an affine subspace: some combinations are not told at all"
-    POLYHEDRON = "the views that explain the weights are a polyhedron: weights at a limit tell one side alone"
+    SUBSPACE = (
+        "the views that explain the weights are an affine subspace: the weights reveal nothing about some combinations"
+    )
+    POLYHEDRON = (
+        "the views that explain the weights are a polyhedron: weights at a limit bound a view from one side alone"
+    )
     WITHIN_REGRET = "the views under which the weights are within the regret are a convex set"
     OUTER = "the weights are rounded: the intervals hold every view that explains them, and some that do not"
     EMPTY = "no view explains the weights"
@@ -72,7 +76,7 @@ class ImpliedViews:
 
     @cached_property
     def bounds(self) -> Array:
-        """Least and greatest m_j, shape (k,2), infinite where nothing is said; NaN where the set is empty.
+        """Least and greatest m_j, shape (k,2), infinite where the weights give no bound; NaN where the set is empty.
 
         Without loadings they are those of the assets, relative to the reference.
         """

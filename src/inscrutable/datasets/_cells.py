@@ -28,7 +28,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
 
 
 FORMULA = re.compile("'*[=+@-]")
-"""What a spreadsheet would take for a formula, also after apostrophes, so that one more can be told and taken away."""
+"""What a spreadsheet would take for a formula, also after apostrophes, so that one more is recognised and removed."""
 
 
 @dataclass(frozen=True)

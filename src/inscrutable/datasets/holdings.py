@@ -28,7 +28,7 @@ _AMOUNT = re.compile(
 )
 _NEAR = 0.6
 _MOST_LEFT_OUT = 0.5
-"""Share of the value in what the model does not know from which on the weights would say little of the portfolio."""
+"""Share of the value outside the model from which on the weights would represent the portfolio badly."""
 
 
 class _Cell(NamedTuple):

@@ -54,7 +54,7 @@ def from_pandapower(net: Any, *, convention: Convention = "matpower") -> PowerNe
         raise InputError("a pandapower net needs pandapower: pip install pandapower") from None
     try:
         case = converter.to_ppc(net, calculate_voltage_angles=True, init="flat", mode="opf")
-    except Exception as error:  # whatever pandapower says of a net that it cannot convert
+    except Exception as error:  # any error of pandapower for a net that it cannot convert
         raise InputError(f"pandapower cannot convert the net: {type(error).__name__}: {error}") from None
     values = {name: np.real(np.asarray(case[name])).astype(np.float64) for name in _TABLES if name in case}
     for name in _TABLES:

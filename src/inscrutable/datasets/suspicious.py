@@ -24,7 +24,7 @@ _RATIOS = (2.0, 3.0, 4.0, 5.0, 10.0)
 """What shares are split or merged by."""
 
 _AROUND = 24
-"""Rows whose moves say what is usual around a row."""
+"""Rows whose moves give the usual move around a row."""
 
 _MAD = 1.4826  # makes the median absolute deviation a standard deviation for normal data
 _MEDIAN_OF_T = 0.7649  # the median of |T|
@@ -39,7 +39,7 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
     Returns:
         One sentence each, in the order: returns beyond belief, steps that look like a split, values repeated row after row,
         gaps between dates. Empty where nothing is suspicious. On 300 rows of 12 columns of Student's t with three degrees of
-        freedom and 6 % a row, something is said of less than one table in a hundred.
+        freedom and 6 % a row, fewer than one table in a hundred give a warning.
 
     Cost: O(T U log T).
 
@@ -83,7 +83,7 @@ def missing_steps(days: Sequence[datetime]) -> str:
         ]
         return _gap_text("no row for", missing)
     if len(steps) < _AROUND:
-        return ""  # too few rows to tell what is usual
+        return ""  # too few rows to know the usual step
     lengths = [(after - before).total_seconds() / 86400.0 for before, after in pairwise(days)]
     longest = max(tolerances.LONGEST_HOLIDAYS, 1.9 * float(np.median(lengths)))
     spans = [

@@ -1,1 +1,1 @@
-"""Step 7: many decisions in a row, and what comes of them."""
+"""Step 7: many decisions in a row, and their outcome."""

@@ -21,16 +21,16 @@ _FIRST = 24  # months that a signal needs
 
 @dataclass(frozen=True, eq=False)
 class AlphaBacktest:
-    """What an agent's alphas are worth by its own belief, and where that goes, one row a month.
+    """The worth of an agent's alphas by its own belief, and who gains or loses it, one row a month.
 
     Args:
         maker: The rule.
         index: Labels of the months.
-        worth: What the optimum for the alphas is worth above the constant decision, shape (T,), per month.
-        given_up: What the published decision costs beyond the optimum, shape (T,).
+        worth: The gain of the optimum for the alphas over the constant decision, shape (T,), per month.
+        given_up: The regret of the published decision, shape (T,).
         taken: Gain of a rival who plays the published decision at the same time, above the constant one, shape (T,).
         realised: Returns of the constant, the published and the optimal decision, shape (T,3); None without returns.
-        bits: What each decision told by the observer's law, shape (T,).
+        bits: Leakage of each decision by the observer's law, shape (T,).
         errors: (m − m̂)'Q(m − m̂), m̂ what the observer believes after the decision, shape (T,).
         period: What a row is, in a word.
     """
@@ -93,7 +93,7 @@ class AlphaBacktest:
             line("the alphas are worth", "worth", ".2f"),
             line("hiding gives up", "given_up", ".2f", "worth"),
             line("one who copies takes", "taken", ".2f", "worth"),
-            line("a decision tells, bits", "bits", ".3f"),
+            line("a decision leaks, bits", "bits", ".3f"),
             line("mean square error left", "error", ".4g"),
         ]
         if found["realised"] is not None:

@@ -1,4 +1,4 @@
-"""What to publish instead of the decisions that private means call for, month after month."""
+"""What to publish instead of the optimal decisions for private means, month after month."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from inscrutable.validation import Array
 
 LAW_IS_PUBLIC = (
     "The law of the alphas (the prior covariance or the world) counts as public: if it was estimated from your own alphas, it "
-    "tells of them itself. With --state the first run fixes it, and any other is refused."
+    "reveals them itself. With --state the first run fixes it, and any other is refused."
 )
 
 
 @dataclass(frozen=True, eq=False)
 class ProtectedAlphas:
-    """Decisions that were drawn for private means, and what the observer holds.
+    """Decisions that were drawn for private means, and the observer's estimate.
 
     Args:
         maker: The rule.
@@ -31,7 +31,7 @@ class ProtectedAlphas:
         decisions: One per row; none where nothing was drawn.
         n_published: Decisions recorded so far.
         spent: Regret of all recorded decisions, by the observer's law.
-        told: Bits that they told.
+        told: Bits that they leaked.
         expected: Mean regret and bits of the next decision, by the observer's law.
     """
 
@@ -68,10 +68,10 @@ class ProtectedAlphas:
         }
 
     def summary(self) -> str:
-        """Return a few sentences: what the rule costs and tells in the long run, now and so far."""
+        """Return a few sentences: the rule's cost and leakage in the long run, now and so far."""
         lines = [self.maker.summary()]
         lines.append(
-            f"The next decision costs {self.expected[0]:.4g} on average and tells {self.expected[1]:.4f} bits."
+            f"The next decision costs {self.expected[0]:.4g} on average and leaks {self.expected[1]:.4f} bits."
         )
         if self.n_published:
             count = "1 decision" if self.n_published == 1 else f"{self.n_published} decisions"
@@ -159,7 +159,7 @@ def protect_alphas(
 
 
 def _public_rows(maker: AlphaDecisionMaker, alphas: pd.DataFrame, public: pd.DataFrame | None) -> Array | None:
-    """What everybody read with each row of the alphas, (T,q); None where nothing was told."""
+    """What everybody read with each row of the alphas, (T,q); None where nothing is public."""
     if public is None:
         if len(alphas) > 1:
             _need_public(maker)

@@ -85,7 +85,7 @@ def run_alpha_backtest(
         world: How the alphas move.
 
     Returns:
-        What is given up and what is taken after every date from the end of the training sample on.
+        An `AlphaBacktest`: what is given up and what is taken at every date from the end of the training sample on.
 
     Raises:
         InputError: Dates or labels do not fit, or there are too few rows of alphas before the first decision.

@@ -1,4 +1,4 @@
-"""What do published weights say? Each row read back into the beliefs that explain it, rounding included.
+"""The beliefs that explain each row of published weights, rounding included.
 
 How much regret rounding can cause, so that the true belief is always among those read, is derived in `adversaries.rounded`.
 """
@@ -44,7 +44,7 @@ class Reading(Enum):
 
 @dataclass(frozen=True, eq=False)
 class RowReading:
-    """What one row of weights says.
+    """What one row of weights reveals.
 
     Args:
         reading: How it was read.
@@ -111,7 +111,7 @@ class Attack:
         return sum(row.reading is reading for row in self.rows)
 
     def summary(self) -> str:
-        """Return one sentence: how many rows say what."""
+        """Return one sentence: how many rows were read, and how."""
         explained = [row for row in self.rows if row.reading is not Reading.IMPLAUSIBLE]
         parts = [f"{len(explained)} of {len(self)} rows are explained by a belief"]
         if explained:

@@ -27,7 +27,7 @@ _FEWER_BELIEFS = 150
 _FINEST = 100
 _WALKED_STATES = 3
 _DOUBT = 0.01
-"""How often a rival takes the belief to be drawn anew; from 0.001 to 0.2 its errors are the same to 0.002."""
+"""Probability that a rival gives to the belief being drawn anew; from 0.001 to 0.2 its errors are the same to 0.002."""
 
 
 class Beside(NamedTuple):
@@ -46,9 +46,9 @@ class AwareReading:
         prior: The long-run law of the belief in the fitted world, on a grid: what the rival holds likely.
         estimates: Posterior means, shape (T,X), by decision maker. A decision that the mechanism plays under no belief of
             the grid is read as the nearest one that it plays.
-        leakages: What one decision tells under the prior, by decision maker.
+        leakages: Leakage of one decision under the prior, by decision maker.
         followed: Posterior means given all decisions so far, shape (T,X), by decision maker.
-        bits: What each decision tells beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
+        bits: Leakage of each decision beyond those before, I(π_t; u_t | u_0..u_{t−1}) under the rival's law, shape (T,).
         beside_public: The same as `followed` with public observations; empty where there are none.
         ceilings: Root mean square error that no rule of a decision maker's long-run regret leaves the aware observer over time,
             in the long run of the fitted world; NaN where it was not computed.
@@ -84,7 +84,7 @@ def doubted(chain: BeliefChain) -> BeliefChain:
     weights = chain.prior.weights
     anew = np.tile(weights, (len(chain.prior), 1))
     tables = None
-    if chain.public is not None:  # what is read then says nothing of the belief
+    if chain.public is not None:  # what is read then carries no information about the belief
         tables = [(1.0 - _DOUBT) * each.toarray() + _DOUBT * (weights @ each).sum() * anew for each in chain.public]
     return BeliefChain(chain.prior, (1.0 - _DOUBT) * chain.transition.toarray() + _DOUBT * anew, tables)
 

@@ -30,7 +30,7 @@ _LOGGER = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class BacktestSettings:
-    """What an investor is and what it spends on privacy; the defaults suit monthly returns of stock portfolios.
+    """An investor's settings and its budget for privacy; the defaults suit monthly returns of stock portfolios.
 
     Args:
         regimes: X, at least 2, fitted to the training sample and ordered by volatility.

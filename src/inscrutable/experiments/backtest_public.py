@@ -224,7 +224,7 @@ def _fitted(values: Array, held: Array) -> GaussianEmission:
 
 
 def _nearest(episode: Episode, actions: Array, without: Array) -> Array:
-    """Of the beliefs that explain each decision the one nearest to what is held without it; that itself where none does."""
+    """The belief nearest to the estimate without the decision, among those that explain it; that estimate where none does."""
     found = [belief_set_of(episode.problem, each).nearest(own) for each, own in zip(actions, without, strict=True)]
     return np.where(np.isnan(found), without, found)
 

@@ -51,7 +51,7 @@ class Backtest:
         problem: The portfolio problem, which the rival knows.
         candidates: The decoys that CDM and PDM share.
         beliefs: (T,X) beliefs about the row after each date, given the data up to the date.
-        episode: What each decision maker published and what the rival made of it.
+        episode: What each decision maker published and what the rival inferred from it.
         performance: What each decision maker earned.
         comparisons: Sharpe ratios against the ODM's.
         aware: What the aware observers read; None where a target is given per step.
@@ -144,7 +144,7 @@ class Backtest:
         return np.array([measure.at_step(t)(rows[t], found) for t, found in enumerate(sets)])
 
     def path(self, name: str) -> pd.DataFrame:
-        """Return one row per decision: what it cost, hid and earned; regret in the cost's unit, return per row."""
+        """Return one row per decision: its regret, privacy and return; regret in the cost's unit, return per row."""
         record, earned = self._of(name), self.performance[name]
         decisions = record.decisions
         return pd.DataFrame(
@@ -183,7 +183,7 @@ class Backtest:
     def silence_regret(self) -> float:
         """Mean regret of the one constant portfolio that suits these beliefs best: r₀ = V(mean π) − mean V(π).
 
-        In the cost's unit. Whoever always published it would pay this and give nothing away but the mean belief.
+        In the cost's unit. An investor who always published it would pay this and reveal nothing but the mean belief.
         """
         rows = self.beliefs.to_numpy()
         constant = float(self.problem.optimal_cost(rows.mean(axis=0)))
@@ -241,7 +241,7 @@ def _figures(result: Backtest, name: str) -> dict[str, float]:
 
 
 def _disclosed_figures(result: Backtest, name: str) -> dict[str, float]:
-    """What one reads who is shown a part; nothing where that is everything."""
+    """Figures of an observer who is shown a part of the decisions; none where that is everything."""
     if result.settings.disclosure == EXACT:
         return {}
     read = estimate_quality(result.disclosed_estimates(name).to_numpy(), result.beliefs.to_numpy())

@@ -1,4 +1,4 @@
-"""The sequential rule in a backtest: what it publishes row by row, and what no rule of its regret leaves a rival."""
+"""The sequential rule in a backtest: what it publishes row by row, and a bound for every rule of its regret."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from inscrutable.validation import Array
 from inscrutable.worlds import HiddenMarkovModel
 
 SHARE_OF_SILENCE = 0.5
-"""Of the silence regret, which the rule spends unless told otherwise."""
+"""Share of the silence regret that the rule spends by default."""
 
 _OTHER_DRAWS = 8
 """Further draws that show how a verdict varies with the draw; a second each for 300 decisions."""
@@ -43,8 +43,8 @@ class SequentialPart:
 
     Args:
         maker: The rule, on the law of the belief in the fitted world, with its prices.
-        path: What it published, and what a rival holds who follows it.
-        others: What the same rival would have held of other draws, each of shape (T,X).
+        path: What it published, and the estimates of a rival who follows it.
+        others: The same rival's estimates under other draws, each of shape (T,X).
         silence_regret: Long-run mean regret of the one constant portfolio that suits the fitted world best.
         beside_public: The estimates of an observer who follows it and a public number, which the rule does not know of, shape
             (T,X).

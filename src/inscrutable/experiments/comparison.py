@@ -43,15 +43,15 @@ class ComparisonSettings(Section):
     Args:
         budgets: Expected regrets, at least 0, rising.
         unit: What they are counted in: "silence", shares of the silence regret r₀, at which one constant decision
-            suffices and nothing need leak; "cost", shares of E|c*|; "regret", the cost's own unit.
+            suffices and no leakage is needed; "cost", shares of E|c*|; "regret", the cost's own unit.
         repeats: Numbers of decisions made under one and the same belief, rising, the first at least 1.
         draws: Sequences sampled for each, at least 10.
-        pairs: Numbers of pairs of belief and decision, each at least 10, rising, that an observer has seen who knows nothing
-            else; none leaves it out. It needs the extra `inscrutable[audit]`.
+        pairs: Numbers of pairs of belief and decision, each at least 10, rising, that an observer without other knowledge has
+        seen; none leaves it out. It needs the extra `inscrutable[audit]`.
         disclosure: What observers are shown of decisions, how often and how late, such as "every(3)|delayed(2)"; "exact" is
             all, at once. Of single and of repeated decisions those that are shown are meant. The sequential rule goes by it;
             late and partial trades, which are read from all decisions as they are, are then left out.
-        rival: What a rival wants the belief for, as the section [problem] of a study file, such as {"kind": "own"}, the agent's
+        rival: A rival's use of the belief, as the section [problem] of a study file, such as {"kind": "own"}, the agent's
             own problem, {"kind": "finite", "costs": [[-1, 0], [1, 0]]} or {"kind": "naming"}; None: nothing but the belief.
 
     Raises:
@@ -80,6 +80,10 @@ class ComparisonSettings(Section):
         return self
 
 
+_MOST_NAMED = 2
+"""Decision makers that a summary names; of more it gives the number."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Saved):
     """Decision makers against observers at equal expected regret.
@@ -103,9 +107,9 @@ class Comparison(Saved):
         pairs: Numbers of pairs seen by an observer of data alone.
         disclosure: What observers were shown of decisions.
         secret_worth: What the belief is worth to the rival, in its own unit; NaN without a rival.
-        prior_loss: What the rival loses who sees no decision.
+        prior_loss: The loss of the rival without any decision.
         rival: The unit of the rival's loss; empty without one.
-        rival_is_own: Whether the rival has the agent's own problem, so that nobody can stop it from copying.
+        rival_is_own: Whether the rival has the agent's own problem, so that copying cannot be prevented.
 
     Source: for each measure the function that computes it; the paper, Section V-B, for the trade-off.
     """
@@ -139,7 +143,7 @@ class Comparison(Saved):
 
     @property
     def middle_budget(self) -> float:
-        """The budget that the sentence and the terminal speak of; the lower of two middle ones."""
+        """The budget of the summary and of the terminal's table; the lower of two middle ones."""
         return self.budgets[(len(self.budgets) - 1) // 2]
 
     @property
@@ -187,7 +191,7 @@ class Comparison(Saved):
         return values
 
     def header(self) -> str:
-        """Return one sentence that every figure of the comparison needs beside it."""
+        """Return one sentence that states what every figure of the comparison is relative to."""
         share = f", {self.silence_regret / self.mean_cost:.1%} of E|c*|" if self.mean_cost > 0 else ""
         return (
             f"prior of {self.n_beliefs} beliefs, {self.prior_entropy:.2f} bits; {self.n_candidates} candidate decisions; "
@@ -200,11 +204,11 @@ class Comparison(Saved):
         return tuple(row for row in self.rows if row.budget == budget and row.maker not in SPENDS_NOTHING)
 
     def summary(self) -> str:
-        """Return in a few lines who hides the belief from whom, at the middle budget."""
+        """Return a few lines: which decision makers hide the belief from which observer, at the middle budget."""
         budget = self.middle_budget
         rows = self.at(budget)
         if not rows or not self.prior_error > 0:
-            return "Nothing can be hidden: the prior leaves no doubt about the belief, or nobody spends anything."
+            return "Nothing can be hidden: the prior leaves no doubt about the belief, or no decision maker spends anything."
         worth = (
             f"{budget / self.silence_regret:.0%} of the silence regret" if self.silence_regret > 0 else f"{budget:.3g}"
         )
@@ -227,8 +231,13 @@ class Comparison(Saved):
             later += ", which the sequential rule takes to move by that chain" if self.ceilings else ""
             seen[later] = [(float(row.repeated_errors[last]), float(row.repeated_top_state[last])) for row in rows]
         asked = Requirement(self.prior_error, self.prior_top_state)
+        hiding = {
+            who: [row.maker for row, each in zip(rows, found, strict=True) if asked.is_met(Reached(row.maker, *each))]
+            for who, found in seen.items()
+        }
         lines = [
-            f"At an expected regret of {worth}:",
+            f"In short: at an expected regret of {worth} the belief is hidden "
+            f"{', '.join(f'from the {_short(who)} by {_few(names, len(rows))}' for who, names in hiding.items())}.",
             *(
                 f"Hidden from the {who}: "
                 f"{asked.judge([Reached(row.maker, *each) for row, each in zip(rows, found, strict=True)])}."
@@ -269,13 +278,27 @@ class Comparison(Saved):
         )
         if self.rival_is_own:
             told += (
-                " The rival's problem is the agent's own: nobody can stop it from copying, so that the share given up and the "
-                "share taken add up to 1 at least."
+                " The rival's problem is the agent's own: copying cannot be prevented, and the share given up and the share "
+                "taken add up to 1 at least."
             )
         return told
 
     def __repr__(self) -> str:
         return f"{self.header()}\n{self.summary()}"
+
+
+def _short(observer: str) -> str:
+    """Return an observer's name without what it knows; what it sees stays."""
+    name, _, knows = observer.partition(", ")
+    sees = knows.partition(",")[0].removeprefix("who ")
+    return f"{name} who {sees}" if sees.startswith("sees") else name
+
+
+def _few(names: Sequence[str], n: int) -> str:
+    """Return which of n decision makers hide a belief: up to two by name, more as a number."""
+    if len(names) > _MOST_NAMED:
+        return f"{len(names)} of {n} decision makers"
+    return " and ".join(names) or "none"
 
 
 def compare(

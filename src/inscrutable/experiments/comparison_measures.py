@@ -1,4 +1,4 @@
-"""What every observer makes of one mechanism: errors of their estimates, leakage, detectability, repetition."""
+"""The measures of one mechanism against every observer: errors of estimates, leakage, detectability, repetition."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from inscrutable.validation import Array
 class ComparisonRow(Saved):
     """One decision maker at one budget, against every observer.
 
-    Errors are root mean squares under the prior and the mechanism, Euclidean, in units of belief; where a decision makes
-    no sense to an observer, its guess is the belief of least regret.
+    Errors are root mean squares under the prior and the mechanism, Euclidean, in units of belief; where no belief explains a
+    decision to an observer, its guess is the belief of least regret.
 
     Args:
         maker: The decision maker's name.
@@ -61,7 +61,7 @@ class ComparisonRow(Saved):
             where that is not known. Its ceiling is the prior's error too.
         path_error_se: Its standard error, over independent paths.
         path_top_state: How often that one names a most likely state.
-        path_bits: What a decision tells that one beyond those before it, in bits.
+        path_bits: Leakage of a decision to that observer beyond those before it, in bits.
         path_bits_se: Its standard error, over independent paths.
         path_ceiling: An error over time that no rule of the same expected regret exceeds; NaN but for the sequential rule.
         path_error_half: The error over time where beliefs stay half as long as the sequential rule takes them to.
@@ -73,8 +73,8 @@ class ComparisonRow(Saved):
             without one.
         rival_worth: What one decision is worth to the rival, in its own unit; NaN where no rival was given.
         learned_error: Of that observer, who then reads single decisions as the naive one does; NaN where none explains all.
-        sensor_error: Of the sensor read from a path of decisions taken at face value, as a share of the error without
-            none; NaN where decisions are not seen as they are.
+        sensor_error: Of the sensor read from a path of decisions taken at face value, as a share of the error without any; NaN
+        where decisions are not seen as they are.
         data_errors: Of an observer who has only data, for each number of pairs asked for, shape (S,); one sample of pairs each.
     """
 
@@ -140,7 +140,7 @@ def measured(
 ) -> ComparisonRow:
     """Return every measure of a mechanism; `repeats` are the numbers of repeated decisions and the sampled sequences.
 
-    Under a disclosure observers see what it shows; what is said of decisions as they are made is then NaN.
+    Under a disclosure observers see what it shows; figures of decisions as they are made are then NaN.
     """
     setting, behaviour = observed.setting, observed.behaviour
     single = Disclosure(disclosure.maps)
@@ -193,7 +193,7 @@ _OF_MECHANISM = (
 
 _LEAKED = ("mutual_information", "min_entropy_leakage", "maximal_leakage")
 _IN_FULL = ("naive_privacy", "read_auc", "expected_gap", "implausible_share")
-"""What is said of decisions that are seen as they are."""
+"""Figures of decisions that are seen as they are."""
 
 
 def _prefixed(name: str, figures: Repeated | Watched | Learned, without: tuple[str, ...] = ()) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Observers of many decisions in a comparison: one follows a belief that moves, one has to learn the cost first.
+"""Observers of many decisions in a comparison: the first follows a belief that moves, the second learns the cost first.
 
 The first knows the rule, the law of the belief's steps and every decision so far: α_{t+1} ∝ K(u_{t+1}|·) (α_t T), from
 α_0 ∝ K(u_0|·) w. A rule with a memory is read backwards first: decisions are then those of a mechanism, of the belief some
@@ -47,7 +47,8 @@ _DENSE = 0.1
 
 
 class Learned(NamedTuple):
-    """What one concludes who learns the risk aversion; all NaN where there is none, the interval where none explains."""
+    """The results of an observer who learns the risk aversion; all NaN where there is none, the interval where none
+    explains."""
 
     low: float = float("nan")
     high: float = float("nan")
@@ -85,7 +86,7 @@ def watched(
     # What a decision adds is the surprise that it is, less the one that is left where the belief is known.
     own = float(chain.prior.weights @ _entropies(decided.observed)) / schedule.period
     bits_se = float(surprise.std(ddof=1)) / np.sqrt(len(surprise))
-    # Where decisions are left out or late, the mean of what the last one tells is not that of `bayes_error`.
+    # Where decisions are left out or late, the mean over the last one is not that of `bayes_error`.
     known = alone - bayes_error**2 if schedule.is_immediate else np.zeros_like(alone)
     squared, spread = (float(each[0]) for each in adjusted_means(over_time, known))
     error = float(np.sqrt(max(squared, 0.0)))
@@ -199,7 +200,8 @@ def _expected(laws: Array, of: tuple[Array, Array, Array]) -> Array:
 def learned(
     setting: Setting, behaviour: Behaviour, joint: Joint, naive_error: float, rng: np.random.Generator
 ) -> Learned:
-    """Return what one makes of a path of decisions, and of single ones then, who does not know the risk aversion."""
+    """Return the results of an observer who does not know the risk aversion, from a path of decisions and then from single
+    ones."""
     problem = setting.problem
     if not isinstance(problem, MarkowitzProblem):
         return Learned()

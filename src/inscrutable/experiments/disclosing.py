@@ -29,16 +29,16 @@ USUAL = (
     "rounded(1)",
     "top(1)",
 )
-"""What is looked at where nothing else is asked for, in steps of months."""
+"""The disclosures compared by default, in steps of months."""
 
 
 @dataclass(frozen=True, eq=False)
 class DisclosureRow(Saved):
-    """What one reads who is shown this much.
+    """What an observer reads from decisions under one disclosure.
 
     Args:
         disclosure: What is shown, as text.
-        bits: What is told a step of the beliefs so far, in bits, on average over the counted steps.
+        bits: Leakage a step about the beliefs so far, in bits, on average over the counted steps.
         bits_se: Its standard error, at most.
         error: Root mean square error of the estimate of the present belief over the counted steps, Euclidean.
         error_se: Its standard error, at most.
@@ -112,7 +112,7 @@ class DisclosureTable(Summarised, Saved):
         return row.error / self.prior_error if self.prior_error > 0 else float("nan")
 
     def summary(self) -> str:
-        """Return which disclosure hides most of the present belief, and which least."""
+        """Return which disclosure hides the present belief best, and which least."""
         least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
         same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
         return (

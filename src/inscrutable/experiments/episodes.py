@@ -38,7 +38,7 @@ class DecisionMaker(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What one decision maker played in an episode; of a lottery, the atom that was drawn.
+    """The decisions of one decision maker in an episode; of a lottery, the atom that was drawn.
 
     Args:
         decisions: The played decisions, T of them.

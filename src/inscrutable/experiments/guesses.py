@@ -1,4 +1,4 @@
-"""What observers' guesses are worth, over all decisions of a mechanism."""
+"""Errors of observers' guesses, over all decisions of a mechanism."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inscrutable.validation import Array
 def guesses_of(observer: Adversary, actions: Array, joint: Joint, excuses: Array | None = None) -> Array:
     """Return the estimates (M,X) of the decisions that are played; zeros elsewhere.
 
-    `excuses` (M,X) are the beliefs of least regret of decisions that make no sense to the observer, where they are known.
+    `excuses` (M,X) are the beliefs of least regret of decisions that the observer cannot explain, where they are known.
     """
     shown = np.flatnonzero(joint.played > 0)
     found = np.zeros((joint.n_actions, joint.beliefs.shape[1]))

@@ -33,7 +33,7 @@ _MOST_LISTED = 3
 
 
 class Reached(NamedTuple):
-    """What one decision maker leaves an observer: the error of the estimate, and the share of right namings.
+    """The error of an observer's estimate under one decision maker, and the share of right namings.
 
     Both are NaN where no belief explains any of its decisions to that observer.
     """
@@ -45,7 +45,7 @@ class Reached(NamedTuple):
 
 @dataclass(frozen=True)
 class Requirement:
-    """What a protection must leave an observer.
+    """The requirement for a belief to count as hidden from an observer.
 
     Args:
         error_without: e₀, root mean square error without decisions, at least 0.
@@ -100,7 +100,7 @@ class Requirement:
         )
 
     def judge(self, reached: Sequence[Reached]) -> str:
-        """Return who hides and who does not, each with the error and the share of right namings reached.
+        """Return which decision makers hide the belief and which do not, with the error and the share of right namings reached.
 
         A figure that misses its bound stands beside it. The best come first, three of each at most. One whose decisions no
         belief explains is named and not judged.
@@ -139,7 +139,7 @@ class Requirement:
 
 
 class EstimateQuality(NamedTuple):
-    """What estimates of beliefs are worth; NaN where there are none."""
+    """The error and the share of right namings of estimates; NaN where there are none."""
 
     error: float
     named: float

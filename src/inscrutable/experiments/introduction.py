@@ -1,4 +1,4 @@
-"""What the paper's introduction says of copying, herding, delay and partial trades, each claim with a number and a verdict."""
+"""The claims of the paper's introduction about copying, herding, delay and partial trades, each with a number and a verdict."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _OTHERS = 20
 
 
 class IntroductionVerdict(Enum):
-    """What was measured of a claim of the introduction."""
+    """The verdict on a claim of the introduction."""
 
     HOLDS = "holds"
     AT_FACE_VALUE = "holds only against the naive observer"
@@ -73,8 +73,8 @@ def introduction_claims(n_markets: int = 8, *, rng: np.random.Generator) -> tupl
 
     Hiding costs at most a tenth of E|c*|: the paper's CDM, the longest affordable delay, the smallest affordable fraction of
     each trade. The aware observer follows a belief that stays with probability 0.8. Herds are those of two states,
-    two choices and two symbols with chances drawn uniformly, as many sensors as markets; who hides plays ε-randomised response,
-    ε = 1.
+    two choices and two symbols with chances drawn uniformly, as many sensors as markets; an agent that hides plays ε-randomised
+    response, ε = 1.
 
     Args:
         n_markets: Random markets of the paper's law, and random sensors, at least 2.
@@ -87,7 +87,7 @@ def introduction_claims(n_markets: int = 8, *, rng: np.random.Generator) -> tupl
 
     Example:
         >>> print(introduction_claims(2, rng=np.random.default_rng(0))[0])
-        who sees an investor's decisions decides as well without its expertise: holds
+        an observer of an investor's decisions decides as well without its expertise: holds
     """
     if validation.count(n_markets, "n_markets") < 2:
         raise InputError(f"claims are judged over at least 2 markets, got {n_markets}")
@@ -95,7 +95,7 @@ def introduction_claims(n_markets: int = 8, *, rng: np.random.Generator) -> tupl
     worths, errors = (np.array(each) for each in zip(*map(_market, seeds.tolist()), strict=True))
     copying = _judged(
         "copying",
-        "who sees an investor's decisions decides as well without its expertise",
+        "an observer of an investor's decisions decides as well without its expertise",
         "share of the belief's worth that reading optimal decisions gives",
         worths,
         (Rule.ALWAYS, 0.99),

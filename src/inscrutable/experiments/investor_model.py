@@ -1,6 +1,6 @@
-"""What a backtest leaves behind for later questions: the investor's world, decision problem and budget, as one JSON file.
+"""The investor's world, decision problem and budget as one JSON file, which a backtest writes for later commands.
 
-The file is what an attack needs to know of the investor, and what the investor needs to answer it. Floats are written
+`attack` and `protect` read it. Floats are written
 in full, so a loaded model solves to the same digits; nothing in the file is ever executed.
 """
 

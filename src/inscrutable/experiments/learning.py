@@ -1,4 +1,4 @@
-"""How well one reads a mechanism who has only data of it, by how many pairs it has seen."""
+"""The error of an observer who has only data about a mechanism, by the number of pairs it has seen."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class LearningCurve(Summarised, Saved):
         error_se: Standard errors over repeats, shape (S,).
         top_state: How often it names a most likely state, shape (S,).
         bayes_error: Error of the aware observer, below which no number of pairs leads.
-        prior_error: What one errs by who sees no decision and knows the mean belief.
+        prior_error: The error of an observer who sees no decision and knows the mean belief.
 
     Source: `learning_curve`.
 

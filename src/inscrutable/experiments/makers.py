@@ -121,7 +121,7 @@ class _Hides(MakerSection):
 
     @classmethod
     def goal_of(cls, chosen: Chosen) -> PrivacyMeasure:
-        """Return what it seeks."""
+        """Return the measure that it seeks."""
         name = chosen.get("goal", "maximal")
         return cls.own[name]() if name in cls.own else goal_of(name)
 
@@ -408,8 +408,8 @@ def behave(
         limit: A budget per belief; None for one that takes none.
         regret: What the budget allows on average, in the cost's unit, where that is known.
         each: Whether the budget is to hold at every belief. Else what it allows on average is spent in expectation, to
-            `tolerances.CALIBRATED` from below, by one with a budget per belief by scaling that; who finds nothing more to buy
-            spends less.
+            `tolerances.CALIBRATED` from below, by one with a budget per belief by scaling that; one that finds nothing more
+            private spends less.
         seed: The stream of random numbers.
         kinds: Every decision maker by its name; None is those of the library.
     """

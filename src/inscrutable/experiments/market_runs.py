@@ -1,4 +1,4 @@
-"""One random market of the reproduction: what the paper's decision makers and the global ones do in it."""
+"""One random market of the reproduction: the decisions of the paper's decision makers and of the global ones in it."""
 
 from __future__ import annotations
 

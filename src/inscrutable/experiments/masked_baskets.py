@@ -1,4 +1,4 @@
-"""How long does a masked basket stay masked? A fund that publishes its weights every day, with a mask laid over them."""
+"""How fast an observer learns a masked basket: a fund publishes its weights every day, with a mask added to them."""
 
 from __future__ import annotations
 

@@ -71,10 +71,11 @@ MEASURES: Mapping[str, Measure] = {
         attrgetter("played.silence_share"),
     ),
     "mutual_information": Measure(
-        "bits told",
-        "bits told: the mutual information of one decision and the belief, for the aware observer.",
+        "leakage, bits",
+        "leakage: the mutual information of one decision and the belief, for the aware observer.",
         attrgetter("leakage.mutual_information"),
         -1,
+        "leakage in bits",
     ),
     "min_entropy_leakage": Measure(
         "min-entropy leakage, bits",
@@ -89,7 +90,7 @@ MEASURES: Mapping[str, Measure] = {
     "worth": Measure(
         "worth to the rival",
         "worth to the rival: by how much one decision lowers the loss of the rival of the section rival, in the rival's unit; "
-        "of the square error without that section. 0 where the decision tells nothing.",
+        "of the square error without that section. 0 where the decision reveals nothing.",
         attrgetter("leakage.worth"),
         -1,
     ),
@@ -105,7 +106,7 @@ MEASURES: Mapping[str, Measure] = {
     ),
     "prior_entropy": Measure(
         "entropy of the prior, bits",
-        "entropy of the prior: the bits that there are to tell.",
+        "entropy of the prior: the most bits that can leak.",
         attrgetter("played.prior_entropy"),
     ),
     "prior_top_state": Measure(
@@ -129,19 +130,20 @@ MEASURES: Mapping[str, Measure] = {
         attrgetter("detectability.expected_gap"),
     ),
     "read_auc": Measure(
-        "told from honest, AUC",
-        "AUC: telling a decision from an optimal one by what it seems to say; 0.5 is nothing.",
+        "detectability, AUC",
+        "detectability: area under the curve of a test of one decision against an optimal one, by the naive reading; 0.5 is "
+        "chance.",
         attrgetter("detectability.read_auc"),
         -1,
-        "AUC of telling from honest",
+        "detectability",
     ),
 }
-"""Every measure by the name that files give it. A page's verdict speaks of the first of `HEADLINES` that was measured."""
+"""Every measure by the name that files give it. A page's verdict is about the first of `HEADLINES` that was measured."""
 
 HEADLINES = ("error", "naive_privacy", "mutual_information", "top_state", "read_auc")
 
 OF_OBSERVERS = tuple(name for name, measure in MEASURES.items() if measure.value is None)
-"""Measures that are an observer's; every other one is the mechanism's, whoever looks at it."""
+"""Measures that are an observer's; every other one is the mechanism's, the same for every observer."""
 
 
 WITHOUT = ("prior_error", "prior_top_state")

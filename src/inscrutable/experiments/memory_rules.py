@@ -7,7 +7,7 @@ guess is how the belief has moved since: R^d K. A fraction f of the trade gives 
 is the optimal decision, to the last digit, so nothing is hidden from an observer who also saw the decision before.
 
 A belief that is held for n decisions is met with the optimal decision itself after a delay of d < n steps, and d + 1 − n steps
-late before. Decisions seen before the last (and for the fraction the last but one) could tell a little more, where several
+late before. Decisions seen before the last (and for the fraction the last but one) could reveal a little more, where several
 beliefs share one optimal decision; that is left out.
 """
 
@@ -75,7 +75,7 @@ def delayed(setting: Setting, regret: float) -> Behaviour | None:
 
 @dataclass(frozen=True, eq=False)
 class _Late:
-    """What the aware observer sees, who knows the delay."""
+    """The decisions as the aware observer, who knows the delay, reads them."""
 
     problem: DecisionProblem
     chain: BeliefChain
@@ -131,8 +131,8 @@ def _traded(setting: Setting, targets: Array, fraction: float) -> Behaviour:
 
 @dataclass(frozen=True, eq=False)
 class _Decoded:
-    """What the aware observer sees, who knows the fraction and saw the decision before: the optimal decision nearest to the
-    target."""
+    """The decisions as the aware observer, who knows the fraction and saw the decision before, reads them: the optimal
+    decision nearest to the target."""
 
     optimal: Mechanism
     problem: DecisionProblem

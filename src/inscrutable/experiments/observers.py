@@ -1,4 +1,4 @@
-"""The observers of every experiment, one section each, and what they make of a mechanism."""
+"""The observers of every experiment, one section each, and their results on a mechanism."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Observed:
 
     @cached_property
     def leakage(self) -> Leakage:
-        """What single decisions tell the aware observer."""
+        """Leakage of single decisions to the aware observer."""
         memory = self.behaviour.memory
         return self.played if memory is None else leakage(memory(1), self.setting.prior, loss=self.setting.loss)
 
@@ -125,7 +125,7 @@ class Observed:
         return Budget.regret(self.played.worst_regret) if promise is None else promise
 
     def leakage_shown(self, disclosure: Disclosure) -> Leakage:
-        """Return what parts of single decisions tell the aware observer."""
+        """Return the leakage of parts of single decisions to the aware observer."""
         if disclosure.is_exact:
             return self.leakage
         memory = self.behaviour.memory
@@ -133,7 +133,7 @@ class Observed:
         return leakage(played, self.setting.prior, disclosure=disclosure, loss=self.setting.loss)
 
     def knowledge(self, disclosure: Disclosure) -> dict[str, Any]:
-        """Return what an observer of sets is told where parts of decisions are hidden: those played and the candidates."""
+        """Return the decisions that an observer of sets considers where parts are hidden: those played and the candidates."""
         if disclosure.is_exact:
             return {}
         problem, mechanism = self.setting.problem, self.behaviour.mechanism
@@ -256,7 +256,7 @@ class SequentialObserver(ObserverSection):
         shown, public = observed.shown(chosen), chosen.get("public", NOTHING)
         if setting.chain is None:
             raise InputError("an observer that follows the belief needs beliefs that move: of kind stationary")
-        if public == ALL:  # who reads all that the agent reads, with its model, holds its belief
+        if public == ALL:  # an observer who reads all that the agent reads, with its model, knows its belief
             return ObserverReading(0.0, 1.0, 0.0, 1.0)
         beside = None
         if public != NOTHING:

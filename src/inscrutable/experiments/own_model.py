@@ -184,7 +184,7 @@ class OwnModelFile(Section):
 
 @dataclass(frozen=True, eq=False)
 class OwnModel:
-    """A model file with what it says, checked as far as it goes without returns.
+    """A model file with its content, checked as far as is possible without returns.
 
     Args:
         file: What the file says.

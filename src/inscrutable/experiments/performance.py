@@ -1,4 +1,4 @@
-"""What a sequence of portfolios earned: returns, turnover and cost, and how sure a difference of Sharpe ratios is.
+"""Performance of a sequence of portfolios: returns, turnover, cost, and an interval for a difference of Sharpe ratios.
 
 Nothing is annualised silently: a `Frequency` names the factor, and every annual figure says that it was used.
 """
@@ -43,7 +43,7 @@ _KNOWN = (
 
 
 def frequency_of(dates: pd.DatetimeIndex) -> Frequency:
-    """Return how many rows make a year, told by the median distance of the dates.
+    """Return how many rows make a year, from the median distance of the dates.
 
     252 for trading days, 52 for weeks, 12 for months, 4 for quarters, 1 for years; other distances d give 365.25 / d.
 
@@ -58,7 +58,7 @@ def frequency_of(dates: pd.DatetimeIndex) -> Frequency:
         Frequency(per_year=12.0, word='month')
     """
     if len(dates) < 2:
-        raise InputError(f"{len(dates)} dates do not tell how often a row comes; expected at least 2")
+        raise InputError(f"{len(dates)} dates do not determine how often a row comes; expected at least 2")
     days = float(np.median(np.diff(dates.to_numpy()) / np.timedelta64(1, "D")))
     for low, high, frequency in _KNOWN:
         if low < days <= high:
@@ -129,7 +129,7 @@ def track_portfolios(
 
     Formula: r_t = w_t·R_t; the weights drift to w_t (1 + R_t)/(1 + r_t) while they are held, so the next portfolio
     trades q_{t+1} = Σ |w_{t+1} − drifted w_t| (bought plus sold); net return (1 + r_t)(1 − cost·q_t) − 1. The first
-    purchase is not counted (q_0 = 0): it is the same for everybody who starts from cash.
+    purchase is not counted (q_0 = 0): it is the same for every investor who starts from cash.
 
     Args:
         weights: w_t, shape (T,U), published before the return of row t is known.

@@ -43,8 +43,8 @@ class Protection:
         model: The investor.
         index: Labels of the rows, T of them.
         beliefs: The investor's own beliefs π, shape (T,X).
-        optimal: u*(π), what it would hold if nobody watched, shape (T,U).
-        optimal_sets: Π(u*), what that would say.
+        optimal: u*(π), the optimal weights, shape (T,U).
+        optimal_sets: Π(u*), the beliefs that these would reveal.
         budget: What may be spent, per row.
         measure: The privacy that was maximised.
         deterministic: The most private affordable weights (CDM).
@@ -97,8 +97,8 @@ class Protection:
     def verdict(self) -> str:
         """Whether the beliefs are hidden from the naive observer, who takes the weights at face value.
 
-        One who sees no weights guesses the long-run law of the model's regimes, and names its likeliest. Empty where the
-        regimes have no unique long-run law.
+        An observer who sees no weights guesses the long-run law of the model's regimes, and names its likeliest. Empty where
+        the regimes have no unique long-run law.
         """
         world = self.model.world
         try:

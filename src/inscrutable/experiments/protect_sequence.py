@@ -1,4 +1,5 @@
-"""One step of a sequence of decisions that is kept in a file: what to publish where an observer remembers all before."""
+"""One step of a sequence of decisions that is kept in a file: what to publish against an observer who remembers all earlier
+decisions."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ _LEAST_SHOWN = 0.0005  # a weight below this is 0.0 per cent
 
 @dataclass(frozen=True, eq=False)
 class ProtectedStep:
-    """What the sequential rule would draw from, what the observer holds, and what was published, if anything was.
+    """The lottery of the sequential rule, the observer's estimate, and what was published, if anything was.
 
     Args:
         model: The investor.
@@ -34,17 +35,17 @@ class ProtectedStep:
         lottery: What to draw from; weights that are drawn seldom come last.
         before: The observer's mean belief before this decision, shape (X,).
         after: The same after the published decision; None where nothing was published.
-        expected: What this step costs and tells on average.
+        expected: Regret and leakage of this step on average.
         published: The weights that were drawn and recorded, shape (U,), or None.
         latest: The weights recorded last, by this step or an earlier one, shape (U,), or None.
         is_off_grid: Whether the belief is none of the grid's, so that the observer's law misses it.
         is_approximate: Whether the observer's law takes `published` for the nearest weights that the rule could have played.
         n_published: Decisions recorded, this one included.
         spent: Regret of all recorded decisions, by the observer's law, in the cost's unit.
-        told: Bits that they told, by the observer's law.
+        told: Bits that they leaked, by the observer's law.
         prior_error: Root mean square error of an observer who sees no decision.
         long_run_error: The same in the long run, given all decisions.
-        ceiling: What no rule's long-run error exceeds, on the grid and these candidates.
+        ceiling: An upper bound of every rule's long-run error, on the grid and these candidates.
         n_beliefs: Beliefs of the grid.
     """
 
@@ -123,7 +124,7 @@ class ProtectedStep:
         return ", ".join(f"{asset} {share:.6f}" for asset, share in zip(self.model.assets, weights, strict=True))
 
     def summary(self) -> str:
-        """Return a few sentences: cost, what the observer holds, and what was published."""
+        """Return a few sentences: cost, the observer's estimate, and what was published."""
         lines = [
             f"This step costs {self.expected.own_regret:.3g} of regret in expectation under your belief, "
             f"{self.expected.regret:.3g} by the observer's law, and gives away {self.expected.bits:.3f} bits on average.",

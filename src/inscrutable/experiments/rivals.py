@@ -1,4 +1,5 @@
-"""What a rival wants, as a section of a file: the agent's own problem, a portfolio of its own, a choice, a state's name."""
+"""A rival's decision problem, as a section of a file: the agent's own problem, a portfolio of its own, a choice, a state's
+name."""
 
 from __future__ import annotations
 
@@ -102,7 +103,7 @@ def loss_of(rival: Any, problem: DecisionProblem) -> Loss:
 
 
 def is_own(loss: Loss | None, problem: DecisionProblem) -> bool:
-    """Whether a rival has the agent's own problem: then nobody can stop it from copying."""
+    """Whether a rival has the agent's own problem: then copying cannot be prevented."""
     if not isinstance(loss, RivalProblem):
         return False
     other = loss.problem
@@ -124,7 +125,7 @@ def _numbers(problem: MarkowitzProblem) -> list[Any]:
 
 
 def wanting(setting: Setting, rival: Any) -> Setting:
-    """Return a setting with a rival who wants something; the same without one."""
+    """Return a setting with a rival's problem; the same without one."""
     return setting if rival is None else replace(setting, loss=loss_of(rival, setting.problem))
 
 

@@ -1,8 +1,9 @@
-"""The sequential rule in an experiment: what it plays in the long run, and what those see who follow it.
+"""The sequential rule in an experiment: its long-run mechanism, and the error of observers who follow it.
 
-What it plays depends on what the observer holds, so that no table K(u|π) says it all. It is simulated: at every step the
+Its decisions depend on the observer's law, so that no table K(u|π) describes it. It is simulated: at every step the
 observer knows K_t, and its law of the belief is followed exactly, so that chance is left in paths and decisions alone. In the
-long run the rule amounts to K̄(u|π) = E[K_t(u|π) | π_t = π], which one knows who sees a single decision and none before it.
+long run the rule amounts to K̄(u|π) = E[K_t(u|π) | π_t = π], which an observer of a single decision, and of none before it,
+knows.
 
 The observer always knows how the belief really moves. The rule may be wrong about it: `truth` is then another chain than its
 own. Where decisions are disclosed late, in part or not all, the rule goes by that: K̄ is then of the steps whose decisions are
@@ -41,7 +42,7 @@ STILL_PATHS = 12
 
 
 class _Figures(NamedTuple):
-    """What one holds who follows the rule, of D paths at T steps, each (T,D)."""
+    """Figures of an observer who follows the rule, on D paths at T steps, each (T,D)."""
 
     squared: Array  # E‖π_t − E[π_t|u_0..u_t]‖², as expected by the observer
     named: Array  # chance of naming a most likely state

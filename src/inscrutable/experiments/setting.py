@@ -1,4 +1,4 @@
-"""What decision makers start from in an experiment, and what comes of one: a mechanism, with what it spends and promises."""
+"""What decision makers start from in an experiment, and the result of one: a mechanism, with its regret and its guarantee."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Seed = Callable[[], np.random.Generator]
 class Setting:
     """A problem, the law of the private belief, decisions to choose from, and how the belief moves where that is known.
 
-    `loss` is what a rival wants the belief for; None is the square error. `disclosure` is how decisions become public, for
+    `loss` is the rival's loss; None is the square error. `disclosure` is how decisions become public, for
     rules that go by it. `read` gives the same chain with tables of what one reads who follows "market", or an asset by its
     number.
     """
@@ -167,7 +167,7 @@ class Play(Protocol):
         """The error of the aware observer over time."""
 
     def repeated(self, steps: tuple[int, ...], *, told: bool) -> Repeated:
-        """Return what decisions on one belief tell; `told`: the rule knows that it stays, as the observer does."""
+        """Return the leakage of decisions on one belief; `told`: the rule knows that it stays, as the observer does."""
 
     def published(self, path: np.ndarray) -> Array:
         """Return the decisions (T,U) along a path of beliefs, given as places (T,) in the prior."""

@@ -1,4 +1,4 @@
-"""Shapes the story is told in: grids on the simplex, cones of multipliers, and sets of beliefs."""
+"""Geometry: grids on the simplex, cones of multipliers, and sets of beliefs."""
 
 from inscrutable.geometry.belief_set import BeliefSet
 from inscrutable.geometry.grids import simplex_grid

@@ -38,7 +38,7 @@ class BeliefSet(Saved):
         equalities: P, shape (k, X), dimensionless.
         inequalities: Q, shape (m, X), dimensionless.
         tolerance: Largest residual of a belief that counts as a member.
-        gap: Called for the plausibility gap with a value beyond which the caller does not care.
+        gap: Called for the plausibility gap with a value above which it need not be exact.
         state_names: Labels of the states, with which labelled beliefs are aligned; None where there are none.
 
     Every query costs one small factorisation at first use and is kept. Source: Theorem 1 of the paper.
@@ -113,8 +113,8 @@ class BeliefSet(Saved):
     def _even_corners(self) -> Array:
         """The corners (V,X) where costs of states lie decades apart, each state measured in a unit of its own; else none.
 
-        P π = 0 and Q π ≥ 0 are (P/d)(d π) = 0 and (Q/d)(d π) ≥ 0: what a state of small costs says is then not lost beside
-        the rounding of costs that are decades larger.
+        P π = 0 and Q π ≥ 0 are (P/d)(d π) = 0 and (Q/d)(d π) ≥ 0: a state of small costs is then not lost in the rounding of
+        costs that are decades larger.
         """
         sizes = np.abs(np.vstack([self.equalities, self.inequalities])).max(axis=0, initial=0.0)
         units = np.where(sizes > tolerances.ON_FACE, sizes, sizes.max(initial=0.0))

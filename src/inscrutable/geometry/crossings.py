@@ -5,7 +5,7 @@ of beliefs or a step of a decision is convex and least where the ray begins, so 
 straight line, and the secant through both ends misses little. The value of an end that stays is multiplied by
 1 − f(new)/f(replaced), or by a half where that is not positive, so that the next secant leans towards it (Anderson and
 Björck). A bracket that is wider than plain halving would leave it after three quarters of the steps, but for the first
-few, is halved: f may do what it likes. Where a value is infinite, it tells only the side, and every step halves.
+few, is halved, whatever the shape of f. Where a value is infinite, only the side is known, and every step halves.
 
 Source: Anderson and Björck, BIT 13, 1973. SciPy's `elementwise.find_root` may end on either side of the crossing, does not
 keep what was found inside, and takes 0.2 ms a step for itself, more than most functions here.

@@ -10,7 +10,7 @@ from inscrutable.errors import InputError
 from inscrutable.validation import Array, count
 
 _MOST_NUMBERS = 2**26
-"""Coordinates of a grid, half a gigabyte: a larger one is a slip, and would fill the memory before it said so."""
+"""Coordinates of a grid, half a gigabyte: a larger one is a mistake, and would fill the memory."""
 
 
 def simplex_grid(n: int, resolution: int) -> Array:

@@ -33,7 +33,7 @@ class Hulls(NamedTuple):
     origin: Array  # (n, X)
     directions: Array  # (n, X-1, X), free directions first
     bands: Array  # (n, X-1, 2): lowest and highest coordinate along each free direction
-    residual: Array  # (n,): what no belief can remove
+    residual: Array  # (n,): the residual that no belief removes
     noise: Array  # (n,): displacement of a belief that costs the tolerance in residual
 
 

@@ -1,4 +1,4 @@
-"""What a decision maker amounts to, as plain data: which decision it plays how often under which belief."""
+"""Decision makers as plain data: how often each decision is played under each belief."""
 
 from inscrutable.mechanisms.disclosures import (
     Disclosure,

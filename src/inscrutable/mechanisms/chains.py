@@ -1,4 +1,4 @@
-"""How the private belief moves from step to step on the points of a prior, for rules that decide by what came before."""
+"""How the private belief moves from step to step on the points of a prior, for rules that depend on earlier decisions."""
 
 from __future__ import annotations
 
@@ -205,14 +205,14 @@ def filtered_chain(
 
     That the next bin depends on the present one alone is an approximation, which a finer grid improves. Where something is
     public in the world, the chain's `public` tables are shares of the same steps by what was read. Real numbers are read as the
-    cell that they are in; `cells` says what that costs one who sees no decision.
+    cell that they are in; `cells` states by how much that raises the error of an observer who sees no decision.
 
     Args:
         world: The hidden Markov model whose observations the agent filters.
         resolution: r, at least 1: beliefs are multiples of 1/r.
         rng: The source of the simulated path.
         n_steps: Length of the simulated path, at least 1; the first tenth is left out.
-        cuts: Where what is public are real numbers: how many cells of like p(x|z) they are told apart by; None is 24. Or of one
+        cuts: Where what is public are real numbers: how many cells of like p(x|z) distinguish them; None is 24. Or of one
             number rising ones that cut it into symbols, `np.searchsorted(cuts, z)`.
 
     Raises:
@@ -298,7 +298,8 @@ def _cells(
 
 
 def _measured(world: HiddenMarkovModel, chain: BeliefChain, rng: np.random.Generator, *, ahead: bool) -> BeliefChain:
-    """The chain with what its cells cost one who sees no decision, on a path of its own; no number of `rng` is drawn."""
+    """The chain with the error that its cells add for an observer who sees no decision, on a path of its own; no number of
+    `rng` is drawn."""
     if chain.cells is None or chain.public is None:
         return chain
     path = world.sample(_MEASURED, rng=rng.spawn(1)[0])

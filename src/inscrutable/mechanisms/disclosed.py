@@ -47,7 +47,7 @@ def disclosed(mechanism: _Known, disclosure: Disclosure, returns: Array | None =
 def shown_classes(actions: Any, disclosure: Disclosure, returns: Array | None = None) -> tuple[Array, np.ndarray]:
     """Return the different values shown (N,V), or (N,) of choices, and which of them each of decisions (M,U) is shown as.
 
-    Decisions that cannot be told apart before an operation cannot be after it, so that what two operations show in turn
+    Decisions that cannot be distinguished before an operation cannot be after it, so that what two operations show in turn
     follows from what the first one shows.
     """
     points, place = _distinct(np.asarray(actions))
@@ -59,7 +59,7 @@ def shown_classes(actions: Any, disclosure: Disclosure, returns: Array | None = 
 
 
 def _distinct(points: Array) -> tuple[Array, np.ndarray]:
-    """The points that can be told apart, and which of them each is."""
+    """The points that can be distinguished, and which of them each is."""
     first = merged(points)
     if first is None:
         return points, np.arange(len(points))

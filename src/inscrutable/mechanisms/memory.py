@@ -1,4 +1,4 @@
-"""Mechanisms with a memory, and rules that make a new mechanism of what the observer holds."""
+"""Mechanisms with a memory, and rules that make a new mechanism from the observer's law."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class MemoryMechanism(Summarised, Saved):
     Example:
         >>> import numpy as np
         >>> table = np.zeros((2, 2, 2, 2))
-        >>> table[:, 0] = np.eye(4).reshape(2, 2, 2, 2)[[0, 1], [0, 1]]  # the first decision tells the belief
+        >>> table[:, 0] = np.eye(4).reshape(2, 2, 2, 2)[[0, 1], [0, 1]]  # the first decision reveals the belief
         >>> table[:, 1, 0, 1] = 1.0  # once the second was played, the first is for ever
         >>> MemoryMechanism(np.eye(2), [0, 1], table, [1.0, 0.0], 1.0 - np.eye(2))
         2 beliefs, 2 actions, 2 memories, private; 4 entries
@@ -124,7 +124,8 @@ class MemoryMechanism(Summarised, Saved):
 
     @cached_property
     def observed(self) -> Any:
-        """K as an observer sees it, sparse (B·N, M·N): decisions that cannot be told apart have their shares at the first."""
+        """K as an observer sees it, sparse (B·N, M·N): decisions that cannot be distinguished have their shares at the
+        first."""
         first, count = merged(self.actions), self.n_memories
         if first is None:
             return self.probabilities

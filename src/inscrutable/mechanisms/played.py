@@ -94,7 +94,8 @@ class Mechanism(Summarised, Saved):
 
     @cached_property
     def observed(self) -> Any:
-        """K as an observer sees it: decisions that cannot be told apart have their probabilities at the first, shape (B,M)."""
+        """K as an observer sees it: decisions that cannot be distinguished have their probabilities at the first, shape
+        (B,M)."""
         first, count = merged(self.actions), len(self.actions)
         if first is None:
             return self.probabilities
@@ -151,7 +152,7 @@ def checked_costs(
 
 
 def merged(actions: Any) -> np.ndarray | None:
-    """Return, for each decision of (M,) or (M,U), the first it cannot be told from; None where all differ."""
+    """Return, for each decision of (M,) or (M,U), the first it cannot be distinguished from; None where all differ."""
     count = len(actions)
     first = first_same(np.asarray(actions, dtype=np.float64).reshape(count, -1))
     return None if (first == np.arange(count)).all() else first

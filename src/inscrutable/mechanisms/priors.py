@@ -1,4 +1,4 @@
-"""What an observer holds likely of the agent's belief before any decision is seen."""
+"""An observer's prior law of the agent's belief, before any decision is seen."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Prior(Summarised, Saved):
 
     @property
     def error(self) -> float:
-        """√Σ w_b ‖π_b − mean‖², what an observer is off by who sees no decision (root mean square)."""
+        """√Σ w_b ‖π_b − mean‖², the root mean square error of an observer who sees no decision."""
         return float(np.sqrt(self.weights @ ((self.beliefs - self.mean) ** 2).sum(axis=1)))
 
     def summary(self) -> str:
@@ -144,7 +144,7 @@ def predicted_prior(
 
     Right where a decision pays by the state after it, as holdings do that earn the next row's return: the investor of
     `run_backtest`, `attack_weights`, `protect` and `compare` decides on this belief. It is nearer to the mean than the
-    filtered one, so that an observer who takes the one for the other misjudges what decisions tell.
+    filtered one, so that an observer who confuses the two misjudges the information in decisions.
 
     Formula: weights of `filtered_prior`, each of its points π moved to P'π.
 

@@ -1,4 +1,4 @@
-"""Real numbers that everybody reads, told apart as cells: which cell, and what is lost by it."""
+"""Public real numbers in cells: which cell a number is in, and the error that the cells add."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from inscrutable.worlds import Emission, HiddenMarkovModel
 from inscrutable.worlds.observations import in_rows, real_rows
 
 N_CELLS = 24
-"""Cells where no cuts are given. The error of one who sees no decision is then 0.1 to 0.6 % above that of one who reads the
-numbers (one or two of them, two or three states); with 12 cells 0.3 to 4 %, with 4 cells 2 to 16 %."""
+"""Cells where no cuts are given. The error of an observer who sees no decision is then 0.1 to 0.6 % above that of an
+observer who reads the numbers (one or two of them, two or three states); with 12 cells 0.3 to 4 %, with 4 cells 2 to 16 %."""
 _MOST_SEEN = 20_000
 
 
@@ -32,10 +32,10 @@ class PublicCells:
         weights: The long-run law of the states, shape (X,).
         centres: Posteriors in the middle of the cells, shape (Z,X); of cuts None.
         cuts: Rising numbers that cut a single one; None where there are centres.
-        numbers_error: √E‖π − E[π|z_0..z_t]‖², the error of one who reads the numbers and sees no decision, on a path that
-            was not used to make the cells.
-        symbols_error: The same of one who reads cells, by the chain on its grid: what the cells, the grid and the counted
-            tables cost together.
+        numbers_error: √E‖π − E[π|z_0..z_t]‖², the error of an observer who reads the numbers and sees no decision, on a path
+            that was not used to make the cells.
+        symbols_error: The same of an observer who reads cells, by the chain on its grid: what the cells, the grid and the
+            counted tables cost together.
         error_se: Standard error of the difference of these two.
 
     Source: Lloyd, Least squares quantization in PCM (IEEE Trans. IT 28, 1982).
@@ -111,7 +111,8 @@ def long_run(transition: Array, initial: Array) -> Array:
 
 
 def errors_of(world: HiddenMarkovModel, path: Any, means: Array, *, ahead: bool) -> tuple[float, float, float]:
-    """Return the error of one who reads the numbers, of estimates (T,X) of the belief, and the difference's standard error.
+    """Return the error of an observer who reads the numbers, of estimates (T,X) of the belief, and the difference's standard
+    error.
 
     E[π_t|z_0..z_t] = E[x_t|z_0..z_t], as z is among what the agent filters: a filter of the public sensor alone.
     """

@@ -13,7 +13,7 @@ from inscrutable.validation import Array
 
 
 def first_same(actions: Array, tolerance: float = tolerances.SAME_ACTION) -> np.ndarray:
-    """Return, for every decision of (M,U), the index of the first one that it cannot be told from, shape (M,).
+    """Return, for every decision of (M,U), the index of the first one that it cannot be distinguished from, shape (M,).
 
     Decisions within the tolerance of each other in every coordinate are the same, and so are chains of them;
     those that rounding alone would call two are found by a tree.

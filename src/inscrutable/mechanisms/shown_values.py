@@ -46,7 +46,7 @@ def _at_least(points: Array, weight: float) -> Array:
 
 @_of_numbers("top")
 def _top(points: Array, count: int) -> Array:
-    # Sizes that cannot be told apart are a tie.
+    # Sizes that cannot be distinguished are a tie.
     sizes = np.round(np.abs(points) / tolerances.SAME_ACTION)
     kept = np.argsort(-sizes, axis=1, kind="stable")[:, :count]
     found = np.zeros_like(points)

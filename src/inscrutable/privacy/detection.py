@@ -1,4 +1,4 @@
-"""Whether an observer can tell that an agent hides: from one decision that makes no sense, or from how often each is played."""
+"""Whether an observer can detect that an agent hides: by one decision that no belief explains, or by frequencies."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class Detectability(Summarised, Saved):
         expected_gap: Σ_u p(u) r(u), in the cost's unit.
         largest_gap: The largest r(u) of a played decision, in the cost's unit.
         implausible_share: Σ_u p(u) [no belief explains u]: how often one decision alone gives the hiding away.
-        auc: P(λ(u) > λ(v)) + ½ P(λ(u) = λ(v)) for u drawn from p and v from q, with λ = p/q: ½ where nothing can be told.
+        auc: P(λ(u) > λ(v)) + ½ P(λ(u) = λ(v)) for u drawn from p and v from q, with λ = p/q: ½ where a test is no better than
+        chance.
         total_variation: ½ Σ_u |p(u) − q(u)|: the best test is right in a share (1 + this)/2 of equally many of both.
         divergence: Σ_u p(u) log2(p(u)/q(u)), in bits a decision: how fast evidence grows over independent decisions; infinite
             where a decision is played that is optimal under no belief of the prior.
@@ -42,7 +43,7 @@ class Detectability(Summarised, Saved):
         excuses: The belief that leaves a played decision that none explains the least regret, shape (M,X); NaN for others.
 
     Beliefs that stand for a continuum make a comparison decision by decision pessimistic: one that is optimal between two
-    points of the prior is told from all that are optimal at them. The gaps and the readings know no such artefact.
+        points of the prior differs from all that are optimal at them. The gaps and the readings know no such artefact.
 
     Source: Neyman and Pearson (1933) for the ratio; the area under the curve as a probability: Hanley and McNeil (1982).
 
@@ -167,8 +168,8 @@ def _by_decision(first: np.ndarray, shares: Array, total: int) -> Array:
 
 
 def _gaps(problem: DecisionProblem, points: Array, played: np.ndarray) -> tuple[Array, Array, np.ndarray]:
-    """Plausibility gaps of the played decisions (M,), NaN elsewhere, the beliefs behind those that none explains (M,X), NaN
-    elsewhere, and which of all need no excuse."""
+    """Plausibility gaps of the played decisions (M,), NaN elsewhere, the nearest beliefs of those that none explains (M,X),
+    NaN elsewhere, and which decisions some belief explains."""
     gaps, explained = np.full(len(points), np.nan), np.ones(len(points), dtype=bool)
     excuses = np.full((len(points), problem.n_states), np.nan)
     index = np.flatnonzero(played)

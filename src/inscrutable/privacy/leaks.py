@@ -42,12 +42,13 @@ class Leakage(Summarised, Saved):
         largest_error: The largest of the same: the belief that is hidden best.
         worst_expected_regret: max_b Σ_u K(u|π_b) ρ(π_b,u) over beliefs with weight, in the cost's unit.
         silence_regret: r₀ = min_u Σ w_b ρ(π_b,u), at which one constant decision suffices; NaN where no problem was given.
-        pointwise_leakage: max_u log2 max_{b: w_b>0} K(u|π_b)/p(u), in bits: the same as the maximal leakage after the one
-            decision that tells most, instead of on average.
+        pointwise_leakage: max_u log2 max_{b: w_b>0} K(u|π_b)/p(u), in bits: the same as the maximal leakage after the decision
+        that leaks most, instead of on average.
         bayes_loss: Σ_u p(u) L(p(·|u)), what a rival with the loss L loses on average who sees the decision; in L's unit, as
             the next three. L is the square error where no other was given.
         prior_loss: L(w), the same before any decision is seen.
-        worth: W = prior_loss − bayes_loss, what reading the decision is worth to the rival: 0 where it tells nothing.
+        worth: W = prior_loss − bayes_loss, what reading the decision is worth to the rival: 0 where the decision reveals
+        nothing.
         secret_worth: L(w) − Σ w_b L(δ_b), what the belief itself would be worth: no decision is worth more.
         loss: Which loss it is.
 
@@ -193,7 +194,7 @@ def leakage(
 
 
 def _worths(joint: Joint, problem: DecisionProblem | None, given: Loss | None) -> dict[str, Any]:
-    """What the rival loses with and without the decision, and what reading and the secret are worth.
+    """The rival's loss with and without the decision, and the worth of reading and of the secret.
 
     A worth is a mean of differences none of which is below zero, L of the prior's best answer less L: at silence it is nothing.
     """

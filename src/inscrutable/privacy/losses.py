@@ -1,4 +1,4 @@
-"""What a rival loses by what it does not know of the belief: a concave Bayes risk of its law."""
+"""A rival's loss from not knowing the belief: a concave Bayes risk of its law."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from inscrutable.validation import Array
 
 
 class Loss(ABC):
-    """What a rival wants the belief for.
+    """The loss of a rival: what it uses the belief for.
 
     Formula: L(p) = min_a Σ p(π) ℓ(π,a), the Bayes risk of a law p of the belief: concave, and least, L(δ_π), where the belief
     is known. All losses here are decided by the mean of the law: the best answer is that to E[π].
@@ -36,7 +36,7 @@ class Loss(ABC):
 
     @abstractmethod
     def excess(self, beliefs: Array, estimates: Array) -> Array:
-        """Return what one loses beyond L(δ_π), at least 0, whose answer is the best one to an estimate.
+        """Return the loss beyond L(δ_π), at least 0, of the best answer to an estimate.
 
         Beliefs (n,X) and estimates (n,X) are paired; a single one of either stands for all: shape (n,).
         """

@@ -1,4 +1,4 @@
-"""What decisions give away step by step while the private belief moves: information and errors along sampled paths."""
+"""Leakage of decisions step by step while the private belief moves: information and errors along sampled paths."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class PathLeakage(Summarised, Saved):
 
     Args:
         added: I(π_0..π_t; u_t | u_0..u_{t−1}) = E[log2 K(u_t|π_t) − log2 p(u_t|u_0..u_{t−1})]: what the decision of a step
-            tells of the beliefs so far, beyond those before it.
+        leaks about the beliefs so far, beyond the decisions before it.
         cumulative: I(π_0..π_t; u_0..u_t), the sum of `added` up to the step.
-        belief_information: I(π_t; u_0..u_t): what all decisions so far tell of the present belief.
+        belief_information: I(π_t; u_0..u_t): what all decisions so far leak about the present belief.
         state_information: I(x_t; u_0..u_t): the same of the present state.
         bayes_error: √E‖π_t − E[π_t|u_0..u_t]‖², Euclidean.
         added_se: Standard errors over the sampled paths.
@@ -50,7 +50,7 @@ class PathLeakage(Summarised, Saved):
         state_information_se: The same.
         error_se: The same of `bayes_error`.
         prior_error: The error without decisions at each step, which no rule exceeds. On a grid that of the grid's law, a
-            little wider than the agent's own. Where something is public that one reads it, too.
+            little wider than the agent's own. Where something is public, that observer reads it, too.
         interpolation_error: Largest expected distance, over steps and paths, of the agent's belief from the points of the
             mechanism that stand for it; 0 where all is exact but for the sampling.
         n_draws: Sampled paths; 0 where every sequence of decisions was followed, so that nothing is left to chance.
@@ -64,8 +64,8 @@ class PathLeakage(Summarised, Saved):
     Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
     on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
     one is more surprised (Gibbs), but for decisions that its grid contradicts and that are passed over, which count as none.
-    `belief_information` and `state_information` are what the observer believes to have learned. Where something is public,
-    all is what decisions tell beyond it: information given what everybody has read so far.
+    `belief_information` and `state_information` are what the observer believes to have learned. Where something is public, all
+    figures are conditional on it: information given the public observations so far.
 
     Source: the chain rule for mutual information (Shannon, 1948) with the inverse filter of `SequentialAdversary`.
 
@@ -164,8 +164,8 @@ def path_leakage(
             knows the memory, all of them are followed instead, and the figures are exact.
         loss: What a rival wants the belief for, such as `RivalProblem(problem)`; None leaves its figures out.
         disclosure: What the observer is shown of decisions, how often and how late, such as `every(3) | delayed(2)`, also as
-            text; None is all, at once. What is seen at step t then tells of `added` there, whichever decision it is, beyond
-            all that was read of what is public by then.
+            text; None is all, at once. `added` at step t is then the information in what is shown at that step, beyond the
+            public observations so far.
 
     Raises:
         InputError: An argument is malformed, the sensor reports real numbers, or a chain is on other beliefs; or a disclosure

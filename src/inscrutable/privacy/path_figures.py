@@ -1,4 +1,4 @@
-"""What decisions tell along paths of beliefs: by every sequence of decisions where they are few, otherwise by sampled ones.
+"""Leakage along paths of beliefs: over every sequence of decisions where they are few, otherwise over sampled ones.
 
 Observers who have seen other decisions stand side by side, each with a law of state, belief and memory; those who have seen the
 same are one.
@@ -59,7 +59,7 @@ class PathDraws(NamedTuple):
 
 
 def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
-    """Return what one holds who sees no decision and reads nothing."""
+    """Return the law of an observer who sees no decision and reads nothing."""
     states = np.ones((n_steps, reader.moves.starts.shape[1]))
     read = np.full(n_steps, UNREAD) if reader.moves.n_public > 1 else None
     evidence = Evidence(unseen_points(n_steps), False, None, states, np.zeros(n_steps), read)
@@ -67,7 +67,7 @@ def unseen_beliefs(reader: InverseFilter, n_steps: int) -> InferredBeliefs:
 
 
 class Baseline:
-    """Figures of laws against those of one who sees no decision, who reads what each observer reads."""
+    """Figures of laws against those of an observer who sees no decision and reads what each observer reads."""
 
     def __init__(self, reader: InverseFilter, unseen: InferredBeliefs, loss: Loss | None) -> None:
         self._reader, self._unseen, self._loss = reader, unseen, loss
@@ -77,7 +77,7 @@ class Baseline:
 
     @property
     def rows(self) -> Array:
-        """What tells these laws apart, one row an observer."""
+        """What distinguishes these laws, one row an observer."""
         assert self._laws is not None
         weights: Array = self._laws.weights
         return np.asarray(weights.reshape(-1, weights.shape[2]).T)
@@ -103,7 +103,7 @@ class Baseline:
         return np.asarray(self._laws.of_belief() @ self._points)
 
     def without(self, n_steps: int) -> Array:
-        """Return what there is to say of each step before a decision is seen, shape (7,T)."""
+        """Return the figures of each step before a decision is seen, shape (7,T)."""
         found = np.zeros((_ROWS, n_steps))
         found[_SQUARED] = found[_LOST] = self._unseen.spread**2
         if self._loss is not None:
@@ -213,7 +213,7 @@ def enumerated(
 
 class _Grown(NamedTuple):
     """Laws after every decision that may be seen next, with their chances, the actions seen, how many follow each law before,
-    and the bits that the decision tells."""
+    and the bits that the decision leaks."""
 
     laws: Laws
     chances: Array
@@ -299,7 +299,7 @@ def _every_reading(
 
 
 def _told_starts(reader: InverseFilter) -> tuple[Laws, Array]:
-    """The laws before the first decision of those who are told each of the memories that there may be, and their errors."""
+    """The laws before the first decision, one for each public memory that is possible, and their errors."""
     first = [reader.predicted(None, int(each)) for each in np.flatnonzero(reader.rule.initial)]
     return side_by_side([each[0] for each in first]), np.concatenate([each[1] for each in first])
 
@@ -312,7 +312,7 @@ def _passed(reader: InverseFilter, laws: Laws) -> Laws:
 
 
 def _every_decision(tables: DecisionTables, law: Laws, is_public: bool) -> tuple[Laws, Array, float, np.ndarray] | None:
-    """Laws after every decision, their probabilities, what the decision tells, in bits, and the decisions' numbers.
+    """Laws after every decision, their probabilities, what the decision leaks, in bits, and the decisions' numbers.
 
     None where the observer would not know the memory.
     """
@@ -478,7 +478,7 @@ class _Sampling:
         return which.reshape(-1), laws.divided(laws.totals()), np.concatenate([each[1] for each in first])
 
     def _read_public(self, known: _Observers, symbols: np.ndarray) -> _Observers:
-        """Return the observers a step later, after what each path's public symbol tells.
+        """Return the observers a step later, after each path's public symbol is read.
 
         A symbol that a grid rules out is not read.
         """

@@ -1,4 +1,4 @@
-"""What repeated decisions of one belief give away: draws compound, and what a mechanism mixes, repetition unmixes."""
+"""Leakage of repeated decisions under one belief: independent draws reveal the randomisation of a mechanism."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class RepeatedLeakage(Summarised, Saved):
         accuracy_se: The same of the accuracy.
         prior_entropy: Of the belief before any decision, in bits.
         prior_error: The error before any decision.
-        limit_information: What infinitely many decisions tell, in bits: which lottery is played, and no more.
+        limit_information: Leakage of infinitely many decisions, in bits: they reveal which lottery is played, and no more.
         limit_error: The error that remains for ever.
         n_draws: Sampled sequences.
 
@@ -139,7 +139,7 @@ def repeated_leakage(
     once = leakage(mechanism, prior)
     found = np.zeros((3, len(steps)))
     errors = np.zeros((3, len(steps)))
-    # Decisions that are never mixed tell by repetition what the first one told.
+    # Where a mechanism does not mix, a repeated decision adds no information to the first one.
     certain = bool((joint.conditional >= 1.0 - tolerances.PROBABILITY).all())
     sampled = _sample(joint, steps, count, source) if steps[-1] > 1 and not certain else []
     for s, n in enumerate(steps):
@@ -224,7 +224,7 @@ def _plain(product: Any) -> Array:
 
 
 def _judged(log_likelihood: Array, weights: Array, beliefs: Array, top: Array) -> _Sampled:
-    """What each posterior knows, errs by and guesses, in expectation given its sequence."""
+    """Information, error and best guess of each posterior, in expectation given its sequence."""
     log_posterior = log_likelihood + np.log(weights)
     log_posterior -= log_posterior.max(axis=1, keepdims=True)
     posterior = np.exp(log_posterior)
@@ -243,7 +243,7 @@ def _judged(log_likelihood: Array, weights: Array, beliefs: Array, top: Array) -
 
 
 def _limits(joint: Joint) -> tuple[float, float]:
-    """Information and error when the lottery is known: beliefs that share one are never told apart."""
+    """Information and error when the lottery is known: beliefs that share one cannot be distinguished."""
     shape = (len(joint.weights), joint.n_actions)
     table: Any = sparse.csr_array((joint.conditional, (joint.row, joint.column)), shape=shape)
     table.sort_indices()

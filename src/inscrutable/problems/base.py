@@ -1,4 +1,4 @@
-"""What every decision problem offers, and what follows from its costs alone."""
+"""The interface of every decision problem, and what follows from its costs alone."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class DecisionProblem(ABC):
         return None
 
     def smooth_form(self) -> SmoothForm | None:
-        """Return the problem that an observer solves backwards; None where `explaining_rows` says what he sees.
+        """Return the problem that an observer solves backwards; None where `explaining_rows` gives the consistent beliefs.
 
         Costs with kinks give the one in which their kinks are rows of the feasible set; others give themselves.
         """

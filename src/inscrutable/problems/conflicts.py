@@ -104,7 +104,7 @@ def _scale(below: Rows, equal: Rows) -> Array:
 
 
 def _irreducible(below: Rows, equal: Rows) -> tuple[np.ndarray, Array]:
-    """Rows of one irreducible conflict and what each would have to give alone: a corner of Farkas' multipliers."""
+    """Rows of one irreducible conflict and by how much each alone would have to give way: a corner of Farkas' multipliers."""
     n, e = len(below.sides), len(equal.sides)
     scale = _scale(below, equal)
     matrix = np.vstack([below.matrix, equal.matrix]) / scale[:, None]

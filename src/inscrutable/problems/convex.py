@@ -128,7 +128,7 @@ class ConvexProblem(DecisionProblem):
 
     @property
     def cost_accuracy(self) -> float:  # type: ignore[override]
-        """How far above V(π) the cost of `solve(π)` may lie: what the way in which the costs are solved leaves."""
+        """How far above V(π) the cost of `solve(π)` may lie: the error of the method by which the costs are solved."""
         if self._stated is not None:
             return self._stated.cost_accuracy
         return tolerances.COST_ACCURACY if self.differentiable else tolerances.KINKED
@@ -246,7 +246,7 @@ class ConvexProblem(DecisionProblem):
         return np.asarray(shown)
 
     def _polished(self, beliefs: Array, rough: Array) -> Array:
-        """What an interior-point solver leaves, made exact where costs have gradients, and feasible elsewhere."""
+        """The interior-point solver's points, made exact where costs have gradients, and feasible elsewhere."""
         found, left = np.array(rough), np.arange(len(rough))
         if self.differentiable:
             found = self._newton(beliefs, rough)

@@ -1,4 +1,4 @@
-"""Coordinates that are copies of one another: what is optimal with one of them is optimal with all."""
+"""Coordinates that are copies of one another: a decision that is optimal with one of them is optimal with all."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def merged_copies(hessians: Array, linear: Array, constraints: Polyhedron) -> Me
     own = _bound_of(constraints)
     shared = np.delete(constraints.A_ub, own[own >= 0], axis=0)
     alike = np.vstack([hessians.reshape(-1, hessians.shape[-1]), linear, shared, constraints.A_eq])
-    alike[:, own < 0] = np.nan  # what may be negative is nobody's copy
+    alike[:, own < 0] = np.nan  # a coordinate that may be negative has no copy
     _, first = np.unique(alike.T, axis=0, return_index=True, equal_nan=False)
     kept = np.sort(first)
     if len(kept) == len(own):

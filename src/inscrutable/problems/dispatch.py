@@ -59,9 +59,9 @@ class DispatchProblem(QuadraticProblem):
         """Return the price of one MW more at every bus, shape (N,) or (T,N), cost per MW and hour.
 
         Formula: λ_n = λ − Σ_l (μ_l⁺ − μ_l⁻) PTDF_ln, with λ and μ ≥ 0, μ = 0 at lines below their limits, under which the
-        schedule of every generator is its best: 2 a p + b = λ at its bus, unless it is at a limit. Farms take no part: what
-        they would lose off the schedule is private. The prices are those of non-negative least squares: the nearest where none
-        supports the schedule, and one choice where several do, as where all generators are at limits.
+        schedule of every generator is its best: 2 a p + b = λ at its bus, unless it is at a limit. Farms take no part: their
+        costs off the schedule are private. The prices are those of non-negative least squares: the nearest where none supports
+        the schedule, and one choice where several do, as where all generators are at limits.
 
         Args:
             actions: Schedules (G+F,) or (T,G+F), MW.
@@ -109,9 +109,9 @@ def dispatch_problem(
     """Return the dispatch of generators and wind farms whose public schedule shows a private wind forecast.
 
     Formula: u = (p, q), generation p_g and scheduled wind q_f; c(i,u) = Σ_g (a_g p_g² + b_g p_g + c_g) +
-    κ Σ_f E_i[(q_f − W_f)²] with E_i[(q − W)²] = (q − m_if)² + d_if²: what is promised and not blown is balanced at a price.
-    Σp + Σq meets the load; generators, farms and lines keep their limits: 0 ≤ q_f ≤ w_f. The buses' angles are eliminated, and
-    a line that no schedule of these units can load to its limit has no row.
+    κ Σ_f E_i[(q_f − W_f)²] with E_i[(q − W)²] = (q − m_if)² + d_if²: the difference between schedule and wind is balanced at a
+    price. Σp + Σq meets the load; generators, farms and lines keep their limits: 0 ≤ q_f ≤ w_f. The buses' angles are
+    eliminated, and a line that no schedule of these units can load to its limit has no row.
 
     Args:
         network: Loads, generators and lines.
@@ -119,7 +119,7 @@ def dispatch_problem(
         wind_means: m, expected wind in each regime, shape (X,F), MW, at least 0. None, without farms, is one regime: the
             network's own optimum is `optimal_cost([1.0])`.
         wind_deviations: d, its standard deviations, shape (X,F), MW, at least 0; None is none.
-        wind_capacities: w, most that each farm can give, shape (F,), MW, at least 0. None takes what blows at most: the largest
+        wind_capacities: w, most that each farm can give, shape (F,), MW, at least 0. None takes the largest wind: the largest
             m_if + 3 d_if of any regime, which a normal forecast exceeds once in 740 hours.
         penalty: κ > 0, cost per MW² and hour of what is off the schedule.
         min_slack: As for `Polyhedron`, MW.
@@ -222,7 +222,7 @@ def _line_rows(
 ) -> tuple[Array, Array, np.ndarray]:
     """The limits of lines that some schedule within the units' limits comes near: rows, sides, numbers and signs (K,2)."""
     own, loaded = network.transfer_factors(places), network.load_flows()
-    own = np.where(np.abs(own) > tolerances.ON_FACE, own, 0.0)  # nobody's schedule changes what such a line carries
+    own = np.where(np.abs(own) > tolerances.ON_FACE, own, 0.0)  # no schedule changes the flow on such a line
     rows, sides = (
         np.vstack([own, -own]),
         np.concatenate([network.flow_limits[:, 1] - loaded, loaded - network.flow_limits[:, 0]]),

@@ -22,9 +22,9 @@ class FiniteProblem(LinearProblem):
 
     A decision is a whole number. Behind it stands the linear problem over the simplex of K shares, whose vertices are the
     choices: candidates hold shares (M,K), and what is public returns whole numbers again. A mixture of tied choices
-    (`decoy_grid(problem, r, faces=True)`) is an array of K shares: what a choice made again and again shows in the
-    long run, or an amount divided among the choices. Where there are such candidates, a proof counts all shares, else
-    choices alone. `solve` takes the first of tied choices.
+    (`decoy_grid(problem, r, faces=True)`) is an array of K shares: the frequencies of a repeated choice, or an amount divided
+    among the choices. Where there are such candidates, a proof counts all shares, else choices alone. `solve` takes the first
+    of tied choices.
 
     Args:
         costs: Cost of each choice in each state, shape (X,K).

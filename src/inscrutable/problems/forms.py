@@ -1,10 +1,10 @@
-"""What a decision problem is, as plain data: quadratic, linear or smooth costs over a polyhedron.
+"""The forms of decision problems as plain data: quadratic, linear or smooth costs over a polyhedron.
 
-A problem says by `quadratic_form()`, `linear_form()` and `smooth_form()` what it is, or returns None. Searches, proofs and
+A problem returns its `quadratic_form()`, `linear_form()` and `smooth_form()`, or None. Searches, proofs and
 observers ask for these forms, never for a class, so that a problem of a user's own is searched as the library's are.
 
 Costs with kinks have a form in more variables: v = variables(u) for a decision u, and u = decisions(v), where the kinks are
-rows of the feasible set of v. What is optimal for a belief in v is optimal in u, at the same cost in every state.
+rows of the feasible set of v. A decision that is optimal for a belief in v is optimal in u, at the same cost in every state.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Lift(NamedTuple):
 
 
 class _Form:
-    """What forms have in common: the way from decisions to variables and back."""
+    """The common part of forms: the way from decisions to variables and back."""
 
     lift: Lift | None
 

@@ -1,4 +1,4 @@
-"""Log-optimal growth: what a bettor or an investor shows of their beliefs by the shares of wealth they stake."""
+"""Log-optimal growth: bets and portfolios that reveal beliefs by the shares of wealth staked."""
 
 from __future__ import annotations
 
@@ -123,13 +123,14 @@ class KellyProblem(DecisionProblem):
         """Whether the wealth in each single state's outcomes fixes it in all outcomes, and no decision can lose all of it.
 
         The logarithm is strictly concave in wealth, so that all optimal decisions leave the same wealth in every outcome of
-        positive probability. A belief may rule out all states but one; what its outcomes do not feel, no outcome may feel.
+        positive probability. A belief may rule out all states but one; decisions that its outcomes do not distinguish, no
+        outcome may distinguish.
         """
         bends = np.einsum("xs,xsu,xsv->xuv", self.probabilities, self.gross_returns, self.gross_returns)
         possible = self.gross_returns[self.probabilities > 0]
         if not bent_alike(bends, possible, self.constraints.A_eq):
             return False
-        # Near ruin costs are so large that nothing else is seen beside them.
+        # Near ruin costs are so large that other costs vanish beside them.
         region = self.constraints
         below, equal = Rows(region.A_ub, region.b_ub), Rows(region.A_eq, region.b_eq)
         found = (minimise(returns, below, equal) for returns in possible)

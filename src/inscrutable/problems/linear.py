@@ -28,12 +28,11 @@ class LinearProblem(DecisionProblem):
     Some vertex of C is optimal for every belief, and Π(u) is a cell of the simplex: the beliefs whose expected cost vector
     lies in the normal cone of C at u, reversed. On the border between cells several vertices are optimal, and so are
     their mixtures. `solve` then returns the one that is least in a fixed direction, the same at every call. Without a proof
-    decision makers choose among vertices; `decoy_grid(problem, r, faces=True)` adds mixtures of tied vertices, which tell
-    more exactly what the belief would have to be, and can be far more private at hardly any cost. A proof
-    (`certify=0.01`) counts every decision in C, mixtures among them, so that decision makers that are asked for one play
-    them where they are more private. What mixes all vertices tied at a belief is explained by the fewest beliefs, and may
-    cost as little above the cheapest of them as one likes: the suprema are exact, and are missed only where less than
-    the least slack of C would have to be mixed in.
+    decision makers choose among vertices; `decoy_grid(problem, r, faces=True)` adds mixtures of tied vertices, which fewer
+    beliefs explain, and which can be far more private at hardly any cost. A proof (`certify=0.01`) counts every decision in C,
+    mixtures among them, so that decision makers that are asked for one play them where they are more private. A mixture of all
+    vertices tied at a belief is explained by the fewest beliefs, and its cost comes arbitrarily near to that of the cheapest of
+    them: the suprema are exact, and are missed only where less than the least slack of C would have to be mixed in.
 
     Args:
         costs: c_i, shape (X,U), cost per decision.
@@ -106,7 +105,8 @@ class LinearProblem(DecisionProblem):
 
     @cached_property
     def without_common_costs(self) -> LinearProblem:
-        """The problem without what the equalities of C make the same for all decisions; itself where that is not large."""
+        """The problem without the costs that the equalities of C make the same for all decisions; itself where that is not
+        large."""
         less = without_common(self.costs, self.constraints.A_eq)
         return self if less is self.costs else self._with_costs(less)
 

@@ -1,7 +1,7 @@
 """Feasible sets with limits on sums of magnitudes, Σ_j w_j |u_j − b_j| ≤ L, of any number of coordinates.
 
 As rows of the decision such a limit takes one for every choice of signs. In the variables of `Segments` it is one row; costs,
-decisions and what an observer infers go through these, by the problem's forms.
+decisions and consistent beliefs use these variables, by the problem's forms.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class MagnitudeRegion(Polyhedron):
 
     Formula: {u ∈ C : Σ_j w_kj |u_j − b_kj| ≤ L_k for all k}.
 
-    Quadratic and linear problems take it; its rows are those of `segments.feasible()`, in other variables than u. What asks
-    for rows in u is told that there are none.
+    Quadratic and linear problems take it; its rows are those of `segments.feasible()`, in other variables than u. Code that
+    asks for rows in u gets an error.
 
     Args:
         rows: C, the affine rows.
@@ -227,7 +227,7 @@ class MagnitudeRegion(Polyhedron):
 def limited(rows: Polyhedron, limit: MagnitudeLimit, word: str = "below") -> Polyhedron:
     """Return rows with a limit on a sum of magnitudes: as rows in the decision while few terms can have either sign.
 
-    Row names tell after `word` which coordinates count as below their centers.
+    Row names list after `word` the coordinates that count as below their centers.
     """
     if isinstance(rows, MagnitudeRegion):
         return limited(rows.rows, limit, word) & rows

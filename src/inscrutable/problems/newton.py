@@ -56,7 +56,8 @@ def minimise_smooth(costs: SmoothCosts, held: Array, starts: Array, layout: Layo
         fall = -(model.gradients * steps).sum(axis=1)
         reach = costs.longest_steps(beliefs, here, steps)
         rounding = 8 * np.finfo(float).eps * np.maximum(np.abs(model.values), 1.0)
-        # So near the end that the cost's digits say nothing, the step is taken: it solves the equations of stationarity.
+        # So near the end that the digits of the cost decide nothing, the step is taken: it solves the equations of
+        # stationarity.
         trusted = fall <= _UNSEEN * rounding
         shares, moved = _searched(costs, beliefs, _Ways(here, steps, model.values + rounding, fall, reach), ~trusted)
         points[left] = np.where((shares == 1.0)[:, None], ends, here + shares[:, None] * steps)

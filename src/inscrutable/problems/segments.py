@@ -73,7 +73,7 @@ class Segments:
             # A gap below the least slack is stretched to it: filling it is admissible however little it was.
             self.stretch = np.clip(least / gaps, 1.0, _MOST_STRETCHED)
         self.is_searched = bool((self.stretch * gaps >= least).all())
-        """Whether the least slack tells each segment's two ends apart."""
+        """Whether the least slack separates each segment's two ends."""
         self.columns = np.zeros((region.n_actions, self._place.size))
         self.columns[self._place, np.arange(self._place.size)] = self._sign / self.stretch
 
@@ -179,7 +179,7 @@ class Segments:
         )
 
     def _names(self) -> tuple[list[str], list[str]]:
-        """What a variable at its lower and at its upper bound says of the decision."""
+        """The meaning of a variable at its lower and at its upper bound, for the decision."""
         labels = [f"u[{j}]" for j in range(self.region.n_actions)]
         if self.region.asset_names is not None:
             labels = [str(name) for name in self.region.asset_names]

@@ -1,4 +1,4 @@
-"""What changing a decision costs: linear costs with their kink at the former decision, and quadratic ones."""
+"""Costs of changing a decision: linear ones with their kink at the former decision, and quadratic ones."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class TradingProblem(DecisionProblem):
 
     Formula: c(i,u) + Σ_j κ_j |u_j − u⁰_j|. With u = u⁰ + p − m, 0 ≤ p, 0 ≤ m, it is the quadratic problem of cost
     c(i, u⁰ + p − m) + κ'(p + m) + η_i p'm, whose rows p_j ≥ 0 and m_j ≥ 0 are both tight where nothing is traded: what their
-    two multipliers leave of κ_j is the subdifferential [−κ_j, κ_j]. Nobody purchases and sells the same: p'm = 0, so that
+    two multipliers leave of κ_j is the subdifferential [−κ_j, κ_j]. No coordinate is both purchased and sold: p'm = 0, so that
     the last term costs nothing; with η_i, the least curvature of c(i,·), it makes the cost of (p, m) strictly convex in all
     directions where that of u does, and what u_j may be bounds p_j and m_j alone. A trade below the feasible set's `min_slack`
     counts as none, but for one that ends at a bound.

@@ -50,7 +50,7 @@ class VertexTable:
         while left.size:
             vertex = self._by_programme(held[left[0]])
             mine = self._optimal(vertex, held[left])
-            mine[0] = True  # whatever rounding says
+            mine[0] = True  # whatever the rounding
             found[left[mine]] = vertex.point
             left = left[~mine]
         return found

@@ -1,4 +1,4 @@
-"""What a backtest of private means leaves for a reader: a table, a summary and a picture."""
+"""Files of a backtest of private means: a table, a summary and a picture."""
 
 from __future__ import annotations
 

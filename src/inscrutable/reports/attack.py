@@ -1,4 +1,4 @@
-"""What published weights say, as a table and as pictures."""
+"""Beliefs read from published weights, as a table and as pictures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MOST_TICKS = 8
 
 
 def attack_table(attack: Attack) -> pd.DataFrame:
-    """Return one row per published row: what it says about each regime, and how sure that is.
+    """Return one row per published row: the estimate for each regime, with its interval.
 
     Args:
         attack: From `attack_weights`.
@@ -115,7 +115,7 @@ def reading_of(attack: Attack, step: int) -> str:
 
 
 def plot_attack(attack: Attack, axes: Any) -> Any:
-    """Draw what each row says on ternary axes of three regimes: its set, its centre, coloured by the row's place.
+    """Draw the beliefs read from each row on ternary axes of three regimes: its set, its centre, coloured by the row's place.
 
     Returns the artist that carries the colours, for a colour bar; None for a single row.
     """
@@ -264,7 +264,7 @@ def write_attack(attack: Attack, folder: Path) -> list[Path]:
 
 
 def attack_summary(attack: Attack) -> dict[str, Any]:
-    """Return the attack's figures as plain data: how many rows were read how, and in the file's order what each says."""
+    """Return the attack's figures as plain data: how many rows were read how, and in the file's order the reading of each."""
     regimes = attack.model.regimes
     return {
         "sentence": attack.summary(),

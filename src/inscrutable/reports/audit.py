@@ -1,4 +1,4 @@
-"""What an audit of two tables leaves for a reader: tables, a summary and a picture of who guessed how well, and when."""
+"""Files of an audit of two tables: tables, a summary and a picture of the errors over time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def write_audit(audit: PairsAudit, folder: Path) -> list[Path]:
         folder: Created where needed.
 
     Returns:
-        audit.csv (a row per secret), blocks.csv (how well each block was read), sources.csv (what columns and lags tell
+        audit.csv (a row per secret), blocks.csv (how well each block was read), sources.csv (what columns and lags reveal
         alone), summary.json, and audit.png and .svg, of the first six secrets.
 
     Raises:
@@ -84,7 +84,7 @@ def _draw_blocks(secret: SecretAudit, panel: Any) -> None:
 
 
 def _draw_sources(secret: SecretAudit, panel: Any) -> None:
-    """What columns and lags tell alone, the most telling first."""
+    """What columns and lags reveal alone, the largest share first."""
     listed = sorted(secret.sources, key=lambda each: -each.explained)[:_MOST_BARS][::-1]
     names = [as_written(each.name if each.kind == "column" else f"lag {each.name}") for each in listed]
     shares = [100.0 * each.explained for each in listed]

@@ -1,4 +1,4 @@
-"""What a backtest leaves for a reader: one table, and a folder of files that are the same for the same seed."""
+"""Files of a backtest: one table, and a folder of files that are the same for the same seed."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def _public_notes(result: Backtest) -> list[str]:
 
 
 def _all_public(result: Backtest) -> str:
-    """What the returns alone give away."""
+    """The error of an observer who follows the returns alone."""
     figures = result.figures[result.names[0]]
     error = figures["error_all_returns"]
     if error <= tolerances.SAME_BELIEF:
@@ -200,7 +200,7 @@ def _all_public(result: Backtest) -> str:
 
 
 def _misled(result: Backtest) -> str:
-    """Where what is public is worse than nothing, because the fitted regimes are not the truth, a sentence that says so."""
+    """A sentence for the case that public information raises the error, because the fitted regimes are not the truth."""
     figures = result.figures[result.names[0]]
     following, blind = figures["error_public_without"], figures["error_without"]
     if not following > blind:
@@ -245,7 +245,7 @@ def _source_of_regimes(result: Backtest) -> str:
 
 
 def _limit_notes(result: Backtest) -> list[str]:
-    """What may be held, where it is more than weights of at least 0 that add up to 1."""
+    """The limits on weights, where there are more than non-negativity and a sum of 1."""
     own = result.settings.own
     given = {} if own is None else own.file.constraints.model_dump(exclude_none=True)
     if not given:
@@ -262,14 +262,13 @@ def _aware_notes(result: Backtest) -> list[str]:
     prior, word = result.aware.prior, result.market.frequency.word
     return [
         "Aware observer: knows each decision maker, budget included, and how often the fitted regimes lead to "
-        f"which belief (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits, error {prior.error:.3f} without weights); "
+        f"which belief (a grid of {len(prior)} beliefs, {prior.entropy:.2f} bits); "
         "it reads the nearest decision that is played on that grid, each alone, and guesses the posterior mean. Over time "
         f"it remembers every decision and knows how the belief moves in the fitted regimes, but for one "
         f"{word} in a hundred, when it may go anywhere.",
-        "Worth: a rival, an observer with the investor's own problem, holds what suits the long-run mean of the belief, or "
-        "what it reads, or the published weights themselves; judged by the investor's beliefs, against the first. Nobody can "
-        "be stopped from copying: what the weights are worth to that rival and what hiding costs the investor add up to what "
-        "the beliefs are worth.",
+        "Worth: the gain of a rival, an observer with the investor's own problem, over the portfolio that suits the long-run "
+        "mean of the belief, by the investor's beliefs. The rival knows the beliefs, or reads them, or copies the published "
+        "weights. Copying cannot be prevented: its gain and the investor's regret add up to the worth of the beliefs.",
     ]
 
 
@@ -286,8 +285,7 @@ def _sequential_notes(result: Backtest) -> list[str]:
         f"information alone, was simulated on a grid of {beliefs} beliefs, off which lie {part.path.n_off_grid} of "
         f"{len(result.beliefs)} beliefs here.",
         "Ceiling: no rule of the same regret leaves an observer who follows it a larger error, in expectation in the long run "
-        f"of the fitted regimes, on that grid and {len(part.maker.table.columns)} candidate portfolios; without weights it "
-        f"errs by {part.maker.chain.prior.error:.3f} there.",
+        f"of the fitted regimes, on that grid and {len(part.maker.table.columns)} candidate portfolios.",
     ]
 
 

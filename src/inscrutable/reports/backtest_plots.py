@@ -14,7 +14,7 @@ from inscrutable.experiments.backtest_results import Backtest
 from inscrutable.experiments.episodes import relative_increase
 from inscrutable.experiments.holding import Reached, Requirement
 from inscrutable.geometry import BeliefSet
-from inscrutable.reports.backtest_verdict import spelled
+from inscrutable.reports.names import spelled
 from inscrutable.reports.style import (
     BLACK,
     GREY,
@@ -73,6 +73,8 @@ def step_of(result: Backtest, month: str | None = None) -> int:
     return int(found[-1])
 
 
+_LIFT = 0.2
+"""The naive observer's mark stands so much above its row, the aware one's so much below, where its ceiling is."""
 _NAMED_TOO_OFTEN: dict[str, Any] = {"marker": "x", "markersize": 10, "color": BLACK, "markeredgewidth": 1.0}
 
 
@@ -86,17 +88,16 @@ def draw_hidden(result: Backtest, folder: Path) -> list[Path]:
     names, rows = result.names, np.arange(len(result.names))[::-1]
     kinds = {"face_value": "naive observer, at face value", "followed": "aware, from all weights"}
     namings = {"face_value": "share_regime_named", "followed": "share_regime_named_followed"}
-    with drawing(_HIDDEN_WIDTH, 0.42 * len(names) + 1.4) as (figure, axis):
+    with drawing(_HIDDEN_WIDTH, 0.5 * len(names) + 1.4) as (figure, axis):
         for row, name in zip(rows, names, strict=True):
-            for key, (size, fill) in zip(kinds, ((8, "none"), (6, "full")), strict=True):
+            for key, (size, fill, lift) in zip(kinds, ((8, "none", _LIFT), (6, "full", -_LIFT)), strict=True):
                 style = {"marker": "o", "markersize": size, "fillstyle": fill, "color": look_of(name).colour}
                 found = Reached(name, result.figures[name][f"error_{key}"], result.figures[name][namings[key]])
-                axis.plot(found.error, row, linestyle="none", clip_on=False, zorder=3, **style)
+                axis.plot(found.error, row + lift, linestyle="none", clip_on=False, zorder=3, **style)
                 if found.named > asked.most_named:
-                    axis.plot(found.error, row, linestyle="none", clip_on=False, zorder=4, **_NAMED_TOO_OFTEN)
-            axis.plot(
-                result.figures[name]["error_ceiling"], row, marker="|", markersize=13, color=BLACK, linestyle="none"
-            )
+                    axis.plot(found.error, row + lift, linestyle="none", clip_on=False, zorder=4, **_NAMED_TOO_OFTEN)
+            ceiling = result.figures[name]["error_ceiling"]
+            axis.plot(ceiling, row - _LIFT, marker="|", markersize=11, color=BLACK, linestyle="none")
         axis.axvspan(0.0, asked.least_error, color=_OTHERS, alpha=0.3, linewidth=0)
         axis.axvline(asked.error_without, color=GREY, linestyle="--", linewidth=0.9)
         axis.annotate(
@@ -253,7 +254,7 @@ def _draw_price(axis: Any, frontier: Frontier, limit: float, scale: float) -> No
 
 
 def draw_month(result: Backtest, folder: Path, step: int) -> list[Path]:
-    """Draw one decision on the belief simplex, as `month`: π, what each portfolio says, and the distance dashed."""
+    """Draw one decision on the belief simplex, as `month`: π, the belief read from each portfolio, and the distance dashed."""
     belief = result.beliefs.to_numpy()[step]
     with drawing(PAGE_WIDTH, 4.0, subplot_kw={"projection": "ternary"}) as (figure, axis):
         ternary_labels(axis, result.regimes)
@@ -388,7 +389,7 @@ def _unit_axis(axis: Any, values: Array) -> None:
 
 
 def _main_assets(result: Backtest) -> tuple[list[str], list[str]]:
-    """Assets by mean and largest weight, and those drawn as one; what nobody ever held is left out."""
+    """Assets by mean and largest weight, and those drawn as one; assets that are never held are left out."""
     every = [result.weights(name) for name in result.names]
     mean = pd.concat([weights.mean() for weights in every], axis=1).max(axis=1)
     ever = pd.concat([weights.max() for weights in every], axis=1).max(axis=1)

@@ -1,4 +1,4 @@
-"""The verdict of a backtest in a few lines: what an observer reads, what is hidden from whom, and at what price."""
+"""The verdict of a backtest in a few lines: the answer in one sentence, then what it rests on."""
 
 from __future__ import annotations
 
@@ -11,39 +11,60 @@ from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest
 from inscrutable.experiments.backtest_sequential import SHARE_OF_SILENCE
 from inscrutable.experiments.holding import Reached, Requirement, estimate_quality
 from inscrutable.experiments.performance import LEVEL
+from inscrutable.reports.names import FULL_NAMES, full_name
 
 _POINTS = 1e4  # basis points of a return
 
-FULL_NAMES = {"ODM": "optimal", "CDM": "counter-adversarial", "PDM": "probabilistic", SEQUENTIAL: "sequential"}
-"""What the abbreviations of decision makers stand for."""
+
+def answer(result: Backtest) -> str:
+    """Return one sentence: which weights hide the belief from whom, and at what price; empty where that is not judged."""
+    hiding = result.names[1:]
+    if result.aware is None or not hiding:
+        return ""
+    asked, figures = _asked(result), result.figures
+    if any(np.isnan(figures[name][key]) for name in hiding for key in ("error_face_value", "error_followed")):
+        return ""
+    groups: dict[str, list[str]] = {}
+    for name in hiding:
+        own = figures[name]
+        naive = asked.is_met(Reached(name, own["error_face_value"], own["share_regime_named"]))
+        aware = asked.is_met(Reached(name, own["error_followed"], own["share_regime_named_followed"]))
+        groups.setdefault(_WHOM[naive, aware], []).append(name)
+    unit = f" basis points of risk-adjusted return a {result.market.frequency.word}"
+    parts: list[str] = []
+    for whom in filter(groups.__contains__, _WHOM.values()):
+        names = groups[whom]
+        prices = _and([_basis_points(figures[name]["mean_regret"]) for name in names])
+        verb = "hide the investor's belief" if not parts else "hide it"
+        parts.append(f"{_and([full_name(name) for name in names])} weights {verb} from {whom}, at {prices}{unit}")
+        unit = ""
+    return f"In short: {'; '.join(parts)}."
 
 
-def spelled(name: str) -> str:
-    """Return a decision maker's name with its abbreviation written out; settings after a comma stay."""
-    short, comma, settings = name.partition(",")
-    return f"{FULL_NAMES[short]} ({short}){comma}{settings}" if short in FULL_NAMES else name
-
-
-def _full(name: str) -> str:
-    """Return a decision maker's name without its abbreviation; settings after a comma stay."""
-    short, comma, settings = name.partition(",")
-    return f"{FULL_NAMES.get(short, short)}{comma}{settings}"
+_WHOM = {
+    (True, True): "both observers",
+    (False, True): "the aware observer alone",
+    (True, False): "the naive observer alone",
+    (False, False): "neither observer",
+}
+"""From whom a belief is hidden, by whether it is from the naive and from the aware observer."""
 
 
 def verdict(result: Backtest) -> list[str]:
-    """Return what was found, a line each: what an observer reads, what is hidden from whom, and what it costs."""
+    """Return what was found, a line each: the answer, whether it holds, what an observer reads, who hides, the price."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
     own = figures[odm]
-    lines = [
+    lines = list(filter(None, [answer(result), _holds(result)]))
+    lines.append(
         f"Without protection: from the {FULL_NAMES['ODM']} weights, an observer names the investor's likeliest regime in "
         f"{_share(own['share_regime_named'])} of {len(result.beliefs)} {word}s; always naming the commonest is right in "
         f"{_share(own['base_rate'])}."
-    ]
+    )
     if not hiding:
         return lines
     if result.aware is None:
-        named = _and([f"{_share(figures[name]['share_regime_named'])} ({_full(name)})" for name in hiding])
+        named = _and([f"{_share(figures[name]['share_regime_named'])} ({full_name(name)})" for name in hiding])
         lines.append(f"Read by the naive observer from altered weights: {named}.")
     else:
         asked = _asked(result)
@@ -55,7 +76,7 @@ def verdict(result: Backtest) -> list[str]:
                 "share_regime_named_followed",
             ),
         ):
-            reached = [Reached(_full(name), figures[name][error], figures[name][named]) for name in hiding]
+            reached = [Reached(full_name(name), figures[name][error], figures[name][named]) for name in hiding]
             lines.append(f"Hidden from the {who}: {asked.judge(reached)}.")
     return [*lines, _price(result, hiding)]
 
@@ -90,40 +111,53 @@ def _asked(result: Backtest) -> Requirement:
 def _price(result: Backtest, hiding: Sequence[str]) -> str:
     figures = result.figures
     shares = [figures[name]["mean_regret_share"] for name in hiding]
-    points = [f"{_POINTS * figures[name]['mean_regret']:.2g} ({_full(name)})" for name in hiding]
-    price = (
-        f"Price: a regret of {_and(points)} basis points a {result.market.frequency.word} by the investor's own belief"
-    )
+    points = [f"{_basis_points(figures[name]['mean_regret'])} ({full_name(name)})" for name in hiding]
+    word = result.market.frequency.word
+    price = f"Price: a regret of {_and(points)} basis points a {word} by the investor's own belief"
     if not np.isfinite(shares).all():
         return f"{price}."  # c* is 0
-    return f"{price}, {_and([f'{share:.1%}' for share in shares])} of the optimal cost |c*|."
+    optimal = np.abs(result.episode.records[result.names[0]].decisions.optimal_cost).mean()
+    parts = _and([f"{share:.1%}" for share in shares])
+    return f"{price}, {parts} of |c*|, the size of the optimal cost, {_basis_points(optimal)} basis points a {word} on average."
+
+
+def _basis_points(value: float) -> str:
+    """A return in basis points with two digits that count, without an exponent."""
+    return f"{float(f'{_POINTS * value:.2g}'):g}"
+
+
+def _holds(result: Backtest) -> str:
+    """Whether the answer holds in other draws, and for observers who see more than weights; empty where it does."""
+    return " ".join([*_beyond_public(result), *_other_draws(result)])
 
 
 def _beyond_public(result: Backtest) -> list[str]:
-    """Whom nothing is hidden from; no line where it is nobody."""
+    """A line where public returns alone give the belief away."""
     if result.public is None or result.figures[result.names[0]]["error_all_returns"] > tolerances.SAME_BELIEF:
         return []
     return [
-        "The verdict holds for observers who see the weights alone. These returns are public: whoever follows all of them with "
-        "this model knows the belief without any weights."
+        "This holds for observers who see the weights alone: these returns are public, and an observer who follows all of "
+        "them with this model knows the belief without any weights."
     ]
 
 
 def _ceilings(result: Backtest) -> list[str]:
-    """What no rule exceeds that costs as much as each; no line where it is not known."""
+    """The largest error that any rule of the same regret leaves; no line where it is not known."""
     known = {name: result.figures[name]["error_ceiling"] for name in result.names[1:]}
     known = {name: most for name, most in known.items() if np.isfinite(most)}
     if not known or result.sequential is None:
         return []
-    without = result.sequential.maker.chain.prior.error
+    without, here = result.sequential.maker.chain.prior.error, result.figures[result.names[0]]["error_without"]
+    where = "nearer to" if here < without else "farther from"
     return [
-        f"Ceiling, in the long run of the fitted regimes: no rule that costs as much as {_and(list(known))} leaves an aware "
-        f"observer who follows it an error above {_and([f'{most:.2f}' for most in known.values()])}, of {without:.2f} without "
-        "weights."
+        f"Ceiling: at the regret of {_and(list(known))}, no rule whatever leaves the aware observer an error above "
+        f"{_and([f'{most:.2f}' for most in known.values()])}, in the long run of the fitted regimes. There the error without "
+        f"weights is {without:.2f}; in these {result.market.frequency.word}s it is {here:.2f}, because their beliefs lie "
+        f"{where} the long-run mean."
     ]
 
 
-def _luck(result: Backtest) -> list[str]:
+def _other_draws(result: Backtest) -> list[str]:
     """In how many other draws the sequential rule hides the belief; no line where it does in all of them."""
     if result.sequential is None or not result.sequential.others:
         return []
@@ -142,10 +176,10 @@ def _and(words: Sequence[str]) -> str:
 
 
 def cautions(result: Backtest) -> list[str]:
-    """Return what the verdict leaves out: who needs no weights, other draws, weak hiding, and silence that costs less."""
+    """Return what the verdict leaves out: weak hiding, and silence that costs less."""
     figures, word = result.figures, result.market.frequency.word
     odm, *hiding = result.names
-    told = figures[odm]["share_regime_named"]
+    optimal = figures[odm]["share_regime_named"]
     said = []
     for name in hiding:
         named = figures[name]["share_regime_named"]
@@ -153,18 +187,18 @@ def cautions(result: Backtest) -> list[str]:
             said.append(f"{name}: with two regimes, an observer who reads the opposite is right in {1 - named:.0%}.")
         elif result.aware is None and named > Requirement(0.0, figures[odm]["base_rate"]).most_named:
             said.append(
-                f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(told)}."
+                f"{name}: the likeliest regime is hardly hidden: named in {_share(named)} instead of {_share(optimal)}."
             )
     dearer = {
         name: figures[name]["mean_regret"] for name in hiding if figures[name]["mean_regret"] > result.silence_regret
     }
     if dearer:
         said.append(
-            f"Silence would have been cheaper: one constant portfolio, known only in hindsight, tells nothing and would have "
+            f"Silence would have been cheaper: one constant portfolio, known only in hindsight, reveals nothing and would have "
             f"cost {_POINTS * result.silence_regret:.3g} basis points a {word} instead of "
-            f"{_and([f'{_POINTS * spent:.3g} ({_full(name)})' for name, spent in dearer.items()])}."
+            f"{_and([f'{_POINTS * spent:.3g} ({full_name(name)})' for name, spent in dearer.items()])}."
         )
-    return [*_beyond_public(result), *_luck(result), *said]
+    return said
 
 
 def _change(figures: Mapping[str, float]) -> str:

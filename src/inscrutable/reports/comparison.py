@@ -1,4 +1,4 @@
-"""What a comparison leaves for a reader: a table as CSV and Markdown, a summary that is all text, and one figure."""
+"""Files of a comparison: a table as CSV and Markdown, a summary that is all text, and one figure."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from inscrutable.reports.style import PERCENT
 
 _TITLE_WIDTH = 10
 _OVER_TIME = "error, aware, over time"
-_TOLD = ", rule told"
+_TOLD = ", rule knows it stays"
 
 
 class _Column(NamedTuple):
@@ -90,7 +90,7 @@ def _columns(comparison: Comparison) -> list[_Column]:
         _Column("bits", lambda row: row.mutual_information, ".2f", True),
         _Column("top state, naive, %", lambda row: PERCENT * row.naive_top_state, ".0f"),
         _Column("top state, aware, %", lambda row: PERCENT * row.top_state_accuracy, ".0f"),
-        _Column("told from honest, AUC", lambda row: row.read_auc, ".2f"),
+        _Column("detectability, AUC", lambda row: row.read_auc, ".2f"),
     ]
 
 
@@ -109,7 +109,7 @@ def _worth_column(comparison: Comparison) -> _Column:
 
 
 _STRENGTHS = {"delay": "steps: {:.0f}", "partial trades": "fraction {:.2g}"}
-"""How what was set for a decision maker is told beside its name."""
+"""How the parameter of a decision maker is written beside its name."""
 
 
 def _entry(field: str, place: int) -> Callable[[ComparisonRow], float]:
@@ -187,7 +187,7 @@ def notes_of(comparison: Comparison) -> list[str]:
         "them leads to names it.",
         *_watchers(comparison),
         *_rival(comparison),
-        "told from honest, AUC: detectability, the area under the curve of a test of one decision against an optimal one by "
+        "detectability, AUC: the area under the curve of a test of one decision against an optimal one by "
         "the naive observer's reading; 0.5 is chance, 1 certainty.",
         "comparison.csv has further figures, and all to full precision; its columns are the fields of "
         "ComparisonRow in inscrutable.experiments.comparison_measures, whose documentation defines each.",
@@ -218,13 +218,13 @@ def _who_is_who(comparison: Comparison) -> str:
 
 
 def _text_of(chosen: Mapping[str, Any]) -> str:
-    """What the registry says of a decision maker."""
+    """The registry's description of a decision maker."""
     text = (MAKERS[chosen["name"]].__doc__ or "").partition("\n")[0].rstrip(".")
     return text[0].lower() + text[1:] + (", here among the candidates alone" if "method" in chosen else "")
 
 
 def _on_paths(comparison: Comparison) -> list[str]:
-    """What is to be known of rules with a memory, where there are any."""
+    """Notes on rules with a memory, where there are any."""
     found = []
     if "delay" in comparison.makers:
         found.append(
@@ -241,8 +241,9 @@ def _on_paths(comparison: Comparison) -> list[str]:
         found.append(
             "sequential: decides by the observer's law and by the chain of beliefs that it is given. After "
             "several decisions on one belief its error is shown twice: where the rule takes the belief to move by that chain, "
-            "while it happens to stay, and where the rule knows that it stays, at the same prices (rule told; its regret is "
-            "then its own, told_regret in the CSV file). Long-run figures are simulated, the expected regret among them, which "
+            "while it happens to stay, and where the rule knows that it stays, at the same prices (rule knows it stays; its "
+            "regret is then its own, told_regret in the CSV file). Long-run figures are simulated, the expected regret among "
+            "them, which "
             "is the one asked for up to its standard error; single decisions are read with the rule's "
             "long-run law. stays half, twice as long: the error over time where the chain that the rule takes to be true is "
             "wrong about how long beliefs stay. ceiling: no rule of the same expected regret "
@@ -253,7 +254,7 @@ def _on_paths(comparison: Comparison) -> list[str]:
 
 
 def _watchers(comparison: Comparison) -> list[str]:
-    """What is to be known of those who see a path of decisions, or why they are not there."""
+    """Notes on observers of a path of decisions, or the reason why there are none."""
     found = []
     if comparison.is_moving:
         found.append(
@@ -262,7 +263,7 @@ def _watchers(comparison: Comparison) -> list[str]:
             "errors in the CSV file). Without decisions its error is that of the prior at every step."
         )
     else:
-        found.append("Nobody follows the belief over time, because it is not known how the belief moves.")
+        found.append("No observer follows the belief over time, because it is not known how the belief moves.")
     if comparison.is_learned:
         found.append(
             f"cost learned: does not know the risk aversion, takes {PATH_STEPS} decisions on one path of beliefs for optimal, "
@@ -273,7 +274,7 @@ def _watchers(comparison: Comparison) -> list[str]:
             "knows that something is hidden, and no more."
         )
     else:
-        found.append("Nobody has to learn the risk aversion, because the cost has none.")
+        found.append("No observer has to learn the risk aversion, because the cost has none.")
     if _reads_sensor(comparison):
         found.append(
             f"error, sensor: of the sensor read from {SENSOR_STEPS} decisions on one path by an observer who knows how the "
@@ -292,7 +293,7 @@ def _watchers(comparison: Comparison) -> list[str]:
 
 
 def _rival(comparison: Comparison) -> list[str]:
-    """What is to be known of a rival who wants something, where there is one."""
+    """Notes on a rival with a decision problem, where there is one."""
     if not comparison.rival:
         return []
     found = (
@@ -304,7 +305,7 @@ def _rival(comparison: Comparison) -> list[str]:
         found += (
             " Its problem is the agent's own: it can play what it sees, so that the worth of reading and the expected regret "
             "add up to the silence regret at least, whatever the rule (a decision that comes late or altered excepted). "
-            "Hiding protects the view from a rival with another problem, or who comes later."
+            "Hiding protects the view from a rival with another problem, or one that comes later."
         )
     return [found]
 
@@ -352,8 +353,8 @@ def write_comparison(
         title: What it was made on, the heading of the Markdown file.
 
     Returns:
-        comparison.csv (every figure in full), comparison.md, comparison.png and .svg, of a rival who wants something also
-        comparison_rival.png and .svg, comparison.npz (for `Comparison.load`), summary.json.
+        comparison.csv (every figure in full), comparison.md, comparison.png and .svg, with a rival also comparison_rival.png
+        and .svg, comparison.npz (for `Comparison.load`), summary.json.
 
     Raises:
         InputError: A file cannot be written.

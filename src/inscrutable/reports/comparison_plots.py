@@ -1,4 +1,4 @@
-"""The picture of a comparison: what is paid on one axis, what each observer still does not know on the other."""
+"""The picture of a comparison: expected regret on one axis, the error of each observer on the other."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.privacy.repeated import SIDE
-from inscrutable.reports.backtest_verdict import spelled
+from inscrutable.reports.names import spelled
 from inscrutable.reports.style import BLACK, PAGE_WIDTH, PERCENT, Look, drawing, looks_of, save_figure
 from inscrutable.validation import Array
 
@@ -102,7 +102,8 @@ def _header(comparison: Comparison) -> str:
 
 
 def draw_rival(comparison: Comparison, folder: Path) -> list[Path]:
-    """Draw what reading one decision is worth to the rival against what it costs, where there is a rival; return the paths.
+    """Draw the worth of reading one decision to the rival against the expected regret, where there is a rival; return the
+    paths.
 
     Where the rival's problem is the agent's own, a line says what it can always have by copying.
     """
@@ -179,7 +180,7 @@ def _curve(axes: Any, along: Array, heights: Array, sides: Array, name: str, loo
         color=look.colour,
         marker=look.marker,
         label=spelled(name),
-        zorder=3,
+        zorder=4 if look.marker in "x+" else 3,  # a cross stays visible on any other mark
         clip_on=False,
         **hollow,
     )

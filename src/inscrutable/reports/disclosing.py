@@ -1,4 +1,4 @@
-"""What a table of disclosures leaves for a reader: figures as CSV, a summary that is all text, and one picture."""
+"""Files of a table of disclosures: figures as CSV, a summary that is all text, and one picture."""
 
 from __future__ import annotations
 

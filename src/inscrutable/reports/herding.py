@@ -1,4 +1,4 @@
-"""What agents learn from each other's decisions, and what hiding costs them, in one picture and as files."""
+"""Social learning as files and one picture: what agents learn from each other's decisions, and the cost of hiding."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def write_herding(table: HerdingTable, folder: str | os.PathLike[str]) -> list[P
 
 
 def draw_herding(table: HerdingTable, folder: Path) -> list[Path]:
-    """Draw what the public knows agent by agent, and what a rule costs the others by what its decision tells."""
+    """Draw the public belief in the truth agent by agent, and a rule's cost to the others against its leakage."""
     looks, frame = looks_of(table.names), table.frame()
     with drawing(_WIDTH, _HEIGHT, ncols=2) as (figure, (left, right)):
         for name, found in zip(table.names, table.found, strict=True):
@@ -43,6 +43,6 @@ def draw_herding(table: HerdingTable, folder: Path) -> list[Path]:
         left.set(xlabel="decisions seen", ylabel="probability that the public belief gives the truth", ylim=(None, 1.0))
         left.legend(loc="upper left")
         right.axhline(0.0, color=BLACK, linestyle="--", linewidth=0.8)
-        right.set(xlabel="bits that a first decision tells", ylabel="what hiding costs the others")
+        right.set(xlabel="leakage of the first decision, bits", ylabel="cost of hiding to the others")
         right.margins(x=0.2)
         return save_figure(figure, folder, "herding")

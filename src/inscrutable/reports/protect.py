@@ -100,7 +100,7 @@ def option_lines(protection: Protection, step: int) -> pd.DataFrame:
 
 
 def row_lines(protection: Protection) -> pd.DataFrame:
-    """Return one line per belief as text, for a terminal: what the CDM costs and hides, and what it says."""
+    """Return one line per belief as text, for a terminal: regret and privacy of the CDM, and the belief read from it."""
     regimes = protection.model.regimes
     lines = []
     for step, belief in enumerate(protection.beliefs):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from inscrutable.datasets.files import output_folder, write_json, write_table
-from inscrutable.experiments.claims import Finding, JudgedClaim
+from inscrutable.experiments.claims import Finding, JudgedClaim, Verdict
 from inscrutable.experiments.episodes import Episode
 from inscrutable.experiments.introduction import IntroductionClaim
 from inscrutable.experiments.reproduction import Reproduction
@@ -21,8 +22,17 @@ from inscrutable.reports.style import COLUMN_WIDTH, drawing, save_figure
 from inscrutable.reports.time_plots import plot_costs, plot_privacy
 from inscrutable.reports.tradeoff_plots import plot_convergence, plot_tradeoff
 
-_TRIANGLE_HEIGHT = 3.3
-_CHART_HEIGHT = 2.5
+_TRIANGLE_HEIGHT = 3.8
+_CHART_HEIGHT = 2.9
+
+
+_VERDICTS = {
+    Verdict.HOLDS: ("holds", "hold"),
+    Verdict.ONLY_LOCAL: ("holds only with the local solver", "hold only with the local solver"),
+    Verdict.ONLY_GLOBAL: ("holds only with the global solver", "hold only with the global solver"),
+    Verdict.FAILS: ("fails", "fail"),
+}
+"""Words for one claim and for several, by verdict."""
 
 
 def write_reproduction(result: Reproduction, folder: str | os.PathLike[str], *, jobs: int = -1) -> list[Path]:
@@ -103,6 +113,14 @@ def claims_table(result: Reproduction) -> pd.DataFrame:
         for claim in result.claims
     ]
     return pd.DataFrame(rows, index=pd.Index([claim.key for claim in result.claims], name="key"))
+
+
+def verdict(result: Reproduction) -> str:
+    """Return one sentence: how many of the paper's claims hold."""
+    counts = Counter(claim.verdict for claim in result.claims)
+    parts = [f"{counts[each]} {words[counts[each] > 1]}" for each, words in _VERDICTS.items() if counts[each]]
+    said = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+    return f"Of the paper's {len(result.claims)} claims, {said}, over {result.settings.markets} random markets."
 
 
 def introduction_table(claims: Sequence[IntroductionClaim]) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""The profile of a sensor's likelihood: which of its parameters decisions leave plausible."""
+"""The profile of a sensor's likelihood: the parameters that decisions leave plausible."""
 
 from __future__ import annotations
 

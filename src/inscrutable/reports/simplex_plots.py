@@ -12,13 +12,22 @@ from inscrutable import validation
 from inscrutable.decision_makers import MixedDecision
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
+from inscrutable.reports.names import spelled
 from inscrutable.reports.style import BLACK, LOOKS, Look, around, looks_of, ternary_labels
 
 _CORNERS = 3
 _BAR_HEIGHT = 0.35  # of a bar of probability one, where the triangle is 1 high
 _LEAST_BAR = 0.005  # a smaller probability is written 0.00
 _DASH = 4.0  # points
-_LEGEND = {"loc": "upper left", "bbox_to_anchor": (-0.12, 1.08), "handletextpad": 0.4, "borderaxespad": 0.0}
+_LEGEND = {
+    "loc": "upper center",
+    "bbox_to_anchor": (0.5, -0.2),
+    "ncols": 2,
+    "handletextpad": 0.4,
+    "columnspacing": 1.0,
+    "borderaxespad": 0.0,
+}
+"""Below the triangle: the names are long."""
 
 
 def plot_actions(
@@ -73,7 +82,9 @@ def plot_beliefs(axes: Any, belief: ArrayLike, seen: Mapping[str, BeliefSet], na
     for number, (name, found) in enumerate(seen.items()):
         look = looks[name]
         if found.is_empty:
-            axes.plot([], [], [], linestyle="none", marker=look.marker, color=look.colour, label=f"{name}: no belief")
+            axes.plot(
+                [], [], [], linestyle="none", marker=look.marker, color=look.colour, label=f"{spelled(name)}: no belief"
+            )
             continue
         nearest = np.atleast_2d(found.nearest(held[0]))
         if found.distance(held[0]) > 0:
@@ -96,7 +107,7 @@ def _mark(axes: Any, point: np.ndarray, name: str, look: Look) -> None:
         color=look.colour,
         markersize=8,
         markeredgewidth=1.4,
-        label=name,
+        label=spelled(name),
         zorder=5,
         clip_on=False,
         **hollow,

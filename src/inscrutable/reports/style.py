@@ -1,4 +1,4 @@
-"""One look for every picture: the paper's markers, colours that colour-blind readers can tell apart, saved whole."""
+"""One look for every picture: the paper's markers, colours that colour-blind readers can distinguish, saved whole."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def look_of(name: str) -> Look:
 
 
 def looks_of(names: Iterable[str]) -> dict[str, Look]:
-    """Return how each of several names is drawn; those of no decision maker are told apart too."""
+    """Return how each of several names is drawn; other names get different looks, too."""
     looks, strangers = {}, 0
     for name in names:
         looks[name] = look_of(name)
@@ -135,7 +135,7 @@ def save_figure(figure: Any, folder: Path, name: str) -> list[Path]:
 
 def around(corners: Array) -> Array:
     """Return the corners (V,X) of a convex polygon on the belief simplex in their order around its centre."""
-    # A plane polygon keeps its order in any two coordinates that tell its corners apart.
+    # A plane polygon keeps its order in any two coordinates that separate its corners.
     across, along = np.linalg.svd(corners - corners.mean(axis=0))[2][:2] @ (corners - corners.mean(axis=0)).T
     return corners[np.argsort(np.arctan2(along, across))]
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from inscrutable.reports.names import spelled
 from inscrutable.reports.style import BLACK, looks_of
 
 
@@ -21,7 +22,7 @@ def plot_privacy(axes: Any, privacies: Mapping[str, ArrayLike], *, steps: ArrayL
     """
     _lines(axes, privacies, steps)
     axes.set_ylabel(r"privacy level $\Psi(\bar{u}_k)$")
-    _finish(axes, len(privacies))
+    _finish(axes)
 
 
 def plot_costs(
@@ -39,7 +40,7 @@ def plot_costs(
     if budget is not None:
         axes.axhline(budget, color=BLACK, linestyle=":", linewidth=0.9, label="cost budget $c_b$", zorder=1)
     axes.set_ylabel("normalised cost increase\n" r"$(\bar{c}_k - c^*_k)\,/\,|c^*_k|$")
-    _finish(axes, len(increases) + (budget is not None))
+    _finish(axes)
 
 
 def _lines(axes: Any, series: Mapping[str, ArrayLike], steps: ArrayLike | None) -> None:
@@ -49,18 +50,27 @@ def _lines(axes: Any, series: Mapping[str, ArrayLike], steps: ArrayLike | None) 
         heights = np.asarray(values, dtype=float)
         along = np.arange(len(heights)) if steps is None else np.asarray(steps)
         hollow = {} if look.marker == "x" else {"markerfacecolor": "none"}
-        mean = f"{name}, mean {np.mean(heights):.3f}"
-        axes.plot(along, heights, look.line, color=look.colour, marker=look.marker, linewidth=0.8, label=mean, **hollow)
+        order = 3.0 if look.marker == "x" else 2.0  # a cross stays visible on a ring
+        mean = f"{spelled(name)}, mean {np.mean(heights):.3f}"
+        axes.plot(
+            along,
+            heights,
+            look.line,
+            color=look.colour,
+            marker=look.marker,
+            linewidth=0.8,
+            label=mean,
+            zorder=order,
+            **hollow,
+        )
 
 
-def _finish(axes: Any, n_entries: int) -> None:
+def _finish(axes: Any) -> None:
     axes.set_xlabel("timestep k")
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(-0.05, 1.0),
-        ncols=min(2, n_entries),
-        columnspacing=1.2,
         handletextpad=0.4,
         borderaxespad=0.2,
     )

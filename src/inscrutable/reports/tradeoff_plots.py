@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.errors import InputError
+from inscrutable.reports.names import spelled
 from inscrutable.reports.style import GREEN, ORANGE, PURPLE, Look, looks_of
 
 _MIDDLE = (10.0, 90.0)  # percentiles: the spread of the middle eight of ten simulations
 _BESIDE = 1.07  # three spreads stand side by side on a logarithmic axis
+_SHORT = 16  # letters of a name of which three stand side by side
 _KIND_LOOKS = (Look(ORANGE, "o", "-"), Look(PURPLE, "D", "--"), Look(GREEN, "s", "-."))
 
 
@@ -58,7 +60,7 @@ def plot_convergence(axes: Any, sizes: ArrayLike, values: Mapping[str, ArrayLike
         axes.vlines(beside, low, high, color=look.colour, linewidth=0.9, alpha=0.7)
         _line(axes, beside, runs.mean(axis=0), name, look)
     axes.set_xlabel("number of samples M")
-    axes.set_ylabel("PDM's expected privacy, mean")
+    axes.set_ylabel("privacy of the probabilistic (PDM), mean")
     _finish(axes, along, next(iter(values.values()), None))
 
 
@@ -71,7 +73,10 @@ def _checked(along: np.ndarray, values: ArrayLike, name: str) -> np.ndarray:
 
 def _line(axes: Any, along: np.ndarray, heights: np.ndarray, name: str, look: Look) -> None:
     hollow = {} if look.marker == "x" else {"markerfacecolor": "white"}
-    axes.plot(along, heights, look.line, color=look.colour, marker=look.marker, label=name, zorder=3, **hollow)
+    order = 4.0 if look.marker == "x" else 3.0  # a cross stays visible on a ring
+    axes.plot(
+        along, heights, look.line, color=look.colour, marker=look.marker, label=spelled(name), zorder=order, **hollow
+    )
 
 
 def _finish(axes: Any, along: np.ndarray, some: ArrayLike | None) -> None:
@@ -80,10 +85,11 @@ def _finish(axes: Any, along: np.ndarray, some: ArrayLike | None) -> None:
     axes.minorticks_off()
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     count = 0 if some is None else len(np.asarray(some))
+    names = axes.get_legend_handles_labels()[1]
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(-0.02, 1.0),
-        ncols=3,
+        ncols=3 if max(map(len, names), default=0) <= _SHORT else 2,
         columnspacing=1.0,
         handletextpad=0.4,
         title=f"mean of {count} simulations, spread: middle 80 %",

@@ -1,4 +1,4 @@
-"""What implied views leave for a reader: a table, a summary and a picture of weights beside what they say."""
+"""Files of implied views: a table, a summary and a picture of weights beside the views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contract checkers for what a user writes: silent where it keeps the promises that everything else builds on."""
+"""Contract checkers for parts that a user writes: silent where they keep the promises that the library relies on."""
 
 from inscrutable.testing.adversaries import check_adversary
 from inscrutable.testing.decision_makers import check_decision_maker

@@ -16,8 +16,8 @@ def check_adversary(adversary: Adversary, problem: DecisionProblem, *, rng: np.r
     """Check on a problem's decisions that an adversary keeps its promises; silent where it does.
 
     Checked are that it concludes something from every feasible decision without an error; that guesses are beliefs, or NaN
-    throughout where a decision makes no sense to it; that with `nearest` there always is one, and the same where there was
-    one before; and that many decisions are read as each alone, in any order, again, and are left as they were.
+    throughout where it cannot explain a decision; that with `nearest` there always is one, and the same where there was one
+    before; and that many decisions are read as each alone, in any order, again, and are left as they were.
 
     Args:
         adversary: The observer of single decisions, of this library or of a user's own.
@@ -59,7 +59,7 @@ def _guesses(adversary: Adversary, problem: DecisionProblem, actions: Array, nea
     off = np.maximum(np.abs(found.sum(axis=1) - 1.0), -found.min(axis=1))
     good = (off <= tolerances.TRANSITION_SUM) | (senseless & (not nearest))
     worst = int(good.argmin())
-    expected = "beliefs, also where a decision makes no sense" if nearest else "beliefs, or NaN throughout"
+    expected = "beliefs, also where no belief explains the decision" if nearest else "beliefs, or NaN throughout"
     promise(bool(good.all()), f"{called} are {expected}", f"decision {actions[worst]} gives {found[worst]}")
     alone = [np.asarray(adversary.estimate(action, nearest=nearest), dtype=np.float64) for action in actions]
     for guess in alone:

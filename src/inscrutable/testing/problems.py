@@ -1,4 +1,4 @@
-"""Does a decision problem keep the promises that everything else builds on?"""
+"""Whether a decision problem keeps the promises that the library relies on."""
 
 from __future__ import annotations
 
@@ -260,7 +260,7 @@ def _check_explanations(sample: _Sample) -> None:
             continue
         for corner in found.vertices():
             regret = float(corner @ (own - problem.state_costs(problem.solve_points(corner))))
-            # A slack below the least counts as none, so the set is a little larger than its decision deserves.
+            # A slack below the least counts as none, so the set is a little larger than the decision's own.
             slack = problem.constraints.min_slack * np.abs(problem.cost_gradients(action)).max() * action.size
             promise(
                 regret <= slack + sample.allowed,

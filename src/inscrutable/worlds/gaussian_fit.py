@@ -25,7 +25,7 @@ from inscrutable.worlds.hidden_markov import HiddenMarkovModel
 from inscrutable.worlds.observations import Labels, column_labels, real_rows
 
 TRIALS = 12
-"""Starting points of one restart. Most lead to poor optima, and ten steps tell: on monthly returns of a dozen
+"""Starting points of one restart. Most lead to poor optima, which ten steps show: on monthly returns of a dozen
 industries the best of twelve reaches in one restart what single starts reach in ten."""
 
 HEATS = ((10, 4), (25, 1))

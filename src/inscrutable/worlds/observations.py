@@ -17,7 +17,7 @@ Labels = tuple[Hashable, ...]
 
 
 def is_labelled(observations: Any) -> bool:
-    """Whether `observations` is a pandas object, told by its index so that pandas need not be imported."""
+    """Whether `observations` is a pandas object, recognised by its index so that pandas need not be imported."""
     return hasattr(observations, "index") and hasattr(observations, "to_numpy")
 
 

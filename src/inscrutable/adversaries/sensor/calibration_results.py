@@ -93,7 +93,8 @@ class ProbeRanking(Summarised, Saved):
 
     Args:
         information: Fisher information of each probe, shape (N,K,K).
-        bounds: Cramér–Rao bounds: least standard deviations of unbiased estimates, shape (N,K); infinite where nothing is told.
+        bounds: Cramér–Rao bounds: least standard deviations of unbiased estimates, shape (N,K); infinite where decisions carry
+        no information.
         best: The number of the probe with the least sum of variances, each in units of its parameter's range.
         is_exact: Whether all sequences of decisions were summed over; else they were drawn.
         names: Of the parameters.

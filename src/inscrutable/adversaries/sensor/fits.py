@@ -19,7 +19,7 @@ QUANTILE = 1.959963984540054
 """Of the standard normal law, for 95 % intervals."""
 
 _SEPARATED = 3.0
-"""A step is its symbol's beyond doubt where the next symbol is this many times as far off."""
+"""The symbol of a step is certain where the next one is this many times as far off."""
 
 _DOUBTFUL = 0.05
 """Share of doubtful steps from which symbols count as overlapping."""
@@ -90,7 +90,7 @@ def fitted(steps: FilterSteps, n_symbols: int | None, groups: Groups | None = No
 
 
 def _noise(groups: Groups, n_states: int) -> float:
-    """Standard deviation of a belief's coordinate that the misses of grouped steps speak of."""
+    """Standard deviation of a belief's coordinate, estimated from the residuals of grouped steps."""
     used = groups.symbols >= 0
     freedom = max(int(used.sum()) - len(groups.columns), 1) * max(n_states - 1, 1)
     return float(np.sqrt((groups.misses[used] ** 2).sum() / freedom))

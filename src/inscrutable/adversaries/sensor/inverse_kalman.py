@@ -1,4 +1,4 @@
-"""A Kalman filter on the other side's Kalman filter: what one knows of its estimate who sees a linear function of it."""
+"""The inverse Kalman filter: an observer's law of an agent's estimate, given linear observations of that estimate."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _information(logs: Array, chances: Array, steps: Array) -> Array:
 
 
 def _bounds(information: Array) -> Array:
-    """Least standard deviations; infinite where a parameter, or a mixture with it, is told nothing of."""
+    """Least standard deviations; infinite where decisions carry no information about a parameter, or a mixture with it."""
     values = np.linalg.eigvalsh(information)
     if not values[0] > tolerances.CURVATURE * max(values[-1], tolerances.TINY):
         return np.full(len(information), np.inf)

@@ -77,7 +77,7 @@ class EstimatedSensor(_Answer):
         residual: Largest Euclidean distance of a belief from the one that the filter makes of the belief before it.
         status: Whether the data determine the sensor.
         intervals: 95 % intervals of each entry, shape (X,Y,2).
-        noise: Standard deviation of one belief's coordinate that the residuals speak of.
+        noise: Standard deviation of one belief's coordinate, estimated from the residuals.
 
     Source: Mattila, Rojas, Krishnamurthy, Wahlberg, Inverse Filtering for Hidden Markov Models, NeurIPS 2017.
 

@@ -1,9 +1,9 @@
 """The sensor behind sets of beliefs, such as those that explain decisions, where some are points and others are not.
 
-A set says less than any of its members: to put its middle, or its point of least norm, in the belief's place makes up a step
-that no filter took. Steps between points are used alone where they determine the sensor; sets are then only asked whether a
-step of the filter leads into them. Where they do not, members are looked for that make all steps those of one filter, from
-many starts: what the answers agree on is known, what they differ in is not.
+A set says less than any of its members: its middle, or its point of least norm, in the belief's place would give a step that no
+filter took. Steps between points are used alone where they determine the sensor; sets are then only asked whether a step of the
+filter leads into them. Where they do not, members are looked for that make all steps those of one filter, from many starts:
+what the answers agree on is known, what they differ in is not.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Steps of a filter as one sees them who sees its beliefs: what was predicted, what was held then, and how exactly."""
+"""Steps of a filter, as an observer of its beliefs sees them: prediction, belief after it, and accuracy."""
 
 from __future__ import annotations
 

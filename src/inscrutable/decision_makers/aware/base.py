@@ -1,4 +1,4 @@
-"""What decision makers that hide from an aware observer have in common: a prior, a budget, and one solve kept."""
+"""The common part of decision makers that hide from an aware observer: a prior, a budget, and one solve, which is kept."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from inscrutable.validation import Array
 
 
 class Options(NamedTuple):
-    """What is asked for beside problem, budget, prior and candidates."""
+    """Settings beside problem, budget, prior and candidates."""
 
     worst_regret: Budget | None
     plausible_only: bool

@@ -1,4 +1,4 @@
-"""The cheapest rule that gives all of some guarantees, what each of them costs, and which ones contradict each other."""
+"""The cheapest rule that gives all of some guarantees, the price of each of them, and the ones that contradict each other."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class LeastRegret(Summarised):
         """Return the lotteries for beliefs (T,X).
 
         Args:
-            beliefs: Beliefs that the prior gives weight: the guarantees say nothing of others.
+            beliefs: Beliefs that the prior gives weight: the guarantees do not cover others.
             nearest: Whether another belief plays the lottery of the nearest one of the prior. The guarantees then hold for
                 that one, if the prior is its law, as `filtered_prior` is of beliefs rounded to a grid.
 
@@ -219,7 +219,7 @@ class RegretSearch:
         return float(self.game.weights @ budget.limits(self.optimal_costs))
 
     def found(self, guarantees: tuple[Guarantee | Budget, ...]) -> LeastRegret:
-        """Return the cheapest rule, or what contradicts each other."""
+        """Return the cheapest rule, or the guarantees that contradict each other."""
         for place, each in enumerate(guarantees):
             if isinstance(each, Guarantee) and each.limit - each.most(self.game) > tolerances.GUARANTEE_ROUNDING:
                 return self._contradiction(guarantees, (place,), np.inf)

@@ -1,4 +1,4 @@
-"""What a decision maker that hides from an aware observer chooses from: distinct decisions, and what each costs whom."""
+"""The candidates of a decision maker that hides from an aware observer: distinct decisions, and their regrets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a decision maker with guarantees makes least beside the regret: what its decisions tell, as rows of the same programme.
+"""The aims that a decision maker with guarantees minimises beside the regret: leakage, as rows of the same programme.
 
 Each aim is a sum over decisions of a convex function of K(u|·), of degree one, so that it is the largest of linear ones, which
 are added as tables call for them (Kelley's cuts). With any law r of the belief, or any answer a, after a decision
@@ -31,10 +31,10 @@ from inscrutable.validation import Array
 
 
 class ToldAim(RowsAndCuts):
-    """What is made least, in a unit in which it is from 0 to 1."""
+    """An aim to be minimised, in a unit in which it is from 0 to 1."""
 
     def __init__(self, unit: float, spread: float) -> None:
-        self.unit, self.spread = unit, spread  # the latter is the most that can be told
+        self.unit, self.spread = unit, spread  # the latter is the most that can leak
 
     @abstractmethod
     def value(self, game: PlayedGame, table: Array) -> float:
@@ -91,14 +91,14 @@ class LeastInformation(ToldAim):
         return self._block(game, self.gains(game, np.maximum(table, np.finfo(float).tiny), every), every)
 
     def first(self, game: PlayedGame) -> tuple[Array, np.ndarray]:
-        """Return those of the laws to begin with, and of the prior, by which nothing is told."""
+        """Return those of the laws to begin with, and of the prior, which is the law where nothing leaks."""
         every = np.arange(game.shape[1])
         slopes = self.gains(game, self._start, every)
         return np.hstack([slopes, np.zeros_like(slopes)]), np.tile(every, 2)
 
 
 class LeastWorth(ToldAim):
-    """What the decisions spare the observer of its loss."""
+    """The reduction of the observer's loss by the decisions."""
 
     def __init__(self, loss: Loss, game: PlayedGame) -> None:
         self._loss = loss
@@ -110,7 +110,7 @@ class LeastWorth(ToldAim):
         super().__init__(max(spread, tolerances.LEAST_SPREAD * largest) or 1.0, spread)
 
     def _lost(self, game: PlayedGame, means: Array) -> Array:
-        """What the best answers to means (n,X) lose beyond one who knows the belief, shape (B,n)."""
+        """The loss of the best answers to means (n,X) above that where the belief is known, shape (B,n)."""
         if isinstance(self._loss, DecisionLoss):
             rival = self._loss.precise(game.beliefs.shape[1])
             costs = rival.state_costs(rival.solve(on_simplex(means)))
@@ -118,7 +118,7 @@ class LeastWorth(ToldAim):
         return game.squares(means)
 
     def value(self, game: PlayedGame, table: Array) -> float:
-        """Return the loss without decisions less the one after them, beyond what one loses who knows the belief."""
+        """Return the loss without decisions less the one after them, both above the loss where the belief is known."""
         which = np.flatnonzero(game.played(table) > 0)
         joint = game.weights[:, None] * table[:, which]
         return max(self.spread - float((joint * self._lost(game, game.means(table)[which])).sum()), 0.0)

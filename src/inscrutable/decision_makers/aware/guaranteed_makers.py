@@ -120,7 +120,7 @@ class AimedSearch(TableSearch):
         return np.asarray(idle[kept])
 
     def _keep(self, table: Array) -> None:
-        """Go from the best table toward another one as far as it is worth it."""
+        """Go from the best table toward another one as far as the value falls."""
         other = self._within(repaired(self.game, table, self.rules))
         low, high = 0.0, 1.0
 

@@ -2,7 +2,7 @@
 linear.
 
 On arrays alone. A guarantee is linear in K, or holds where all of infinitely many rows do, which are found as they are needed.
-Playing what another belief would have played, K'(·|π) = (1 − θ) K(·|π) + θ a with a law a that looks at no belief, moves
+Playing the decision of another belief, K'(·|π) = (1 − θ) K(·|π) + θ a with a law a that looks at no belief, moves
 every posterior toward the prior; so a table that misses its guarantees by the tolerance of a solver is repaired at the cost
 of next to nothing. The bound needs no exact solution: with any prices y ≥ 0 of the rows A z ≤ b,
 
@@ -10,10 +10,10 @@ of next to nothing. The bound needs no exact solution: with any prices y ≥ 0 o
 
 where z_j are what rows need beside K, each between 0 and 1.
 
-Large programmes begin with a few decisions. Others join that cost those less who play one of these; then those that tempt even
-where they keep the rows of their own, at the prices α_b = min_m (c + A'y)_bm of the beliefs and at those of the rows that all
-decisions share. Where the least of these programmes, each for Σ_b w_b K_b = 1, is v, the bound is by −min(0, v) too high at
-most. That is done for guarantees which need no cuts and are not compared with the optimal rule.
+Large programmes begin with a few decisions. Others join that cost less to beliefs which play one of these; then those of
+negative reduced cost that keep the rows of their own, at the prices α_b = min_m (c + A'y)_bm of the beliefs and at those of the
+rows that all decisions share. Where the least of these programmes, each for Σ_b w_b K_b = 1, is v, the bound is by −min(0, v)
+too high at most. That is done for guarantees which need no cuts and are not compared with the optimal rule.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ class TableSearch:
         return any(cut is not None for cut in added)
 
     def _preferred(self, table: Array, columns: np.ndarray) -> np.ndarray:
-        """Decisions that cost those less, on average, who play one that is there; the most first."""
+        """Decisions that cost less, on average, to beliefs that play one that is there; the most first."""
         played = self.game.played(table)
         joint = self.game.weights[:, None] * table[:, played > 0]
         saved = (joint * self.regrets[:, played > 0]).sum(axis=0)[:, None] - joint.T @ self.regrets
@@ -223,7 +223,8 @@ class TableSearch:
         return np.asarray(order[most[order] > 0.1 * self.goal])
 
     def _tempting(self, found: _Found, columns: np.ndarray) -> tuple[np.ndarray, float]:
-        """Decisions left out that tempt at these prices, and the least of their programmes; −∞ where not all were tried."""
+        """Decisions left out of negative reduced cost at these prices, and the least of their programmes; −∞ where not all
+        were tried."""
         others = np.setdiff1d(np.arange(self.game.shape[1]), columns)
         if all(rule.largest_ratio is not None for rule in self.rules):
             return self._tempting_ratios(found, others)
@@ -255,7 +256,7 @@ class TableSearch:
             costs = self.objective - prices[:-2, None]
             least = least_of_ratios(self.game.weights, costs, ratio, float(prices[-2]))
             bound = float(prices[:-2].sum() - prices[-1] + least.min(initial=0.0))
-            if share == 0.0:  # of decisions that are there the programme knows more: none is played more than always
+            if share == 0.0:  # the programme bounds the decisions that are there more tightly
                 bound = max(bound, found.low + float(least[others].min(initial=0.0)))
             if share < 1.0:
                 order = others[np.argsort(least[others])[: _TEMPTING // 2]]
@@ -266,7 +267,7 @@ class TableSearch:
         return np.unique(np.concatenate(tempting[:1] + tempting[-1:])), best - found.low
 
     def _likely(self, found: _Found, others: np.ndarray) -> Array:
-        """How much dearer each of others is, at least, to those who play one that is there."""
+        """By how much each of the others costs more, at least, to beliefs that play one that is there."""
         played = self.game.played(found.table)
         laws = self.game.weights[:, None] * found.table[:, played > 0] / played[played > 0]
         own = (laws * self.regrets[:, played > 0]).sum(axis=0)[:, None]

@@ -261,11 +261,11 @@ class DetectabilityCap(Guarantee):
 class NamingErrorFloor(Guarantee):
     """A floor on how often the best guess of the state is wrong after every published decision.
 
-    Formula: 1 − max_i E[π_i|u] ≥ e for every u that is played, where E[π_i|u] is the chance of state i in the eyes of an
-    observer who has seen u.
+    Formula: 1 − max_i E[π_i|u] ≥ e for every u that is played, where E[π_i|u] is the probability of state i for an observer who
+    has seen u.
 
     Args:
-        least: e, from 0 to 1; no more than 1 − max_i E[π_i], which the observer errs before any decision, can be had.
+        least: e, from 0 to 1; no more than 1 − max_i E[π_i], the observer's error before any decision, is possible.
 
     Raises:
         InputError: The floor is no number from 0 to 1.
@@ -350,8 +350,7 @@ class SquaredErrorFloor(_SquareErrors):
     Formula: E[‖π − E[π|u]‖² | u] ≥ v for every u that is played.
 
     Args:
-        least: v, at least 0, in squared units of belief (Euclidean); no more than Σ w ‖π − Σ w π‖², the square of
-            `Prior.error`, can be had.
+        least: v, at least 0, in squared units of belief (Euclidean); at most Σ w ‖π − Σ w π‖², the square of `Prior.error`.
 
     Raises:
         InputError: The floor is negative or not finite.
@@ -403,7 +402,7 @@ class MeanSquaredErrorFloor(_SquareErrors):
     Formula: Σ_u p(u) E[‖π − E[π|u]‖² | u] ≥ v: what a `StackelbergDecisionMaker` makes largest, as a guarantee beside others.
 
     Args:
-        least: v, at least 0, in squared units of belief (Euclidean); no more than the square of `Prior.error` can be had.
+        least: v, at least 0, in squared units of belief (Euclidean); at most the square of `Prior.error`.
 
     Raises:
         InputError: The floor is negative or not finite.

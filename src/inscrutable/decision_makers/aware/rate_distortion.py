@@ -1,4 +1,4 @@
-"""The decision maker whose decisions tell an aware observer the fewest bits, at an expected regret."""
+"""The decision maker of least leakage to an aware observer, at an expected regret."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """What the rule gives of each guarantee, recomputed from K, in the guarantee's unit."""
+        """The level of each guarantee, recomputed from K, in the guarantee's unit."""
         return self._found.levels
 
     @property
@@ -134,7 +134,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
         if np.isinf(hidden.slope):
             lost |= regrets[:, hidden.law > 0].min(axis=1) > hidden.free + rounding_of(costs)
         shares = _rows(regrets, allowed, hidden)
-        if lost.any():  # nothing that is played is allowed here: the optimal decision is
+        if lost.any():  # none of the played decisions is allowed here: the optimal decision is
             columns = columns.joined(held[lost])
             regrets = columns.regrets(held, costs)
             shares = np.hstack([shares, np.zeros((len(held), len(columns) - shares.shape[1]))])
@@ -289,7 +289,7 @@ def _solved_in_turn(
 
 def _solution(prior: Prior, table: PriorTable, source: Source, hidden: Hidden, limit: float) -> _Solution:
     shares = rows(source, hidden)
-    # A belief of no weight has no say in the law, and may be allowed nothing that is played.
+    # A belief of no weight does not enter the law, and none of the played decisions may be allowed to it.
     lost = np.flatnonzero(shares.sum(axis=1) <= 0)
     within = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
     shares[lost, within[lost].argmin(axis=1)] = 1.0

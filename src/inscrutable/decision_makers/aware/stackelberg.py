@@ -56,8 +56,8 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         plausible_only: Whether candidates that no belief explains are left out.
         gap: Asked for between `value` and `bound`, as a share of the bound; None is 1e-6 up to 20,000 pairs of belief
             and candidate, and 0.01 above or with guarantees. With a loss both are above the loss where the belief is known.
-        loss: What the observer loses, in the place of the square error ‖π − μ‖²: `NamingError()`, `RivalProblem(problem)`.
-        guarantees: What every rule is to give besides, as for `least_regret`; None: nothing. The rule is then found by linear
+        loss: The observer's loss, in the place of the square error ‖π − μ‖²: `NamingError()`, `RivalProblem(problem)`.
+        guarantees: Guarantees of every rule, as for `least_regret`; None: nothing. The rule is then found by linear
             programmes with cuts, on about 60 decoys where no candidates are given, and decides for the prior's beliefs alone.
 
     Raises:
@@ -123,7 +123,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """What the rule gives of each guarantee, recomputed from K, in the guarantee's unit."""
+        """The level of each guarantee, recomputed from K, in the guarantee's unit."""
         return self._found.levels
 
     @property
@@ -211,7 +211,7 @@ class _Solution:
 
 
 def _promised(maker: StackelbergDecisionMaker) -> _Solution:
-    """The solution under guarantees: what the decisions spare the observer is made least."""
+    """The solution under guarantees: the reduction of the observer's loss is minimised."""
     share = tolerances.ERROR_GAP if maker.asked is None else maker.asked
 
     def aim(game: PlayedGame, columns: Columns, regrets: Array) -> LeastWorth:
@@ -251,7 +251,7 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
 
 
 _Asked = tuple[np.ndarray, float, Progress | None]
-"""Beliefs of weight, the gap, and who is told."""
+"""Beliefs of weight, the gap, and the progress function."""
 
 
 def _estimated(prior: Prior, table: PriorTable, budgeted: tuple[np.ndarray, Array], asked: _Asked) -> _Solution:
@@ -291,7 +291,7 @@ def _answered(
 def _solution(
     prior: Prior, table: PriorTable, shares: Array, estimates: Array, known: tuple[float, float, float]
 ) -> _Solution:
-    """What is played, the posterior means after it, and what they miss."""
+    """The played decisions, the posterior means after them, and the loss that they leave."""
     used = np.flatnonzero((shares > 0).any(axis=0))
     rows = shares[:, used]
     sums = (rows * prior.weights[:, None]).T @ prior.beliefs

@@ -3,7 +3,7 @@
 The rival's costs are linear in the belief, so with answers a of gain g_b(a) = ℓ(π_b,a) − L(δ_b) its loss under rows K is
 Σ_m t_m, t_m = min_a Σ_b p_b K_bm g_b(a). Answers of a rival with few choices are all there; others join after the posterior
 means at which they are best (Kelley's cuts). Decisions join while the multipliers y_ma of the answers, a mixed answer for every
-decision, leave some belief tempted: any mixed answers bound the loss by what every belief makes of them (`best_mixtures`).
+decision, leave some belief tempted: any mixed answers bound the loss by every belief's best reply to them (`best_mixtures`).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class AnswerGame:
 
     @property
     def spread(self) -> float:
-        """What is lost beyond L(δ) where nothing is told, Σ p excess: what nothing can exceed."""
+        """The loss beyond L(δ) where decisions reveal nothing, Σ p excess: an upper bound of every loss."""
         mean = (self.weights @ self.beliefs / self.weights.sum())[None]
         return float(self.weights @ self.gains(self.rival.state_costs(self.answers(mean)))[:, 0])
 

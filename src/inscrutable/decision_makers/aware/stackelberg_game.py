@@ -1,4 +1,4 @@
-"""Estimation of beliefs from decisions as a zero-sum game: what the rows gain, and what both sides can be sure of.
+"""Estimation of beliefs from decisions as a zero-sum game: the gain of the rows, and bounds for both sides.
 
 On arrays alone. The error is F(K) = Σ p|π|² − Σ_m |a_m|²/w_m with a_m = Σ_b p_b K_bm π_b and w_m = Σ_b p_b K_bm. It is
 concave in K. Estimates μ_m of all columns bound it by Σ_b p_b max_K Σ_m K_bm |π_b − μ_m|².
@@ -30,7 +30,7 @@ class Game:
 
     @property
     def spread(self) -> float:
-        """The prior's mean square error: what nothing can exceed."""
+        """The prior's mean square error: an upper bound of every error."""
         return float(self.weights @ (self.points**2).sum(axis=1))
 
     def some(self, columns: np.ndarray) -> Game:

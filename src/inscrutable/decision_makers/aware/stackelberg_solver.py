@@ -1,4 +1,5 @@
-"""The mechanism of largest Bayes error among any number of columns: few are played, and a price tells whether others could be.
+"""The mechanism of largest Bayes error among any number of columns: few are played, and a reduced cost shows whether others
+could be.
 
 On arrays alone. Where a column is left out its estimate is free: the one that least tempts any belief is the centre of a
 ball in X − 1 dimensions.
@@ -17,7 +18,7 @@ from inscrutable.decision_makers.aware.stackelberg_newton import MOST_STEPS, Sad
 from inscrutable.validation import Array
 
 _LARGE = 2e10
-"""Multiplications of one Newton step above which columns are left out, as long as nobody is tempted by them."""
+"""Multiplications of one Newton step above which columns are left out, as long as their reduced costs allow it."""
 _FIRST_COLUMNS = 300
 _ADDED = 200
 _MOST_ROUNDS = 25

@@ -1,4 +1,4 @@
-"""What people would try first to hide a belief, and how these rules are brought to the same expected regret."""
+"""Simple rules that hide a belief, and their calibration to the same expected regret."""
 
 from inscrutable.decision_makers.baselines.calibration import Calibration, CalibrationStatus, calibrate
 from inscrutable.decision_makers.baselines.coin import CoinDecisionMaker

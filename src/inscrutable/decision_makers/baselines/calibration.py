@@ -1,4 +1,4 @@
-"""Decision makers brought to the same expected regret, so that what they hide can be compared."""
+"""Decision makers brought to the same expected regret, so that they can be compared."""
 
 from __future__ import annotations
 

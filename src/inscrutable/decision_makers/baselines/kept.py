@@ -27,7 +27,7 @@ class KeptDecisionMaker(Described):
 
     Formula: u_t = u_{t−1} where π_t = π_{t−1}, to `tolerances.SAME_BELIEF`; otherwise u_t ~ K(·|π_t), drawn afresh.
 
-    Repeated decisions on one belief tell what one tells. Each decision by itself has the law of the other's, and so has its
+    Repeated decisions on one belief reveal what one reveals. Each decision by itself has the law of the other's, and so has its
     regret. What is played depends on the past: it is no mechanism K(u|π), but one with a memory.
 
     Args:
@@ -38,7 +38,7 @@ class KeptDecisionMaker(Described):
 
     Cost: one decision of the other's for each stay.
 
-    Source: memoised noise, as in Erlingsson, Pihur and Korolova, RAPPOR (2014): an answer is drawn once and given for ever.
+    Source: memoised noise, as in Erlingsson, Pihur and Korolova, RAPPOR (2014): an answer is drawn once and repeated.
 
     Example:
         >>> import numpy as np

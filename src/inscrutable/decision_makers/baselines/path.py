@@ -1,4 +1,4 @@
-"""Late and half-hearted trading: what the paper's introduction names as usual ways to hide investments."""
+"""Delayed and partial trading, which the paper's introduction names as usual ways to hide investments."""
 
 from __future__ import annotations
 
@@ -98,7 +98,8 @@ class PartialDecisionMaker(PathRule):
         Formula: u_t is the one of `holdings` nearest to u_{t−1} + f (u*(π_t) − u_{t−1}); a trade that stays nearer to what is
         held is not made.
 
-        Memory 0 stands for no decision yet, memory 1 + m for the m-th holding. It counts as private, but the decisions tell it.
+        Memory 0 stands for no decision yet, memory 1 + m for the m-th holding. It counts as private, but the decisions reveal
+        it.
 
         Args:
             beliefs: π_b, shape (B,X).

@@ -26,7 +26,7 @@ class UniformDecisionMaker(CandidateLottery):
         candidates: What is drawn from; None is about 5,000 decoys. Decisions (M,U) are accepted. Equal ones count once,
             inadmissible ones are left out.
         on_empty: "exclude" leaves out candidates that no belief explains, "infinite" keeps them: their naive privacy is
-            infinite, and an observer sees that something was hidden.
+        infinite, and an observer detects that something was hidden.
 
     Raises:
         InputError: An argument is malformed, or no candidate is left.

@@ -1,1 +1,1 @@
-"""Proofs: upper bounds on what anybody could hide within a budget, and the search that closes on them."""
+"""Proofs: upper bounds of the privacy of every decision within a budget, and the search that reaches them."""

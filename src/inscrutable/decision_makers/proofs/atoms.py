@@ -17,7 +17,7 @@ from inscrutable.validation import Array
 
 
 class Atoms:
-    """Decisions that a lottery may mix: those of the lottery found first, the optimal one, and what proofs come across."""
+    """Decisions that a lottery may mix: those of the lottery found first, the optimal one, and others met by proofs."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, found: MixedDecision) -> None:
         self.problem = problem

@@ -17,7 +17,7 @@ class DescribedCells(NamedTuple):
     gains: Array  # (C,X)
     regrets: Array  # (C,X,K)
     final: np.ndarray  # (C,)
-    lost: Array  # (C,) by how much at most `regrets` are lower for not knowing decisions between corners
+    lost: Array  # (C,) by how much at most `regrets` are lower because decisions between corners are not known
     kinks: np.ndarray  # (C,) how often in a row a cell was cut at a kink
 
     def pick(self, which: np.ndarray) -> DescribedCells:
@@ -64,13 +64,13 @@ class BoundedCells:
         self._weights, self._exact, self.bounds = self._weights[which], self._exact[which], self.bounds[which]
 
     def close(self, cell: int, gain: float, regret: float) -> None:
-        """Make a cell final: what it is worth does not depend on where in it."""
+        """Make a cell final: its privacy is the same throughout."""
         self.cells.gains[cell], self.cells.regrets[cell], self.cells.final[cell] = gain, regret, True
         self._exact[cell] = False
         self.bounds[cell] = self._by_weights(np.array([cell]))[0]
 
     def take(self, others: BoundedCells) -> None:
-        """Take in cells that were asked the same question."""
+        """Add cells that were bounded for the same question."""
         self.cells = DescribedCells(*(np.concatenate(pair) for pair in zip(self.cells, others.cells, strict=True)))
         self._weights = np.concatenate([self._weights, others._weights])
         self._exact = np.concatenate([self._exact, others._exact])

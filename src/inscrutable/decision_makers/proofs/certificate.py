@@ -63,8 +63,7 @@ class Answer:
 
 
 class Prover:
-    """Branch and bound for one problem, belief and reference; cells and what the oracle said are kept for the next
-    question."""
+    """Branch and bound for one problem, belief and reference; cells and the oracle's values are kept for the next question."""
 
     def __init__(self, problem: DecisionProblem, belief: Array, most_calls: int) -> None:
         self._asked, self._quadratic = problem, quadratic_problem(problem)
@@ -77,7 +76,7 @@ class Prover:
         cones = cones_from(belief)
         self.points = OraclePoints(problem, belief, cones.points[1:])
         self._cones = cones.corners
-        self._shared = np.zeros((0, belief.size + 1))  # state costs of shared decisions, and what these are worth
+        self._shared = np.zeros((0, belief.size + 1))  # state costs of shared decisions, and their privacies
         self._privacies = np.zeros(0)
         self._exact = np.zeros(0, dtype=np.bool_)
         self._leaves: BoundedCells | None = None
@@ -142,7 +141,7 @@ class Prover:
         return np.asarray(found[np.argsort(-above[found], kind="stable")])
 
     def _look(self, reference: Reference) -> None:
-        """Give new points the privacy that is seen at once, from above where there is to be much."""
+        """Give new points the privacy that is known at once, from above where it may be large."""
         fresh = np.arange(len(self._privacies), len(self.points.values))
         if reference.sign > 0 and self._fibres is not None:
             seen = self._fibres.distances(fresh)
@@ -225,13 +224,13 @@ class Prover:
         return self.points.regret_bounds(corners, levels, self.points.upper_costs(corners))
 
     def _close_shared(self, bounded: BoundedCells, single: np.ndarray) -> None:
-        """Write into cells whose corners share one decision what it is worth, where beliefs have a `single` one (C,)."""
+        """Write into cells whose corners share one decision its privacy, where beliefs have a `single` one (C,)."""
         if not single.any():
             return
         corners = bounded.cells.corners
         upper = self.points.upper_costs(corners)
         slack = tolerances.SHARED_DECISION * self.points.scale
-        if self.points.rounding > slack:  # costs do not tell decisions apart
+        if self.points.rounding > slack:  # costs do not distinguish decisions
             return
         optimal = (upper <= self.points.values[corners][:, :, None] + slack).all(axis=1)
         width = np.abs(self.points.beliefs[corners] - self.points.beliefs[corners[:, :1]]).max(axis=(1, 2))

@@ -44,7 +44,7 @@ def checked_gap(value: Any) -> float | None:
 
 
 def check_provable(measure: PrivacyMeasure, on_empty: str) -> None:
-    """Raise `InputError` where there is nothing that a proof could bound."""
+    """Raise `InputError` where a proof has nothing to bound."""
     if type(measure) not in (MaximalObfuscation, DesiredObfuscation):
         raise InputError(
             f"certify proves MaximalObfuscation() and DesiredObfuscation(...), not {measure!r}: give certify=None"
@@ -74,7 +74,7 @@ class Proofs:
         """
         if self.problem.is_discrete and not between_choices:
             return self._best_choice(belief, measure, found)
-        if self.problem.n_states == 1:  # the one belief is what every decision shows
+        if self.problem.n_states == 1:  # every decision reveals the one belief
             return replace(
                 found, privacy_bound=found.privacy, status=self._status(found.privacy, found.privacy, found.status)
             )

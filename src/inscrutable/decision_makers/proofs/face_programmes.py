@@ -1,4 +1,4 @@
-"""Faces of a feasible set on which linear costs are optimal: what is tied there, and the cheapest admissible decision."""
+"""Faces of a feasible set on which linear costs are optimal: the tied decisions, and the cheapest admissible one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _HALF = 0.5
 
 
 class FaceProgrammes:
-    """Faces of the feasible set of linear costs, told by the rows that are tight all over them."""
+    """Faces of the feasible set of linear costs, identified by the rows that are tight all over them."""
 
     def __init__(self, form: LinearForm) -> None:
         region = self.region = form.constraints
@@ -32,7 +32,7 @@ class FaceProgrammes:
 
     def optimal_at(self, belief: Array, known: Array) -> np.ndarray | None:
         """Return the rows (r,) that are tight at all decisions that are optimal for a belief, of which some are known
-        (k,U); None where there is no telling."""
+        (k,U); None where they cannot be determined."""
         tight = self.tight_on(known)
         asked = np.flatnonzero(tight)
         if not asked.size:

@@ -30,7 +30,7 @@ class _Cells(NamedTuple):
 
 
 class Fibres:
-    """Tells cells apart that cannot hold the nearest consistent belief of any decision."""
+    """Finds cells that cannot hold the nearest consistent belief of any decision."""
 
     def __init__(self, cells: SmoothCells) -> None:
         self.cells = cells
@@ -70,7 +70,8 @@ class Fibres:
         return found
 
     def distances(self, index: np.ndarray) -> Array:
-        """Upper bounds (N,) of the distance to what explains the decisions of points: one step along each one's fibre."""
+        """Upper bounds (N,) of the distance to the beliefs that explain the decisions of points: one step along each one's
+        fibre."""
         known, points = self.cells.known, self.cells.points
         beliefs = points.beliefs[index]
         found = np.linalg.norm(beliefs - points.belief, axis=1)
@@ -166,6 +167,6 @@ def _proposed(belief: Array, beliefs: Array, along: Array, bounds: Array) -> Arr
     at_border = beliefs.min(axis=1) <= tolerances.FEASIBILITY
     wishes = np.concatenate([toward[:, None], bounds.mean(axis=1), border], axis=1) @ along.transpose(0, 2, 1)
     wishes /= np.maximum(np.linalg.norm(wishes, axis=2, keepdims=True), tolerances.TINY)
-    # What is no wish of a cell repeats its first.
+    # An entry that a cell does not need repeats its first one.
     wishes[:, -n_states:] = np.where(at_border[:, :, None], wishes[:, -n_states:], wishes[:, :1])
     return np.asarray(np.einsum("ck,ckx->cx", directions_to(np.zeros(along.shape[1]), wishes), along))

@@ -33,12 +33,12 @@ from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
 from inscrutable.problems import KellyProblem
 from inscrutable.validation import Array
 
-_ROUNDS = 3  # in which wealth and slacks are bounded by what is known of them
+_ROUNDS = 3  # in which wealth and slacks are bounded by earlier bounds
 
 
 def whitened_growth(problem: KellyProblem) -> Whitened | None:
-    """Return the coordinates, by the curvatures at the decision for the belief in the middle; None where nothing there
-    bends in some direction inside C."""
+    """Return the coordinates, by the curvatures at the decision for the belief in the middle; None where some direction
+    inside C has no curvature there."""
     wealth = problem.wealth(problem.solve(middle_of(problem)))
     shares = problem.probabilities / np.maximum(wealth, tolerances.LEAST_WEALTH) ** 2
     returns = problem.gross_returns
@@ -80,7 +80,7 @@ class GrowthCells(SmoothCells):
 
     def is_blind(self, regrets: Array, near: Nearness) -> np.ndarray:
         """Return which cells (C,) need bounds by optimal costs: where hardly any wealth is left, where a corner's outcomes
-        do not feel all decisions, and where cells are so large that nothing is known yet."""
+        do not distinguish all decisions, and where cells are so large that nothing is known yet."""
         return np.asarray(~np.isfinite(near.near) | (regrets.max(axis=(1, 2)) <= 0.0))
 
     def _traits(self, actions: Array, beliefs: Array) -> Array:

@@ -19,13 +19,13 @@ _LEAST_SHARE = 0.03  # of the edge on either side; nearer to a corner a cut is n
 class Cuts(NamedTuple):
     """Where cells are best cut for a kink."""
 
-    bent: np.ndarray  # (C,) whether a kink is what they lose most to
+    bent: np.ndarray  # (C,) whether they lose most to a kink
     edge: np.ndarray  # (C,) which pair of corners
     share: Array  # (C,) of the way from the first of the pair to the second
 
 
 def cuts_at_kinks(cells: SmoothCells, corners: np.ndarray, pairs: np.ndarray) -> Cuts:
-    """Return the cuts of cells (C,J): where the row is estimated to let go that costs most of what `spare` adds up."""
+    """Return the cuts of cells (C,J): where the row that costs most of the sum of `spare` is estimated to become inactive."""
     known, every = cells.known, np.arange(len(corners))
     if not known.slacks.size:
         return Cuts(every < 0, 0 * every, np.full(len(corners), 0.5))
@@ -48,7 +48,7 @@ def cuts_at_kinks(cells: SmoothCells, corners: np.ndarray, pairs: np.ndarray) ->
 
 
 def _give(cells: SmoothCells, belief: Array, held: np.ndarray, row: int) -> float:
-    """By how much a row would move with a unit of force on it, the rows `held` being tight."""
+    """The compliance of a row: how far it moves per unit of its multiplier, the rows `held` being tight."""
     free = complement(cells.form.rows[held], cells.form.basis.shape[1])
     along = free.T @ cells.form.rows[row]
     bend = free.T @ np.tensordot(belief, cells.form.hessians, axes=1) @ free

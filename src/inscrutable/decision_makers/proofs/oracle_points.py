@@ -1,4 +1,4 @@
-"""What is known of the optimal cost V: its values and slopes at beliefs, each asked for once."""
+"""Known values and slopes of the optimal cost V at beliefs, each computed once."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class OraclePoints:
         self._between: dict[tuple[int, int], int] = {}
         self._shortfall = 0.0
         self.scale = 0.0
-        """Largest expected size of a cost seen: what it is in states that a belief rules out is of no account."""
+        """Largest expected size of a cost seen: costs in states that a belief rules out do not count."""
         self.rounding = 0.0
         """Largest rounding of an expected cost seen, which is relative to the cost before that of v is taken off."""
         self._common = problem.state_costs(problem.solve_points(np.full(n_states, 1.0 / n_states)))
@@ -99,7 +99,7 @@ class OraclePoints:
         """Return the cost (C,X,X) at each corner of each corner's decision: no belief's optimal cost is above."""
         costs = np.einsum("cjx,ckx->cjk", self.beliefs[corners], self.costs[corners])
         excess = float((self.values[corners][:, :, None] - costs).max(initial=0.0))
-        # A decision of elsewhere that is cheaper shows what the solver left.
+        # A cheaper decision from another belief shows the solver's error.
         self._shortfall = max(self._shortfall, excess)
         return np.asarray(costs)
 
@@ -116,6 +116,6 @@ class OraclePoints:
             lower = self.on_the_way[corners, level[:, None]][:, :, None] - self.allowance
             columns.append((lower - share * upper) / (1.0 - share) - self.optimal_cost)
         found = np.concatenate(columns, axis=2)
-        # Regret is never below zero, which stands in where a value on the way is not known for all corners.
+        # Regret is at least zero, which is used where a value on the way is not known for all corners.
         found[np.isnan(found).any(axis=1, keepdims=True).repeat(found.shape[1], axis=1)] = 0.0
         return found

@@ -64,7 +64,7 @@ class PolyhedralProof(NamedTuple):
         return improved, max(bound.value, improved.expected_privacy)
 
     def _decisions(self, place: int) -> list[Array]:
-        """Decisions that may be worth what a place is worth."""
+        """Decisions that may have the privacy of a place."""
         cells, values = self.values.cells, self.values
         if values.reference.sign < 0:
             return [cells.actions[place]]

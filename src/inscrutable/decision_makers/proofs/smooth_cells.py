@@ -1,8 +1,8 @@
-"""What is known of decisions between the corners of a cell of beliefs, where costs are convex and give their curvature.
+"""Bounds of decisions between the corners of a cell of beliefs, where costs are convex and give their curvature.
 
 Let u_j be the optimal decisions at a cell's corners y_j and ũ their interpolation at y. Where the conditions of optimality
 that ũ breaks are bounded, and the costs' curvature from below, the optimal decision u*(y) is near ũ; so are all states'
-gradients there, and regrets. Each kind of costs has bounds of its own; what proofs make of them is the same.
+gradients there, and regrets. Each kind of costs has bounds of its own; proofs use them in the same way.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Whitened(NamedTuple):
 
 
 class Corners(NamedTuple):
-    """What is known at points; every array has a row for each."""
+    """Data at points; every array has a row for each."""
 
     places: Array  # (N,F) v
     gradients: Array  # (N,X,F) of every state's cost
@@ -42,7 +42,7 @@ class Corners(NamedTuple):
     slacks: Array  # (N,R)
     residuals: Array  # (N,) what is left of the conditions of optimality
     regrets: Array  # (N,)
-    traits: Array  # (N,·) what a kind of costs wants to know besides
+    traits: Array  # (N,·) further data of a kind of costs
 
 
 class Nearness(NamedTuple):
@@ -129,11 +129,11 @@ class SmoothCells(ABC):
 
     @abstractmethod
     def _traits(self, actions: Array, beliefs: Array) -> Array:
-        """What these costs want to know of decisions (N,U) that are optimal at beliefs (N,X)."""
+        """Further data of these costs at decisions (N,U) that are optimal at beliefs (N,X)."""
 
     @property
     def known(self) -> Corners:
-        """What is known at all points there are by now."""
+        """Data at all points so far."""
         have, count = len(self._known.regrets), len(self.points.values)
         if have < count:
             fresh = self._describe(np.arange(have, count))

@@ -139,7 +139,7 @@ def _corners(costs: Array, scale: float) -> Array | None:
     if n_states == 1:
         return np.ones((1, 1))
     least = costs.min(axis=0)
-    # What all decisions cost alike moves no border.
+    # A cost that all decisions share moves no border.
     known = (costs - least) / max(float((costs - least).max()), tolerances.SHARED_DECISION * scale, tolerances.TINY)
     unit = np.eye(n_states - 1)
     rows = np.vstack(

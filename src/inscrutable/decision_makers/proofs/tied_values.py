@@ -1,4 +1,4 @@
-"""What decisions that are optimal for the same beliefs are worth: the exact frontier of a piecewise linear optimal cost.
+"""Privacies of decisions that are optimal for the same beliefs: the exact frontier of a piecewise linear optimal cost.
 
 What explains a decision is a face of the cells of V. Of all that are optimal at a corner w, mixtures of all of them are
 explained by the fewest beliefs, the face of which w is a corner and on which the same decisions are tied; and one of them
@@ -25,14 +25,14 @@ from inscrutable.validation import Array
 
 
 class Supremum(NamedTuple):
-    """What no decision is worth more than, and the places whose decisions come near it, the best first."""
+    """An upper bound of every decision's privacy, and the places whose decisions come near it, the best first."""
 
     value: float
     places: list[int]
 
 
 class TiedValues(RatedPoints):
-    """Regrets and privacies of what is tied at every corner, or optimal on every cell, under one belief."""
+    """Regrets and privacies of the decisions that are tied at every corner, or optimal on every cell, under one belief."""
 
     def __init__(self, cells: Subdivision, faces: FaceProgrammes | None, belief: Array, reference: Reference) -> None:
         self.cells = cells
@@ -83,7 +83,8 @@ class TiedValues(RatedPoints):
         return Supremum(float(mixture.probabilities @ self.privacies[mixture.indices]), used + others)
 
     def tight(self, place: int) -> np.ndarray | None:
-        """Return the rows that are tight on all that is optimal at a corner; None where there is no telling."""
+        """Return the rows that are tight at all decisions that are optimal at a corner; None where they cannot be
+        determined."""
         assert self.faces is not None
         if place not in self._tight:
             known = self.cells.actions[self.cells.tied[place]]

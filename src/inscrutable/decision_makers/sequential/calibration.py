@@ -1,8 +1,8 @@
-"""Prices at which a sequential rule spends a long-run mean regret, found by simulating what the observer sees.
+"""Prices at which a sequential rule spends a long-run mean regret, found by simulating the observer's law.
 
 Every trial draws the same random numbers, so that the mean regret moves with the price alone. What is drawn is the path of
 the observer's law: u_t by its probability under p_t, so that no belief need be drawn and every step's mean regret is exact. Of
-decisions that are never shown nothing is simulated: they cost nothing and tell nothing.
+decisions that are never shown nothing is simulated: they cost nothing and reveal nothing.
 The mean of p_t over all paths is the prior, so that linear functions of p_t have known means: they serve as control variates,
 which leave a tenth of a standard error (Glasserman, Monte Carlo Methods in Financial Engineering, 2003, section 4.1).
 """
@@ -33,7 +33,7 @@ others."""
 _PATHS = 2  # simulated at a time, on as many threads
 _COARSE, _FINE, _LAST = 40, 150, 1000  # steps of each path: to compare prices, to find one, and to measure it
 _SKIPPED = 20  # first steps, in which the observer knows less than in the long run
-_BATCH = 50  # steps whose mean counts as one observation: several times what a law remembers
+_BATCH = 50  # steps whose mean counts as one observation: several times the memory of a law
 _NEAR, _LEAP, _NARROW = 0.02, 0.1, 1.02  # regrets that are near enough, that leap, and prices that are one
 _MOST_TRIALS = 12
 _DOUBLINGS = 24
@@ -51,7 +51,7 @@ class PriceTrial(NamedTuple):
 
 
 class _Market(NamedTuple):
-    """What all trials share."""
+    """Data that all trials share."""
 
     table: StepTable
     law: ChainLaw
@@ -113,7 +113,7 @@ def _silence(table: StepTable) -> float:
 def tried(market: _Market, prices: Prices, n_steps: int) -> PriceTrial:
     """Return the means of a simulation."""
     rule = StepRule(market.table, prices)
-    if market.law.is_still:  # nothing is told after the first step
+    if market.law.is_still:  # nothing leaks after the first step
         step = rule.step(market.law.weights(market.law.start()))
         lost = step.loss - market.table.floor
         return PriceTrial(prices.regret, step.regret / market.table.period, 0.0, lost, 0.0, 0.0)
@@ -287,7 +287,7 @@ def _met(found: PriceCalibration) -> PriceCalibration:
 
 
 def _slope(one: PriceTrial, other: PriceTrial) -> float:
-    """d log regret / d log price, of trials with the same draws; −1 where they are too near to say, or silent."""
+    """d log regret / d log price, of trials with the same draws; −1 where they are too near, or silent."""
     apart = np.log(other.price / one.price)
     if abs(apart) < tolerances.SAME_PRICES or not min(one.regret, other.regret) > 0:
         return -1.0

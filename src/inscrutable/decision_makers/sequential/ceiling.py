@@ -1,11 +1,11 @@
-"""What no causal rule can exceed: the loss of one shot with the long-run law as the prior.
+"""An upper bound of every causal rule: the one-shot loss with the long-run law as the prior.
 
 V1(r) = max_K {E L : E ρ ≤ r} is concave in r and in the prior together, so that the mean loss of any rule whose decisions are
 seen exactly and at once is at most V1 of its mean regret. Any price s and estimates μ bound it:
 
     V1(r) ≤ Σ_b p_b max_m (g_b(μ_m) − s ρ_bm) + s r,
 
-g_b(μ) = |x_b − μ|², or what mixed answers cost a rival.
+g_b(μ) = |x_b − μ|², or the cost of mixed answers to a rival.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the observer holds of the present belief, and how it moves from step to step."""
+"""The observer's law of the present belief, and how it moves from step to step."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class FileLock:
 
 
 class KeptInFile:
-    """What goes on from a file that one process at a time may use, from the first `save` or `load` until `close`."""
+    """An object with a file that one process at a time may use, from the first `save` or `load` until `close`."""
 
     _lock: FileLock | None = None
 

@@ -1,4 +1,4 @@
-"""What a sequential rule played along a path of beliefs, and what the observer held then."""
+"""The decisions of a sequential rule along a path of beliefs, and the observer's estimates."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class PathDecisions(Summarised, Saved):
         own_regrets: The same under the belief itself, shape (T,).
         n_off_grid: Steps whose belief is none of the law's: the observer's law then misses it, and the calibration does not
             cover its regret.
-        lost: What the observer loses: the loss in words.
+        lost: The observer's loss in words.
 
     Source: Bayes' rule at every step.
 

@@ -1,4 +1,4 @@
-"""The two prices of a sequential rule, and what they lead to in the long run."""
+"""The two prices of a sequential rule, and their long-run means."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class PriceStatus(Enum):
 
     CALIBRATED = "calibrated: the simulated long-run regret is the budget"
     MIXED_PRICE = (
-        "mixed: the long-run regret leaps over the budget as the price moves, so one of two prices is drawn once, before the "
+        "mixed: the long-run regret jumps over the budget as the price moves, so one of two prices is drawn once, before the "
         "first step, and is public; the budget holds on average over that draw"
     )
     BELOW = "below: the simulated long-run regret is under the budget; a cap, or few decisions, can keep it from being spent"
-    SILENT = "silent: the budget pays for one decision for ever, which tells nothing"
+    SILENT = "silent: the budget pays for one constant decision, which reveals nothing"
     GIVEN = "given: the prices were not calibrated, so no long-run regret is promised"
 
 
@@ -56,7 +56,7 @@ class PriceCalibration(Summarised, Saved):
         bits: Simulated information a step.
         budget: The regret asked for.
         status: How the prices came about.
-        lost: What the observer loses: the loss in words.
+        lost: The observer's loss in words.
 
     Raises:
         InputError: A price is negative, or the shares do not sum to one.

@@ -44,34 +44,34 @@ class SequentialDecisionMaker(Described):
 
     Formula: at every step K_t = argmax_K E[L(p_u)] − s E[ρ(π,u)] − λ I(π;u) under the law p_t of the belief that an observer of
     all earlier decisions holds, with L(p_u) = E[‖π − E[π|u]‖² | u] or another `loss` of its law after u; then p_{t+1} is p_t
-    after Bayes' rule with K_t(u_t|·), one step later. Where one decision for certain is optimal, it is played and tells
+    after Bayes' rule with K_t(u_t|·), one step later. Where one decision for certain is optimal, it is played and reveals
     nothing. The prices s and λ are fixed, and such that the long-run mean regret is the budget. With `information_price`
     infinite, K_t = argmax_K −s E[ρ(π,u)] − I(π;u).
 
     K_t depends on p_t alone, so that an observer can know it. As long as the belief moves as the chain says, repeated
     decisions do not reveal anew what they have revealed: on a belief that stays, by a chain that says so, only the first
-    decision tells anything. The rule is greedy in p_t: `ceiling` is what no rule can exceed.
+        decision reveals anything. The rule is greedy in p_t: `ceiling` is an upper bound of every rule.
 
     Args:
         problem: The decision problem.
         budget: The long-run mean regret: `Budget.regret(r)`, or a share of E|c*| under the chain's prior.
-        chain: How the belief moves, a `BeliefChain`; its prior is what the observer holds before the first decision. Where it
+        chain: How the belief moves, a `BeliefChain`; its prior is the observer's law before the first decision. Where it
             has public symbols, p_t is also given those, and every step begins with `observe`.
         world: Instead of a chain, a world whose observations the agent filters: the chain is then `filtered_chain` of it on a
             grid of at most 500 beliefs. Real numbers that are public are read as cells, with the error that `summary` states.
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
             meet the budget or the cap, the optimal decisions of the chain's beliefs join them.
-        loss: What the observer loses: the square error of its estimate of the belief, `SquaredError()` or None; or that of a
+        loss: The observer's loss: the square error of its estimate of the belief, `SquaredError()` or None; or that of a
             rival with finitely many answers, `NamingError()` or `RivalProblem(FiniteProblem(costs))`. For others
-            `path_leakage(..., loss=)` says what the rule's decisions are worth to them.
+            `path_leakage(..., loss=)` gives the worth of the rule's decisions to them.
         information_price: λ, in loss per nat; infinite where information alone counts; None: the best of several. A price
             below a thousandth of the prior loss is taken as that.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
         disclosure: How decisions become public, a `Disclosure`; None: exactly and at once. Decisions that are shown alike are
             then one, of which each belief plays the cheapest; a decision that is never shown is the best under the belief; the
             observer's loss counts from when a decision is seen until the next one is. Where public symbols are read meanwhile,
-            a rival with few answers is met as one who reads them; a square error, or a rival with many, as one who does not,
-            which errs no less. What `decide_path` returns counts them.
+            a rival with few answers is taken to read them; a square error, or a rival with many, is taken not to, whose error
+            is no smaller. What `decide_path` returns counts them.
         calibration: Prices that were found before for the same problem, chain and budget; None: they are found at first use.
         rng: The source of the simulated calibration, and of the draw between two prices.
 
@@ -231,7 +231,7 @@ class SequentialDecisionMaker(Described):
             )
         if self.law.n_public is not None:
             raise InputError(
-                "what is public moves the observer's law, too, and no MemoryMechanism reads it: play the rule"
+                "public information moves the observer's law, too, and no MemoryMechanism reads it: play the rule"
             )
         return finite_rule(self.table, self.law, self.calibration, validation.count(most, "most"))
 
@@ -242,7 +242,7 @@ class SequentialDecisionMaker(Described):
     def decide_path(
         self, beliefs: ArrayLike, *, public: ArrayLike | None = None, rng: np.random.Generator
     ) -> PathDecisions:
-        """Return drawn decisions along a path of beliefs (T,X), in the order of time, and what the observer held.
+        """Return drawn decisions along a path of beliefs (T,X), in the order of time, and the observer's estimates.
 
         Args:
             beliefs: π_t, shape (T,X); those that are not of the chain's beliefs are counted.

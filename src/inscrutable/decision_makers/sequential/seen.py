@@ -1,4 +1,4 @@
-"""What a disclosure makes of a step: which decisions look alike, and what is known by the time they are seen."""
+"""A step under a disclosure: which decisions look alike, and the observer's information when they are seen."""
 
 from __future__ import annotations
 

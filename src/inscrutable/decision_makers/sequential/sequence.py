@@ -1,4 +1,4 @@
-"""A sequence of decisions with a memory: what is played next, and what the observer holds by now."""
+"""A sequence of decisions with a memory: the next lottery, and the observer's present law."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from inscrutable.validation import Array
 
 
 class StepFigures(NamedTuple):
-    """What the present step costs and tells on average.
+    """Regret and leakage of the present step on average.
 
-    regret: Mean regret under the observer's law, which knows nothing of the belief, in the cost's unit.
+    regret: Mean regret under the observer's law, without knowledge of the belief, in the cost's unit.
     own_regret: The same under the belief itself; NaN before `decide`.
     bits: I(π;u) under the law.
     loss: The observer's mean loss after the decision, under the law, such as the square error; where decisions are shown late
@@ -129,12 +129,12 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def observer(self) -> Prior:
-        """What follows of the present belief from all that was published and is ever shown, seen yet or not."""
+        """The law of the present belief given all published decisions that are ever shown, seen yet or not."""
         return Prior(self.beliefs, self._law.weights(self._state))
 
     @property
     def begun(self) -> Prior:
-        """What the observer held of the belief before the first decision."""
+        """The observer's law of the belief before the first decision."""
         return self._table.prior
 
     @property
@@ -162,7 +162,7 @@ class DecisionSequence(Summarised, KeptInFile):
 
     @property
     def expected(self) -> StepFigures:
-        """What this step costs and tells on average, before its decision is drawn."""
+        """Regret and leakage of this step on average, before its decision is drawn."""
         step = self._now()
         return StepFigures(step.regret, self._own, step.bits, step.loss)
 
@@ -175,7 +175,7 @@ class DecisionSequence(Summarised, KeptInFile):
         """Return K on the chain's beliefs and all decisions, where the observer holds `law` before the decision.
 
         Args:
-            law: What the observer holds, on the chain's beliefs.
+            law: The observer's law, on the chain's beliefs.
             before: The decision seen last, or the value it was shown as, which ties go to; None: there is none.
 
         Raises:
@@ -205,7 +205,7 @@ class DecisionSequence(Summarised, KeptInFile):
         return self._place(action)[1]
 
     def publish(self, action: ArrayLike, *, as_nearest: bool = False) -> None:
-        """Record the decision of this step, which everybody now knows.
+        """Record the decision of this step, which is then public.
 
         Args:
             action: u, shape (U,); an int where decisions are finite choices.
@@ -236,7 +236,7 @@ class DecisionSequence(Summarised, KeptInFile):
     def observe(self, public: int | ArrayLike | None = None) -> None:
         """Let one step pass, at whose beginning everybody read `public`: None, nothing.
 
-        Before the first decision it tells what was read then; a step that is observed twice passed without a decision. Where
+        Before the first decision it takes what was read then; a step that is observed twice passed without a decision. Where
         the chain has public symbols, every step begins with the one that was read, before its decision.
 
         Args:
@@ -344,7 +344,7 @@ class DecisionSequence(Summarised, KeptInFile):
         observer = self.observer
         lines = [
             f"{self.n_published} decisions published",
-            f"cost so far     {self.total_regret:.4g} of regret, {self.total_bits:.4f} bits told, by the observer's law",
+            f"cost so far     {self.total_regret:.4g} of regret, {self.total_bits:.4f} bits leaked, by the observer's law",
             f"observer holds  {observer.summary()}",
         ]
         if not self.is_exact:

@@ -1,4 +1,4 @@
-"""What the observer loses, as a step reads it: points of the beliefs, and an estimate after every decision.
+"""The observer's loss in the form that a step uses: points of the beliefs, and an estimate after every decision.
 
 With points x_b and an estimate μ the observer loses g_b(μ) = |x_b|² − 2 x_b·μ + h(μ), h(μ) = |μ|², where it is the square error
 that counts. A rival with answers 0 … A that each cost π·s(a) loses the same with h = 0, where μ are the shares of all answers
@@ -46,7 +46,7 @@ class Stakes:
 
     points: Array  # x (B,d)
     base: Array  # g_b(0), (B,)
-    spare: Array  # (B,): what no decision of now can spare the observer
+    spare: Array  # (B,): the loss that no present decision can reduce
     width: int  # shares of a rival's answers less one; 0 for the square error
     directions: Array  # (k,X): points are (π − centre)·directions where decisions are seen at once
     centre: Array  # (X,)
@@ -166,7 +166,7 @@ def _read(values: Array, chain: BeliefChain, schedule: Schedule) -> list[Array] 
 
 
 def _answers(loss: Loss, n_states: int) -> Array:
-    """What the rival's answers cost it in each state, shape (X,A)."""
+    """The cost of the rival's answers in each state, shape (X,A)."""
     assert isinstance(loss, DecisionLoss)
     rival = loss.rival(n_states)
     if not isinstance(rival, FiniteProblem):

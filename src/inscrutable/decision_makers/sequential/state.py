@@ -1,4 +1,4 @@
-"""What a sequence of decisions remembers, as a file."""
+"""The memory of a sequence of decisions, as a file."""
 
 from __future__ import annotations
 
@@ -86,8 +86,8 @@ def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem
 class SequenceState(Saved):
     """What is saved of a sequence: no belief of the agent's, no generator and no seed.
 
-    Who reads it learns what the observer holds already, the prices, and what the steps cost on average under the observer's
-    law: an observer of the decisions can compute all of it. Only `n_off_grid` is not, a count of beliefs off the grid.
+    It holds the observer's law, the prices, and the mean regrets under that law: an observer of the decisions can compute all
+    of it. Only `n_off_grid` is not, a count of beliefs off the grid.
     """
 
     problem: SequenceProblem

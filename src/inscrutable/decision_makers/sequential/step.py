@@ -1,4 +1,4 @@
-"""One step at fixed prices: what is played as a function of the law that the observer holds, and nothing else."""
+"""One step at fixed prices: the mechanism as a function of the observer's law alone."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ class Prices(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StepTable:
-    """Beliefs (B,X) that the observer's law is on, decisions (M), shown as values (C), and what each value costs whom.
+    """Beliefs (B,X) that the observer's law is on, decisions (M), shown as values (C), and the regret of each value under each
+    belief.
 
     A belief that plays a value plays the cheapest decision that is shown as it.
     """
@@ -95,7 +96,7 @@ class StepTable:
 
     @cached_property
     def prior_loss(self) -> float:
-        """The observer's mean loss where nothing is told."""
+        """The observer's mean loss where decisions reveal nothing."""
         return self.stakes.loss_of(self.prior.weights)
 
     @property
@@ -133,7 +134,7 @@ def _cheapest(
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What is played under a law p of the belief: K (B,n) over the values `numbers` (n,), and what it gives away.
+    """The mechanism under a law p of the belief: K (B,n) over the values `numbers` (n,), and its leakage.
 
     The law q (n,) of the decisions and the estimates (n,d) say what a belief off the grid plays. The value is within `gap` of
     the optimum, in units of the loss, or in nats where information alone counts.
@@ -206,7 +207,9 @@ class StepRule:
                 f"a step was solved to {gap:g} of its value, expected {most:g} at most: take a larger information_price"
             )
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
-        if lost.size:  # next to no weight, and allowed nothing that is played: each plays its own best decision
+        if (
+            lost.size
+        ):  # beliefs of next to no weight to which no played decision is allowed play their own best decision
             own, first, which = np.unique(table.regrets[lost].argmin(axis=1), return_index=True, return_inverse=True)
             rows = np.hstack([rows, np.zeros((len(rows), len(own)))])
             rows[lost, len(numbers) + which] = 1.0
@@ -224,7 +227,7 @@ class StepRule:
         return (tolerances.STEP_GAP + barrier) * self.table.unit
 
     def _solved(self, law: Array, kept: int, near: Step | None) -> tuple[np.ndarray, Array, Array, float]:
-        """Decisions, their law, the estimates after them, and by how much any other tempts at most."""
+        """Decisions, their law, the estimates after them, and the largest reduced cost of any other."""
         from inscrutable.kernels.sequential_estimates import StepData
         from inscrutable.kernels.sequential_step import solved_step
 

@@ -1,4 +1,4 @@
-"""Upper limits on what an observer's errors are in the long run, from errors that may hang together over time."""
+"""Upper limits on an observer's long-run errors, from errors that may be correlated over time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def memory(series: Array) -> int:
     """Return the lag after which autocorrelations are no larger than chance, at least 0.
 
     Formula: the least m with |ρ(m+1)|, …, |ρ(m+5)| < 2 √(log10 n / n).
-    Telling: Politis, Adaptive bandwidth choice, Journal of Nonparametric Statistics 15 (2003).
+    Source: Politis, Adaptive bandwidth choice, Journal of Nonparametric Statistics 15 (2003).
     """
     apart = autocorrelations(series)
     bound = 2.0 * np.sqrt(np.log10(len(series)) / len(series))
@@ -55,7 +55,7 @@ def share_limit(wrong: Array, level: float) -> float:
     """Return the upper limit on how often one is wrong: Clopper and Pearson's, of as many rows as are worth independent ones.
 
     Formula: the `level` quantile of Beta(k/D + 1, (n − k)/D), k of n rows wrong, D the `design_effect`.
-    Telling: Clopper and Pearson (1934); Korn and Graubard, Survey Methodology 24 (1998), for D.
+    Source: Clopper and Pearson (1934); Korn and Graubard, Survey Methodology 24 (1998), for D.
 
     Where errors are made one after another, each with a chance of at least R whatever came before, their number is
     stochastically larger than a binomial one, and with D = 1 the limit lies below R no more often than 1 − level.
@@ -70,7 +70,7 @@ def mean_limit(series: Array, level: float, rng: np.random.Generator) -> float:
 
     Formula: mean − t s, t the 1 − level quantile of (mean* − mean)/s*, samples of blocks of b neighbouring rows, s² the
     variance of block means over their number; b the larger of n^(1/3) and the `memory`, so that there are ten blocks.
-    Telling: Götze and Künsch, Annals of Statistics 24 (1996).
+    Source: Götze and Künsch, Annals of Statistics 24 (1996).
     """
     rows = len(series)
     length = int(np.clip(max(round(rows ** (1.0 / 3.0)), memory(series)), 1, max(rows // _LEAST_BLOCKS, 1)))

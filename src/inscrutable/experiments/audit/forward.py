@@ -18,7 +18,7 @@ FIRST_JUDGED = 4
 
 @dataclass(frozen=True, eq=False)
 class Forward:
-    """What every learner made of every block read, for the targets as they are and for shifted ones.
+    """The predictions of every learner for every block read, for the targets as they are and for shifted ones.
 
     Squares and guesses are sums over a block's rows; predictions those for the targets as they are.
     """

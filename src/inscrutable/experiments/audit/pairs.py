@@ -195,7 +195,7 @@ def _finite(column: pd.Series, table: str, name: Any) -> pd.Series:
 
 
 def _words(column: pd.Series, table: str, name: Any) -> pd.Series:
-    """Text, truth values or categories as text; a mixture of text and numbers is nobody's meaning."""
+    """Text, truth values or categories as text; a mixture of text and numbers is refused."""
     held = column.dropna()
     kinds = {isinstance(each, (int, float, complex)) and not isinstance(each, (bool, np.bool_)) for each in held}
     if len(kinds) > 1:

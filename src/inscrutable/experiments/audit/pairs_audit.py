@@ -1,4 +1,4 @@
-"""Does anything leak at all? Two tables, no model: what one learns forward in time who has the pairs alone."""
+"""Whether anything leaks at all: an observer learns forward in time from pairs of secret and decision, without a model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FORGOTTEN = math.exp(-1.0)
 _LEAST_KNOWN = 3
 """Rows that the first block read is learned from; it only serves to choose a learner."""
 _ALONE = ("ridge, penalty 0.01", "tree")
-"""Learners of what a column tells alone."""
+"""Learners of what a column reveals alone."""
 
 
 def audit_pairs(
@@ -45,8 +45,8 @@ def audit_pairs(
     it, less an embargo; which learner (ridge, nearest neighbours, a tree) is chosen by the blocks before. So the errors judged
     are those of an observer who exists, and the best one errs no more: their one-sided 95 % limit holds for the best, too.
     Whether anything leaks is judged by the share explained, 1 − Σ (y − ŷ)² / Σ (y − ȳ)², of the secrets as they are and
-    shifted around the circle against the decisions, everything learned and chosen anew: a shift keeps how each series hangs
-    together in time and breaks what ties them.
+    shifted around the circle against the decisions, everything learned and chosen anew: a shift keeps the correlation of each
+        series in time and breaks the dependence between them.
 
     Args:
         secrets: One or more columns, (T,) or (T,S): numbers, or classes (text, truth values, whole numbers of at most ten
@@ -55,14 +55,14 @@ def audit_pairs(
         lags: Rows from the secret to the decision that is read for it: 0 the same row, 1 the next one, −1 the one before.
         embargo: Rows between those learned from and those read; None is the reach of the lags and as many rows as a secret
             takes to fall to an autocorrelation of 1/e, at most half a block.
-        kind: "classes" or "numbers" for all secrets; None tells by the values.
+        kind: "classes" or "numbers" for all secrets; None decides by the values.
         shifts: Most circular shifts, at least 19; None is 99, or 39 above 20,000 rows. They are evenly spaced, and fewer where
             they would come nearer to each other than the embargo.
-        rng: Telling of the bootstrap; None is a fixed one, the same at every call.
+        rng: Source of the bootstrap's draws; None is a fixed one, the same at every call.
 
     Returns:
         A `PairsAudit`: for each secret the error and its limit, the error without decisions, the p-value, what would have been
-        found with a power of about 80 % where all rows tell alike, since when, and what each column and lag tells alone.
+        found with a power of about 80 % where all rows leak alike, since when, and what each column and lag reveals alone.
 
     Raises:
         InputError: Tables have other rows, fewer than 60 with nothing missing, text among numbers, nothing that varies; or
@@ -70,7 +70,7 @@ def audit_pairs(
 
     Cost: two seconds for 300 rows of ten columns and one secret, half a minute for 100,000; in proportion to the secrets.
 
-    Telling: Dawid, prequential analysis (1984), for errors made forward in time; Clopper and Pearson (1934), Götze and Künsch
+    Source: Dawid, prequential analysis (1984), for errors made forward in time; Clopper and Pearson (1934), Götze and Künsch
     (1996) for the limits; permutation by circular shifts.
 
     Example:
@@ -205,14 +205,14 @@ def _finding(
 
 
 def _losses(target: Target, predictions: Array, truth: Array) -> Array:
-    """What every learner (L,n,C) loses in every row: 1 for the wrong class, or the square of what it is off by."""
+    """The loss of every learner (L,n,C) in every row: 1 for the wrong class, or the squared error."""
     if target.kind == "numbers":
         return np.asarray((predictions[:, :, 0] - truth[:, 0]) ** 2)
     return np.asarray(predictions.argmax(axis=2) != truth.argmax(axis=1), dtype=np.float64)
 
 
 def _taken(run: Forward, losses: Array) -> Array:
-    """Losses of who lost the least on the blocks before, those who see no decision among them."""
+    """Losses of the learner that lost least on the blocks before; the guess without decisions is one of them."""
     ends = np.array([stop for _, stop in run.bounds]) - run.bounds[0][0]
     sums = np.diff(np.concatenate([np.zeros((len(losses), 1)), losses.cumsum(axis=1)[:, ends - 1]], axis=1), axis=1)
     chosen = best_before(sums[:, None])[0]
@@ -233,7 +233,7 @@ def _gains(run: Forward, truth: Array) -> tuple[Array, Array]:
 
 
 def _when(pairs: PairedRows, run: Forward, truth: Array, p_values: Array) -> tuple[str, str]:
-    """Since when decisions tell, where the summed gain is least, and from when on the p-value is and stays low."""
+    """The row since which decisions leak, where the summed gain is least, and the row from which on the p-value stays low."""
     total = np.concatenate([[0.0], _gains(run, truth)[0].cumsum()])
     start = run.bounds[0][0] + int(total[:-1].argmin())
     high = np.flatnonzero(p_values > 1.0 - LEVEL)
@@ -259,7 +259,7 @@ def _block_shares(run: Forward) -> Array:
 
 
 def _sources(pairs: PairedRows, target: Target, embargo: int) -> tuple[Telling, ...]:
-    """What each column, and each lag where there are several, tells alone."""
+    """What each column, and each lag where there are several, reveals alone."""
     makers = {name: make for name, make in learners().items() if name in _ALONE}
     columns, lags = tuple(dict.fromkeys(pairs.columns)), sorted(set(pairs.lags))
     parts = [("column", name, [k for k, each in enumerate(pairs.columns) if each == name]) for name in columns]

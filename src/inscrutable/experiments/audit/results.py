@@ -17,7 +17,7 @@ _MOST_SOURCES = 6
 
 @dataclass(frozen=True, eq=False)
 class Telling(Saved):
-    """What one column of the decisions, or one lag, tells alone.
+    """What one column of the decisions, or one lag, reveals alone.
 
     Args:
         kind: "column" or "lag".
@@ -59,7 +59,7 @@ class BlockScore(Saved):
 
 @dataclass(frozen=True, eq=False)
 class SecretAudit(Saved):
-    """What decisions tell of one secret.
+    """What decisions reveal about one secret.
 
     Args:
         name: The secret's column.
@@ -67,16 +67,17 @@ class SecretAudit(Saved):
         classes: Names of the classes.
         is_found: Whether a leak was found, at a level of 5 % for all secrets together.
         p_value: Share of circular shifts, the identity among them, that explain as much; over the largest of all secrets.
-        error: What the learner errs by, over the judged rows: share wrong, or root mean square in the secret's unit.
+        error: The learner's error, over the judged rows: share wrong, or root mean square in the secret's unit.
         error_limit: Upper limit on the error of the best observer, at 95 % for all secrets together.
-        guess_error: What one errs by who sees no decision and names the commonest class, or the mean, of the rows before.
+        guess_error: The error of an observer who sees no decision and names the commonest class, or the mean, of the rows
+        before.
         explained: Share of the secret explained: 1 − square error / that of the guess, of indicators where it is classes.
-        detectable: The share explained that would have been found in about four audits of five, where these learners can
-            learn it and all rows tell alike: in 70 to 82 % where this was tried. What few rows tell, such as those of a rare
-            decision, is found less often: in 40 %.
-        since: Label of the row from which on the decisions tell, by the least of the summed gain; "" where nothing is found.
+        detectable: The share explained that would have been found in about four audits of five, where these learners can learn
+            it and all rows reveal it alike: in 70 to 82 % where this was tried. A leak in few rows, such as those of a rare
+                decision, is found less often: in 40 %.
+        since: Label of the row from which on the decisions leak, by the least of the summed gain; "" where nothing is found.
         noticed: Label of the row at which it would have been noticed; "" where nothing is found.
-        sources: What single columns and lags tell alone.
+        sources: What single columns and lags reveal alone.
         blocks: How well each block of rows was read.
     """
 
@@ -96,11 +97,11 @@ class SecretAudit(Saved):
     blocks: tuple[BlockScore, ...]
 
     def telling(self) -> tuple[Telling, ...]:
-        """Return the columns and lags that tell by themselves, most telling first."""
+        """Return the columns and lags that leak by themselves, the largest leak first."""
         return tuple(sorted((each for each in self.sources if each.tells), key=lambda each: -each.explained))
 
     def summary(self) -> str:
-        """Return what may be claimed of this secret, in a few lines."""
+        """Return what may be claimed about this secret, in a few lines."""
         if not self.is_found:
             return (
                 f"{self.name}: nothing found (p = {self.p_value:.2g}). A leak that explains {_percent(self.detectable)} of it, "
@@ -150,7 +151,7 @@ class PairsAudit(Summarised, Saved):
         learners: Names of the learners.
         notes: How missing values, unequal dates, constant columns and text were treated.
 
-    Telling: `audit_pairs`.
+    Source: `audit_pairs`.
     """
 
     secrets: tuple[SecretAudit, ...]
@@ -188,7 +189,7 @@ class PairsAudit(Summarised, Saved):
         return pd.DataFrame(rows).set_index("name")
 
     def source_frame(self) -> pd.DataFrame:
-        """Return what each column and lag tells alone of each secret, with the fields of `Telling`."""
+        """Return what each column and lag reveals alone about each secret, with the fields of `Telling`."""
         return _frame([(each.name, part) for each in self.secrets for part in each.sources])
 
     def block_frame(self) -> pd.DataFrame:

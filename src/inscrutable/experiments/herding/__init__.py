@@ -1,4 +1,4 @@
-"""Agents who decide in turn and see each other's decisions: learning, herding, and what hiding costs the others."""
+"""Agents who decide in turn and see each other's decisions: learning, herding, and the cost of hiding to the others."""
 
 from inscrutable.experiments.herding.results import HerdStatus, SocialLearning
 from inscrutable.experiments.herding.table import HerdingTable, herding_table

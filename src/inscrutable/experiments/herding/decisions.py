@@ -1,4 +1,4 @@
-"""One agent's decision at many public beliefs at once: who learns what from it, and what it costs in each state."""
+"""One agent's decision at many public beliefs at once: the public belief after it, and its regret in each state."""
 
 from __future__ import annotations
 

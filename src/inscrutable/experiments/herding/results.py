@@ -1,4 +1,4 @@
-"""What agents who see each other's decisions come to."""
+"""Results of social learning: herding, regret and leakage of agents who see each other's decisions."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class SocialLearning(Summarised, Saved):
         regrets: E ρ(x,u_n) of every agent, shape (N,).
         prices: E ρ(π_n,u_n) of every agent, shape (N,): the part of its regret that its own hiding costs it; what is left is
             owed to what it could learn.
-        leakages: I(π_n;u_n|q_{n−1}) of every agent, shape (N,), in bits: what its decision tells of its private belief one who
-            knows its rule and has seen the decisions before; 0 is perfect privacy.
+        leakages: I(π_n;u_n|q_{n−1}) of every agent, shape (N,), in bits: leakage of its decision about its private belief to an
+        observer who knows its rule and has seen the decisions before; 0 is perfect privacy.
         truths: E q_n(x), probability that the public belief gives the true state after 0..N decisions, shape (N+1,).
         welfare_error: Standard error of the welfare; 0 where nothing was simulated.
         n_paths: Simulated paths; 0 where there are none.

@@ -1,4 +1,4 @@
-"""What each way of hiding costs the agents who learn from each other: one row a decision maker."""
+"""The cost of each way of hiding to agents who learn from each other: one row a decision maker."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class HerdingTable(Summarised, Saved):
     def frame(self) -> pd.DataFrame:
         """Return one row a rule.
 
-        Columns: `bits`, what the first agent's decision tells; `mean_bits`, an agent's on average; `right`, `wrong`, `none`;
+        Columns: `bits`, leakage of the first agent's decision; `mean_bits`, of an agent's on average; `right`, `wrong`, `none`;
         `learned_by`, the number of agents after which the public belief gives the true state 0.75 on average, NaN if never;
         `truth`, what it gives it after all of them; `regret`, of all agents under the true state; `own`, the part that hiding
         costs the agents themselves; `others`, the total regret of the others above that under the first rule: the cost of
@@ -82,7 +82,7 @@ class HerdingTable(Summarised, Saved):
         """Return the same as text."""
         table, cells = self.frame(), {}
         for column, title, form in (
-            ("bits", "bits told", "{:.3f}"),
+            ("bits", "leakage, bits", "{:.3f}"),
             ("right", "right", "{:.1%}"),
             ("wrong", "wrong", "{:.1%}"),
             ("learned_by", "learned by", "{:.0f}"),

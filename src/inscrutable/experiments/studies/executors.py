@@ -187,7 +187,7 @@ def _follow(parent: int) -> None:
 
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Start workers deaf to Ctrl-C, which a terminal sends to every process: this one hears it and ends the others.
+    """Start workers that ignore Ctrl-C, which a terminal sends to every process: this one receives it and ends the others.
 
     They take the mask of signals over from the thread that starts them, and so do threads that replace them later.
     """
@@ -198,7 +198,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    # joblib starts both, and who starts them hears interrupts again
+    # joblib starts both; the process that starts them receives interrupts again
     for tracker in (resource_tracker, joblibs_tracker):
         tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

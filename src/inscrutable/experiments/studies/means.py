@@ -193,9 +193,9 @@ def _settings(grid: StudyGrid) -> tuple[str, ...]:
 
 
 def labels(choices: Sequence[Variant], *, name: str | None = None, prefix: str = "") -> list[str]:
-    """Return what tells choices apart, one text each: those of the same name by the entries that differ among them.
+    """Return what distinguishes choices, one text each: those of the same name by the entries that differ among them.
 
-    An entry that one of them lacks counts only where they are not told apart without it.
+    An entry that one of them lacks counts only where they are the same without it.
     """
     data = [choice.data or {} for choice in choices]
     found = [_label(each, data, name, prefix) for each in data]

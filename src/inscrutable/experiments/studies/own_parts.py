@@ -31,7 +31,7 @@ from inscrutable.experiments.studies.extensions import (
 from inscrutable.privacy import PrivacyMeasure
 
 _SCALAR: Any = bool | int | float | str
-_create: Any = create_model  # what it makes is known at run time alone
+_create: Any = create_model  # the type is known at run time alone
 _several: Any = Several
 _grid: Any = Grid
 _annotated: Any = Annotated

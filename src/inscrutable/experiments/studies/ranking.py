@@ -1,4 +1,5 @@
-"""Who hides best at one expected regret, and whose protection holds there: at one budget costs may differ many times over."""
+"""Which decision maker hides best at one expected regret, and which protection holds there, as costs at one budget may
+differ many times over."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ class Ranking:
     Args:
         plays: Those that are ranked.
         values: The figure of each, at the expected regret at which they are compared.
-        spenders: All of them, and who cannot spend as little as that.
+        spenders: All of them, those that cannot spend as little among them.
         spent: What each of these spends itself; NaN where that was not measured.
         regret: The expected regret at which they are compared; None where all spend the same, or nothing is known of it.
     """
@@ -65,9 +66,9 @@ def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) 
     """Return who hides best by a figure, of those that take a budget and those that take none.
 
     Where costs differ by more than `SAME_COST`, all are compared at the least regret that a decision maker with the budget
-    spends. One who spends more is taken between its own plays there, or between one of them and the optimal decision, tossing a
-    coin that observers see: means then mix in proportion, and errors by their squares. One who cannot spend so little is left
-        out.
+    spends. One that spends more is taken between its own plays there, or between one of them and the optimal decision, tossing
+    a coin that observers see: means then mix in proportion, and errors by their squares. One that cannot spend so little is
+        left out.
     """
     measured = means.mean[setting, :, figure]
     plays = [p for p, each in enumerate(means.budgets) if each in (None, budget) and not np.isnan(measured[p])]
@@ -89,10 +90,11 @@ def ranking(means: StudyMeans, setting: int, budget: float | None, figure: int) 
 
 
 def protection(means: StudyMeans, setting: int, budget: float | None) -> list[str]:
-    """Return lines that say who hides the belief at a budget from each observer, with the numbers reached and asked for.
+    """Return lines that state which decision makers hide the belief at a budget from each observer, with the numbers reached
+    and asked for.
 
-    Costs are made equal as in `ranking`; who spends nothing is not judged. Empty where errors and namings were not measured,
-    nobody spends anything, or there is nothing to hide.
+    Costs are made equal as in `ranking`; one that spends nothing is not judged. Empty where errors and namings were not
+    measured, nobody spends anything, or there is nothing to hide.
     """
     paid, parts, first = _paid(means, setting), [], None
     hides = _spends(paid) | np.isnan(paid)

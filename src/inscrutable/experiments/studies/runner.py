@@ -277,7 +277,7 @@ def _missing(store: Store, total: int, *, without_failed: bool) -> np.ndarray:
 
 
 class _Keeper:
-    """Stores rows as they come and tells how far the run is."""
+    """Stores rows as they come and reports progress."""
 
     def __init__(self, store: Store, total: int, asked: int, progress: Watch | None, before: tuple[int, int]) -> None:
         self._store, self._total, self._asked, self._progress = store, total, asked, progress

@@ -63,7 +63,7 @@ _EACH = 64.0
 _MIX_ALL = ("uniform", "exponential", "rate-distortion", "Stackelberg")
 """Decision makers that may play any candidate."""
 
-_LARGE = 100.0  # logarithm from which a number of points is no longer told
+_LARGE = 100.0  # logarithm from which a number of points is no longer computed
 
 
 def points(coordinates: int, resolution: int) -> float:

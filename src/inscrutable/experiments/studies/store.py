@@ -114,7 +114,7 @@ def speaking(folder: Path) -> Iterator[None]:
 
 
 def _code(error: sqlite3.Error) -> int:
-    """SQLite's number of an error, without what tells its kinds apart."""
+    """SQLite's number of an error, without the part that distinguishes its kinds."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 

@@ -194,7 +194,8 @@ class Study(Summarised):
         return means_of(*self.gridded()).frame()
 
     def protection(self) -> list[str]:
-        """Return who hides the belief from each observer, at the middle budget of the first setting that has figures.
+        """Return which decision makers hide the belief from each observer, at the middle budget of the first setting that has
+        figures.
 
         A line for each observer and one that says what "hidden" means. Empty where nothing is to be hidden, `error` and
         `top_state` were not measured, or it is no grid.

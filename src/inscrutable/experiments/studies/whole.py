@@ -1,4 +1,4 @@
-"""Studies of which only the whole is of use: all their rows, gone on with where a folder has some, or none at all."""
+"""Studies that are useful only when complete: their rows are resumed where a folder has some."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _can_go_on(study: Study, place: Path, *, again: bool) -> bool:
 
 
 def _set_aside(place: Path) -> None:
-    """Make room for a store; the rows of an unfinished run stay beside it, for one who mistyped a setting."""
+    """Make room for a store; the rows of an unfinished run stay beside it, for a user who mistyped a setting."""
     (place / MANIFEST).unlink(missing_ok=True)
     if not (place / STORE).exists():
         return

@@ -15,7 +15,8 @@ from inscrutable.experiments.holding import Requirement, estimate_quality
 from inscrutable.geometry import BeliefSet
 from inscrutable.reports.backtest import notes_of, timing_of, warnings_of, written_table
 from inscrutable.reports.backtest_plots import draw_hidden, step_of
-from inscrutable.reports.backtest_verdict import cautions, limits, spelled, verdict
+from inscrutable.reports.backtest_verdict import cautions, limits, verdict
+from inscrutable.reports.names import spelled
 from inscrutable.reports.page.budget_sweep import BudgetSweep, PlayedAt
 from inscrutable.reports.page.content import PageContent, PageFigure, PagePicture, PageSlider, PageTable
 from inscrutable.reports.page.manifest import hash_of, versions_told
@@ -272,7 +273,8 @@ def _figures(result: Backtest, sweep: BudgetSweep) -> list[PageFigure]:
             "simplex",
             "What the observer reads from one decision",
             f"Star: the investor's belief π. Coloured marks: {shown} that the naive observer reads from each published "
-            f"decision{distance}. Hollow or faint: what the lottery did not draw, with its probability. Dashed ring: the "
+            f"decision{distance}. Hollow or faint: what the lottery did not draw, with its "
+            "probability in percent. Dashed ring: the "
             f"estimate of the aware observer.{unlike}",
         ),
         PageFigure(

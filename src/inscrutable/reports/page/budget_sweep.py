@@ -1,4 +1,4 @@
-"""A backtest at every budget: what CDM and PDM would play at each, from the frontiers, and what both observers read."""
+"""A backtest at every budget: the decisions of CDM and PDM at each, from the frontiers, and the estimates of both observers."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ class BudgetSweep:
         return min(int(np.searchsorted(reached, self._luck[t], side="right")), len(atoms) - 1)
 
     def _read(self, name: str, amount: float, actions: Array) -> Array | None:
-        """What an observer concludes who knows this rule at this budget, and the prior."""
+        """The estimates of an observer who knows this rule at this budget, and the prior."""
         aware, result = self.result.aware, self.result
         if aware is None:
             return None

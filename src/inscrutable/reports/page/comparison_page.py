@@ -9,9 +9,9 @@ import numpy as np
 
 from inscrutable.experiments.comparison import Comparison
 from inscrutable.labels import capital
-from inscrutable.reports.backtest_verdict import spelled
 from inscrutable.reports.comparison import main_columns, notes_of, short_table, worth
 from inscrutable.reports.comparison_plots import main_makers
+from inscrutable.reports.names import spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import versions_told
 from inscrutable.reports.style import PERCENT, looks_of

@@ -87,7 +87,7 @@ class PageContent:
     Args:
         title: The heading.
         header: One line below it.
-        verdict: Sentences: what was found, a few short ones.
+        verdict: Sentences: what was found, a few short ones, the answer first; two stand before the leading picture.
         lead: The picture that shows the verdict; None for a page without.
         limits: Sentences: what the verdict's words mean, and what it rests on.
         cautions: Sentences: what the verdict leaves out.

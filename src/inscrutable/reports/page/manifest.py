@@ -1,4 +1,4 @@
-"""What it takes to make a page again: versions, and a hash of the data."""
+"""The data to make a page again: versions, and a hash of the data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inscrutable.experiments.studies.runner import versions
 
 
 def versions_told(known: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """Return the versions of everything that had a hand in the numbers, a line each; None: those at work now."""
+    """Return the versions of all packages that produced the numbers, a line each; None: those at work now."""
     return {f"version of {name}": str(number) for name, number in (versions() if known is None else known).items()}
 
 

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from inscrutable.experiments.claims import Verdict
 from inscrutable.experiments.market_runs import GLOBAL, PAPER
 from inscrutable.experiments.reproduction import Reproduction
 from inscrutable.labels import capital
 from inscrutable.reports.page.content import PageContent, PagePicture, PageTable
 from inscrutable.reports.page.manifest import keys_of, versions_told
-from inscrutable.reports.reproduction import claims_table, draw_convergence, draw_variant
+from inscrutable.reports.reproduction import claims_table, draw_convergence, draw_variant, verdict
 from inscrutable.validation import Array
 
 _SOLVERS = {PAPER: "the paper's solvers", GLOBAL: "global solvers"}
 _DRAWN = {
     "actions": (
         "Decisions of one step",
-        "The decisions of ODM, CDM and PDM on the triangle of the three assets, the candidates, and those the PDM mixes.",
+        "Each decision on the triangle of the three assets, the candidates, and the decisions that the probabilistic one draws "
+        "from, with their probabilities p.",
     ),
     "beliefs": (
         "Beliefs that explain them",
@@ -35,12 +34,6 @@ _DRAWN = {
         "The trade-off",
         "Mean privacy against the cost budget over the simulated markets, with their spread.",
     ),
-}
-_VERDICTS = {
-    Verdict.HOLDS: ("holds", "hold"),
-    Verdict.ONLY_LOCAL: ("holds only with the local solver", "hold only with the local solver"),
-    Verdict.ONLY_GLOBAL: ("holds only with the global solver", "hold only with the global solver"),
-    Verdict.FAILS: ("fails", "fail"),
 }
 _FEW = 30
 """Markets below which averages have standard errors too wide to judge a claim by."""
@@ -75,7 +68,7 @@ def reproduction_content(
         title=title or "The paper's numerical section, reproduced",
         header=f"{len(result.claims)} claims of Lourenço, Mattila, Rojas and Wahlberg (2020), Section V, judged over "
         f"{settings.markets} random markets; budget c_b = {settings.budget:g} of |c*|.",
-        verdict=[_verdict(result)],
+        verdict=[verdict(result)],
         limits=["ODM: optimal; CDM: counter-adversarial; PDM: probabilistic decision maker."],
         cautions=_cautions(settings.markets),
         tables=[PageTable("The claims", ["Claim", *map(capital, claims.columns[1:])], rows, is_prose=True)],
@@ -94,13 +87,6 @@ def reproduction_content(
             **manifest,
         },
     )
-
-
-def _verdict(result: Reproduction) -> str:
-    counts = Counter(claim.verdict for claim in result.claims)
-    parts = [f"{counts[each]} {words[counts[each] > 1]}" for each, words in _VERDICTS.items() if counts[each]]
-    said = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
-    return f"Of the paper's {len(result.claims)} claims, {said}, over {result.settings.markets} random markets."
 
 
 def _cautions(markets: int) -> list[str]:

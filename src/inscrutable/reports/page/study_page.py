@@ -16,7 +16,7 @@ from inscrutable.experiments.studies.ranking import SAME_COST, Ranking, protecti
 from inscrutable.experiments.studies.study import tasks_text
 from inscrutable.experiments.studies.sweeps import Sweep, sweep_of
 from inscrutable.labels import capital
-from inscrutable.reports.backtest_verdict import spelled
+from inscrutable.reports.names import spelled
 from inscrutable.reports.page.content import PageContent, PageFigure, PageSlider, PageTable
 from inscrutable.reports.page.manifest import manifest_of
 from inscrutable.reports.style import REGIME_COLOURS, Look, looks_of
@@ -29,7 +29,7 @@ _DECIMALS = 12
 _MARKERS = ("o", "s", "D", "v", "^", "p", "d", "*", "x", "+")
 
 _COSTS = ("silence_share", "cost_share", "expected_regret", "worst_regret")
-"""What a decision maker pays, the most telling first."""
+"""Measures of cost, the most informative first."""
 _UNITS = {
     "relative": "shares of |c*| at every belief",
     "regret": "in the cost's unit",
@@ -171,8 +171,8 @@ def _drawn(means: StudyMeans) -> list[PageFigure]:
             "tradeoff",
             "What is paid, and what it buys",
             f"The figure chosen above against {paid}, by decision maker; means over the repeats with 95 % intervals. The "
-            "axis is stretched near zero where budgets span several powers of ten. Dashed, for errors: what is left to one "
-            "who sees no decision, where the study measures it.",
+            "axis is stretched near zero where budgets span several powers of ten. Dashed, for errors: the error of an "
+            "observer who sees no decision, where the study measures it.",
         ),
         PageFigure(
             "spread",
@@ -238,7 +238,7 @@ def _curve_looks(names: Sequence[str]) -> dict[str, Look]:
 
 
 def _cost(means: StudyMeans) -> int | None:
-    """The figure that says what is paid."""
+    """The figure of the cost."""
     return next((means.place[name] for name in _COSTS if name in means.place), None)
 
 
@@ -319,7 +319,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
 
 
 def _costs_told(means: StudyMeans, found: Ranking) -> list[str]:
-    """What is to be known of costs before a ranking is read, where they differ or are not known."""
+    """A warning about costs before a ranking is read, where they differ or are not known."""
     if not found.is_known:
         return ["of decision makers whose costs were not measured and may differ"]
     if found.regret is None:
@@ -333,7 +333,7 @@ def _costs_told(means: StudyMeans, found: Ranking) -> list[str]:
 
 
 def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str:
-    """Who hides best by one figure, who comes next, and who hides least."""
+    """The decision makers that hide best, second best and least by one figure."""
     if not found.plays:
         return ""
 

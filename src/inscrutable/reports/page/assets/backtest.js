@@ -87,7 +87,7 @@
         if (isLottery(name) && atoms.length > 1) {
           const [x, y] = place(centres[atom[0]]);
           const isLeft = x > points[2][0] - 30;
-          svg(drawing, "text", { x: at(isLeft ? x - 9 : x + 9), y: at(y - 8), "text-anchor": isLeft ? "end" : "start" }, atom[1].toFixed(2));
+          svg(drawing, "text", { x: at(isLeft ? x - 9 : x + 9), y: at(y - 12), "text-anchor": isLeft ? "end" : "start" }, `with ${Math.round(100 * atom[1])}%`);
         }
       });
       if (aware && name !== makers[0]) {
@@ -346,7 +346,7 @@
   }
 
   function drawBits(step) {
-    drawLines("bits", step, followed.bits, { yLabel: "bits told so far", least: 0.01, levels: [], ceilings: {} });
+    drawLines("bits", step, followed.bits, { yLabel: "bits leaked so far", least: 0.01, levels: [], ceilings: {} });
   }
 
   function drawErrors(step) {

@@ -18,7 +18,9 @@
     svg(drawing, "line", { x1: inside.left, x2: inside.right, y1: at(py(data.prior)), y2: at(py(data.prior)), stroke: "#000", "stroke-dasharray": "6 4" });
     if (seen === texts.seen.length - 1) line(drawing, data.ceilings.map(place), "#000", ":");
     cursor(frame, data.budgets[budget]);
-    for (const name of makers.filter(isDrawn)) {
+    // A cross stays visible on any other mark: crosses are drawn last.
+    const isCross = (name) => ["x", "+"].includes(looks[name].marker);
+    for (const name of makers.filter(isDrawn).sort((a, b) => isCross(a) - isCross(b))) {
       const look = looks[name];
       line(drawing, rows[name].map((row) => place([row.regret, value(row, seen)])), look.colour, look.line);
       if (seen !== null) {

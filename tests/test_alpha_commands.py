@@ -17,9 +17,11 @@ from inscrutable import (
     InputError,
     LinearGaussianWorld,
     alpha_backtest,
+    box,
     cli,
     momentum_alphas,
     run_alpha_backtest,
+    simplex,
 )
 from inscrutable.datasets import load_industry_returns, read_labelled_matrix
 from inscrutable.experiments.alpha_protect import protect_alphas
@@ -83,7 +85,19 @@ def test_a_month_of_what_may_be_held(capsys: pytest.CaptureFixture[str], folder:
         "--json",
     )
     assert code == 0, err
-    held = np.array(list(json.loads(out)["decisions"]["2020-01-31"].values()))
+    found = json.loads(out)
+    held = np.array(list(found["decisions"]["2020-01-31"].values()))
+    # Beside what the limits may cost at most stands the budget, half of what the constant portfolio costs under them.
+    problem = AlphaProblem(np.diag([0.04, 0.01, 0.02]), 2.5, simplex(3) & box([-1.0] * 3, [0.6] * 3))
+    means = np.random.default_rng(7).multivariate_normal(np.zeros(3), np.diag([0.04, 0.01, 0.02]) / 100, 4000)
+    silent = problem.regret(means, problem.optimum(np.zeros(3)))
+    simulated = found["simulated_regret"]
+    spread = np.hypot(0.5 * silent.std() / np.sqrt(len(silent)), simulated["standard_error"])
+    assert abs(simulated["mean"] - 0.5 * silent.mean()) <= 5 * spread
+    assert simulated["mean"] < found["regret_a_step"]
+    code, out, err = run(capsys, folder, "--prior-covariance", folder / "S.csv", "--held", "long-only")
+    assert code == 0, err
+    assert "The limits make hiding cheaper than without them" in out
     assert held.sum() == pytest.approx(1.0)
     assert held.min() >= -1e-9
     assert held.max() <= 0.6 + 1e-9

@@ -611,6 +611,21 @@ def test_prices_in_single_precision_find_the_same(monkeypatch: pytest.MonkeyPatc
     assert errors[1] == pytest.approx(errors[0], rel=3e-7), FRESH_SEED
 
 
+def test_draws_of_large_laws_do_not_depend_on_eigenvectors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("inscrutable.alphas.error_law._LARGE", 3)  # as for many alphas
+    rng = np.random.default_rng(FRESH_SEED)
+    prior = covariance(rng, 6) + 0.2 * np.eye(6)
+    law = AlphaDecisionMaker(problem_of(np.diag([1.0, 1.0, 2.0, 2.0, 3.0, 4.0])), 0.4, prior_covariance=prior).plan.law
+    assert isinstance(law, ErrorLaw)
+    assert law.frame is not None
+    other = ErrorLaw(law.basis, law.dual, law.shares)  # finds the frame by itself
+    shown = [each.message(np.ones((50, 6)), np.random.default_rng(1)) for each in (law, other)]
+    np.testing.assert_allclose(*shown, atol=1e-9, err_msg=str(FRESH_SEED))
+    told = [law.weighed(each) for each in (np.eye(6), np.diag([0.0, 1.0, 2.0, 0.0, 1.0, 3.0]))]
+    full = [np.trace(each @ law.covariance) for each in (np.eye(6), np.diag([0.0, 1.0, 2.0, 0.0, 1.0, 3.0]))]
+    np.testing.assert_allclose(told, full, rtol=1e-12)
+
+
 def test_a_budget_above_silence_plays_the_constant_decision() -> None:
     problem = AlphaProblem(np.diag([0.04, 0.01]), 2.5)
     world = LinearGaussianWorld(0.5 * np.eye(2), np.eye(2), np.eye(2), np.eye(2))

@@ -132,14 +132,13 @@ def protect_means(
 ) -> None:
     """Show what the rule costs and tells, and the decisions that were drawn."""
     from inscrutable.datasets import read_signals
-    from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC, protect_alphas
+    from inscrutable.experiments.alpha_protect import LAW_IS_PUBLIC, protect_alphas, within_limits
 
     assert options.alphas is not None
     speech.log(LAW_IS_PUBLIC)
     read = None if options.public is None else read_signals(options.public)
-    found = protect_alphas(
-        options.maker(budget), read_signals(options.alphas), state, public=read, publish=publish, rng=rng
-    )
+    means, maker = read_signals(options.alphas), within_limits(options.maker(budget))
+    found = protect_alphas(maker, means, state, public=read, publish=publish, rng=rng)
     if speech.json:
         speech.summary(found.figures())
         return

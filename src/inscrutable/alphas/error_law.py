@@ -26,11 +26,14 @@ class ErrorLaw:
         basis: T, shape (n,q).
         dual: T⁺, shape (q,n).
         shares: e, shape (q,), from 0 to 1.
+        frame: Orthonormal columns (n,q) that turn as those of T do: R⁻¹T for the one root R of P that no choice enters; None:
+            found at the first draw.
     """
 
     basis: Array
     dual: Array
     shares: Array
+    frame: Array | None = None
 
     @property
     def bits(self) -> float:
@@ -49,6 +52,9 @@ class ErrorLaw:
 
     def weighed(self, weights: Array) -> float:
         """Return tr(weights E)."""
+        diagonal = np.diag(weights)
+        if np.count_nonzero(weights) == np.count_nonzero(diagonal):
+            return float(diagonal @ (self.basis**2 @ self.shares))
         return float(((weights @ self.basis) * self.basis).sum(axis=0) @ self.shares)
 
     def message(self, difference: Array, rng: np.random.Generator) -> Array:
@@ -66,7 +72,8 @@ class ErrorLaw:
 
     @cached_property
     def _frame(self) -> Array:
-        """Orthonormal columns (n,q) that turn as those of T do: R⁻¹T for the one root R of P that no choice enters."""
+        if self.frame is not None:
+            return self.frame
         if len(self.basis) > _LARGE and self.basis.shape[0] == self.basis.shape[1]:
             factor = _well_conditioned(self.before)
             if factor is not None:
@@ -87,6 +94,14 @@ def bits_of(shares: Array, counts: Array | None = None) -> float:
         return float("inf")
     logs = np.log2(shares)
     return 0.0 - 0.5 * float(logs.sum() if counts is None else counts @ logs)
+
+
+def turned(root: tuple[Array, Array], turn: Array, shares: Array) -> ErrorLaw:
+    """Return the law whose T is one of `root_of` times the orthonormal columns `turn`, (q,q)."""
+    basis, dual = root
+    # A Cholesky factor is the one root itself.
+    is_factor = len(basis) > _LARGE and not np.triu(basis, 1).any()
+    return ErrorLaw(basis @ turn, turn.T @ dual, shares, turn if is_factor else None)
 
 
 def root_of(covariance: Array) -> tuple[Array, Array]:
@@ -113,12 +128,12 @@ def _well_conditioned(covariance: Array) -> Array | None:
 
 def law_between(before: tuple[Array, Array], error: Array) -> ErrorLaw:
     """Return the law with T T' before, given as `root_of` do, and the error covariance after."""
-    basis, dual = before
+    dual = before[1]
     inside = dual @ error @ dual.T
     shares, turn = np.linalg.eigh(0.5 * (inside + inside.T))
     # A share of rounding would draw noise of its root, some 1e-8, where all is to be shown.
     shares = np.where(shares > 1.0 - tolerances.ALL_LEFT, 1.0, np.where(shares < tolerances.NO_VARIANCE, 0.0, shares))
-    return ErrorLaw(basis @ turn, turn.T @ dual, shares)
+    return turned(before, turn, shares)
 
 
 def after_sensor(before: tuple[Array, Array], rows: Array, noise: Array) -> ErrorLaw:

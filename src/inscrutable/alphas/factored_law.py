@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.alphas.error_law import ErrorLaw, bits_of, root_of
+from inscrutable.alphas.error_law import ErrorLaw, bits_of, root_of, turned
 from inscrutable.alphas.one_decision import directions, filled
 from inscrutable.alphas.problem import AlphaProblem
 from inscrutable.alphas.risk import FactorRisk, Risk
@@ -103,7 +103,7 @@ def least_information_of_factors(
     all_costs = np.append(costs, ratio / (4.0 * problem.risk_aversion))
     silence = float(many @ all_costs)
     shares = filled(all_costs, float(budget[0] + budget[1] * silence), many)
-    law = ErrorLaw(root[0] @ turn, turn.T @ root[1], shares[:-1])
+    law = turned(root, turn, shares[:-1])
     regret = float((many * all_costs) @ shares)
     return FactoredErrorLaw(scale, span, law, float(shares[-1]), ratio, regret, silence)
 

@@ -201,8 +201,9 @@ class AlphaProblem:
     def theta(self) -> Array:
         """Θ = B'M B/(4γ), shape (k,k): deciding for m̂ costs (m̂−m)'Θ(m̂−m) where C is equalities at most, and no more than
         that where there are inequalities too."""
-        loads = np.eye(self.n_assets) if self.loadings is None else self.loadings
-        found = loads.T @ self.response(loads) / (4.0 * self.risk_aversion)
+        loads = self.loadings
+        found = self.response(np.eye(self.n_assets)) if loads is None else loads.T @ self.response(loads)
+        found /= 4.0 * self.risk_aversion
         return np.asarray(0.5 * (found + found.T))
 
     def theta_times(self, values: Array) -> Array:

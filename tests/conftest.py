@@ -14,6 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+# Where a test asks for all cores it gets one: two test processes share two, and worker processes take seconds to start.
+# Tests of several processes ask for two.
+os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
+
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("random", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))

@@ -555,7 +555,7 @@ def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixt
     returns.to_csv(tmp_path / "returns.csv")
     asked = {
         "backtest": ["--returns", str(tmp_path / "returns.csv"), "--regimes", "2", "--train-until", "2005-06"],
-        "compare": ["--resolution", "2", "--budgets", "silence:0.5"],
+        "compare": ["--resolution", "2", "--budgets", "silence:0.5", "--makers", "CDM,coin"],
     }
     for verb, arguments in asked.items():
         assert cli.main([verb, *arguments, "--out", str(tmp_path / verb), "--seed", "0", "-q"]) == 0

@@ -5,6 +5,7 @@ Tests that take `fresh_rng` draw new instances at every run; a failure prints th
 
 from __future__ import annotations
 
+import gc
 import os
 import secrets
 import signal
@@ -25,6 +26,15 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 # A shell's background jobs ignore Ctrl-C, and so would every command that the tests start and interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+gc.disable()  # collecting five thousand tests makes no garbage worth looking for, and half the time would go into it
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage again, but not among what was collected."""
+    gc.freeze()
+    gc.enable()
 
 
 LONGEST = ("test_site.py", "test_documents.py", "test_benchmarks.py")

@@ -493,6 +493,7 @@ def test_a_comparison_without_silence_regret_is_drawn(market: tuple[MarkowitzPro
 # ---- the verb --------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_verb_writes_and_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "out"
     few = "CDM,rate-distortion,coin,rounding"

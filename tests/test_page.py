@@ -553,6 +553,7 @@ def test_paper_shows_all_tables_in_few_pages(compared_page: Path, tab: browser.B
 # ---- from the command line ----------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(31)
     spread = np.repeat([0.01, 0.05, 0.02], 20)[:, None]

@@ -78,6 +78,7 @@ def test_same_seed_same_bytes_whatever_the_jobs(folder: Path, tmp_path: Path) ->
     assert "jobs" not in (folder / "summary.json").read_text("utf-8")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_worker_that_is_renewed_while_drawing_ends_nothing(
     small: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

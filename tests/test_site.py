@@ -1,7 +1,6 @@
 """The documents are built without a warning and with no dead link inside.
 
-`make test` builds the text alone: test_documents.py runs the Markdown pages, and the scripts run here one by one. `make audit`
-builds as `make docs` does, from sources that run.
+`make test` builds the text alone; test_documents.py runs the pages and scripts. `make audit` builds as `make docs` does.
 """
 
 from __future__ import annotations

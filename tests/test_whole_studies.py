@@ -113,6 +113,7 @@ def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
     assert told == [f"{market.note}; 6 beliefs"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_compare_takes_the_makers_that_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = [*COMPARE_ANY, "--out", str(tmp_path / "out")]
     names = ["rounding", "CDM, candidates only", "ODM", "rate-distortion"]
@@ -227,6 +228,7 @@ def test_a_page_that_is_there_is_named(
     assert f"such as {folder / 'study'}" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_page_of_the_whole_needs_the_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run_study(Study.of(SETTINGS), tmp_path, limit=3)
     assert cli.main(["study", "report", str(tmp_path)]) == 3
@@ -277,6 +279,7 @@ def test_the_page_of_a_reproduction_opens(width: int, told: dict[str, Path]) -> 
 # ---- stopped and gone on with ----------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("verb", "stop"), [(REPRODUCE, 2), (COMPARE, 5)])
 def test_ctrl_c_loses_nothing(
     verb: list[str],
@@ -302,6 +305,7 @@ def test_ctrl_c_loses_nothing(
         assert (out / name).read_bytes() == (told[verb[0]] / name).read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("verb", "drawing", "late"), [(REPRODUCE, "write_reproduction", False), (COMPARE, "write_comparison", True)]
 )

@@ -3,6 +3,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
+# Some hundred processes start in the tests: each would compile every module it imports again where a setting forbids to
+# keep them (1.8 of 3 seconds of a start).
+unexport PYTHONDONTWRITEBYTECODE
 # Pictures are written to files, on machines without a screen as well.
 export MPLBACKEND := Agg
 # The build tool is pinned like everything else (the first name is read by older pips, the second by newer ones).

@@ -32,7 +32,7 @@ class Sizes:
 
 
 FULL = Sizes()
-QUICK = Sizes(steps=(20, 40), resolutions=(8,), assets=(), states=(), few_steps=10)
+QUICK = Sizes(steps=(4, 8), resolutions=(4,), assets=(), states=(), few_steps=10)
 
 CURVES = {
     "steps": "T, steps",

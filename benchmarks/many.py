@@ -60,7 +60,7 @@ class Sizes:
 
 
 FULL = Sizes()
-QUICK = Sizes(n_beliefs=6, resolution=10, finer=20, compared=2, behind=0.02, tries=1)
+QUICK = Sizes(n_beliefs=2, resolution=8, finer=12, compared=1, behind=0.02, tries=1)
 
 
 @dataclass(frozen=True)

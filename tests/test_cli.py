@@ -337,6 +337,7 @@ def test_failures_are_one_line_unless_more_is_asked_for(  # type: ignore[no-unty
 # ---- backtest and reproduce -----------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_backtest_then_attack_then_protect(run, folder: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     out_folder = tmp_path / "b"
     common = ("--regimes", 2, "--budget", "0.2", "--no-sequential", "--out", out_folder)
@@ -368,6 +369,7 @@ def test_backtest_then_attack_then_protect(run, folder: Path, tmp_path: Path) ->
     assert "bull is calm, bear is turbulent" in err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_reproduce_judges_the_claims(run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     sizes = ("--markets", 2, "--simulations", 2, "--steps", 2, "--resolution", 5, "--jobs", 1)
     code, out, _ = run("reproduce", *sizes, "--out", tmp_path, "-q")

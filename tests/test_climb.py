@@ -114,7 +114,7 @@ def drawn_face(kind: str, n_states: int, size: int, rng: np.random.Generator) ->
     return face, belief, float(problem.optimal_cost(belief))
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(SEEDS, st.sampled_from(["simplex", "box", "general"]), st.integers(1, 5), st.integers(2, 7))
 def test_slopes_and_curvatures(seed: int, kind: str, n_states: int, size: int) -> None:
     """∂ρ/∂y, ∂²ρ/∂y², ∂f_r/∂y and ∂²f_r/∂y² against complex steps, off the simplex of beliefs as well."""

@@ -493,9 +493,11 @@ def test_a_comparison_without_silence_regret_is_drawn(market: tuple[MarkowitzPro
 # ---- the verb --------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_verb_writes_and_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "out"
-    arguments = ["compare", "--resolution", "3", "--budgets", "silence:0.5", "--out", str(folder)]
+    few = "CDM,rate-distortion,coin,rounding"
+    arguments = ["compare", "--resolution", "3", "--budgets", "silence:0.5", "--makers", few, "--out", str(folder)]
     assert cli.main(arguments) == 0
     said = capsys.readouterr()
     assert "Hidden from the aware observer" in said.out

@@ -52,7 +52,9 @@ def numbers(decided) -> list[np.ndarray]:
     return [np.asarray(getattr(one, name)) for one in decided for name in names if hasattr(one, name)]
 
 
-@pytest.mark.parametrize(("n_states", "n_assets"), [(2, 1), (3, 2), (3, 5), (4, 3)])
+@pytest.mark.parametrize(
+    ("n_states", "n_assets"), [(2, 1), (3, 2), (3, 5), (4, 2), pytest.param(4, 3, marks=pytest.mark.audit)]
+)
 def test_interpreted_and_compiled_decisions_have_the_same_digits(n_states, n_assets, fresh_rng, monkeypatch):
     problem = market(fresh_rng, n_states, n_assets)
     beliefs, target = fresh_rng.dirichlet(np.ones(n_states), 1), fresh_rng.dirichlet(np.ones(n_states))

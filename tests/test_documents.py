@@ -10,7 +10,8 @@ In README.md, CONTRIBUTING.md, CHANGELOG.md and docs/, in the order of the page 
 * A word after the language changes that: `exit=3` is the expected exit code (errors are then compared too),
   `audit` leaves the block to `make audit`.
 
-The examples run where their pages are made, with warnings as errors: in test_site.py.
+* The scripts of docs/concepts and examples/ run with warnings as errors. Pictures are painted only in `make audit`: there, in
+  test_site.py, the pages of the scripts are made.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ import contextlib
 import doctest
 import io
 import re
+import runpy
 import shlex
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from matplotlib import pyplot
 
 from inscrutable import cli
 from inscrutable.privacy import PrivacyMeasure
@@ -35,6 +38,7 @@ MADE = ROOT / "docs" / "made"
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(
     page for page in ROOT.glob("docs/**/*.md") if MADE not in page.parents
 )
+SCRIPTS = sorted([*ROOT.glob("docs/concepts/*.py"), *ROOT.glob("examples/*.py")])
 FENCE = re.compile(r"^```(\w*)([^\n]*)\n(.*?)^```[ \t]*$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?://|mailto:|#)([^)#\s]+)")
 SET_UP = ("git", "cd", "pip", "python3", "source", "open")  # what a reader types before and after, not ours to run
@@ -158,20 +162,29 @@ def check_page(text: str, page: str, folder: Path, *, audit: bool) -> None:
             printed = None
 
 
-LONG_PAGES = [page for page in PAGES if any("audit" in block.words for block in blocks_of(page.read_text("utf-8")))]
-
-
 @each_page
+@pytest.mark.usefixtures("undrawn")
 def test_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=False)
 
 
 @pytest.mark.audit
-@pytest.mark.parametrize("page", LONG_PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_page_runs_with_its_long_commands(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@each_page
+def test_page_runs_with_its_long_commands_and_its_pictures(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     check_page(page.read_text("utf-8"), page.relative_to(ROOT).as_posix(), tmp_path, audit=True)
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.relative_to(ROOT).as_posix())
+def test_script_runs(script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with contextlib.redirect_stdout(io.StringIO()):
+        runpy.run_path(str(script), run_name="__main__")
+    pyplot.close("all")
 
 
 @each_page

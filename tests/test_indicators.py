@@ -203,9 +203,9 @@ def test_margins_are_not_mixed_up():
 @pytest.mark.parametrize("measure", [NonUniqueness(), NonExistence(), Infeasibility()], ids=repr)
 def test_the_same_bytes_for_any_number_of_threads(monkeypatch, measure):
     problem = problem_of("plain")
-    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 70 if isinstance(measure, Infeasibility) else 140)
+    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 70)
     answers = set()
-    for threads in ("1", "2", "4"):
+    for threads in ("1", "4"):
         monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
         candidates = near_decoys(problem, 300) if isinstance(measure, Infeasibility) else decoy_grid(problem, 20)
         found = CounterAdversarialDecisionMaker(problem, measure, candidates=candidates).decide_many(beliefs)

@@ -95,10 +95,10 @@ def lifted_bounds(problem, action, limits, *, floors, sums):
 
 
 @pytest.mark.parametrize("limit", [0.3, 0.004])
-def test_turnover_of_five_hundred_assets(limit):
+@pytest.mark.parametrize("size", [150, pytest.param(500, marks=pytest.mark.audit)])
+def test_turnover_of_many_assets(size, limit):
     """Decisions as Clarabel's to 1e-8, and the observer's set that of an independent lifted linear programme."""
     rng = np.random.default_rng(5)
-    size = 500
     means, covariances = market(size, 4, rng)
     previous = rng.dirichlet(np.ones(size))
     problem = MarkowitzProblem(means, covariances, 2.0, simplex(size) & turnover(previous, limit))

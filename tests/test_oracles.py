@@ -287,7 +287,9 @@ def test_copied_assets_are_refused():
         optimum.global_cdm(market, np.ones(3) / 3, 0.1, 1e-4)
 
 
-@pytest.mark.parametrize("index", [4, 9, 13, 23])
+@pytest.mark.parametrize(
+    "index", [4, 9, pytest.param(13, marks=pytest.mark.audit), pytest.param(23, marks=pytest.mark.audit)]
+)
 def test_no_decoy_of_a_grid_beats_the_optimum(index):
     pytest.importorskip("pyscipopt")
     case = list(optimum.cases())[index]

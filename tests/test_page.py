@@ -72,6 +72,12 @@ def found() -> Backtest:
 
 
 @pytest.fixture(scope="module")
+def missed() -> Backtest:
+    """A goal that is met or missed, at no budget."""
+    return backtest(3, 0.0, measure=NonExistence())
+
+
+@pytest.fixture(scope="module")
 def compared() -> Comparison:
     problem = MarkowitzProblem([[0.2, 0.0], [0.0, 0.2]], [np.eye(2), np.eye(2)], 1.0)
     settings = ComparisonSettings(budgets=(0.25, 0.5), repeats=(1, 5), draws=20)
@@ -330,8 +336,8 @@ def test_long_backtests_are_thinned(found: Backtest) -> None:
     assert sweep.beliefs == pytest.approx(found.beliefs.to_numpy()[sweep.steps])
 
 
-def test_goals_and_misses_have_a_page_too(tmp_path: Path) -> None:
-    data = data_of(write_page(backtest(3, 0.0, measure=NonExistence()), tmp_path / "report.html"))
+def test_goals_and_misses_have_a_page_too(missed: Backtest, tmp_path: Path) -> None:
+    data = data_of(write_page(missed, tmp_path / "report.html"))
     assert data["own"] == 0
     assert {atom[3] for at in data["played"]["CDM"] for entry in at for atom in entry[0]} <= {0, None}
 
@@ -524,9 +530,9 @@ def test_comparisons_sliders_choose_table_and_observer(compared_page: Path, tab:
 
 
 @needs_browser
-def test_odd_results_are_drawn_too(tab: browser.Browser, tmp_path: Path) -> None:
+def test_odd_results_are_drawn_too(missed: Backtest, tab: browser.Browser, tmp_path: Path) -> None:
     """Two regimes and a budget of regret; a goal that is met or missed, at no budget."""
-    for number, result in enumerate((backtest(2, Budget.regret(0.001)), backtest(3, 0.0, measure=NonExistence()))):
+    for number, result in enumerate((backtest(2, Budget.regret(0.001)), missed)):
         tab.open(write_page(result, tmp_path / f"{number}.html"), "#step=999&budget=2")
         assert tab.run("document.getElementById('step').value") == str(len(result.beliefs) - 1)
         assert not re.search(r"NaN|undefined|Infinity", "".join(drawings(tab).values()))
@@ -547,6 +553,7 @@ def test_paper_shows_all_tables_in_few_pages(compared_page: Path, tab: browser.B
 # ---- from the command line ----------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(31)
     spread = np.repeat([0.01, 0.05, 0.02], 20)[:, None]
@@ -555,7 +562,7 @@ def test_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixt
     returns.to_csv(tmp_path / "returns.csv")
     asked = {
         "backtest": ["--returns", str(tmp_path / "returns.csv"), "--regimes", "2", "--train-until", "2005-06"],
-        "compare": ["--resolution", "2", "--budgets", "silence:0.5"],
+        "compare": ["--resolution", "2", "--budgets", "silence:0.5", "--makers", "CDM,coin"],
     }
     for verb, arguments in asked.items():
         assert cli.main([verb, *arguments, "--out", str(tmp_path / verb), "--seed", "0", "-q"]) == 0

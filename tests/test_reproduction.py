@@ -56,7 +56,7 @@ def small() -> Reproduction:
 @pytest.fixture(scope="module")
 def folder(small: Reproduction, tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("reproduction")
-    write_reproduction(small, place)
+    write_reproduction(small, place, jobs=1)
     return place
 
 
@@ -71,13 +71,14 @@ def test_everything_is_written_whole(folder: Path) -> None:
 def test_same_seed_same_bytes_whatever_the_jobs(folder: Path, tmp_path: Path) -> None:
     seen: list[tuple[int, int]] = []
     again = reproduce(SMALL, jobs=2, progress=lambda done, total: seen.append((done, total)))
-    write_reproduction(again, tmp_path)
+    write_reproduction(again, tmp_path, jobs=2)
     for name in ("summary.json", "claims.csv", "paper_actions.svg"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert "jobs" not in (folder / "summary.json").read_text("utf-8")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_worker_that_is_renewed_while_drawing_ends_nothing(
     small: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import tokenize
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,12 @@ HOMES = ("tolerances.py", "kernels")  # of small numbers
 FOREIGN = {".bz2", ".gz", ".npy", ".npz", ".png", ".svg", ".ico", ".woff2"}
 
 TEXTS = {path: path.read_text("utf-8") for path in SOURCES}
-TREES = {path: ast.parse(text) for path, text in TEXTS.items()}
+
+
+@cache
+def trees() -> dict[Path, ast.Module]:
+    """The parsed sources; only the process that runs these tests parses them."""
+    return {path: ast.parse(text) for path, text in TEXTS.items()}
 
 
 def place(path: Path, line: int = 1) -> str:
@@ -62,7 +68,7 @@ def test_the_rules_see_the_source() -> None:
 
 
 def test_modules_have_a_docstring() -> None:
-    assert [place(path) for path, tree in TREES.items() if not ast.get_docstring(tree)] == []
+    assert [place(path) for path, tree in trees().items() if not ast.get_docstring(tree)] == []
 
 
 def test_files_are_short() -> None:
@@ -79,7 +85,7 @@ def lines_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
 def test_functions_are_short() -> None:
     functions = [
         (path, node)
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for node in ast.walk(tree)
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
     ]
@@ -119,7 +125,7 @@ def test_the_front_door_is_not_used_from_inside() -> None:
     modules = {each.stem for each in PACKAGE.iterdir()}
     found = [
         f"{place(path, line)} {names}"
-        for path, tree in TREES.items()
+        for path, tree in trees().items()
         for line, names in front_door_imports(tree, modules)
     ]
     assert not found, f"import from the module that defines it: {found}"
@@ -159,7 +165,7 @@ def test_nothing_shared_names_a_machine() -> None:
 
 def test_a_public_class_has_a_name_of_its_own() -> None:
     homes: dict[str, list[str]] = {}
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 homes.setdefault(node.name, []).append(path.name)

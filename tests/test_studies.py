@@ -203,6 +203,7 @@ def test_two_processes_give_the_same_bytes_also_when_one_is_killed(whole: Study,
     assert [each.done for each in seen] == sorted(each.done for each in seen)
 
 
+@pytest.mark.audit
 def test_four_processes_give_the_same_bytes(whole: Study, tmp_path: Path) -> None:
     other = run_study(Study.of(SMALL), tmp_path / "four", jobs=4)
     for study in (whole, other):

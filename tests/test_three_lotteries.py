@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -203,41 +200,6 @@ def test_the_order_of_beliefs_does_not_matter(n_assets: int, spread: bool, sign:
     off = np.abs(few - case.mixed.expected_privacy[::7])
     assert off.max() <= 1e-2
     assert (off <= 1e-6).mean() >= 0.95
-
-
-BYTES = """
-import hashlib, sys
-import numpy as np
-from inscrutable import decoy_grid
-sys.path.insert(0, {tests!r})
-from test_three_lotteries import budget_of, market_problem, told
-digest = hashlib.sha256()
-for n_assets, spread in ((5, True), (4, False)):
-    problem = market_problem(5, n_assets, spread)
-    beliefs = np.random.default_rng(1).dirichlet(np.ones(3), 1100)
-    for sign in (1.0, -1.0):
-        mixed = told(problem, decoy_grid(problem, 40), beliefs, sign, budget_of(problem, 0.1)).mixed
-        for name in ("probabilities", "regrets", "privacies", "decoys", "actions", "price", "expected_cost"):
-            digest.update(getattr(mixed, name).tobytes())
-print(digest.hexdigest())
-"""
-
-
-def test_the_same_bytes_for_any_number_of_threads() -> None:
-    """More than a block of beliefs, many chunks of which are under way at once."""
-    seen = set()
-    for count in ("1", "2", "4"):
-        answer = subprocess.run(
-            [sys.executable, "-c", BYTES.format(tests=os.path.dirname(__file__))],
-            env={**os.environ, "NUMBA_NUM_THREADS": count},
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )
-        assert answer.returncode == 0, answer.stderr[-2000:]
-        seen.add(answer.stdout.strip().splitlines()[-1])
-    assert len(seen) == 1
 
 
 @SIGNS

@@ -52,7 +52,8 @@ EFFORT: dict[str, Any] = {
 SETTINGS = ReproductionSettings(steps=2, markets=4, **EFFORT)
 SHIPPED = (resources.files("inscrutable.experiments.studies") / "shipped" / "reproduction.toml").read_text("utf-8")
 REPRODUCE = ["reproduce", "--markets", "4", "--simulations", "2", "--steps", "2", "--resolution", "5", "--jobs", "1"]
-COMPARE = ["compare", "--resolution", "2", "--budgets", "silence:0.5", "--jobs", "1"]
+COMPARE_ANY = ["compare", "--resolution", "2", "--budgets", "silence:0.5", "--jobs", "1"]
+COMPARE = [*COMPARE_ANY, "--makers", "ODM,CDM,uniform,exponential,coin,rounding,rate-distortion"]
 
 
 def interrupted_at(
@@ -94,26 +95,27 @@ def parts(run: MarketRun) -> dict[str, object]:
 
 
 def test_the_comparison_is_the_librarys_own(tmp_path: Path) -> None:
+    """Every decision maker, in two processes."""
     settings = ComparisonSettings(budgets=(0.6,), repeats=(1, 5), draws=20)
-    market = market_of("paper", 3, 7)
+    market = market_of("paper", 2, 7)
     direct = compare(market.problem, market.chain, settings, rng=np.random.default_rng([7, 1]))
-    study = comparison_study(settings, market="paper", resolution=3, seed=7)
+    study = comparison_study(settings, market="paper", resolution=2, seed=7)
     told: list[str] = []
-    for jobs, folder in ((1, None), (2, tmp_path)):
-        found, note = compared(study, folder, jobs=jobs, say=told.append, progress=lambda done, total: None)
-        assert found.frame().equals(direct.frame())
-        assert found.summary() == direct.summary()
-        assert (found.header(), found.left_out, found.prior_top_state) == (
-            direct.header(),
-            direct.left_out,
-            direct.prior_top_state,
-        )
-        assert note == market.note
-    assert told == [f"{market.note}; 10 beliefs"] * 2
+    found, note = compared(study, tmp_path, jobs=2, say=told.append, progress=lambda done, total: None)
+    assert found.frame().equals(direct.frame())
+    assert found.summary() == direct.summary()
+    assert (found.header(), found.left_out, found.prior_top_state) == (
+        direct.header(),
+        direct.left_out,
+        direct.prior_top_state,
+    )
+    assert note == market.note
+    assert told == [f"{market.note}; 6 beliefs"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_compare_takes_the_makers_that_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = [*COMPARE, "--out", str(tmp_path / "out")]
+    asked = [*COMPARE_ANY, "--out", str(tmp_path / "out")]
     names = ["rounding", "CDM, candidates only", "ODM", "rate-distortion"]
     assert cli.main([*asked, "--makers", ",".join(names)]) == 0
     table = pd.read_csv(tmp_path / "out" / "comparison.csv")
@@ -226,6 +228,7 @@ def test_a_page_that_is_there_is_named(
     assert f"such as {folder / 'study'}" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_page_of_the_whole_needs_the_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run_study(Study.of(SETTINGS), tmp_path, limit=3)
     assert cli.main(["study", "report", str(tmp_path)]) == 3
@@ -276,11 +279,16 @@ def test_the_page_of_a_reproduction_opens(width: int, told: dict[str, Path]) -> 
 # ---- stopped and gone on with ----------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("verb", "stop"), [(REPRODUCE, 2), (COMPARE, 5)])
 def test_ctrl_c_loses_nothing(
-    verb: list[str], stop: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    verb: list[str],
+    stop: int,
+    told: dict[str, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert cli.main([*verb, "--out", str(tmp_path / "whole"), "-q"]) == 0
     interrupted_at(stop, monkeypatch)
     out = tmp_path / "out"
     assert cli.main([*verb, "--out", str(out), "-q"]) == 130
@@ -294,9 +302,10 @@ def test_ctrl_c_loses_nothing(
         interrupted_at(number, monkeypatch, AssertionError)
     assert cli.main([*verb, "--out", str(out), "-q"]) == 0
     for name in ("summary.json", "claims.csv" if verb is REPRODUCE else "comparison.csv"):
-        assert (out / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+        assert (out / name).read_bytes() == (told[verb[0]] / name).read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("verb", "drawing", "late"), [(REPRODUCE, "write_reproduction", False), (COMPARE, "write_comparison", True)]
 )

@@ -46,6 +46,7 @@ def test_a_list_that_is_none_of_ours_deletes_nothing(text: str, tmp_path: Path) 
     assert (tmp_path / "outside.txt").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_with_other_settings_leaves_none_of_its_files_and_strict_doubts_beliefs_that_rest(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

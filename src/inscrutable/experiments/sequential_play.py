@@ -22,6 +22,7 @@ from scipy import sparse
 
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import SequentialDecisionMaker
+from inscrutable.decision_makers.sequential.step import StepTable
 from inscrutable.experiments.setting import Behaviour, Repeated, Seed, Setting, Watched
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
@@ -155,31 +156,27 @@ class SequentialPlay:
         points = prior.beliefs - prior.mean
         squares, top = (points**2).sum(axis=1), top_states(prior.beliefs)
         found = np.empty((4, n_steps, n_paths))
-        weighed, seen, last = None, np.zeros(len(prior)), None
-        lag, place_of = maker.disclosure.schedule.lag, maker.table.classes.place
-        merging = sparse.csr_array((np.ones(len(place_of)), (np.arange(len(place_of)), place_of)))
+        lag, values = maker.disclosure.schedule.lag, maker.table
+        weighed, seen, last = np.zeros((len(prior), values.n_values)), np.zeros(len(prior)), None
+        actions = values.columns.problem.as_actions(values.columns.points)
         for d in range(n_paths):
             sequence, law = maker.begin(), prior.weights
             held = deque([law] * (lag + 1), maxlen=lag + 1)
             for t, place in enumerate(places[:, d]):
-                played = sequence.mechanism
-                table = sparse.csr_array(played.probabilities)
+                step = sequence.step
                 law = law if t == 0 else np.asarray(law @ truth.transition)
+                joint = law[:, None] * step.rows
                 if t >= WATCHED_FIRST and sequence.is_shown:
                     seen = seen + law
-                    joint = _weighed(table, law)
-                    weighed = joint if weighed is None else weighed + joint
-                own = table[[place]].toarray()[0]
-                column = int(rng.choice(len(own), p=own / own.sum()))
-                found[3, t, d] = own @ played.regrets[place]
+                    weighed[:, step.numbers] += joint
+                own, columns = step.rows[place], values.cheapest[place, step.numbers]
+                order = np.argsort(columns)  # in the order of the decisions, whatever values they are shown as
+                drawn = order[rng.choice(len(own), p=own[order] / own.sum())]
+                found[3, t, d] = own @ values.regrets[place, step.numbers]
                 found[2, t, d] = 0.0
                 if sequence.is_shown:
-                    table = table if not maker.disclosure.maps else sparse.csr_array(table @ merging)
-                    joint = _weighed(table, law)
-                    chances = np.asarray(joint.sum(axis=0), dtype=np.float64).reshape(-1)
-                    found[2, t, d] = _information(table, joint, chances)
-                    law = np.asarray(joint[:, [place_of[column]]].toarray()).reshape(-1)
-                    law = law / law.sum()
+                    found[2, t, d] = _information(step.rows, joint)
+                    law = joint[:, drawn] / joint[:, drawn].sum()
                 held.append(law)
                 present = held[0]
                 for _ in range(lag):
@@ -187,10 +184,11 @@ class SequentialPlay:
                 mean = present @ points
                 found[0, t, d] = max(float(present @ squares - mean @ mean), 0.0)
                 found[1, t, d] = float((present @ top).max())
-                sequence.publish(played.actions[column])
-                last = played
+                if t == n_steps - 1:
+                    last = sequence.mechanism
+                sequence.publish(actions[columns[drawn]])
         assert last is not None
-        return _Figures(*found), _averaged(last, weighed, seen)
+        return _Figures(*found), _averaged(last, _as_decisions(values, weighed), seen)
 
 
 def sequential(setting: Setting, regret: float, seed: Seed, information_price: float | None) -> Behaviour | None:
@@ -220,17 +218,18 @@ def staying(chain: BeliefChain, longer: float) -> BeliefChain:
     return BeliefChain(chain.prior, sparse.csr_array(0.5 * (sparse.eye_array(len(chain.prior)) + step)))
 
 
-def _weighed(table: Any, law: Array) -> Any:
-    """The joint law of belief and decision."""
-    joint = table.copy()
-    joint.data *= np.repeat(law, np.diff(table.indptr))
-    return joint
+def _information(rows: Array, joint: Array) -> float:
+    """I(π;u) in bits of the joint law of K (B,n)."""
+    some = joint > 0
+    chances = np.broadcast_to(joint.sum(axis=0), rows.shape)
+    return max(float(joint[some] @ np.log2(rows[some] / chances[some])), 0.0)
 
 
-def _information(table: Any, joint: Any, chances: Array) -> float:
-    """I(π;u) of a joint law with the entries of K, in bits."""
-    some = joint.data > 0
-    return max(float(joint.data[some] @ np.log2(table.data[some] / chances[table.indices[some]])), 0.0)
+def _as_decisions(table: StepTable, joint: Array) -> Any:
+    """The joint law (B,M) of belief and decision, from the one of belief and value (B,C)."""
+    rows, values = np.nonzero(joint > 0)
+    entries = joint[rows, values], (rows, table.cheapest[rows, values])
+    return sparse.csr_array(sparse.coo_array(entries, shape=(len(joint), len(table.columns))))
 
 
 def _averaged(last: Mechanism, weighed: Any, seen: Array) -> Mechanism:
@@ -238,5 +237,4 @@ def _averaged(last: Mechanism, weighed: Any, seen: Array) -> Mechanism:
     some = seen > 0
     scale = sparse.diags_array(np.divide(1.0, seen, out=np.zeros_like(seen), where=some))
     rest = sparse.diags_array((~some).astype(np.float64)) @ last.sparse
-    table = rest if weighed is None else scale @ weighed + rest
-    return Mechanism(last.beliefs, last.actions, sparse.csr_array(table), last.regrets)
+    return Mechanism(last.beliefs, last.actions, sparse.csr_array(scale @ weighed + rest), last.regrets)

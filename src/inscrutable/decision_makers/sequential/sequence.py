@@ -167,6 +167,11 @@ class DecisionSequence(Summarised, KeptInFile):
         return StepFigures(step.regret, self._own, step.bits, step.loss)
 
     @property
+    def step(self) -> Step:
+        """What the present step plays, on the chain's beliefs and the values that can be seen."""
+        return self._now()
+
+    @property
     def mechanism(self) -> Mechanism:
         """K of the present step, on the chain's beliefs and all decisions."""
         return self._rule.mechanism(self._now())

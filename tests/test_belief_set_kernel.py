@@ -1,4 +1,4 @@
-"""The kernels of belief sets against their definitions: the NumPy hulls, the polytopes and the plain judge of trials."""
+"""The kernels of belief sets against their definitions: the NumPy hulls."""
 
 from __future__ import annotations
 
@@ -6,21 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
 
 from inscrutable import tolerances
-from inscrutable.decision_makers import CounterAdversarialDecisionMaker, LocalSearch
-from inscrutable.decision_makers.search.trials import DefinedJudge, QuadraticJudge, judge_for
-from inscrutable.geometry import BeliefSet
-from inscrutable.geometry.hulls import affine_hulls, described_sets, kernel_limits, sum_zero_basis
-from inscrutable.kernels.belief_members import distance_in_hull
-from inscrutable.kernels.belief_sets import hull_of, room_for
-from inscrutable.privacy import DesiredObfuscation, Infeasibility, MaximalObfuscation
-from inscrutable.problems import MarkowitzProblem, Polyhedron, QuadraticProblem, box, simplex
+from inscrutable.geometry.hulls import affine_hulls, described_sets, sum_zero_basis
 from oracles.segments import clip_to_segments
 
 SEEDS = st.integers(0, 2**32 - 1)
-LIMITS = kernel_limits(tolerances.EXPLAINED)
 
 
 def defined_sets(equalities, inequalities):
@@ -128,138 +119,3 @@ def test_rows_within_and_beyond_the_tolerance():
         found.append(int(assert_as_defined(equalities, inequalities)[0]))
     assert found[0] == 0
     assert found[-1] == -1
-
-
-@njit
-def dimension_and_distance(equalities, inequalities, basis, limits, point):
-    """Dimension of the hull, and the distance from a point to the set where that is two or more."""
-    k, m, n_states = equalities.shape[0], inequalities.shape[0], basis.shape[0]
-    hull = room_for(k, n_states)
-    dimension, _, _ = hull_of(equalities, k, basis, limits, hull)
-    if dimension < 2:
-        return dimension, np.nan
-    return dimension, distance_in_hull(equalities, inequalities, (k, m), dimension, limits, hull, point)
-
-
-@settings(max_examples=100, deadline=None)
-@given(SEEDS, st.integers(3, 6), st.integers(0, 5), st.integers(2, 4))
-def test_distances_are_those_of_the_belief_set(seed, n_states, m, size):
-    rng = np.random.default_rng(seed)
-    rank = max(n_states - 1 - size, 0)
-    equalities, inequalities = (each[0] for each in systems(rng, 1, n_states, m, n_states, rank))
-    expected = BeliefSet(equalities, inequalities)
-    for target in [*rng.dirichlet(np.ones(n_states), 5), np.eye(n_states)[0]]:
-        rows = (equalities, inequalities, sum_zero_basis(n_states), LIMITS)
-        dimension, distance = dimension_and_distance(*rows, target)
-        assert dimension in (-1, n_states - 1 - rank)
-        if dimension >= 2:
-            assert distance == pytest.approx(expected.distance(target), abs=1e-9)
-
-
-def test_distances_from_polygons_by_hand():
-    def distance(rows, target):
-        held = (np.zeros((0, 3)), np.array(rows, dtype=float).reshape(-1, 3))
-        return dimension_and_distance(*held, sum_zero_basis(3), LIMITS, np.array(target, dtype=float))[1]
-
-    assert distance([], [0.2, 0.3, 0.5]) == 0.0
-    assert distance([[2, -1, -1]], [0, 0.5, 0.5]) == pytest.approx(np.sqrt(1.5) / 3, abs=1e-15)
-    assert distance([[2, -1, -1]], [1, 0, 0]) == 0.0
-    assert distance([[-1, -1, -1]], [1, 0, 0]) == np.inf
-    # 0 <= π_1 − π_2 <= π_3/10 has the corners (1, 1, 0)/2, (0, 0, 1) and (1, 0, 10)/11; the foot is on the edge of the
-    # first and the last.
-    assert distance([[1, -1, 0], [-1, 1, 0.1]], [1, 0, 0]) == pytest.approx(np.sqrt(1 / 2 - 1 / 602), abs=1e-12)
-    assert distance([[1, -1, 0], [-1, 1, 0]], [1, 0, 0]) == pytest.approx(np.sqrt(0.5), abs=1e-12)  # no width
-
-
-# --- trials of a local search ---------------------------------------------------------------------------------------
-
-
-def market(rng, n_states, size, kind):
-    factors = rng.normal(size=(n_states, size, size + 2))
-    covariances = factors @ factors.transpose(0, 2, 1) / size
-    means = rng.normal(size=(n_states, size))
-    if kind == "copies" and size > 1:
-        means[:, -1] = means[:, 0]
-        covariances[:, -1] = covariances[:, 0]
-        covariances[:, :, -1] = covariances[:, :, 0]
-    if kind == "near singular":
-        covariances = covariances[:, :1, :1] * np.ones((size, size)) + 1e-9 * covariances
-    if kind == "same regimes":
-        means[-1], covariances[-1] = means[0], covariances[0]
-    region = simplex(size)
-    if kind == "sectors":
-        first = (np.arange(size) < size // 2 + 1).astype(float)
-        region = region & Polyhedron([first, -first], [0.8, -0.1]) & box(np.zeros(size), np.full(size, 0.9))
-    if kind == "no equality":
-        region = box(np.full(size, -0.5), np.ones(size))
-    return QuadraticProblem(covariances, means, rng.normal(size=n_states), constraints=region)
-
-
-KINDS = ["plain", "copies", "near singular", "same regimes", "sectors", "no equality"]
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=25, deadline=None)
-@given(SEEDS, st.integers(1, 4), st.integers(1, 5))
-def test_trials_are_judged_as_defined(kind, seed, n_states, size):
-    rng = np.random.default_rng(seed)
-    problem = market(rng, n_states, max(size, 3) if kind == "sectors" else size, kind)
-    size = problem.n_actions
-    belief = rng.dirichlet(np.ones(n_states))
-    if n_states > 1:
-        belief[0] = 0.0  # a regime of probability zero
-        belief /= belief.sum()
-    decoys = np.vstack([rng.dirichlet(np.ones(n_states), 6), np.eye(n_states)])
-    optimal = problem.solve(decoys)
-    trials = np.vstack([optimal, np.eye(size), rng.dirichlet(np.ones(size), 4), optimal + 1e-8 * rng.normal(size=size)])
-    trials = np.vstack([trials, 2.0 * optimal[:1] - 1.0])
-    target = rng.dirichlet(np.ones(n_states))
-    for measure in (MaximalObfuscation(), DesiredObfuscation(target)):
-        judge = judge_for(problem, belief, measure)
-        assert isinstance(judge, QuadraticJudge)
-        found, expected = judge(trials), DefinedJudge(problem, belief, measure)(trials)
-        np.testing.assert_array_equal(found.admissible, expected.admissible)
-        np.testing.assert_array_equal(np.isneginf(found.privacies), np.isneginf(expected.privacies))
-        finite = np.isfinite(expected.privacies)
-        np.testing.assert_allclose(found.privacies[finite], expected.privacies[finite], atol=1e-8)
-        np.testing.assert_allclose(found.costs, expected.costs, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(found.slopes, expected.slopes, rtol=1e-12, atol=1e-12)
-
-
-def test_what_is_not_a_number_is_unexplained_and_inadmissible():
-    problem = market(np.random.default_rng(0), 2, 3, "plain")
-    found = judge_for(problem, np.array([0.3, 0.7]), MaximalObfuscation())(
-        np.array([[np.nan, 0.5, 0.5], [np.inf, 0.0, 0.0]])
-    )
-    assert not found.admissible.any()
-    assert np.isneginf(found.privacies).all()
-
-
-def test_other_problems_and_measures_use_the_definition():
-    problem = market(np.random.default_rng(0), 2, 3, "plain")
-    belief = np.array([0.3, 0.7])
-    assert isinstance(judge_for(problem, belief, Infeasibility()), DefinedJudge)
-
-    class Dearer(QuadraticProblem):
-        def state_costs(self, actions):
-            return 2.0 * super().state_costs(actions)
-
-    dearer = Dearer(problem.hessians, problem.linear, constraints=problem.constraints)
-    assert isinstance(judge_for(dearer, belief, MaximalObfuscation()), DefinedJudge)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_local_solver_reaches_the_same_privacy_either_way(seed, monkeypatch):
-    """Paths may part by rounding; the better of some starts is the same to the solver's accuracy or a little apart."""
-    rng = np.random.default_rng(seed)
-    factors = rng.normal(size=(3, 3, 6))
-    problem = MarkowitzProblem(0.1 * rng.normal(size=(3, 3)), 0.1 * factors @ factors.transpose(0, 2, 1), 5.0)
-    belief = rng.dirichlet(np.ones(3))
-
-    def privacy():
-        method = LocalSearch(6, np.random.default_rng(seed))
-        return CounterAdversarialDecisionMaker(problem, budget=0.1, method=method).decide(belief).privacy
-
-    fast = privacy()
-    monkeypatch.setattr("inscrutable.decision_makers.local_search.judge_for", DefinedJudge)
-    assert fast == pytest.approx(privacy(), abs=2e-2)

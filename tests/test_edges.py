@@ -27,6 +27,7 @@ from inscrutable import (
     random_candidates,
     simplex,
 )
+from inscrutable.decision_makers.search.trials import Judge
 
 BELIEF = np.array([0.5, 0.3, 0.2])
 
@@ -166,3 +167,10 @@ def test_repeated_rows_of_a_capped_portfolio_are_merged():
 def test_results_print_their_summary():
     decision = CounterAdversarialDecisionMaker(market(), candidates=decoy_grid(market(), 5).actions).decide(BELIEF)
     assert repr(decision) == decision.summary()
+
+
+def test_a_local_solver_never_plays_a_trial_that_is_not_finite():
+    judged = Judge(market(), BELIEF, MaximalObfuscation())(np.array([[np.nan, 0.5, 0.5, 0.0], [np.inf, 0.0, 0.0, 0.0]]))
+    assert not judged.admissible.any()
+    assert np.isneginf(judged.privacies).all()
+    assert np.isposinf(judged.costs).all()

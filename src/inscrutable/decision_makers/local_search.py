@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from inscrutable import validation
 from inscrutable.decision_makers.candidates import random_actions
 from inscrutable.decision_makers.search.goal import Allowance
-from inscrutable.decision_makers.search.trials import judge_for
+from inscrutable.decision_makers.search.trials import Judge
 from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
@@ -64,7 +64,7 @@ class _Watched:
 
     def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure, limit: float) -> None:
         self.problem, self.measure, self.limit = problem, measure, limit
-        self.judge = judge_for(problem, belief, measure)
+        self.judge = Judge(problem, belief, measure)
         self.optimal = np.asarray(problem.solve(belief))
         self.optimal_cost = float(problem.state_costs(self.optimal) @ belief)
         self.allowed = Allowance(problem, belief, limit, self.optimal_cost)

@@ -1,9 +1,8 @@
-"""Sets of beliefs {π ∈ Δ : P π = 0, Q π ≥ 0} of dimension two and more, without describing them: whether they hold anything,
-and how far they are from a belief.
+"""Whether sets of beliefs {π ∈ Δ : P π = 0, Q π ≥ 0} of dimension two and more hold anything, without describing them.
 
 On the hull π = o + D't that `belief_sets` finds, with rows N t ≥ b scaled to unit length, o is projected on N t ≥ b + depth.
 If it lands, the ball of that radius about it is a part of the set. If it does not, the rows that stopped it have weights y ≥ 0
-with y'N = 0; where y'b > 0 nothing is in the set. Between the two nothing is claimed. A distance is one projection on N t ≥ b.
+with y'N = 0; where y'b > 0 nothing is in the set. Between the two nothing is claimed.
 """
 
 from __future__ import annotations
@@ -131,63 +130,3 @@ def find_members(
             if _contradict(normals, sides, count, size, weights, depths.touching):
                 verdict[i] = EMPTY
                 break
-
-
-@internal
-def _is_member(equalities: Any, k: int, rows: Any, m: int, point: Any, explained: float) -> bool:
-    for r in range(m + point.size):
-        if along(rows, m, r, point) < -explained:
-            return False
-    for r in range(k):
-        total = 0.0
-        for x in range(point.size):
-            total += equalities[r, x] * point[x]
-        if abs(total) > explained:
-            return False
-    return True
-
-
-@inlined
-def _add_bands(hull: Any, size: int, explained: float, normals: Any, sides: Any, count: int) -> int:
-    """Write the bands of the hull's directions behind `count` rows; return how many there are then."""
-    for axis in range(size):
-        low, high = band(hull, axis, explained)
-        if np.isfinite(low):
-            for sign, side in ((1.0, low), (-1.0, -high)):
-                for a in range(size):
-                    normals[count, a] = sign if a == axis else 0.0
-                sides[count] = side
-                count += 1
-    return count
-
-
-@internal
-def distance_in_hull(
-    equalities: Any, inequalities: Any, counts: Any, size: int, limits: Any, hull: Any, point: Any
-) -> float:
-    """Distance from a belief to the set with the first rows of P and Q, `counts` of each, whose hull has `size` dimensions:
-    infinite where the set is empty, NaN where linear programmes must decide that."""
-    k, m = counts
-    if _is_member(equalities, k, inequalities, m, point, limits.explained):
-        return 0.0
-    most = m + point.size + 2 * size
-    normals, sides, weights, place = np.empty((most, size)), np.empty(most), np.empty(most), np.empty(size)
-    count = _scaled_rows(inequalities, m, size, hull, limits.on_face, normals, sides)
-    if count < 0:
-        return np.inf
-    count = _add_bands(hull, size, limits.explained, normals, sides, count)
-    for a in range(size):
-        place[a] = 0.0
-        for s in range(point.size):
-            place[a] += hull.directions[a, s] * (point[s] - hull.origin[s])
-    memory = projection_room(size, count)
-    if not project_in(normals, sides, count, NO_EQUALITIES, limits.on_face, place, weights, memory):
-        # Rows in conflict by twice the tolerance leave nothing even within it.
-        return np.inf if _contradict(normals, sides, count, size, weights, 2.0 * limits.on_face) else np.nan
-    square = 0.0
-    for s in range(point.size):
-        off = hull.origin[s] - point[s]
-        for a in range(size):
-            off += place[a] * hull.directions[a, s]
-        square += off * off
-    return float(np.sqrt(square))

@@ -146,7 +146,7 @@ def test_the_distance_to_a_set_by_its_face(seed):
     beliefs = rng.dirichlet(np.ones(6), 2)
     action = problem.solve(beliefs[0])
     face = face_programme(problem, problem.constraints.tight_rows(action))
-    room = distance_room(6, len(face.place), len(face.rows))
+    room = distance_room(6, face.span.shape[1], len(face.rows))
     found = nearest_belief(face.arrays, face.w(action), beliefs[1], rules_for(6), NO_ROW, np.empty(6), room)
     system = consistent.simplex_system(markets.gradients(market, action), action > 0)
     assert found == pytest.approx(consistent.distance(system, beliefs[1]), abs=CLOSE)

@@ -1,11 +1,14 @@
-"""Checks that decision makers share."""
+"""What decision makers are given, checked, and how they show it."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
+from inscrutable.budgets import Budget
 from inscrutable.errors import InputError
+from inscrutable.mechanisms import Prior
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
+from inscrutable.problems import DecisionProblem
 
 
 def checked_measure(measure: Any) -> PrivacyMeasure:
@@ -30,3 +33,22 @@ def checked_on_empty(value: Any) -> str:
     if value not in ("exclude", "infinite"):
         raise InputError(f'on_empty must be "exclude" or "infinite", got {value!r}')
     return str(value)
+
+
+class Described:
+    """Gives a decision maker a short `repr`; `_shown` names the attributes to tell beside the problem."""
+
+    problem: DecisionProblem
+    _shown: ClassVar[tuple[str, ...]] = ()
+
+    def __repr__(self) -> str:
+        told = [f"{name.removeprefix('n_')} {_short(getattr(self, name))}" for name in self._shown]
+        return f"{type(self).__name__}({', '.join([repr(self.problem), *told])})"
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, Budget):
+        return str(value)
+    if isinstance(value, Prior):
+        return f"of {len(value)} beliefs"
+    return f"{value:.4g}" if isinstance(value, float) else repr(value)

@@ -14,7 +14,7 @@ from inscrutable.decision_makers.arguments import checked_measure
 from inscrutable.decision_makers.candidates import Candidates, candidates_for
 from inscrutable.decision_makers.counter_adversarial import best_decisions
 from inscrutable.decision_makers.frontier import privacy_frontier
-from inscrutable.decision_makers.indicated import Case
+from inscrutable.decision_makers.hiding import Case
 from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem

@@ -66,7 +66,7 @@ def shortened_on_its_face(problem: DecisionProblem, belief: Array, action: Array
     if form is None or quadratic is None:
         return None
     face = face_programme(quadratic, quadratic.constraints.tight_rows(form.variables(action)))
-    size = len(face.place)
+    size = face.span.shape[1]
     if not size:
         return None
     cost = np.tensordot(belief, face.curves, axes=1)

@@ -3,34 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.budgets import Budget, as_budget, is_budget
-from inscrutable.decision_makers.arguments import checked_choice, checked_measure, checked_on_empty
-from inscrutable.decision_makers.candidates import Candidates, candidates_for
+from inscrutable.budgets import Budget
+from inscrutable.decision_makers.arguments import checked_choice
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.cheapest_distance import cheapest_at_distance, shortened_on_its_face
-from inscrutable.decision_makers.described import Described
-from inscrutable.decision_makers.indicated import Case, IndicatorResult, met
+from inscrutable.decision_makers.hiding import Case, HidingDecisionMaker
+from inscrutable.decision_makers.indicated import IndicatorResult, met
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, check_provable, checked_gap
-from inscrutable.decision_makers.result_table import ResultTable, known
+from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.decision_makers.search.goal import Goal
 from inscrutable.decision_makers.search.polish import Trial, polish
-from inscrutable.decision_makers.search.region_search import SearchSpace, best_in_regions, farthest_corners, space_of
+from inscrutable.decision_makers.search.region_search import best_in_regions, farthest_corners
 from inscrutable.errors import InputError
-from inscrutable.kernels.region_climb import Aims
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
-from inscrutable.problems import DecisionProblem, checked_problem, quadratic_problem
+from inscrutable.problems import DecisionProblem, quadratic_problem
 from inscrutable.validation import Array
 
 
@@ -63,53 +61,6 @@ class GlobalSearch:
     def __post_init__(self) -> None:
         object.__setattr__(self, "certify", checked_gap(self.certify))
         object.__setattr__(self, "max_oracle_calls", validation.count(self.max_oracle_calls, "max_oracle_calls"))
-
-
-DEFAULT_BUDGET = 0.1
-"""A share of |c*|, as in the paper."""
-
-
-class HidingDecisionMaker(Described):
-    """The common part of the CDM and the PDM; arguments as there."""
-
-    def __init__(
-        self,
-        problem: DecisionProblem,
-        measure: Any,
-        budget: Any,
-        candidates: Candidates | ArrayLike | None,
-        on_empty: str,
-    ) -> None:
-        self.problem = checked_problem(problem)
-        # The two have types that cannot be mistaken, so that either may come first.
-        if isinstance(measure, (Budget, float, int)) or (isinstance(measure, str) and is_budget(measure)):
-            measure, budget = self._swapped(measure, budget)
-        self.measure = checked_measure(measure)
-        self.budget = as_budget(budget)
-        self.on_empty = checked_on_empty(on_empty)
-        self._given = candidates
-        self._candidates: Candidates | None = None
-
-    @staticmethod
-    def _swapped(budget: Any, measure: Any) -> tuple[Any, Any]:
-        """A measure, None where none was given, and a budget that came in its place."""
-        if isinstance(measure, PrivacyMeasure):
-            return measure, budget
-        if measure == DEFAULT_BUDGET:
-            return None, budget
-        raise InputError(f"two budgets were given, {budget!r} and {measure!r}; expected (problem, measure, budget)")
-
-    @property
-    def candidates(self) -> Candidates:
-        """The candidates, solved at first use and kept."""
-        if self._candidates is None:
-            self._candidates = candidates_for(self.problem, self.measure, self._given)
-        return self._candidates
-
-    @property
-    def between_choices(self) -> bool:
-        """Whether decisions between choices are allowed: unless they are whole numbers and so are all candidates."""
-        return not self.problem.is_discrete or bool(((self.candidates.actions % 1.0) != 0.0).any())
 
 
 class CounterAdversarialDecisionMaker(HidingDecisionMaker):
@@ -169,7 +120,8 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         Cost: about 0.15 ms for three states, up to 0.2 s for eight states and ninety actions; a local search some 0.1 s.
         """
         held = validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)
-        self.measure.reference(held)  # refuses a target for every step
+        if isinstance(self.measure, DesiredObfuscation):
+            self.measure.target_for(held)  # refuses a target for every step
         return self._decided(held[None], None)[0]
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> Decisions:
@@ -188,8 +140,7 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
 
     def _found(self, beliefs: Array, progress: Progress | None) -> Decisions:
         if isinstance(self.method, GlobalSearch):
-            case = Case(self.problem, self.candidates, self.measure, self.budget, self.on_empty)
-            return best_decisions(case, beliefs, progress)
+            return best_decisions(self.case, beliefs, progress)
         locally = [
             self._decide_locally(belief, self.measure.at_step(step), self.method)
             for step, belief in counted(beliefs, progress)
@@ -205,40 +156,9 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
         return decision_for(self.problem, belief, action, measure, DecisionStatus.LOCAL_OPTIMUM)
 
 
-def is_quadratic_distance(case: Case) -> bool:
-    """Whether kernels know the problem and the measure: costs of a quadratic form, and ± the distance to a belief."""
-    is_distance = type(case.measure) in (MaximalObfuscation, DesiredObfuscation) and case.on_empty == "exclude"
-    return is_distance and quadratic_problem(case.problem) is not None
-
-
-def searched(case: Case, beliefs: Array) -> tuple[SearchSpace, Aims, Array]:
-    """Return where a measure that follows ± a distance is searched, what it seeks under beliefs (T,X), and optimal costs.
-
-    The aims' costs are those of the space's problem: what all decisions cost alike in a state is left out, and no digit
-    is lost to it.
-    """
-    space = space_of(case.problem, case.candidates)
-    # Copies, all of one layout: kernels would be compiled anew for one that is read-only.
-    held = np.array(beliefs, dtype=np.float64, order="C")
-    optimal = space.problem.solve_rows(held)
-    costs = (space.problem.state_costs(optimal) * held).sum(axis=1)
-    optimal_costs = (case.problem.state_costs(space.decisions(optimal)) * held).sum(axis=1)
-    points, sign = held, 1.0
-    if isinstance(case.measure, DesiredObfuscation):
-        points, sign = np.array(case.measure.targets_for(held), order="C"), -1.0
-    elif not isinstance(case.measure, MaximalObfuscation):
-        # A measure of the user's own, which may follow another distance under each belief.
-        (reference,) = (case.measure.reference(belief) for belief in held)
-        assert reference is not None, "only measures that follow a distance are searched"
-        points, sign = np.array(reference.point[None], order="C"), float(reference.sign)
-    limits = np.array(case.budget.limits(optimal_costs), dtype=np.float64)
-    return space, Aims(held, optimal, points, sign, costs, limits, np.zeros(len(held))), optimal_costs
-
-
 def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief is searched by itself."""
-    quadratic = quadratic_problem(case.problem)
-    if is_quadratic_distance(case) and quadratic is not None and quadratic.bends:
+    if case.is_quadratic_distance and case.space.problem.bends:
         return _searched(case, beliefs, progress)
     if is_streamed(case.measure):
         return hidden(case, beliefs, progress).decisions()
@@ -266,10 +186,10 @@ def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: floa
 
     Decisions that no belief explains are not among them.
     """
-    problem, farthest = case.problem, case._replace(measure=MaximalObfuscation(), on_empty="exclude")
+    problem, farthest = case.problem, replace(case, measure=MaximalObfuscation(), on_empty="exclude")
 
     def search(regret: float) -> Decision:
-        return best_decisions(farthest._replace(budget=Budget.regret(regret)), belief[None])[0]
+        return best_decisions(replace(farthest, budget=Budget.regret(regret)), belief[None])[0]
 
     def shortened(decision: Decision) -> Decision:
         action = shortened_on_its_face(problem, belief, decision.action)
@@ -286,12 +206,13 @@ def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: floa
 
 def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
     """The search over critical regions, for all beliefs at once."""
-    space, aims, optimal_costs = searched(case, beliefs)
+    space = case.space
+    aims, optimal_costs = space.aims(case.measure, case.budget, beliefs)
     found = best_in_regions(space, aims, progress)
     return Decisions(
         ResultTable(
             case.problem,
-            known(space.decisions(found.actions)[:, None]),
+            space.decisions(found.actions)[:, None],
             np.ones((len(beliefs), 1)),
             found.regrets[:, None],
             found.privacies[:, None],
@@ -309,7 +230,7 @@ _KINDS = np.array([DecisionStatus.POLISHED, DecisionStatus.NO_AFFORDABLE_PRIVACY
 
 def _best_at(case: Case, step: int, belief: Array) -> Decision:
     """The best decision of one belief; the latest are kept with the candidates, for other decision makers."""
-    at_step = case._replace(measure=case.measure.at_step(step))
+    at_step = replace(case, measure=case.measure.at_step(step))
     reference = at_step.measure.reference(belief)
     goal = at_step.measure if reference is None else (type(case.measure), reference.point.tobytes(), reference.sign)
     key = (belief.tobytes(), case.budget, goal, case.on_empty)

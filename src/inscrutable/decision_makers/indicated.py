@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +11,9 @@ from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.adversaries.level_test import LevelTest
-from inscrutable.budgets import Budget
-from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.hiding import Case
 from inscrutable.decision_makers.indicators import Indicator, IndicatorTable, table_of
-from inscrutable.decision_makers.result_table import ResultTable, known
+from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import (
     Decision,
     Decisions,
@@ -26,7 +24,6 @@ from inscrutable.decision_makers.results import (
 from inscrutable.decision_makers.search.indicator_polish import Block, cheaper
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
-from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, LinearForm
 from inscrutable.validation import Array
 
@@ -74,7 +71,7 @@ class IndicatorResult:
     def _table(self, kinds: Mapping[int, DecisionStatus]) -> ResultTable:
         return ResultTable(
             self.problem,
-            known(self.actions[:, None]),
+            self.actions[:, None],
             np.ones((len(self.source), 1)),
             self.regrets[:, None],
             np.where(self.source == _NOTHING, -np.inf, 0.0)[:, None],
@@ -83,16 +80,6 @@ class IndicatorResult:
             np.zeros(len(self.source)),
             tuple(kinds.get(int(code), DecisionStatus.BEST_CANDIDATE) for code in self.source),
         )
-
-
-class Case(NamedTuple):
-    """All that a search for decisions needs besides the beliefs to hide."""
-
-    problem: DecisionProblem
-    candidates: Candidates
-    measure: PrivacyMeasure
-    budget: Budget
-    on_empty: str = "exclude"
 
 
 def met(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:

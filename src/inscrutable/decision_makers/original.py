@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from inscrutable import validation
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.decision_makers.described import Described
+from inscrutable.decision_makers.arguments import Described
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.privacy import MaximalObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem, checked_problem

@@ -12,19 +12,16 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.counter_adversarial import (
-    HidingDecisionMaker,
     best_decisions,
     hidden,
-    is_quadratic_distance,
-    searched,
     shows_nothing,
 )
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme
-from inscrutable.decision_makers.indicated import Case
+from inscrutable.decision_makers.hiding import Case, HidingDecisionMaker
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
-from inscrutable.decision_makers.result_table import ResultTable, known
+from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import (
     Decision,
     Decisions,
@@ -39,7 +36,7 @@ from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.decision_makers.search.lottery_search import best_lotteries
 from inscrutable.decision_makers.search.region_search import Best, SearchSpace, best_in_regions, farthest_corners
 from inscrutable.kernels.regions import UNKNOWN
-from inscrutable.privacy import PrivacyMeasure
+from inscrutable.privacy import DesiredObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
@@ -119,7 +116,8 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
     def decide(self, belief: ArrayLike) -> MixedDecision:
         """Return the lottery for one belief (X,)."""
         held = validation.one_belief(belief, self.problem.n_states, names=self.problem.state_names)
-        self.measure.reference(held)  # refuses a target for every step
+        if isinstance(self.measure, DesiredObfuscation):
+            self.measure.target_for(held)  # refuses a target for every step
         return self._decided(held[None], None)[0]
 
     def decide_many(self, beliefs: ArrayLike, *, progress: Progress | None = None) -> MixedDecisions:
@@ -137,9 +135,8 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         return stack_mixed(proved, self.problem)
 
     def _found(self, beliefs: Array, progress: Progress | None) -> MixedDecisions:
-        case = Case(self.problem, self.candidates, self.measure, self.budget, self.on_empty)
-        envelope = isinstance(self.method, Envelope)
-        if envelope and is_quadratic_distance(case):
+        case, envelope = self.case, isinstance(self.method, Envelope)
+        if envelope and case.is_quadratic_distance:
             return _searched(case, beliefs, progress)
         if envelope and is_streamed(self.measure):
             return hidden(case, beliefs, progress).lotteries()
@@ -224,7 +221,8 @@ _KINDS = np.array([_NOTHING, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDID
 
 def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> MixedDecisions:
     """Return the lotteries of beliefs (T,X), each searched by itself, the best single decision among its atoms."""
-    space, aims, optimal_costs = searched(case, beliefs)
+    space = case.space
+    aims, optimal_costs = space.aims(case.measure, case.budget, beliefs)
     singles = best_in_regions(space, aims) if space.problem.bends else _as_best(space, best_decisions(case, beliefs))
     found = best_lotteries(space, aims, singles, progress)
     alone = found.probabilities[:, 1] <= 0.0
@@ -233,7 +231,7 @@ def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> M
     return MixedDecisions(
         ResultTable(
             case.problem,
-            known(space.decisions(found.actions)),
+            space.decisions(found.actions),
             found.probabilities,
             found.regrets,
             found.privacies,
@@ -249,7 +247,7 @@ def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> M
 def _as_best(space: SearchSpace, singles: Decisions) -> Best:
     """Single decisions as the search over regions gives them."""
     table = singles.table
-    actions = space.form.variables(table.points_at(slice(None))[:, 0])
+    actions = space.form.variables(table.actions[:, 0])
     polished = np.array([status is DecisionStatus.POLISHED for status in singles.status])
     nowhere = np.full(len(polished), UNKNOWN)
     return Best(actions, singles.decoy, singles.privacy, singles.regret, table.price, polished, nowhere)

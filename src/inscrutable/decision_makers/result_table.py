@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,16 +15,13 @@ from inscrutable.errors import InputError
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
-Actions = Callable[[Any], Array]
-"""Makes decisions on access, in the problem's coordinates: of one row (k,U), of a slice or of some rows (n,k,U)."""
-
 
 @dataclass(frozen=True, eq=False)
 class ResultTable:
     """T lotteries of at most k decisions; what is padded has probability 0, and a single decision is a lottery of one."""
 
     problem: DecisionProblem | None
-    actions: Actions | None
+    actions: Array  # (T,k,U) decisions in the problem's coordinates, or those (M,U) among which they have `places`
     probabilities: Array  # (T,k)
     regrets: Array  # (T,k)
     privacies: Array  # (T,k)
@@ -34,6 +31,7 @@ class ResultTable:
     status: tuple[DecisionStatus, ...]
     price: Array = None  # type: ignore[assignment]  # (T,); None becomes NaN
     oracle_calls: np.ndarray = None  # type: ignore[assignment]  # (T,) for the proofs of the bounds; None becomes 0
+    places: np.ndarray | None = None  # (T,k)
 
     def __post_init__(self) -> None:
         for name, nothing in (("price", np.nan), ("oracle_calls", 0)):
@@ -65,23 +63,22 @@ class ResultTable:
         """All decisions, shape (T,k,U); those of finite problems as whole numbers (T,k)."""
         return self.shown(slice(None))
 
-    def points_at(self, rows: Any) -> Array:
-        """Return the decisions of a row (k,U) or of many (n,k,U) in the problem's coordinates."""
-        if self.actions is None:
-            raise InputError("this result was made without its decisions")
-        return self.actions(rows)
-
     def shown(self, rows: Any) -> Array:
-        """Return the same as a reader meets them."""
-        found = self.points_at(rows)
-        return found if self.problem is None else self.problem.as_actions(found)
+        """Return the decisions of a row (k,U) or of many (n,k,U) as a reader meets them."""
+        found = self.actions[rows if self.places is None else self.places[rows]]
+        return (
+            np.asarray(found)
+            if self.problem is None or not self.problem.is_discrete
+            else self.problem.as_actions(found)
+        )
 
     def one_of_each(self, chosen: np.ndarray) -> ResultTable:
         """Return the table of one decision of each row, which has no proof of its own."""
         rows = np.arange(len(self.status))
         return replace(
             self,
-            actions=None if self.actions is None else partial(_picked, self.actions, chosen),
+            actions=self.actions[rows, chosen, None] if self.places is None else self.actions,
+            places=None if self.places is None else self.places[rows, chosen, None],
             probabilities=np.ones((len(rows), 1)),
             regrets=self.regrets[rows, chosen, None],
             privacies=self.privacies[rows, chosen, None],
@@ -135,32 +132,9 @@ class ResultTable:
                 raise InputError(f"it contradicts itself: decision {row} has {said}: {found[row]:.10g}")
 
 
-def known(actions: Array) -> Actions:
-    """Return decisions (T,k,U) that are kept as they are."""
-    return partial(_rows, actions)
-
-
-def chosen_from(points: Array, places: np.ndarray) -> Actions:
-    """Return decisions kept as places (T,k) among points (M,U)."""
-    return partial(_places, points, places)
-
-
 def drawn_status(status: DecisionStatus) -> DecisionStatus:
     """Return the status of one decision drawn from a lottery."""
     return DecisionStatus.DRAWN if status in OF_LOTTERIES else status
-
-
-def _rows(values: Array, rows: Any) -> Array:
-    return np.asarray(values[rows])
-
-
-def _places(points: Array, places: np.ndarray, rows: Any) -> Array:
-    return np.asarray(points[places[rows]])
-
-
-def _picked(actions: Actions, chosen: np.ndarray, rows: Any) -> Array:
-    found, place = actions(rows), chosen[rows]
-    return np.asarray(found[place][None] if found.ndim == 2 else found[np.arange(len(found)), place, None])
 
 
 def expected(probabilities: Array, values: Array) -> Array:

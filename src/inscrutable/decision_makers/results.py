@@ -12,7 +12,7 @@ import numpy as np
 
 from inscrutable import validation
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.decision_makers.result_table import ResultTable, known
+from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.statuses import DecisionStatus as DecisionStatus
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
@@ -375,7 +375,7 @@ def _read(parts: dict[str, Any], probabilities: Array, *atoms: Array) -> ResultT
     columns: Any
     *columns, actions = atoms
     names = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
-    table = ResultTable(None, known(actions), probabilities, *columns, *(parts.get(name) for name in names))
+    table = ResultTable(None, actions, probabilities, *columns, *(parts.get(name) for name in names))
     table.check(parts)
     return table
 
@@ -425,7 +425,7 @@ def _table(decisions: Sequence[Any], problem: DecisionProblem | None, actions: A
     names = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
     optimal_cost, bound, status, price, calls = ([getattr(each, name) for each in decisions] for name in names)
     rest: Any = (*columns, np.array(optimal_cost), np.array(bound), tuple(status), np.array(price), np.array(calls))
-    return ResultTable(problem, known(points), *rest)
+    return ResultTable(problem, points, *rest)
 
 
 def _printed(result: Decision | MixedDecision | Decisions | MixedDecisions) -> str:
@@ -463,7 +463,7 @@ def _own(result: object, **values: Array) -> None:
 
 def _as_met(problem: DecisionProblem | None, actions: Array) -> Array:
     """Decisions as a reader meets them; of a problem without coordinates, whole numbers."""
-    return actions if problem is None else problem.as_actions(np.asarray(actions))
+    return actions if problem is None or not problem.is_discrete else problem.as_actions(np.asarray(actions))
 
 
 def _numbers(values: Array) -> str:

@@ -148,12 +148,12 @@ class Polyhedron:
         """Return which inequality rows an observer counts as tight: slack below `min_slack`, shape (…, n)."""
         return np.asarray(self.slacks(actions) < self.observed_slack)
 
-    @property
+    @cached_property
     def observed_slack(self) -> float:
         """Slack below which an observer counts a row as tight: `min_slack`, and at least what rounding leaves of none."""
         return max(self.min_slack, tolerances.FEASIBILITY)
 
-    @property
+    @cached_property
     def played_slack(self) -> float:
         """Least slack that searches leave to a loose row: above `observed_slack` by more than they break rows by."""
         return self.observed_slack + max(tolerances.SLACK_SAFETY * self.min_slack, tolerances.FEASIBILITY)

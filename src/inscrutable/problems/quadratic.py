@@ -218,7 +218,7 @@ class QuadraticProblem(DecisionProblem):
     def _along_path(self, held: Array) -> Array:
         from inscrutable.kernels.active_set import solve_path
 
-        actions = np.empty((len(held), self.n_actions))
+        actions = np.empty((len(held), self.linear.shape[1]))
         solved = np.zeros(len(held), dtype=np.bool_)
         order = morton_order(held) if len(held) > _UNSORTED else np.arange(len(held))
         kernel: Any = solve_path
@@ -248,7 +248,10 @@ class QuadraticProblem(DecisionProblem):
 
     def state_costs(self, actions: ArrayLike) -> Array:
         """Return c(i,u) for decisions (…,U): shape (…,X)."""
-        points = self.as_points(actions)
+        return self.costs_of(self.as_points(actions))
+
+    def costs_of(self, points: Array) -> Array:
+        """Return the same of an array (…,U) that is known to hold decisions."""
         if points.ndim == 1:
             return np.asarray((0.5 * (self.hessians @ points) + self.linear) @ points + self.constants)
         if points.ndim == 2 and len(points) <= _FEW:

@@ -11,7 +11,7 @@ from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.distinct import Distinct, distinct_of
-from inscrutable.decision_makers.result_table import ResultTable, chosen_from
+from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.privacy import MaximalObfuscation
@@ -129,10 +129,18 @@ def lotteries(
     privacies = columns.privacies(beliefs, places)
     corners = np.sqrt(((beliefs[:, None, :] - np.eye(beliefs.shape[1])) ** 2).sum(axis=2)).max(axis=1)
     decoys = columns.found.start[places] + 0.5 * columns.found.along[places]
-    actions = chosen_from(columns.points, places)
     statuses = (status,) * len(rows)
     return MixedDecisions(
         ResultTable(
-            columns.problem, actions, probabilities, regrets, privacies, decoys, optimal_costs, corners, statuses
+            columns.problem,
+            columns.points,
+            probabilities,
+            regrets,
+            privacies,
+            decoys,
+            optimal_costs,
+            corners,
+            statuses,
+            places=places,
         )
     )

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from inscrutable import tolerances, validation
-from inscrutable.decision_makers.described import Described
+from inscrutable.decision_makers.arguments import Described
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, mechanism
 from inscrutable.mechanisms.drawing import RowDraws

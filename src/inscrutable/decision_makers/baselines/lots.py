@@ -9,7 +9,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.consistent_sets import LARGER, ConsistentSets
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.result_table import ResultTable, chosen_from
+from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
@@ -36,7 +36,7 @@ class Lots:
         return MixedDecisions(
             ResultTable(
                 self.problem,
-                chosen_from(self.candidates.actions, self.numbers),
+                self.candidates.actions,
                 self.shares,
                 self.regrets,
                 privacies,
@@ -44,6 +44,7 @@ class Lots:
                 self.optimal_costs,
                 np.array([measure.upper_bound(belief) for belief in self.beliefs]),
                 self.statuses,
+                places=self.numbers,
             )
         )
 

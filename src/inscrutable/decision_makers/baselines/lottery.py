@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.decision_makers.arguments import checked_on_empty
+from inscrutable.decision_makers.arguments import Described, checked_on_empty
 from inscrutable.decision_makers.baselines.lots import Lots, cleaned
 from inscrutable.decision_makers.candidates import Candidates, as_candidates
-from inscrutable.decision_makers.described import Described
 from inscrutable.decision_makers.distinct import distinct_of
 from inscrutable.decision_makers.results import MixedDecision, MixedDecisions
 from inscrutable.errors import InputError

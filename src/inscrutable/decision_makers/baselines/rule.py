@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.decision_makers.described import Described
+from inscrutable.decision_makers.arguments import Described
 from inscrutable.decision_makers.original import certain, decision_for
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.errors import InputError

@@ -81,7 +81,7 @@ class _Block:
         count, n_states = aims.beliefs.shape
         problem = space.problem
         self.regrets, self.privacies = np.zeros((count, _KNOWN)), np.full((count, _KNOWN), -np.inf)
-        self.actions = np.zeros((count, _KNOWN, problem.n_actions))
+        self.actions = np.zeros((count, _KNOWN, aims.optimal.shape[1]))
         self.decoys = np.full((count, _KNOWN, n_states), np.nan)
         self.regions = np.zeros((count, _KNOWN), dtype=np.int64)
         self.polished = np.zeros((count, _KNOWN), dtype=np.bool_)
@@ -92,7 +92,7 @@ class _Block:
         if aims.sign < 0:
             # Nothing is nearer to a target than the decision that the target itself makes optimal.
             target = problem.solve_rows(aims.points)
-            regrets = (problem.state_costs(target) * aims.beliefs).sum(axis=1) - aims.optimal_costs
+            regrets = (problem.costs_of(target) * aims.beliefs).sum(axis=1) - aims.optimal_costs
             allowed = problem.constraints.is_admissible(target)
             self._keep(_TARGET, target, aims.points, np.maximum(regrets, 0.0), np.where(allowed, 0.0, -np.inf))
         # It was found affordable: its regret, computed again, may differ by a rounding.
@@ -105,8 +105,7 @@ class _Block:
     def _keep(self, place: int, actions: Array, decoys: Array, regrets: Array, privacies: Array) -> None:
         self.actions[:, place], self.decoys[:, place] = actions, decoys
         self.regrets[:, place], self.privacies[:, place] = regrets, privacies
-        region = self.space.problem.constraints
-        self.regions[:, place] = self.space.partition.numbers(region.slacks(actions) < region.observed_slack)
+        self.regions[:, place] = self.space.partition.holding(actions)
 
     def close(self) -> None:
         """Search at the slopes of the chords until nothing lies above them."""

@@ -32,7 +32,10 @@ class Partition:
     """The regions of a problem by number; `arrays` is what kernels read."""
 
     def __init__(self, problem: QuadraticProblem) -> None:
+        region = problem.constraints
         self.problem, self._lock, self._searches = problem, RLock(), 0
+        self._normals, self._sides = region.A_ub / region.row_scale[:, None], region.b_ub / region.row_scale
+        self._observed = region.observed_slack
         self._bounds = tuple(np.ascontiguousarray(side) for side in problem.constraints.coordinate_bounds)
         self.forget()
 
@@ -85,6 +88,21 @@ class Partition:
                 self._tight, n_observable, self._observable, self._beyond, self._bounds,
             )  # fmt: skip
 
+    def holding(self, actions: Array) -> np.ndarray:
+        """Return the numbers (n,) of the regions in which an observer finds decisions (n,U)."""
+        return self.numbers(self._slacks(actions) < self._observed)
+
+    def holding_some(self, actions: Array) -> tuple[np.ndarray, np.ndarray]:
+        """Return the same, and behind them, where rows are slack by less than the least, the regions with those rows loose:
+        which decision each number belongs to, and the numbers."""
+        slack = self._slacks(actions)
+        seen, exact = slack < self._observed, slack <= tolerances.FEASIBILITY
+        other = np.flatnonzero((seen != exact).any(axis=1))
+        return np.concatenate([np.arange(len(actions)), other]), self.numbers(np.concatenate([seen, exact[other]]))
+
+    def _slacks(self, actions: Array) -> Array:
+        return np.asarray(self._sides - actions @ self._normals.T)
+
     def numbers(self, patterns: np.ndarray) -> np.ndarray:
         """Return the numbers of the regions with the tight rows `patterns` (n,R), new ones for new patterns."""
         with self._lock:
@@ -121,7 +139,7 @@ class Partition:
                 chart = np.concatenate([face.origin, face.span.ravel()])
                 for flat, values in zip(self._flat, (face.curves.ravel(), face.rows.ravel(), chart), strict=True):
                     flat.append(values)
-                row = (len(face.place), len(face.rows), face.n_set_rows, *places, len(face.observable))
+                row = (face.span.shape[1], len(face.rows), face.n_set_rows, *places, len(face.observable))
                 for column, value in zip(self._columns, row, strict=True):
                     column[number] = value
                 self._scale[number], self._is_point[number] = face.scale, face.has_single_beliefs
@@ -171,11 +189,6 @@ class FaceProgramme(NamedTuple):
     observable: np.ndarray  # numbers of the tight rows that bind the consistent set: not those of mere copies
 
     @property
-    def place(self) -> Array:
-        """Coordinates (k,) of the origin."""
-        return np.zeros(self.span.shape[1])
-
-    @property
     def arrays(self) -> Face:
         """Costs and rows as kernels read them."""
         return Face(self.curves, self.rows, self.n_set_rows, self.scale)
@@ -183,7 +196,7 @@ class FaceProgramme(NamedTuple):
     @property
     def has_single_beliefs(self) -> bool:
         """Whether almost every decision of the face is optimal for one belief: gradients of X states have rank X − 1."""
-        n_states, k = len(self.curves), len(self.place)
+        n_states, k = len(self.curves), self.span.shape[1]
         if k < n_states - 1:
             return False
         somewhere = np.append(np.random.default_rng(0).normal(size=k), 1.0)
@@ -206,7 +219,7 @@ def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramm
 
     Cost: where tight rows are bounds and few others, products with the Hessians' rows of the free coordinates.
     """
-    region, size, n_states = problem.constraints, problem.n_actions, problem.n_states
+    region, (n_states, size) = problem.constraints, problem.linear.shape
     chart = _chart(region, tight)
     origin, k = chart.origin, chart.span.shape[1]
     support = np.flatnonzero(origin)
@@ -241,7 +254,8 @@ def face_programme(problem: QuadraticProblem, tight: np.ndarray) -> FaceProgramm
 
 def _contradict(region: Polyhedron, tight: np.ndarray, origin: Array) -> bool:
     """Whether not even the point of least squares has the rows `tight` tight and the equalities met."""
-    off = [region.slacks(origin)[tight], (region.A_eq @ origin - region.b_eq) / np.abs(region.A_eq).max(axis=1)]
+    slacks = (region.b_ub[tight] - region.A_ub[tight] @ origin) / region.row_scale[tight]
+    off = [slacks, (region.A_eq @ origin - region.b_eq) / np.abs(region.A_eq).max(axis=1)]
     return bool(np.abs(np.concatenate(off)).max(initial=0.0) > tolerances.FEASIBILITY * max(1.0, np.abs(origin).max()))
 
 
@@ -261,7 +275,7 @@ def _chart(region: Polyhedron, tight: np.ndarray) -> _Chart:
     if face is None:
         return _decomposed_chart(region, tight)
     lower, upper = region.coordinate_bounds
-    point = np.zeros(region.n_actions)
+    point = np.zeros(active.shape[1])
     point[face.held] = np.where(face.signs > 0, upper[face.held], lower[face.held])
     point[face.fixed] = 0.5 * (lower[face.fixed] + upper[face.fixed])
     sides = np.concatenate([region.b_ub[tight][face.active], region.b_eq])

@@ -14,6 +14,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
+from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.decoys import decided_by
 from inscrutable.decision_makers.results import Progress
@@ -38,6 +39,7 @@ from inscrutable.kernels.region_search import (
 from inscrutable.kernels.regions import UNKNOWN, Regions
 from inscrutable.kernels.set_distance import is_explained_once
 from inscrutable.kernels.threads import in_chunks
+from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
 
@@ -82,7 +84,7 @@ class SearchSpace:
         assert form is not None, "a search space is of quadratic costs"
         assert quadratic is not None
         self.form = form
-        self.problem = quadratic.without_common_costs
+        self.stated, self.problem = quadratic, quadratic.without_common_costs
         """The quadratic problem in the form's variables, which are what is called decisions here; no constants."""
         sets = candidates.sets
         first = sets.distinct == np.arange(len(candidates))
@@ -98,7 +100,7 @@ class SearchSpace:
         self.partition = Partition(self.problem)
         self.partition.numbers(self.patterns)
         self.table = Table(
-            np.ascontiguousarray(self.problem.state_costs(self.actions)),
+            np.ascontiguousarray(self.problem.costs_of(self.actions)),
             np.ascontiguousarray(decoys[chosen]),
             region.reshape(-1).astype(np.int64),
             np.ascontiguousarray(decoys[chosen] @ self.axes),
@@ -123,7 +125,7 @@ class SearchSpace:
     def _explained_once(self, actions: Array) -> np.ndarray:
         """Whether one belief alone explains each decision (n,U): the consistent beliefs nearest to all corners are the same."""
         problem = self.problem
-        numbers = self.partition.numbers(problem.constraints.slacks(actions) < problem.constraints.observed_slack)
+        numbers = self.partition.holding(actions)
         self.partition.make(numbers)
         rules, most = rules_for(problem.n_states), problem.n_states + len(problem.constraints.b_ub)
         alone = np.ones(len(actions), dtype=np.bool_)
@@ -138,9 +140,31 @@ class SearchSpace:
         corners = np.eye(self.problem.n_states)
         return Decided(corners, self.problem.solve_rows(corners))
 
+    def aims(self, measure: PrivacyMeasure, budget: Budget, beliefs: Array) -> tuple[Aims, Array]:
+        """Return what a measure that follows ± a distance seeks under beliefs (T,X), and optimal costs.
+
+        The aims' costs are those of the space's problem: what all decisions cost alike in a state is left out, and no
+        digit is lost to it.
+        """
+        # Copies, all of one layout: kernels would be compiled anew for one that is read-only.
+        held = np.array(beliefs, dtype=np.float64, order="C")
+        optimal = self.problem.solve_rows(held)
+        costs = (self.problem.costs_of(optimal) * held).sum(axis=1)
+        optimal_costs = costs if self.stated is self.problem else (self.stated.costs_of(optimal) * held).sum(axis=1)
+        points, sign = held, 1.0
+        if isinstance(measure, DesiredObfuscation):
+            points, sign = np.array(measure.targets_for(held), order="C"), -1.0
+        elif not isinstance(measure, MaximalObfuscation):
+            # A measure of the user's own, which may follow another distance under each belief.
+            (reference,) = (measure.reference(belief) for belief in held)
+            assert reference is not None, "only measures that follow a distance are searched"
+            points, sign = np.array(reference.point[None], order="C"), float(reference.sign)
+        limits = np.array(budget.limits(optimal_costs), dtype=np.float64)
+        return Aims(held, optimal, points, sign, costs, limits, np.zeros(len(held))), optimal_costs
+
     def decisions(self, variables: Array) -> Array:
         """Return the decisions (…,U) of the problem that was asked for from those (…,V) of its form."""
-        return self.form.decisions(variables)
+        return variables if self.form.lift is None else self.form.decisions(variables)
 
 
 def _seen_directions(problem: QuadraticProblem) -> Array:
@@ -233,7 +257,7 @@ def values_of(reached: Explored) -> Array:
 def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, entries: np.ndarray) -> Best:
     """Return some entries (n,) of what beliefs `steps` (n,) reached; a privacy is −∞ where nothing was."""
     privacies = values_of(reached)[steps, entries]
-    actions = np.zeros((len(steps), space.problem.n_actions))
+    actions = np.zeros((len(steps), space.actions.shape[1]))
     found = np.flatnonzero(privacies > -np.inf)
     at, placed = (steps[found], entries[found]), actions[found]
     read_actions(*at, space.partition.arrays, _LIMITS, reached, placed)
@@ -289,7 +313,7 @@ def search(
 
 
 def _explored(space: SearchSpace, count: int, most_missing: int) -> Explored:
-    n_states, size = space.problem.n_states, space.problem.n_actions + 1
+    n_states, size = space.problem.n_states, space.actions.shape[1] + 1
     return Explored(
         np.full(count, NOT_BEGUN), np.zeros(count, dtype=np.int64), np.empty((count, most_missing, 2), dtype=np.int64),
         np.zeros(count, dtype=np.int64), np.full((count, 2), -np.inf), np.zeros(count, dtype=np.int64),
@@ -317,7 +341,7 @@ def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeSt
     index = chosen[0][steps, places]
     parts = [starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index])]
     parts += _end_starts(space, aims, ends)
-    if aims.sign > 0.0 and space.axes.shape[1] > space.problem.n_actions - len(space.problem.constraints.b_eq):
+    if aims.sign > 0.0 and space.axes.shape[1] > space.actions.shape[1] - len(space.problem.constraints.b_eq):
         parts.append(_pair_starts(space, aims))
     elif n_states >= _EDGE_STATES:
         parts += _edge_starts(space, aims)
@@ -356,7 +380,7 @@ def starts_in(steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Ar
 def _pair_starts(space: SearchSpace, aims: Aims) -> SomeStarts:
     """The best beliefs in two states only whose decisions no other belief explains, at most a few."""
     pairs = space.pairs
-    regrets = aims.beliefs @ space.problem.state_costs(pairs.actions).T - aims.optimal_costs[:, None]
+    regrets = aims.beliefs @ space.problem.costs_of(pairs.actions).T - aims.optimal_costs[:, None]
     far = np.linalg.norm(pairs.decoys - aims.points[:, None], axis=2)
     values = np.where(regrets <= aims.limits[:, None], far - aims.prices[:, None] * regrets, -np.inf)
     chosen = np.argsort(-values, axis=1)[:, :_PAIRS]
@@ -398,7 +422,7 @@ def _moved_to_the_budget(problem: QuadraticProblem, aims: Aims, steps: np.ndarra
     actions, left = aims.optimal[steps], np.arange(len(steps))
     for turn in range(_RAY_STEPS):
         tried = problem.solve_rows(np.maximum(beliefs[left] + share[left, None] * away[left], 0.0))
-        regrets = (problem.state_costs(tried) * beliefs[left]).sum(axis=1) - best[left]
+        regrets = (problem.costs_of(tried) * beliefs[left]).sum(axis=1) - best[left]
         fits = regrets <= limits[left]
         low[left[fits]], high[left[~fits]] = share[left[fits]], share[left[~fits]]
         actions[left[fits]] = tried[fits]
@@ -420,13 +444,7 @@ def _moved_to_the_budget(problem: QuadraticProblem, aims: Aims, steps: np.ndarra
 
 def starts_at(space: SearchSpace, steps: np.ndarray, decoys: Array, actions: Array) -> SomeStarts:
     """Return starts of beliefs `steps` (n,) at decoys (n,X) and their decisions (n,U), in the regions where these lie."""
-    region = space.problem.constraints
-    slack = region.slacks(actions)
-    # The region an observer sees; and, where rows are slack by less than the least, the one with those rows loose.
-    seen, exact = slack < region.observed_slack, slack <= tolerances.FEASIBILITY
-    other = np.flatnonzero((seen != exact).any(axis=1))
-    which = np.concatenate([np.arange(len(steps)), other])
-    numbers = space.partition.numbers(np.concatenate([seen, exact[other]]))
+    which, numbers = space.partition.holding_some(actions)
     return starts_in(steps[which], numbers, decoys[which], actions[which])
 
 

@@ -239,7 +239,7 @@ def test_a_gap_that_nobody_else_knows_is_refused() -> None:
     rows = [1.0, np.nan, 0.5]
     known = kalman_filter(LOCAL_LEVEL, rows, gaps=[False, True, False])
     assert np.array_equal(known.means, kalman_filter(LOCAL_LEVEL, rows).means)
-    with pytest.raises(InputError, match=r"row 1, column 0 is missing, which nobody else knows: .* would be private"):
+    with pytest.raises(InputError, match=r"row 1, column 0 is missing, which is not public: .* would be private"):
         kalman_filter(LOCAL_LEVEL, rows, gaps=[False, False, False])
     with pytest.raises(InputError, match="row 2, column 0 is there, but gaps say it is missing"):
         kalman_filter(LOCAL_LEVEL, rows, gaps=[False, True, True])

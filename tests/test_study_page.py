@@ -378,7 +378,7 @@ def test_who_spends_more_is_no_better_for_that(tmp_path: Path) -> None:
     verdict = " ".join(Reader(write_page(study, tmp_path / "report.html")).inside["p"])
     times = constant["expected_regret"] / lottery["expected_regret"]
     assert f"(coin), {times:.1f} times as much" in verdict
-    assert f"compared at an equal {lottery['expected_regret']:.3g}" in verdict
+    assert f"compared at an equal expected regret of {lottery['expected_regret']:.3g}" in verdict
     # What the constant decision keeps secret is bought by a coin, whose square error grows in proportion to its costs.
     share = lottery["expected_regret"] / constant["expected_regret"]
     shared = np.sqrt((1.0 - share) * rows.loc["ODM"].iloc[0]["error"] ** 2 + share * constant["error"] ** 2)

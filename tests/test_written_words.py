@@ -44,6 +44,9 @@ OWN_WORDS = {
     r"\bless what [^.]* explain": "control variate",
     r"\b[Oo]ne decision is not a career\b": "leakage accumulates over repeated decisions",
     r"\bhow much farther\b": "by how much larger",
+    r"\b(bits|rule) told\b|\btold from honest\b": "leakage in bits; detectability",
+    r"\bwhatever the (order, the )?company\b": "whatever the other beliefs",
+    r"\b(hears|boasts|nobody's|half-hearted)\b": "a plain verb",
     r"\b(one|rival|observer|adversary) (who |also )*knows? (the rules?|the method|the mechanism)\b": "aware observer",
     r"\b(aware|informed|naive) (adversary|rival|attacker)\b": "aware observer; naive observer",
 }
@@ -61,6 +64,9 @@ EXCEPTIONS = {
     "| aware adversary, informed adversary": "the glossary's table of other names",
     "| naive adversary, a rival": "the same",
     '"a rival who knows the rule"': "what a user of 0.1 replaces",
+    "`bits told`": "the same",
+    "`told from honest, AUC`": "the same",
+    "`…, rule told`": "the same",
 }
 # Not searched for: line, pattern, here, ground, bench, told, column, price, part, bare, whole and draw have uses of their
 # own in public text (lines of a file or a network, prices of a dual programme, the whole of a table).

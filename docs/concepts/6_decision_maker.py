@@ -2,16 +2,17 @@
 Decision maker
 ==============
 
-The *original* decision maker (ODM) takes the decision of least expected cost. The *counter-adversarial* one (CDM) takes the decision of
-the largest privacy within a budget of regret; the *probabilistic* one (PDM) draws from a *lottery* (a randomised decision) that keeps
-the budget on average.
+The *original* decision maker (ODM) takes the decision of least expected cost. The *counter-adversarial* one (CDM) takes the
+decision of the largest privacy within a budget of regret; the *probabilistic* one (PDM) draws from a *lottery* (a randomised
+decision) that keeps the budget on average.
 
 .. code-block:: text
 
    CDM: max Ψ(u) over u ∈ C with ρ(π,u) ≤ r
    PDM: max Σ_l p_l Ψ(u_l) over lotteries p with Σ_l p_l ρ(π,u_l) ≤ r
 
-A budget that is a plain number c_b means ``r = c_b |c*|``, the paper's share of the optimal cost; ``Budget.regret`` is a regret.
+A budget that is a plain number c_b means ``r = c_b |c*|``, the paper's share of the optimal cost; ``Budget.regret`` is a
+regret.
 """
 
 import numpy as np
@@ -43,8 +44,8 @@ pdm = ProbabilisticDecisionMaker(problem, budget=0.1).decide(belief)
 print(cdm.summary(), pdm.summary(), sep="\n\n")
 
 # %%
-# Left the portfolios, right the beliefs that explain them. The bars are the lottery: its decisions, as high as their probabilities. A
-# draw without a generator comes from the operating system, because whoever knows the seed knows the draw.
+# Left the portfolios, right the beliefs that explain them. The bars are the lottery: its decisions, as high as their
+# probabilities. A draw without a generator comes from the operating system, because the seed determines the draw.
 
 drawn = pdm.sample(rng=np.random.default_rng(0))
 with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
@@ -66,9 +67,9 @@ with drawing(7.4, 3.4, ncols=2, subplot_kw={"projection": "ternary"}) as (
     figure.savefig("decisions.png")
 
 # %%
-# The *frontier* is the privacy-utility trade-off: the largest privacy at every budget. For lotteries it is the concave envelope of that
-# of single decisions. Its slope (``Frontier.price``), the dual variable of the budget, is the privacy that one more unit of regret buys; the
-# inverse, the regret of one more unit of privacy, is the *price of privacy*.
+# The *frontier* is the privacy-utility trade-off: the largest privacy at every budget. For lotteries it is the concave envelope
+# of that of single decisions. Its slope (``Frontier.price``), the dual variable of the budget, is the privacy that one more
+# unit of regret buys; the inverse, the regret of one more unit of privacy, is the *price of privacy*.
 
 frontier = privacy_frontier(problem, belief)
 regrets = np.linspace(0.0, 0.5 * abs(cdm.optimal_cost), 301)

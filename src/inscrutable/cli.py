@@ -174,7 +174,7 @@ def backtest(
         public: What the observer follows beside the weights: none, market, all, the name of a column of the returns, or a CSV
             of dates and one column of numbers, which the investor then reads, too. The market is that of the 12 industries, of
             other data the mean of the assets.
-        private: CSV of your own signal, which nobody else has: dates, then the likelihood of it in each regime, columns named
+        private: CSV of your own private signal: dates, then the likelihood of it in each regime, columns named
             as for `--beliefs`. A date without a row has no signal.
         riskless: CSV of dates and one column: the riskless return of each row, as a fraction, for Sharpe ratios of excess
             returns.
@@ -389,8 +389,7 @@ def protect(
         map_: With `--normalise`: CSV with the columns name and asset.
         previous: CSV of the weights published last, one row, where turnover is limited; one belief at a time.
         limits: What may be held.
-        seed: Makes the draw repeatable. Without it the operating system draws, because whoever knows the seed
-            knows the draw.
+        seed: Makes the draw repeatable. Without it the operating system draws, because the seed determines the draw.
         out: Folder for the tables, summary.json and the figures; without it the results are only printed.
     """
     means.check(model=model, belief=belief, beliefs=beliefs, weights=weights, target=target, certify=certify, out=out)

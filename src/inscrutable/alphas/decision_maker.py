@@ -250,7 +250,7 @@ class AlphaDecisionMaker:
 
         Args:
             draws: Means that are drawn, at least 2, the same at every E.
-            rng: Their source. The law is public: a seed that everybody knows gives nothing away.
+            rng: Their source. The law is public: a public seed reveals nothing.
 
         Raises:
             InputError: The problem has no inequalities, or silence costs without end.

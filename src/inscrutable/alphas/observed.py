@@ -82,7 +82,7 @@ class Moves:
         )
 
     def reached(self) -> Array:
-        """Return an orthonormal basis (n,q) of all that the belief can reach from a start that everybody knows."""
+        """Return an orthonormal basis (n,q) of all that the belief can reach from a public start."""
         basis = _range(self.innovation)
         while True:
             wider = _range(np.hstack([basis, self.transition @ basis]))

@@ -285,7 +285,7 @@ class AlphaSequence(KeptInFile):
         )
 
     def save(self, path: PathLike) -> None:
-        """Write what everybody knows to `path`, whole or not at all, and keep other processes from it until `close`.
+        """Write the public state to `path`, whole or not at all, and keep other processes from it until `close`.
 
         No private mean is written, and no generator or seed; the rule's own law is, so that it stays what it was.
 

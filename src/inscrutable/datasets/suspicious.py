@@ -37,9 +37,9 @@ def suspicious_entries(returns: pd.DataFrame) -> tuple[str, ...]:
         returns: (T,U) finite simple returns as fractions, dates or labels as index, one column per asset.
 
     Returns:
-        One sentence each, in the order: returns beyond belief, steps that look like a split, values repeated row after row,
-        gaps between dates. Empty where nothing is suspicious. On 300 rows of 12 columns of Student's t with three degrees of
-        freedom and 6 % a row, fewer than one table in a hundred give a warning.
+        One sentence each, in the order: returns too large for any market, steps that look like a split, values repeated row
+        after row, gaps between dates. Empty where nothing is suspicious. On 300 rows of 12 columns of Student's t with three
+        degrees of freedom and 6 % a row, fewer than one table in a hundred give a warning.
 
     Cost: O(T U log T).
 

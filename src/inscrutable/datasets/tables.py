@@ -24,8 +24,8 @@ from inscrutable.errors import InputError
 PathLike = str | os.PathLike[str]
 
 FULL_PRECISION_DIGITS = 8
-"""From this many decimals on, weights count as exact, and exact weights are trusted to so many: nobody rounds a published
-weight to eight digits."""
+"""From this many decimals on, weights count as exact, and exact weights are trusted to so many: published weights are not
+rounded to eight digits."""
 
 _LISTED = 8
 

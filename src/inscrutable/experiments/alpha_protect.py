@@ -133,7 +133,7 @@ def protect_alphas(
         public: What everybody read with each row, (T,q), the same row labels, where the world has a public sensor. That of the
             first decision is not used: it is in the law of the start.
         publish: With `state`: draw once and record; otherwise nothing is drawn.
-        rng: The source of the draws; None: the operating system, because whoever knows the seed knows the draw.
+        rng: The source of the draws; None: the operating system, because the seed determines the draw.
 
     Raises:
         InputError: Labels disagree, what everybody read is missing, there are many rows for one step, or the file is of another

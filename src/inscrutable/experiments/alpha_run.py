@@ -71,7 +71,7 @@ def run_alpha_backtest(
 ) -> AlphaBacktest:
     """Walk an investor with private expected returns through real returns, against the aware observer.
 
-    Formula: what everybody knows of the alphas is `prior_covariance` or `world`. Without these it is estimated from the T rows
+    Formula: the public law of the alphas is `prior_covariance` or `world`. Without these it is estimated from the T rows
     before the first decision: m_{t+1} = ρ m_t + w, with S = (1/T) Σ m_t m_t', ρ = Σ m_t'm_{t+1} / √(Σ|m_t|² Σ|m_{t+1}|²), and
     (1 − ρ²) S the covariance of w. The investor trades free of cost and without limits; what it does not hold earns the
     riskless return.
@@ -166,15 +166,13 @@ def _law(past: pd.DataFrame) -> LinearGaussianWorld:
     if len(means) <= len(names):
         raise InputError(
             f"alphas have {len(means)} rows before the first decision, expected more than there are assets, {len(names)}, to "
-            "estimate from them what everybody knows: move train_until, or give the law (--prior-covariance or --world)"
+            "estimate their public law: move train_until, or give the law (--prior-covariance or --world)"
         )
     before, after = means[:-1], means[1:]
     size = float(np.sqrt((before**2).sum() * (after**2).sum()))
     rate = float((before * after).sum()) / size if size > 0 else 0.0
     if abs(rate) >= 1.0 - tolerances.STABLE:
-        raise InputError(
-            "alphas do not move before the first decision: everybody knows them, and nothing can be hidden"
-        )
+        raise InputError("alphas do not move before the first decision: they are public, and nothing can be hidden")
     covariance = means.T @ means / len(means)
     n = len(names)
     return LinearGaussianWorld(

@@ -39,7 +39,7 @@ class BesideReturns:
             "all" returns; the label of one asset; or a Series of numbers by date, which the investor then reads, too.
         market: (N,) the market's returns by date. Followed is the portfolio of the assets that comes nearest to them in the
             training sample, so that the market is a part of what the investor reads.
-        private: The investor's own signal, which nobody else has: likelihoods of the regimes by date, one column per regime,
+        private: The investor's own private signal: likelihoods of the regimes by date, one column per regime,
             which bears its name, or its number by rising volatility; of a date without a row there is no signal.
 
     Example:

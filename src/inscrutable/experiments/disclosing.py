@@ -32,6 +32,9 @@ USUAL = (
 """The disclosures compared by default, in steps of months."""
 
 
+_DIGITS = 15  # of a regret: beyond them a difference of costs is rounding
+
+
 @dataclass(frozen=True, eq=False)
 class DisclosureRow(Saved):
     """What an observer reads from decisions under one disclosure.
@@ -115,10 +118,11 @@ class DisclosureTable(Summarised, Saved):
         """Return which disclosure hides the present belief best, and which least."""
         least, most = (pick(self.rows, key=lambda row: row.error) for pick in (min, max))
         same = "decisions are made for each" if self.is_made_for_each else "the decisions are the same"
+        spent = round(self.expected_regret, _DIGITS) + 0.0
         return (
-            f"Error of the aware observer: {self.prior_error:.3f} without decisions, least with {least.disclosure} "
-            f"({least.error:.3f}, {self._share(least):.0%} of that), largest with {most.disclosure} ({most.error:.3f}, "
-            f"{self._share(most):.0%}); {same}, at an expected regret of {self.expected_regret:.3g}."
+            f"In short: the aware observer errs least with {least.disclosure}, by {least.error:.3f} ({self._share(least):.0%} "
+            f"of {self.prior_error:.3f}, its error without decisions), and most with {most.disclosure}, by {most.error:.3f} "
+            f"({self._share(most):.0%}); {same}, at an expected regret of {spent:.3g}."
         )
 
 

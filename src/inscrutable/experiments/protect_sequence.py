@@ -186,7 +186,7 @@ def protect_step(
         state: The file of the sequence; it is made where there is none.
         budget: Long-run mean regret; None is the model's.
         publish: Whether to draw once, record what was drawn, and return it; otherwise nothing is drawn.
-        rng: The source of the draw; None: the operating system, because whoever knows the seed knows the draw.
+        rng: The source of the draw; None: the operating system, because the seed determines the draw.
 
     Raises:
         InputError: An argument is malformed, the file is damaged or of another problem or budget, or in use; it is unchanged.

@@ -305,7 +305,7 @@ def _told_starts(reader: InverseFilter) -> tuple[Laws, Array]:
 
 
 def _passed(reader: InverseFilter, laws: Laws) -> Laws:
-    """The laws after a decision that nobody saw; a rule, which remembers nothing, is not asked."""
+    """The laws after a decision that was not seen; a rule has no memory, and is not asked."""
     tables = reader.rule.at(reader.moves.start[0], seen=False)
     unseen = np.full(int(laws.observer[-1]) + 1, UNSEEN)
     return read_decisions(tables, laws, unseen).moved(laws)

@@ -308,7 +308,7 @@ def _numbers_in_order(excess: Array) -> tuple[Array, Array]:
     utilities, multipliers = np.zeros(len(excess)), np.ones(len(excess))
     done, left = np.zeros(0, dtype=np.int64), np.ones(number, dtype=bool)
     while left.any():
-        own = int(np.flatnonzero(left & ~above[left].any(axis=0))[0])  # nobody left is preferred to it
+        own = int(np.flatnonzero(left & ~above[left].any(axis=0))[0])  # no choice left is preferred to it
         mine = np.flatnonzero(part == own)
         if done.size:
             limits = utilities[done, None] + multipliers[done, None] * np.minimum(excess[np.ix_(done, mine)], 0.0)

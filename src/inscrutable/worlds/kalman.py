@@ -63,8 +63,9 @@ def kalman_filter(
         world: The world; the law of x_0 holds before the first row.
         observations: (T,p), or (T,) where p is 1; NaN is missing. Labelled columns are aligned with the sensor's.
         public: (T,q), what the world's public sensor reported; NaN is missing. None where it has none, or a `PublicPart`.
-        gaps: Which observations everybody knows to be missing, (T,) rows or (T,p) entries, True where missing. An observation
-            that is missing and not so there is refused: then P_t would be private as well. None: all that is missing is known.
+        gaps: Which observations are publicly known to be missing, (T,) rows or (T,p) entries, True where missing. An
+            observation that is missing and not so there is refused: then P_t would be private as well. None: all that is
+            missing is known.
 
     Returns:
         A `KalmanResult`.
@@ -283,7 +284,7 @@ def _check_gaps(values: Array, gaps: Any, observations: Any) -> None:
     wrong = np.argwhere(missing != told)
     if wrong.size:
         t, column = (int(k) for k in wrong[0])
-        what = "is missing, which nobody else knows" if missing[t, column] else "is there, but gaps say it is missing"
+        what = "is missing, which is not public" if missing[t, column] else "is there, but gaps say it is missing"
         raise InputError(
             f"the observation in row {row_name(observations, t)}, column {column} {what}: the covariance of the belief would "
             "be private; everybody must know which observations are missing"

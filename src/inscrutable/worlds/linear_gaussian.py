@@ -1,4 +1,4 @@
-"""A world of real numbers: a linear Gaussian state that nobody sees, and a linear sensor that reports on it."""
+"""A world of real numbers: a hidden linear Gaussian state, and a linear sensor that reports on it."""
 
 from __future__ import annotations
 

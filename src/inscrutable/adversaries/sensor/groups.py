@@ -26,7 +26,7 @@ _ROUNDS, _MOVES = 60, 12
 """Rounds of assigning steps and moving columns at most, and Gauss-Newton steps of a column in each."""
 
 _OUTLYING = 30.0
-"""A step this many times further off than the median is none of the filter's: a Gaussian error never is."""
+"""A step this many times further off than the median is no step of the filter: a Gaussian error is never so large."""
 
 
 class Groups(NamedTuple):

@@ -54,7 +54,7 @@ def filter_steps(before: Array, held: Array, transition: Array) -> FilterSteps:
     """Return the steps from beliefs (K,X) to the next (K,X) that say something of every state.
 
     A step in which a state cannot be, because its predicted probability is zero, says nothing of how the sensor reports
-    on that state, and is left out. NaN rows are beliefs that nobody saw.
+    on that state, and is left out. NaN rows are beliefs that were not seen.
 
     Raises:
         ModelError: A belief gives weight to a state that the belief before it rules out.

@@ -283,7 +283,7 @@ class DecisionSequence(Summarised, KeptInFile):
         return self._step
 
     def _place(self, action: Any) -> tuple[int, bool]:
-        """Which of this step's values is meant or nearest, and whether it is that one; nobody sees a hidden decision."""
+        """Which of this step's values is meant or nearest, and whether it is that one; a hidden decision has none."""
         point = self._table.columns.problem.check_action(action)  # before time passes
         step = self._now()
         played = np.flatnonzero(step.played > 0)

@@ -1,6 +1,6 @@
 """Parts of a study that a user wrote: named by the caller as "module:name", known by version and source, imported to work.
 
-A study file only uses the names; which module they stand for is said by whoever runs the study, never by a file. What is kept
+A study file only uses the names; the caller of the study names the module, never a file. What is kept
 with the rows says all that reading them needs, so that results are read without importing anything.
 """
 

@@ -165,7 +165,7 @@ ObserverSection = (
 Observer = Annotated[Annotated[ObserverSection, Field(discriminator="name")], BeforeValidator(named)]
 Measure: Any = Literal[tuple(MEASURES)]
 PAID = "expected_regret"
-"""What every grid measures, asked for or not: without it nobody could say whether two decision makers cost the same."""
+"""What every grid measures, asked for or not: without it the costs of two decision makers cannot be compared."""
 JUDGED = ("error", "top_state")
 """Measures that say together whether a protection holds; those that they are held against, `WITHOUT`, are measured beside."""
 

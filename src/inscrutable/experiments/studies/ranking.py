@@ -94,7 +94,7 @@ def protection(means: StudyMeans, setting: int, budget: float | None) -> list[st
     and asked for.
 
     Costs are made equal as in `ranking`; one that spends nothing is not judged. Empty where errors and namings were not
-    measured, nobody spends anything, or there is nothing to hide.
+    measured, no decision maker spends anything, or there is nothing to hide.
     """
     paid, parts, first = _paid(means, setting), [], None
     hides = _spends(paid) | np.isnan(paid)

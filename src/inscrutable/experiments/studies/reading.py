@@ -192,7 +192,7 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
 
 
 def _check_followed(study: StudyFile, source: StudySource) -> None:
-    """Refuse observers that follow beliefs which do not move, or returns that nobody observes."""
+    """Refuse observers that follow beliefs which do not move, or returns that are not observed."""
     for number, each in enumerate(study.adversaries):
         if not isinstance(each, SequentialObserver):
             continue

@@ -326,8 +326,8 @@ def _followed_figures(result: Backtest) -> list[PageFigure]:
     if result.sequential is not None:
         without = result.sequential.maker.chain.prior.error
         ceiling = (
-            " Dashed, the ceiling: the most that any rule of the same regret leaves, in expectation in the long run of the "
-            f"fitted regimes, where an observer who sees no weights errs by {without:.2f}."
+            " Dashed, the ceiling, over the later half: the most that any rule of the same regret leaves, in the long run "
+            f"of the fitted regimes, where the error without weights is {without:.2f}."
         )
     return [
         PageFigure(

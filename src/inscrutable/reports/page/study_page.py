@@ -248,6 +248,7 @@ def page_data(means: StudyMeans, shown: Sequence[int]) -> dict[str, Any]:
     cost = _cost(means)
     return {
         "makers": names,
+        "spelled": {name: spelled(name) for name in names},
         "looks": {name: look._asdict() for name, look in _looks(names).items()},
         "budgets": means.amounts,
         "figures": [title_of(each) for each in means.figures],
@@ -309,27 +310,29 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
     at += [f"in the setting {means.settings[setting]}"] if means.settings[setting] else []
     found = {place: ranking(means, setting, budget, place) for place in places}
     holds = protection(means, setting, budget)
-    at += _costs_told(means, found[places[0]])
+    equal, costs = _costs_told(means, found[places[0]])
+    at += equal
     ranked = "; ".join(filter(None, (_ranked(means, setting, *each) for each in found.items())))
     return [
-        f"{capital(', '.join([*at, ranked]))}.",
+        f"In short: {', '.join([*at, ranked])}.",
+        *costs,
         *holds,
         *_elsewhere(means, found[places[0]], budget, places[0]),
     ]
 
 
-def _costs_told(means: StudyMeans, found: Ranking) -> list[str]:
-    """A warning about costs before a ranking is read, where they differ or are not known."""
+def _costs_told(means: StudyMeans, found: Ranking) -> tuple[list[str], list[str]]:
+    """How costs are made equal in a ranking, within its sentence, and a sentence on how they differ."""
     if not found.is_known:
-        return ["of decision makers whose costs were not measured and may differ"]
+        return ["of decision makers whose costs were not measured and may differ"], []
     if found.regret is None:
-        return []
+        return [], []
     low, high = found.cheapest, found.dearest
-    return [
-        f"where expected regrets differ, from {_number(found.spent[low])} ({means.makers[found.spenders[low]]}) to "
-        f"{_number(found.spent[high])} ({means.makers[found.spenders[high]]}), {found.times:.1f} times as much",
-        f"and compared at an equal {_number(found.regret)}",
-    ]
+    differ = (
+        f"At this budget expected regrets differ, from {_number(found.spent[low])} ({means.makers[found.spenders[low]]}) to "
+        f"{_number(found.spent[high])} ({means.makers[found.spenders[high]]}), {found.times:.1f} times as much."
+    )
+    return [f"compared at an equal expected regret of {_number(found.regret)}"], [differ]
 
 
 def _ranked(means: StudyMeans, setting: int, figure: int, found: Ranking) -> str:

@@ -17,7 +17,6 @@
   const onTop = (list, name) => [...list].sort((a, b) => (looks[name(a)].marker === "x") - (looks[name(b)].marker === "x"));
   const spelled = (name) => data.spelled[name];
   const names = (name) => (isLottery(name) ? `${spelled(name)}, drawn` : spelled(name));
-  const played = (name) => (isLottery(name) ? `the ${name}'s draw` : `the ${name}`);
 
   // ---- the belief simplex: a triangle for three regimes, bars for any other number
   function corner(width) {
@@ -284,14 +283,14 @@
   function drawBeliefs(step, budget) {
     const strips = [["the investor's own belief π", beliefs]];
     for (const name of makers) {
-      strips.push([`read at face value from ${played(name)}`, data.dates.map((_, t) => {
+      strips.push([`read at face value: ${names(name)}`, data.dates.map((_, t) => {
         const [atoms, drawn] = entry(name, t, budget);
         return centres[atoms[drawn][0]];
       })]);
     }
     for (const name of hiding) {
       const rows = data.dates.map((_, t) => entry(name, t, budget)[2]);
-      if (rows.some((each) => each)) strips.push([`read from ${played(name)} by the aware observer`, rows]);
+      if (rows.some((each) => each)) strips.push([`read by the aware observer: ${names(name)}`, rows]);
     }
     drawStrips("beliefs", step, strips);
   }
@@ -320,16 +319,17 @@
 
   // ---- the aware observer who follows every decision, at the backtest's own budget
   function drawFollowed(step) {
-    const held = Object.entries(followed.beliefs).map(([name, rows]) => [`held by the aware observer who follows the ${name}`, rows]);
+    const held = Object.entries(followed.beliefs).map(([name, rows]) => [`believed by the aware observer: ${spelled(name)}`, rows]);
     drawStrips("followed", step, [["the investor's own belief π", beliefs], ...held]);
   }
 
   function drawLines(id, step, values, { levels, ceilings, ...rest }) {
     const series = Object.entries(values);
     const frame = timeChart(id, step, series, rest);
-    const level = (height, colour, style) => line(frame.drawing, [-0.5, steps - 0.5].map((t) => frame.place([t, height])), colour, style, 1.2);
-    for (const [name, height] of Object.entries(ceilings)) level(height, looks[name].colour, "--");
-    for (const [, height, colour, style] of levels) level(height, colour, style);
+    const level = (from, height, colour, style) => line(frame.drawing, [from, steps - 0.5].map((t) => frame.place([t, height])), colour, style, 1.2);
+    // Ceilings bound errors in the long run, not those of the first steps.
+    for (const [name, height] of Object.entries(ceilings)) level(steps / 2, height, looks[name].colour, "--");
+    for (const [, height, colour, style] of levels) level(-0.5, height, colour, style);
     const apart = Math.ceil(steps / 8);
     for (const [name, heights] of onTop(series, ([name]) => name)) {
       const points = heights.map((value, t) => frame.place([t, value]));

@@ -1,7 +1,7 @@
 // The page of a study.
 (() => {
   const { data, texts, svg, at, marks, line, short, chart, legend, sampleMark, choice, follow, GREY } = Page;
-  const { makers, looks, budgets, figures, errors, plays, cells } = data;
+  const { makers, spelled, looks, budgets, figures, errors, plays, cells } = data;
   const MEAN = 0, HALF = 1, LEAST = 2;
   const paid = (setting, play) => (data.cost === null ? (plays[play][1] === null ? 0 : budgets[plays[play][1]]) : cells[setting][play][data.cost][MEAN]);
   const ends = ([mean, half]) => (half === null ? [mean, mean] : [mean - half, mean + half]);
@@ -59,10 +59,10 @@
     });
   }
 
-  // A name of several parts may take two rows; what tells it from others is often its end, so the middle gives way.
+  // A name of several parts may take two rows; names often differ at their ends, so the middle is cut.
   function inRows(name) {
-    const cut = (text) => text.length > 22 ? `${text.slice(0, 9)}…${text.slice(-12)}` : text;
-    const [first, ...rest] = name.length > 22 ? name.split(", ") : [name];
+    const cut = (text) => text.length > 25 ? `${text.slice(0, 11)}…${text.slice(-13)}` : text;
+    const [first, ...rest] = name.length > 25 ? name.split(", ") : [name];
     return (rest.length ? [first, rest.join(", ")] : [first]).map(cut);
   }
 
@@ -71,7 +71,7 @@
       .filter(([, amount, cell]) => (amount === null || amount === budget) && cell[LEAST] !== null);
     const all = shown.flatMap(([, , cell]) => cell.slice(LEAST));
     const { drawing, px, inside } = chart("spread", {
-      height: 30 * Math.max(1, shown.length) + 58, left: 150, x: range(all, true), y: [0, 1], yTicks: [], xLabel: figures[figure],
+      height: 30 * Math.max(1, shown.length) + 58, left: 168, x: range(all, true), y: [0, 1], yTicks: [], xLabel: figures[figure],
       label: shown.map(([name, , cell]) => `${name}: mean ${short(cell[MEAN])}, median ${short(cell[LEAST + 2])}, from ${short(cell[LEAST])} to ${short(cell[LEAST + 4])}`).join("; ") || "nothing yet",
     });
     if (!shown.length) nothing(drawing, inside);
@@ -79,7 +79,7 @@
       const y = inside.top + 16 + 30 * k;
       const look = looks[name];
       const [least, low, middle, high, most] = cell.slice(LEAST).map(px);
-      const rows = inRows(name);
+      const rows = inRows(spelled[name]);
       rows.forEach((text, row) => svg(drawing, "text", { x: inside.left - 10, y: y + 4 + 13 * (row - (rows.length - 1) / 2), "text-anchor": "end" }, text));
       line(drawing, [[least, y], [most, y]], GREY, "-", 1);
       svg(drawing, "rect", { x: at(low), y: y - 7, width: at(Math.max(high - low, 0)), height: 14, fill: "#fff", stroke: look.colour, "stroke-width": 1.5 });
@@ -123,9 +123,9 @@
     });
   }
 
-  const isDrawn = choice(makers);
+  const isDrawn = choice(makers, null, spelled);
   follow(({ figure = 0, budget = 0, setting = 0 }) => {
-    legend("tradeoff", makers.filter(isDrawn).map((name) => [name, sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]));
+    legend("tradeoff", makers.filter(isDrawn).map((name) => [spelled[name], sampleMark(looks[name].marker, looks[name].colour, "#fff", looks[name].line)]));
     tradeoff(figure, budget, setting);
     spread(figure, budget, setting);
     if (data.sweep) swept(figure, budget);

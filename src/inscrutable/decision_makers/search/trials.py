@@ -32,7 +32,7 @@ class Judge:
     def __call__(self, trials: Array) -> Judgement:
         """Return the judgement of trials (n,U); a solver's trial that is not finite may not be played."""
         problem, measure = self._problem, self._measure
-        is_finite = np.isfinite(trials).all(axis=1)
+        is_finite = np.asarray(np.isfinite(trials).all(axis=1))
         trials = np.where(is_finite[:, None], trials, 0.0)
         outside = problem.constraints.violation(trials)
         sets = consistent_sets(problem, trials)

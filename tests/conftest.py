@@ -44,7 +44,7 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-LONGEST = ("test_site.py", "test_documents.py", "test_benchmarks.py")
+LONGEST = ("test_site.py", "test_documents.py", "test_studies.py", "test_study_cluster.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -50,7 +50,7 @@ class SequentialDecisionMaker(Described):
 
     K_t depends on p_t alone, so that an observer can know it. As long as the belief moves as the chain says, repeated
     decisions do not reveal anew what they have revealed: on a belief that stays, by a chain that says so, only the first
-        decision reveals anything. The rule is greedy in p_t: `ceiling` is an upper bound of every rule.
+    decision reveals anything. The rule is greedy in p_t: `ceiling` is an upper bound of every rule.
 
     Args:
         problem: The decision problem.

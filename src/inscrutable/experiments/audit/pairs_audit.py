@@ -46,7 +46,7 @@ def audit_pairs(
     are those of an observer who exists, and the best one errs no more: their one-sided 95 % limit holds for the best, too.
     Whether anything leaks is judged by the share explained, 1 − Σ (y − ŷ)² / Σ (y − ȳ)², of the secrets as they are and
     shifted around the circle against the decisions, everything learned and chosen anew: a shift keeps the correlation of each
-        series in time and breaks the dependence between them.
+    series in time and breaks the dependence between them.
 
     Args:
         secrets: One or more columns, (T,) or (T,S): numbers, or classes (text, truth values, whole numbers of at most ten

@@ -208,7 +208,7 @@ POLYHEDRA = ["box", "sector", "redundant", "duplicated", "degenerate vertex", "e
 
 
 @pytest.mark.parametrize("kind", POLYHEDRA)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(SEEDS)
 def test_general_feasible_sets_agree_with_the_lifted_oracle(kind, seed):
     rng = np.random.default_rng(seed)

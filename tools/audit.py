@@ -36,10 +36,13 @@ def anonymous(line: str) -> str:
 def main(arguments: list[str]) -> int:
     """Run pytest, show its lines as they come, keep them, and pass its exit code on."""
     command = [sys.executable, "-m", "pytest", "-m", "audit", "--no-header", "--durations=0", "-s", "-v", *arguments]
+    settings = {"LOKY_MAX_CPU_COUNT": str(os.cpu_count())} | os.environ  # all cores; the tests' own setting is one
     LOG.parent.mkdir(exist_ok=True)
     with (
         LOG.open("w", encoding="utf-8") as log,
-        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as run,
+        subprocess.Popen(
+            command, cwd=ROOT, env=settings, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as run,
     ):
         log.write(header())
         assert run.stdout is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +16,9 @@ from scipy.optimize import minimize
 from inscrutable import Polyhedron, QuadraticProblem, box, simplex, tolerances
 from inscrutable.decision_makers.search.partition import FaceProgramme, face_programme
 from inscrutable.decision_makers.search.region_search import rules_for
-from inscrutable.kernels.climb import Aim, climb
+from inscrutable.kernels import climb as climbing
+from inscrutable.kernels import faces
+from inscrutable.kernels.climb import Aim
 from inscrutable.kernels.faces import (
     add_regret_curvature,
     add_row_curvature,
@@ -23,11 +26,13 @@ from inscrutable.kernels.faces import (
     regret_slope,
     row_slope,
     row_value,
-    settle,
 )
 from strategies import SEEDS
 
 Array = NDArray[np.float64]
+
+climb = numba.njit(error_model="numpy")(climbing.climb.py_func)  # only kernels call the package's own
+solve_kkt = numba.njit(error_model="numpy")(faces.solve_kkt.py_func)
 
 ROUNDS = 30
 TINY_STEP = 1e-30  # of a complex step: no difference is formed, so nothing cancels
@@ -99,7 +104,7 @@ class Settled(NamedTuple):
 def settled(face: FaceProgramme, y: Array) -> Settled:
     k, n_states = face.span.shape[1], y.size
     room = Settled(np.empty(k + 1), np.empty((k, k)), np.empty((n_states, k)), np.empty((n_states, k)))
-    assert settle(face.curves, y, 1e-10, *room)
+    assert solve_kkt(face.curves, y, 1e-10, *room)
     return room
 
 
@@ -176,12 +181,12 @@ def test_regret_has_no_slope_at_the_true_belief() -> None:
 
 
 def test_copies_of_an_asset_settle_nothing() -> None:
-    """Where the Hessian is singular on the face there is no unique decision, and `settle` says so."""
+    """Where the Hessian is singular on the face there is no unique decision, and `solve_kkt` says so."""
     problem = QuadraticProblem(np.ones((2, 3, 3)), np.zeros((2, 3)), constraints=simplex(3))
     face = face_programme(problem, np.zeros(3, dtype=bool))
     k = face.span.shape[1]
     room = np.empty(k + 1), np.empty((k, k)), np.empty((2, k)), np.empty((2, k))
-    assert not settle(face.curves, np.array([0.4, 0.6]), 1e-10, *room)
+    assert not solve_kkt(face.curves, np.array([0.4, 0.6]), 1e-10, *room)
 
 
 # --- climbs -------------------------------------------------------------------------------------------------------------

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import pytest
 
 from inscrutable.adversaries import consistent_sets
 from inscrutable.decision_makers.search.partition import FaceProgramme, face_programme
 from inscrutable.decision_makers.search.region_search import rules_for
+from inscrutable.kernels import face_ascent
 from inscrutable.kernels.climb import Aim
-from inscrutable.kernels.face_ascent import set_distance_model
 from inscrutable.kernels.set_distance import NO_ROW, distance_room, nearest_belief
 from inscrutable.problems import MarkowitzProblem
 from inscrutable.validation import Array
+
+set_distance_model = numba.njit(error_model="numpy")(face_ascent.set_distance_model.py_func)
 
 
 class Case(NamedTuple):

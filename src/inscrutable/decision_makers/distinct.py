@@ -9,7 +9,7 @@ import numpy as np
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.validation import Array
 
-_LARGER = 2
+LARGER = 2
 
 
 class Distinct(NamedTuple):
@@ -38,5 +38,5 @@ def _found(candidates: Candidates) -> Distinct:
     first[sets.distinct[usable][::-1]] = usable[::-1]  # of equal decisions the one that is written last, the first
     number = np.sort(first[first >= 0])
     costs, start, end = (np.ascontiguousarray(each[number]) for each in (candidates.state_costs, sets.start, sets.end))
-    kind = np.minimum(sets.dimension[number], _LARGER).astype(np.int64)
+    kind = np.minimum(sets.dimension[number], LARGER).astype(np.int64)
     return Distinct(number, costs, start, end - start, kind)

@@ -9,7 +9,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.distinct import distinct_of
+from inscrutable.decision_makers.distinct import LARGER, distinct_of
 from inscrutable.decision_makers.envelope import RatedPoints, concave_envelope, undominated
 from inscrutable.decision_makers.indicators import table_of
 from inscrutable.decision_makers.results import Decision
@@ -20,9 +20,6 @@ from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem, QuadraticProblem, quadratic_problem
 from inscrutable.validation import Array
-
-_CHUNK = 1 << 15
-_BINS = 1 << 13
 
 
 class Points(NamedTuple):
@@ -69,22 +66,15 @@ def goal_points(
 
 def distance_points(own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates) -> FrontierPoints:
     """Return the candidates that can be on the frontier of a measure that is ± a distance, and the optimal decision."""
-    from inscrutable.kernels.frontier import LARGER, contenders, rate
-    from inscrutable.kernels.threads import in_chunks
-
-    table, reference = distinct_of(candidates), measure.reference(belief)
+    sets, table, reference = candidates.sets, distinct_of(candidates), measure.reference(belief)
     assert reference is not None
-    count = len(table.number)
-    regrets, privacies = np.empty(count), np.empty(count)
-    arrays = (table.costs, table.start, table.along, table.kind)
-
-    def work(first: int, last: int) -> None:
-        rate(first, last, arrays, belief, own.optimal_cost, reference.point, reference.sign, (regrets, privacies))
-
-    in_chunks(work, count, _CHUNK)
-    chosen = np.empty(count, dtype=np.int64)
-    chosen = chosen[: contenders(regrets, privacies, table.kind, own.privacy, np.empty(_BINS), chosen)]
-    problem = candidates.sets.problem
+    regrets = np.maximum(table.costs @ belief - own.optimal_cost, 0.0)
+    privacies = reference.sign * sets.bounds(reference.point)[table.number] + 0.0
+    privacies[table.kind < 0] = -np.inf
+    if reference.sign < 0:
+        privacies[table.kind == LARGER] = 0.0
+    chosen = _contenders(regrets, privacies, table.kind < LARGER, own.privacy)
+    problem = sets.problem
     form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
     if reference.sign < 0 and form is not None and quadratic is not None:
         larger = chosen[table.kind[chosen] == LARGER]
@@ -97,7 +87,15 @@ def distance_points(own: Decision, belief: Array, measure: PrivacyMeasure, candi
         np.append(table.number[chosen], len(candidates)),
     )
     exact = np.append(table.kind[chosen] < LARGER, True)
-    return FrontierPoints(points, exact, lambda index: float(measure(belief, candidates.sets[index])))
+    return FrontierPoints(points, exact, lambda index: float(measure(belief, sets[index])))
+
+
+def _contenders(regrets: Array, privacies: Array, is_exact: np.ndarray, least: float) -> np.ndarray:
+    """Return the points whose privacy is above `least` and above that of all cheaper ones whose privacy is exact."""
+    order = np.argsort(regrets, kind="stable")
+    known = np.where(is_exact, privacies, -np.inf)[order]
+    before = np.maximum.accumulate(np.append(least, known[:-1]))
+    return np.sort(order[(privacies[order] > before) | ((regrets[order] == 0.0) & (privacies[order] > -np.inf))])
 
 
 def scored_points(own: Decision, belief: Array, measure: PrivacyMeasure, candidates: Candidates) -> FrontierPoints:

@@ -179,7 +179,7 @@ def _residual(belief: Any, costs: Any, region: Any, rows: Any, n_rows: int, room
 
 
 @internal
-def _residual_on_face(region: Any, state: Any, n: int, curved: Any, base: Any, room: Any) -> None:
+def _residual_of_free(region: Any, state: Any, n: int, curved: Any, base: Any, room: Any) -> None:
     """H u + g − A'ν in the rows of a lane's free coordinates, from the part `base` that those at their bounds make."""
     u, reduced, nu, _, _, _, lanes, _, free, _ = room
     transposed, n_equal, zero = region[5], region[3].size, spread(0.0)
@@ -199,7 +199,7 @@ def _residual_on_face(region: Any, state: Any, n: int, curved: Any, base: Any, r
 
 @inlined
 def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: float, room: Any) -> None:
-    """One Newton step of u and ν on the guessed face: from u_F = 0 to its minimiser, then again for the rounding.
+    """One Newton step of u and ν on the guessed free coordinates: from u_F = 0 to its minimiser, then again for the rounding.
 
     x = L'⁻¹ D⁻¹(y + C'ν) and ν = S⁻¹(r − C D⁻¹ y) with S = C D⁻¹ C' and r = b − A u.
     """
@@ -269,7 +269,7 @@ def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
 
 
 @inlined
-def _settle(region: Any, state: Any, near: float, n: int, curved: Any, base: Any, room: Any) -> Any:
+def _put_inside(region: Any, state: Any, near: float, n: int, curved: Any, base: Any, room: Any) -> Any:
     """Put u inside its bounds, exactly on those it is near; sound where H u + g = A'ν on F and A u = b still hold."""
     u, reduced, _, _, _, _, lanes, _, free, _ = room
     lower, upper, _, sides, rows, _ = region
@@ -280,7 +280,7 @@ def _settle(region: Any, state: Any, near: float, n: int, curved: Any, base: Any
         value, low, high = load(u, free[a]), entry(lower, free[a]), entry(upper, free[a])
         value = where(value - low <= margin, low, where(high - value <= margin, high, value))
         store(u, free[a], value)
-    _residual_on_face(region, state, n, curved, base, room)
+    _residual_of_free(region, state, n, curved, base, room)
     for a in range(n):
         fine = (magnitude(load(reduced, free[a])) <= allowed) | (load(state, free[a]) != zero)
         good = where(fine, good, zero)
@@ -320,7 +320,7 @@ def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, 
             store(base, a, load(reduced, free[a]))
         for again in range(2):
             if again == 1:
-                _residual_on_face(region, state, n, curved, base, room)
+                _residual_of_free(region, state, n, curved, base, room)
             _improve(region, state, (matrix, small), n, again, pivot, room)
             if again == 0:
                 _residual(belief, costs, region, held, n_held, room)
@@ -328,7 +328,7 @@ def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, 
             if offended and attempt < _ROUNDS:
                 break
         if not offended or attempt == _ROUNDS:
-            _settle(region, state, near, n, curved, base, room)
+            _put_inside(region, state, near, n, curved, base, room)
             break
     return matrix, small, curved, base
 

@@ -24,15 +24,20 @@ from inscrutable.kernels.faces import (
     regret_slope,
     row_slope,
     row_value,
-    settle,
+    solve_kkt,
 )
-from inscrutable.kernels.options import inlined, integer, internal, kernel, uncounted
-from inscrutable.kernels.projection import NO_EQUALITIES, project_in, room_for
+from inscrutable.kernels.options import inlined, integer, internal, uncounted
+from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length, project_in, room_for
 
 # Newton steps onto the rows: from a start, from a step's end, and to see whether they hold.
 _FIRST_TURNS, _LATER_TURNS, _NO_TURNS = integer(8), integer(3), integer(0)
 _TRIALS_A_ROUND = 6
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
+_SHIFTS, _FIRST_SHIFT, _TINY = 60, 1e-3, 1e-300  # of the Hessian, in units of its size
+_GROWTH = 2.0
+"""Factor of the shift that makes a model convex; with 4 or 10, some eight of 840 decisions and lotteries where states outnumber
+actions differ to either side."""
+_CONVEX = 1e-9  # least share of a pivot that may remain
 SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
 
 
@@ -103,23 +108,13 @@ def _shortfall(rows: Any, y: Any, w: Any, over: float, live: Any) -> float:
 
 @inlined
 def _write_row(slope: Any, value: float, basis: Any, lines: Any, r: int) -> None:
-    """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length; a flat one is void."""
-    units, n = lines.units, basis.shape[1]
-    length = 0.0
-    for c in range(n):
+    """Row r of the step's programme, value + slope·δ ≥ 0 in the reduced coordinates, at unit length."""
+    for c in range(basis.shape[1]):
         total = 0.0
         for i in range(slope.size):
             total += basis[i, c] * slope[i]
-        units[r, c] = total
-        length += total * total
-    length = np.sqrt(length)
-    if length <= 1e-14:
-        length = 1.0
-        value = max(value, 0.0)
-    for c in range(n):
-        units[r, c] /= length
-    lines.sides[r] = -value / length
-    lines.lengths[r] = length
+        lines.units[r, c] = total
+    lines.sides[r], lines.lengths[r] = at_unit_length(lines.units[r], value)
 
 
 @uncounted
@@ -140,24 +135,30 @@ def _linearise(rows: Any, y: Any, w: Any, place: Any, left: float, basis: Any, l
 
 
 @inlined
-def _convexified(matrix: Any, n: int, factor: Any) -> None:
-    """Factor matrix + shift, with the least of a few shifts that makes it positive definite."""
+def largest_in(matrix: Any, n: int) -> float:
+    """The largest entry of the leading n×n block, in absolute value."""
     size = 0.0
     for i in range(n):
         for k in range(n):
             size = max(size, abs(matrix[i, k]))
-    shift = 0.0
-    for _ in range(60):
+    return size
+
+
+@inlined
+def _convexified(matrix: Any, n_shifted: int, size: float, factor: Any) -> None:
+    """Factor matrix + shift, with the least of a few shifts of the first coordinates that makes it positive definite."""
+    n, shift = factor.shape[0], 0.0
+    for _ in range(_SHIFTS):
         positive = True
         for i in range(n):
             for k in range(n):
                 factor[i, k] = matrix[i, k]
-            factor[i, i] += shift
-            if not factor[i, i] > 0.0:
-                positive = False
-        if positive and cholesky(factor, n, 1e-9):
+            if i < n_shifted:
+                factor[i, i] += shift
+            positive = positive and factor[i, i] > 0.0
+        if positive and cholesky(factor, n, _CONVEX):
             return
-        shift = max(4.0 * shift, 1e-3 * size, 1e-300)
+        shift = max(_GROWTH * shift, _FIRST_SHIFT * size, _TINY)
 
 
 class StepRoom(NamedTuple):
@@ -182,13 +183,14 @@ def step_room(size: int, n_rows: int) -> StepRoom:
 def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any, room: Any) -> bool:
     """Minimise ½d'Wd + slope·d under rows N d ≥ b: with W = LL' the projection of −L⁻¹ slope in x = L'd.
 
-    model: (W (n,n), slope (n,)); lines: (N (m,n) at unit length, b (m,), how many of the first rows are equalities). `step`
-    (n,) and the multipliers `weights` (m,), of either sign for equalities, are filled; where False is returned they say
-    nothing.
+    model: (W (n,n), slope (n,), how many of the first coordinates are bent where W is not convex, and the size of W there);
+    lines: (N (m,n) at unit length, b (m,), how many of the first rows are equalities). `step` (n,) and the multipliers
+    `weights` (m,), of either sign for equalities, are filled; where False is returned they say nothing.
     """
-    (hessian, slope), (units, sides, n_equal), (factor, turned, moved, lengths, projection) = model, lines, room
+    (hessian, slope, n_shifted, size), (units, sides, n_equal) = model, lines
+    factor, turned, moved, lengths, projection = room
     n = step.size
-    _convexified(hessian, n, factor)
+    _convexified(hessian, n_shifted, size, factor)
     for i in range(n):
         total = -slope[i]
         for k in range(i):
@@ -292,7 +294,7 @@ def _restore(face: Any, aim: Any, rules: Any, turns: int, y: Any, w: Any, place:
     lines, moved, step, normal, projection = room
     regret = 0.0
     for turn in range(turns + 1):
-        if not settle(curves, y, rules.pivot, w, place.factor, place.gradients, place.slopes):
+        if not solve_kkt(curves, y, rules.pivot, w, place.factor, place.gradients, place.slopes):
             return False, regret
         regret = cost_under(curves, aim.belief, w, place.gradients) - aim.optimal_cost
         over = (regret - aim.limit) / aim.limit if aim.limit < np.inf else 0.0
@@ -330,7 +332,7 @@ def _price_of_budget(aim: Any, y: Any, budget: Any) -> float:
     return length / lean if aim.sign > 0.0 and lean > 0.0 else 0.0
 
 
-@kernel
+@internal
 def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple[float, float]:
     """Improve y (X,) on a face and leave its decision in w (k+1,); returns the least loss, infinite where none is allowed, and
     the budget's multiplier."""
@@ -361,7 +363,9 @@ def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple
             share, turns = 1.0, _LATER_TURNS
             _model(curves, rows, aim, rules.basis, y, place, (weights, lines.units), (slope, hessian, curving))
             below = (lines.units, lines.sides, NO_EQUALITIES)
-            if not quadratic_step((hessian, slope), below, 0.01 * rules.near, step, weights, memory):
+            if not quadratic_step(
+                (hessian, slope, n, largest_in(hessian, n)), below, 0.01 * rules.near, step, weights, memory
+            ):
                 break
             promise = 0.0
             for c in range(n):
@@ -385,5 +389,5 @@ def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple
             best = loss
             for i in range(n_states):
                 y[i] = trial[i]
-    settle(curves, y, rules.pivot, w, place.factor, place.gradients, place.slopes)
+    solve_kkt(curves, y, rules.pivot, w, place.factor, place.gradients, place.slopes)
     return best, weights[m] if has_budget else 0.0

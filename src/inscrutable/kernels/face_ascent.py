@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.climb import SHORTER, SHORTEST, quadratic_step, step_room
+from inscrutable.kernels.climb import SHORTER, SHORTEST, largest_in, quadratic_step, step_room
 from inscrutable.kernels.copies import put
 from inscrutable.kernels.faces import cholesky, row_value, solve_factored
-from inscrutable.kernels.options import inlined, integer, internal, kernel
-from inscrutable.kernels.projection import project
+from inscrutable.kernels.options import inlined, integer, internal
+from inscrutable.kernels.projection import at_unit_length, project
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _NONE = integer(0)
@@ -28,15 +28,13 @@ _WITNESS = 1e-2
 actions, .001 loses in 13, up to 25 %; with .1 seven gain, 4 % at most, and three lose .02 %."""
 _ACROSS = 3.0
 """Curvature across rows that held, over the largest of the rest; with 1 or 10, some ten of these 840 differ to either side."""
-_GROWTH = 2.0
-"""Factor of the shift that makes the model convex; with 4 or 10, some eight of these 840 differ to either side."""
 _CREEP = 1e-5
 """An ascent ends where its last gain and the next one promised, each repeated in all trials left, are less than this share of
 the value: half to two thirds of all trials gain less."""
 _EASE = 0.01  # unit of the member's coordinates: it follows a decision almost for free
 
 
-@kernel
+@inlined
 def set_distance_model(
     rows: Any, point: Any, basis: Any, w: Any, z: Any, active: Any, slope: Any, hessian: Any
 ) -> None:
@@ -114,7 +112,7 @@ def cost_model(curves: Any, belief: Any, w: Any, slope: Any, bend: Any) -> None:
 
 @internal
 def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float, lines: Any) -> None:
-    """The rows at (v, z) and the budget behind them, linear in the step of (v, s), at unit length; flat ones are void."""
+    """The rows at (v, z) and the budget behind them, linear in the step of (v, s), at unit length."""
     (w, z), (units, sides, lengths) = place, lines
     n_states, n = basis.shape
     k = w.size - 1
@@ -135,16 +133,7 @@ def _write_rows(rows: Any, basis: Any, place: Any, cost_slope: Any, left: float,
         else:
             for a in range(k):
                 units[r, a] = -cost_slope[a]
-        length = 0.0
-        for c in range(k + n):
-            length += units[r, c] * units[r, c]
-        length = np.sqrt(length)
-        if length <= 1e-13:
-            length = 1.0
-            value = max(value, 0.0)
-        units[r] /= length
-        sides[r] = -value / length
-        lengths[r] = length
+        sides[r], lengths[r] = at_unit_length(units[r], value)
 
 
 @inlined
@@ -220,14 +209,10 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
 
 
 @inlined
-def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, hessian: Any) -> None:
+def _bend_rows(rows: Any, basis: Any, top: float, weights: Any, lines: Any, hessian: Any) -> None:
     """Add the curvature −Σ weight ∂²F/∂v∂s of the rows, and enough across those that held to make the rest matter."""
-    n_states, n = basis.shape
+    (units, lengths), (n_states, n) = lines, basis.shape
     k = hessian.shape[0] - n
-    top = 0.0
-    for a in range(k):
-        for b in range(k):
-            top = max(top, abs(hessian[a, b]))
     for r in range(lengths.size):
         if weights[r] == 0.0:
             continue
@@ -247,23 +232,6 @@ def _bend_rows(rows: Any, basis: Any, weights: Any, lengths: Any, units: Any, he
         for a in range(k + n):
             for b in range(k + n):
                 hessian[a, b] += across * units[r, a] * units[r, b]
-    # Convex in the decision; the member's own coordinates are not to be held back.
-    size = k + n
-    factor = np.empty((size, size))
-    shift = 0.0
-    for _ in range(40):
-        for a in range(size):
-            put(hessian[a], factor[a])
-        for a in range(k):
-            factor[a, a] += shift
-        positive = True
-        for a in range(size):
-            positive = positive and factor[a, a] > 0.0
-        if positive and cholesky(factor, size, 1e-9):
-            break
-        shift = max(_GROWTH * shift, 1e-3 * top, 1e-300)
-    for a in range(k):
-        hessian[a, a] += shift
 
 
 @internal
@@ -295,9 +263,9 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
     cost_slope, bend = np.empty(k), np.empty((k, k))
     trial, member, nearest = w.copy(), z.copy(), np.empty(n_states)
     written, active = (units, sides, lengths), room.active[: k + face.n_set_rows]
-    best, known, share, weight = np.inf, False, 1.0, 0.0
+    best, share, weight = np.inf, 1.0, 0.0
     for turn in range(2 * rounds):
-        loss, distance = np.inf, np.inf
+        loss, distance, known = np.inf, np.inf, best < np.inf
         if _pull(curves, rows, aim, rules, 3 if known else 8, (trial, member), written):
             distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, nearest, room)
         if distance < np.inf:
@@ -321,13 +289,14 @@ def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: i
             share = 1.0
             state = (distance, weight, known)
             weight = _model(curves, rows, aim, rules.basis, (w, z), active, state, (slope, hessian))
-            known = True
             cost_model(curves, aim.belief, w, cost_slope, bend)
             left = aim.limit - cost_at(curves, aim.belief, w) + aim.optimal_cost
             _write_rows(rows, rules.basis, (w, z), cost_slope, left, written)
-            _bend_rows(rows, rules.basis, weights, lengths, units, hessian)
+            top = largest_in(hessian, k)
+            _bend_rows(rows, rules.basis, top, weights, (units, lengths), hessian)
             near = 0.01 * rules.near
-            if not quadratic_step((hessian, slope), (units, sides, k), near, step, weights, memory):
+            # Convex in the decision; the member's own coordinates are not to be held back.
+            if not quadratic_step((hessian, slope, k, top), (units, sides, k), near, step, weights, memory):
                 break
             promise = 0.0
             for a in range(k):

@@ -12,11 +12,12 @@ from inscrutable.kernels.copies import put, put_shifted
 from inscrutable.kernels.face_ascent import cost_model
 from inscrutable.kernels.faces import cholesky
 from inscrutable.kernels.options import inlined, internal, uncounted
-from inscrutable.kernels.projection import NO_EQUALITIES
+from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _FARTHEST = 1.5  # more than any two beliefs are apart
-_FLAT = 1e-13  # a row that no free coordinate moves
+_FLAT = 1e-13  # a speed that no row counts
+_LONGEST = 1e6  # of a line that nothing bounds
 _TRIES = 4
 _SHRINK = 0.5
 
@@ -30,43 +31,32 @@ def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
     slope, bend, step = np.empty(k), np.empty((k, k)), np.empty(k)
     cost_model(face.curves, aim.belief, w, slope, bend)
     for r in range(m):
-        # value + row·step ≥ 0 at unit length; a row that no coordinate moves holds, or nothing does.
-        length, value = 0.0, face.rows[first + r, 0, k]
+        # value + row·step ≥ 0; a row that no coordinate moves holds, or nothing does.
+        value = face.rows[first + r, 0, k]
         for a in range(k):
-            length += face.rows[first + r, 0, a] * face.rows[first + r, 0, a]
+            units[r, a] = face.rows[first + r, 0, a]
             value += face.rows[first + r, 0, a] * w[a]
-        length = np.sqrt(length)
-        if length <= _FLAT:
-            length, value = 1.0, max(value, 0.0)
-        for a in range(k):
-            units[r, a] = face.rows[first + r, 0, a] / length
-        sides[r] = -value / length
-    if quadratic_step((bend, slope), (units, sides, NO_EQUALITIES), 0.01 * near, step, weights, step_room(k, m)):
+        sides[r], _ = at_unit_length(units[r], value)
+    if quadratic_step(
+        (bend, slope, k, 0.0), (units, sides, NO_EQUALITIES), 0.01 * near, step, weights, step_room(k, m)
+    ):
         put_shifted(w, 1.0, step, w)
 
 
-@uncounted
-def dearest(aim: Any, best: float) -> float:
-    """The largest regret worth a look: under a price, what costs more is worth less than what is known."""
-    if aim.price > 0.0:
-        return float(min(aim.limit, (_FARTHEST - best) / aim.price))
-    return float(aim.limit)
-
-
-@uncounted
-def interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: float) -> tuple[float, float]:
+@inlined
+def _interval(face: Any, aim: Any, w: Any, direction: Any, limit: float, near: float) -> tuple[float, float]:
     """The steps along `direction` (k,) that all slacks and the budget allow; empty where the first exceeds the second.
 
     Along v + t d the regret is a quadratic of t and every slack is affine: one interval.
     """
     k, curves = direction.size, face.curves
-    low, high = -1e6, 1e6
+    low, high = -_LONGEST, _LONGEST
     for r in range(face.n_set_rows, face.rows.shape[0]):
         value, speed = face.rows[r, 0, k], 0.0
         for a in range(k):
             value += face.rows[r, 0, a] * w[a]
             speed += face.rows[r, 0, a] * direction[a]
-        if abs(speed) <= 1e-13:
+        if abs(speed) <= _FLAT:
             if value < -near:
                 return 1.0, -1.0
         elif speed > 0.0:
@@ -129,14 +119,17 @@ def _end_value(face: Any, aim: Any, rules: Any, line: Any, end: float, work: Any
 def look_around(face: Any, aim: Any, rules: Any, w: Any, best: float, found: Any, room: Any) -> int:
     """Fill the best decisions (n, k+1) on lines through w, at most one a side; returns how many there are.
 
-    The lines are the axes and diagonals of the ellipsoid that the budget allows.
+    The lines are the axes and diagonals of the ellipsoid that the budget allows. With a climb from w alone instead, 10 of 2,700
+    decisions and lotteries lose, up to 10.6 %.
     """
     k = w.size - 1
     slope, factor, direction = np.empty(k), np.empty((k, k)), np.empty(k)
     cost_model(face.curves, aim.belief, w, slope, factor)
     if not cholesky(factor, k, rules.pivot):
         return 0
-    limit = dearest(aim, best)
+    limit = aim.limit
+    if aim.price > 0.0:  # what costs more is worth less than what is known
+        limit = min(limit, (_FARTHEST - best) / aim.price)
     values = np.full(found.shape[0], -np.inf)
     trial, member = w.copy(), np.empty(aim.point.size)
     for first in range(k):
@@ -150,7 +143,7 @@ def look_around(face: Any, aim: Any, rules: Any, w: Any, best: float, found: Any
                 for c in range(a + 1, k):
                     direction[a] -= factor[c, a] * direction[c]
                 direction[a] /= factor[a, a]
-            low, high = interval(face, aim, w, direction, limit, rules.near)
+            low, high = _interval(face, aim, w, direction, limit, rules.near)
             if low > high:
                 continue
             for end in (low, high):

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from inscrutable.kernels.options import inlined, uncounted_kernel
+from inscrutable.kernels.options import inlined, uncounted, uncounted_kernel
 
 
-@uncounted_kernel
+@uncounted
 def cholesky(matrix: Any, n: int, pivot: float) -> bool:
     """Factor the leading n×n block in place into its lower triangle; False where a pivot shrinks below `pivot`."""
     for j in range(n):
@@ -41,7 +41,7 @@ def cholesky(matrix: Any, n: int, pivot: float) -> bool:
     return True
 
 
-@uncounted_kernel
+@uncounted
 def solve_factored(factor: Any, n: int, x: Any) -> None:
     """Overwrite x with (L L')⁻¹ x."""
     for i in range(n):
@@ -56,8 +56,8 @@ def solve_factored(factor: Any, n: int, x: Any) -> None:
         x[i] = total / factor[i, i]
 
 
-@uncounted_kernel
-def settle(curves: Any, y: Any, pivot: float, w: Any, factor: Any, gradients: Any, slopes: Any) -> bool:
+@uncounted
+def solve_kkt(curves: Any, y: Any, pivot: float, w: Any, factor: Any, gradients: Any, slopes: Any) -> bool:
     """Fill w (k+1,), the Cholesky factor of H(y), G and T; False where the face has no unique decision."""
     n_states = y.size
     k = w.size - 1

@@ -15,13 +15,22 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from inscrutable.kernels.options import internal, kernel
 
 
-@njit(cache=True)
-def log_sum_exp(values: Any) -> float:
+@internal
+def _largest(values: Any) -> float:
+    largest = -np.inf
+    for value in values:
+        largest = max(largest, value)
+    return largest
+
+
+@internal
+def _log_sum_exp(values: Any) -> float:
     """log Σ exp(values), −inf where every value is −inf."""
-    largest = values.max()
+    largest = _largest(values)
     if largest == -np.inf:
         return -np.inf
     total = 0.0
@@ -30,7 +39,7 @@ def log_sum_exp(values: Any) -> float:
     return float(largest + np.log(total))
 
 
-@njit(cache=True)
+@kernel
 def filter_pass(log_prior: Any, log_transition: Any, log_likelihoods: Any) -> Any:
     """Filter log-likelihoods (T,X): log beliefs, log predictions (T,X), beliefs, predictions (T,X), log c_t (T,).
 
@@ -47,7 +56,7 @@ def filter_pass(log_prior: Any, log_transition: Any, log_likelihoods: Any) -> An
     for t in range(n_steps):
         for i in range(n_states):
             joint[i] = prior[i] + log_likelihoods[t, i]
-        largest = joint.max()
+        largest = _largest(joint)
         if largest == -np.inf:
             increments[t] = -np.inf
             break
@@ -62,13 +71,13 @@ def filter_pass(log_prior: Any, log_transition: Any, log_likelihoods: Any) -> An
         for j in range(n_states):
             for i in range(n_states):
                 joint[i] = log_beliefs[t, i] + log_transition[i, j]
-            prior[j] = log_sum_exp(joint)
+            prior[j] = _log_sum_exp(joint)
             log_predicted[t, j] = prior[j]
             predicted[t, j] = np.exp(prior[j])
     return log_beliefs, log_predicted, beliefs, predicted, increments
 
 
-@njit(cache=True)
+@kernel
 def expectation_pass(log_beliefs: Any, log_predicted: Any, log_transition: Any) -> Any:
     """Smooth a filter pass: γ (T,X) and the expected transition counts Σ_t p(x_t, x_{t+1} | y_0..T-1) (X,X)."""
     n_steps, n_states = log_beliefs.shape
@@ -86,12 +95,12 @@ def expectation_pass(log_beliefs: Any, log_predicted: Any, log_transition: Any) 
             for j in range(n_states):
                 terms[j] = log_transition[i, j] + ratio[j]
                 counts[i, j] += np.exp(log_beliefs[t, i] + terms[j])
-            later[i] = log_beliefs[t, i] + log_sum_exp(terms)
+            later[i] = log_beliefs[t, i] + _log_sum_exp(terms)
             smoothed[t, i] = np.exp(later[i])
     return smoothed, counts
 
 
-@njit(cache=True)
+@kernel
 def gaussian_log_densities(observations: Any, means: Any, factors: Any) -> Any:
     """Log densities (T,X) of N(m_i, L_i L_i') at observations (T,D).
 
@@ -120,12 +129,15 @@ def gaussian_log_densities(observations: Any, means: Any, factors: Any) -> Any:
     return densities
 
 
-@njit(cache=True)
+@kernel
 def chain_pass(initial_sums: Any, transition_sums: Any, uniforms: Any) -> Any:
     """States (T,) of a chain with cumulative rows, one uniform number in [0, 1) a step: the first j with sum_j > u."""
     n_steps = uniforms.shape[0]
     states = np.empty(n_steps, dtype=np.int64)
     for t in range(n_steps):
         sums = initial_sums if t == 0 else transition_sums[states[t - 1]]
-        states[t] = np.searchsorted(sums, uniforms[t], side="right")
+        j = 0
+        while j < sums.size and sums[j] <= uniforms[t]:
+            j += 1
+        states[t] = j
     return states

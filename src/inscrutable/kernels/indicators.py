@@ -66,29 +66,3 @@ def cheapest_that_meet(table: Any, kind: Any, goal: tuple[int, float], asked: An
             if _meets(start[d], along[d], kind[d], beliefs[t], rule, least):
                 best, which = regret, d
         found[t], regrets[t] = which, best
-
-
-@kernel
-def spread_directions(members: Any, belief: Any, radius: float, out: Any) -> int:
-    """Fill unit vectors (n,X) from a belief toward members (M,X) farther than `radius`, evenly spread over their order."""
-    n_states = belief.size
-    count = 0
-    for chosen in range(2):
-        seen, filled = 0, 0
-        step = (count - 1) / (out.shape[0] - 1) if count > out.shape[0] else 1.0
-        for m in range(members.shape[0]):
-            square = 0.0
-            for i in range(n_states):
-                square += (members[m, i] - belief[i]) ** 2
-            length = np.sqrt(square)
-            if length <= radius:
-                continue
-            if chosen == 1 and filled < out.shape[0] and (seen == int(filled * step) or seen == count - 1):
-                for i in range(n_states):
-                    out[filled, i] = (members[m, i] - belief[i]) / length
-                filled += 1
-            seen += 1
-        if chosen == 1:
-            return filled
-        count = seen
-    return 0

@@ -15,6 +15,7 @@ from inscrutable.kernels.options import inlined, integer, internal, kernel, unco
 
 NO_EQUALITIES = integer(0)
 _NONE = integer(0)
+_FLAT = 1e-13  # a row of unit size that no coordinate moves
 
 
 class ProjectionRoom(NamedTuple):
@@ -37,6 +38,20 @@ def room_for(size: int, n_rows: int) -> ProjectionRoom:
         np.empty(size + 1, dtype=np.int64), np.empty(n_rows, dtype=np.bool_), np.empty(size + 1),
         np.empty((size + 1, size)), np.empty((size + 1, size + 1)), np.empty(size), np.empty(size + 1), np.empty(size),
     )  # fmt: skip
+
+
+@inlined
+def at_unit_length(row: Any, value: float) -> tuple[float, float]:
+    """Scale a row n·x + value ≥ 0 to unit length; returns b of n·x ≥ b, and the former length. A flat row is void."""
+    length = 0.0
+    for i in range(row.size):
+        length += row[i] * row[i]
+    length = np.sqrt(length)
+    if length <= _FLAT:
+        length, value = 1.0, max(value, 0.0)
+    for i in range(row.size):
+        row[i] /= length
+    return -value / length, length
 
 
 @inlined

@@ -68,7 +68,7 @@ class ClimbRoom(NamedTuple):
     distance: Any
 
 
-@internal
+@inlined
 def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
     """Return memory for climbs in a problem."""
     return ClimbRoom(

@@ -13,7 +13,7 @@ import numpy as np
 
 from inscrutable.kernels.copies import put, put_descending
 from inscrutable.kernels.deferred import deferred
-from inscrutable.kernels.options import inlined, internal, kernel, uncounted, uncounted_kernel
+from inscrutable.kernels.options import inlined, integer, kernel, uncounted, uncounted_kernel
 from inscrutable.kernels.region_climb import (
     ClimbRoom,
     Climbs,
@@ -42,7 +42,7 @@ lotteries over four to eight states and fewer assets lose up to 19 %; with 2.5 t
 _PROMISE_AT_PRICE, _SET_PROMISE_AT_PRICE = 1.015, 1.2
 """The same at a price, where starts already stand at their best budget: nothing is lost on 430 beliefs of X = 2, 3, 4. With
 1.05 for sets, 5 of 540 lotteries lose up to 6 %; with 1.5, two gain and one loses up to 2 %."""
-BEST, FAR = 0, 1
+BEST, FAR = integer(0), integer(1)
 """Sources of climbs: an entry's best decision, and its farthest belief's; then the beliefs of freed rows."""
 _UNMET = 1e6  # below all distances: rows that no belief of a decision meets come last
 _INWARD = 0.01
@@ -111,7 +111,7 @@ class Turn(NamedTuple):
     climb: ClimbRoom
 
 
-@internal
+@inlined
 def _turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
     """Return memory for searches in a problem with turns of at most so many climbs."""
     size, number = n_actions + 1, np.int64

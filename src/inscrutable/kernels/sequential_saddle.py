@@ -21,7 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.kernels.options import fused, internal, summed
+from inscrutable.kernels.faces import solve_factored
+from inscrutable.kernels.options import fused, inlined, integer, internal, summed
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_cost, own_curve, own_slope
 
 _SOLVED, _RESIDUAL = tolerances.SOLVED_STEP, tolerances.LAW_RESIDUAL
@@ -30,10 +31,11 @@ _LAW_STEPS, _NEWTON_STEPS = 200, 200  # five and ten are usual
 _LOGIT = 3.0  # largest mean change of log K in one step, beyond which its linear model says nothing
 _LARGE_GAIN = 2.0  # c above which the law is multiplied by c: Newton's steps for a logarithm only double
 _FULL_STEPS = 2  # taken at the end, where rounding hides the gain
-_REFRESHED = 3  # Newton steps of an estimate after a decision that is not played
+_REFRESHED = integer(3)  # Newton steps of an estimate after a decision that is not played
 _ARMIJO, _CUT, _SHORTEST = 1e-4, 0.3, 1e-9
 _RIDGE, _STEEPER, _TRIES = 1e-14, 100.0, 12  # share of a diagonal added to it, and how much more each time
 _TINY = 1e-300
+_NONE = integer(0)
 _SMALLEST, _STEEPEST = 1e-290, 700.0  # e^-700 has full precision, and thousands of e^700 add up to a number
 _TURN, _HIGH, _LOW = (
     1.4426950408889634,
@@ -95,19 +97,6 @@ def factored(matrix: Any, factor: Any, n: int) -> None:
 
 
 @internal
-def solve_factored(factor: Any, n: int, right: Any) -> None:
-    """right = (L L')⁻¹ right for a Cholesky factor L of n rows."""
-    for i in range(n):
-        for k in range(i):
-            right[i] -= factor[i, k] * right[k]
-        right[i] /= factor[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            right[i] -= factor[k, i] * right[k]
-        right[i] /= factor[i, i]
-
-
-@internal
 def _non_negative(hessian: Any, right: Any, free: Any, found: Any) -> None:
     """max right·y − ½ y'Hy over y ≥ 0 by principal pivoting (Júdice and Pires, 1994), `free` being the first guess."""
     n = right.size
@@ -115,7 +104,7 @@ def _non_negative(hessian: Any, right: Any, free: Any, found: Any) -> None:
     offends = np.empty(n, np.bool_)
     fewest, patience = n + 1, 3
     for _ in range(20 * n + 20):
-        k = 0
+        k = _NONE
         for i in range(n):
             if free[i]:
                 where[k] = i
@@ -231,7 +220,7 @@ def _products(weights: Any, point: Point, found: Any) -> None:
             found[m, k] = found[k, m] = total
 
 
-@internal
+@inlined
 def _best_law(weights: Any, point: Point) -> float:
     """The law of the decisions for given estimates, by Newton's steps on those that are played; returns its value."""
     n, law = point.law.size, point.law

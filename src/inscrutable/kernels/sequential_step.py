@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from inscrutable import tolerances
-from inscrutable.kernels.options import internal, kernel
+from inscrutable.kernels.faces import solve_factored
+from inscrutable.kernels.options import inlined, integer, internal, kernel
 from inscrutable.kernels.sequential_estimates import StepData, longest, own_curve
 from inscrutable.kernels.sequential_saddle import (
     Point,
@@ -23,12 +24,11 @@ from inscrutable.kernels.sequential_saddle import (
     room_for_point,
     saddle_value,
     settled,
-    solve_factored,
 )
 
 _KEPT, _SOLVED, _RARELY = tolerances.KEPT_DECISION, tolerances.SOLVED_STEP, tolerances.RETURNING_LAW
 _RESIDUAL, _BACK = tolerances.LAW_RESIDUAL, tolerances.RETURNING_LAW
-_ROUNDS, _PRICING_STEPS = 60, 30  # three to six, and three are usual
+_ROUNDS, _PRICING_STEPS = 60, integer(30)  # three to six, and three are usual
 _MOST_ADDED = 3  # decisions that join at once; a fourth one costs more in Newton's steps than it spares in rounds
 _APART = 0.01  # share of the law's variance by which estimates of decisions that join at once must differ
 _RATIO = 0.25  # from one price of information to the next on the way to a small one
@@ -36,7 +36,7 @@ _LOWER = 0.1  # from one barrier of mixed answers to the next
 _WAYS = 4  # begun from ever larger prices of information, where Newton's steps stall: one step in a thousand small ones
 
 
-@internal
+@inlined
 def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Point, estimates: Any) -> None:
     """Estimates after every decision, to first order from the played one of the nearest slopes.
 
@@ -84,7 +84,7 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
             estimates[m, i] = point.estimates[nearest, i] + length * step[i]
 
 
-@internal
+@inlined
 def _joining(logs: Any, data: StepData, price: float, gains: Any, estimates: Any, apart: float) -> Any:
     """Decisions that could be played, the most tempting first, of different estimates; `gains` is mended on the way."""
     added, near = np.empty(_MOST_ADDED, np.int64), np.zeros(gains.size, np.bool_)
@@ -139,7 +139,7 @@ def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Poi
     return added
 
 
-@internal
+@inlined
 def _covering(weights: Any, data: StepData) -> Any:
     """The decision of least mean regret; where caps forbid it to some beliefs, those of largest reach until each has one."""
     n_columns, count = data.values.shape
@@ -205,7 +205,7 @@ def _at_price(
     return columns, point, worst
 
 
-@internal
+@inlined
 def _is_tied(weights: Any, data: StepData, kept: int, best: int) -> bool:
     """Whether two decisions cost the same on average, to rounding."""
     apart, size = 0.0, 0.0
@@ -216,7 +216,7 @@ def _is_tied(weights: Any, data: StepData, kept: int, best: int) -> bool:
     return apart >= -_RESIDUAL * size
 
 
-@internal
+@inlined
 def _copied(point: Point) -> Point:
     return Point(
         point.law.copy(),
@@ -228,13 +228,13 @@ def _copied(point: Point) -> Point:
     )
 
 
-@internal
+@inlined
 def _eased(data: StepData, barrier: float) -> StepData:
     """The data with another barrier."""
     return StepData(data.points, data.values, data.slopes, data.price, data.first_price, data.width, barrier)
 
 
-@internal
+@inlined
 def _begun(weights: Any, data: StepData, columns: Any) -> Point:
     """Some decisions, equally likely, with the prior's estimate after each; of mixtures of answers, the one that is best."""
     d, count = data.points.shape

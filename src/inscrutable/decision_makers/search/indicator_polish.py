@@ -127,15 +127,8 @@ def _admitted(
 
 def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: float) -> Array:
     """Return the cheapest of the decisions for decoys at the goal's distance, in directions of `members`, and the block's."""
-    from inscrutable.kernels.indicators import spread_directions
-
-    count, n_states = block.beliefs.shape
-    buffer, directions, owner = np.empty((_DIRECTIONS, n_states)), [], []
-    for t, belief in enumerate(block.beliefs):
-        n = spread_directions(members, belief, radius, buffer)
-        directions.append(buffer[:n].copy())
-        owner.append(np.full(n, t))
-    of = np.concatenate(owner)
+    directions = [_spread_directions(members, belief, radius) for belief in block.beliefs]
+    of = np.repeat(np.arange(len(directions)), list(map(len, directions)))
     if not of.size:
         return block.actions
     decoys = block.beliefs[of] + radius * np.concatenate(directions)
@@ -145,7 +138,7 @@ def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: f
     own = np.abs(tried - block.optimal[of]).max(axis=1) <= tolerances.SAME_ACTION
     regrets[own | (regrets > _regrets(goal, block, block.actions)[of])] = np.inf
     queues = []
-    for t in range(count):
+    for t in range(len(block.beliefs)):
         place = np.flatnonzero((of == t) & np.isfinite(regrets))
         queues.append(place[np.argsort(regrets[place], kind="stable")])
     best = block.actions.copy()
@@ -159,3 +152,13 @@ def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: f
             queues[t] = queues[t][:0]
         taken, width = taken + width, 4 * width
     return best
+
+
+def _spread_directions(members: Array, belief: Array, radius: float) -> Array:
+    """Return unit vectors from a belief toward members farther than a radius, `_DIRECTIONS` at most, evenly spread."""
+    away = members - belief
+    length = np.linalg.norm(away, axis=1)
+    far = np.flatnonzero(length > radius)
+    if far.size > _DIRECTIONS:
+        far = far[np.linspace(0, far.size - 1, _DIRECTIONS).astype(np.int64)]
+    return np.asarray(away[far] / length[far, None])

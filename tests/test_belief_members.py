@@ -12,7 +12,7 @@ from inscrutable import tolerances
 from inscrutable.adversaries import consistent_beliefs, consistent_sets
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers import CounterAdversarialDecisionMaker
-from inscrutable.decision_makers.candidates import near_decoys
+from inscrutable.decision_makers.candidate_sources import near_decoys
 from inscrutable.geometry import BeliefSet
 from inscrutable.geometry.equal_rows import distinct_patterns
 from inscrutable.geometry.hulls import members_of_sets

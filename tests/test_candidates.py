@@ -233,7 +233,7 @@ def test_candidates_are_made_in_blocks(monkeypatch):
     """Besides what is kept, nothing of the size of all decisions is made: not even one copy of their slacks."""
     problem = MarkowitzProblem(np.eye(6, 12), [np.eye(12)] * 6, 1.0)
     sets = decoy_grid(problem, 2).sets
-    monkeypatch.setattr("inscrutable.decision_makers.candidate_set.consistent_sets", lambda *given: sets)
+    monkeypatch.setattr("inscrutable.decision_makers.candidates.consistent_sets", lambda *given: sets)
     actions = np.random.default_rng(0).dirichlet(np.ones(12), 100_000)
     tracemalloc.start()
     made = make_candidates(problem, actions)
@@ -245,7 +245,7 @@ def test_candidates_are_made_in_blocks(monkeypatch):
 
 
 def test_a_regular_grid_where_it_is_affordable_and_a_cover_where_not(monkeypatch):
-    monkeypatch.setattr("inscrutable.decision_makers.decoys.MOST_DECOYS", 3000)
+    monkeypatch.setattr("inscrutable.decision_makers.candidate_sources.MOST_DECOYS", 3000)
     few = MarkowitzProblem(np.eye(3), [np.eye(3)] * 3, 1.0)
     np.testing.assert_array_equal(decoy_grid(few, 75).decoys, simplex_grid(3, 75))
     np.testing.assert_array_equal(decoy_grid(few, 1000).decoys, simplex_grid(3, 76))  # 3,003: within two per cent

@@ -27,7 +27,7 @@ from inscrutable import (
     random_candidates,
     simplex,
 )
-from inscrutable.decision_makers.search.trials import Judge
+from inscrutable.decision_makers.local_search import Judge
 
 BELIEF = np.array([0.5, 0.3, 0.2])
 

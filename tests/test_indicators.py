@@ -23,7 +23,7 @@ from inscrutable import (
 )
 from inscrutable.adversaries.level_test import LevelTest
 from inscrutable.adversaries.plausibility import nearest_explanation
-from inscrutable.decision_makers.candidates import near_decoys
+from inscrutable.decision_makers.candidate_sources import near_decoys
 from inscrutable.decision_makers.indicators import Indicator, IndicatorTable
 from inscrutable.geometry import BeliefSet
 from oracles import markets

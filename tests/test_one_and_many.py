@@ -32,7 +32,7 @@ from inscrutable import (
     simplex,
     uniform_prior,
 )
-from inscrutable.decision_makers.candidates import default_decoys
+from inscrutable.decision_makers.candidate_sources import default_decoys
 from inscrutable.decision_makers.probabilistic import LinearProgramme
 from oracles.large_markets import large_market
 from oracles.markets import random_market

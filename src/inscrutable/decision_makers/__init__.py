@@ -16,7 +16,8 @@ from inscrutable.decision_makers.aware.rate_distortion import (
     rate_distortion_curve,
 )
 from inscrutable.decision_makers.aware.stackelberg import StackelbergDecisionMaker
-from inscrutable.decision_makers.candidates import Candidates, action_grid, decoy_grid, random_candidates
+from inscrutable.decision_makers.candidate_sources import action_grid, decoy_grid, random_candidates
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.cheapest import CheapestPrivacy, cheapest_privacy
 from inscrutable.decision_makers.counter_adversarial import CounterAdversarialDecisionMaker, GlobalSearch
 from inscrutable.decision_makers.frontier import Frontier, privacy_frontier

@@ -11,7 +11,8 @@ from inscrutable import tolerances, validation
 from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_measure
-from inscrutable.decision_makers.candidates import Candidates, candidates_for
+from inscrutable.decision_makers.candidate_sources import candidates_for
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.counter_adversarial import best_decisions
 from inscrutable.decision_makers.frontier import privacy_frontier
 from inscrutable.decision_makers.hiding import Case

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.cheapest_distance import cheapest_at_distance, shortened_on_its_face
 from inscrutable.decision_makers.hiding import Case, HidingDecisionMaker
-from inscrutable.decision_makers.indicated import IndicatorResult, met
+from inscrutable.decision_makers.indicator_search import hidden
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
@@ -22,9 +20,9 @@ from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, che
 from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
 from inscrutable.decision_makers.scores import Scores, score
-from inscrutable.decision_makers.search.goal import Goal
-from inscrutable.decision_makers.search.polish import Trial, polish
+from inscrutable.decision_makers.search.rays import Goal
 from inscrutable.decision_makers.search.region_search import best_in_regions, farthest_corners
+from inscrutable.decision_makers.search.smooth import Trial, polish
 from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
@@ -161,47 +159,9 @@ def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None)
     if case.is_quadratic_distance and case.space.problem.bends:
         return _searched(case, beliefs, progress)
     if is_streamed(case.measure):
-        return hidden(case, beliefs, progress).decisions()
+        return hidden(case, beliefs, best_decisions, progress).decisions()
     # A table of copies: what is kept for other decision makers is nobody's to change.
     return stack([_best_at(case, step, belief) for step, belief in counted(beliefs, progress)], case.problem)
-
-
-def hidden(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:
-    """Return how beliefs (T,X) meet a goal that is met or missed; a distance from the belief at the least regret found."""
-    distance = case.measure.least_distance()
-    if distance is None or quadratic_problem(case.problem) is None:
-        return met(case, beliefs, progress)
-    found = met(case, beliefs)
-    for step, belief in counted(beliefs, progress):
-        if not found.is_optimal[step]:
-            most = found.regrets[step] if found.is_met[step] else case.budget.limit(found.optimal_costs[step])
-            cheaper = _cheapest_at_distance(case, belief, float(most), distance)
-            if cheaper is not None:
-                found.improve(step, cheaper)
-    return found
-
-
-def _cheapest_at_distance(case: Case, belief: Array, most: float, distance: float) -> Decision | None:
-    """The decision of least regret, up to `most`, that keeps a distance; None where none is found that costs less.
-
-    Decisions that no belief explains are not among them.
-    """
-    problem, farthest = case.problem, replace(case, measure=MaximalObfuscation(), on_empty="exclude")
-
-    def search(regret: float) -> Decision:
-        return best_decisions(replace(farthest, budget=Budget.regret(regret)), belief[None])[0]
-
-    def shortened(decision: Decision) -> Decision:
-        action = shortened_on_its_face(problem, belief, decision.action)
-        if action is None or not problem.constraints.is_admissible(action):
-            return decision
-        return decision_for(problem, belief, action, farthest.measure, DecisionStatus.POLISHED)
-
-    wanted = max(distance * (1.0 + tolerances.SLACK_SAFETY), distance + tolerances.NO_PRIVACY)
-    found = cheapest_at_distance(search, shortened, most, wanted)
-    if found is None or not found.regret < most:
-        return None
-    return found if case.measure(belief, belief_set_of(problem, found.action)) == 0.0 else None
 
 
 def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
@@ -244,7 +204,7 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
     limit = case.budget.limit(optimal_cost)
     quadratic = quadratic_problem(problem)
     if case.measure.is_indicator:
-        return hidden(case, belief[None]).decisions()[0]
+        return hidden(case, belief[None], best_decisions).decisions()[0]
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
         found = _searched(case, belief[None])[0]
         if type(case.measure) not in (MaximalObfuscation, DesiredObfuscation):

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from inscrutable.budgets import Budget, as_budget, is_budget
 from inscrutable.decision_makers.arguments import Described, checked_measure, checked_on_empty
-from inscrutable.decision_makers.candidates import Candidates, candidates_for
+from inscrutable.decision_makers.candidate_sources import candidates_for
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.search.region_search import SearchSpace, space_of
 from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure

@@ -3,20 +3,58 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import minimize
 
-from inscrutable import validation
-from inscrutable.decision_makers.candidates import random_actions
-from inscrutable.decision_makers.search.goal import Allowance
-from inscrutable.decision_makers.search.trials import Judge
+from inscrutable import tolerances, validation
+from inscrutable.adversaries import consistent_sets
+from inscrutable.decision_makers.candidate_sources import random_actions
+from inscrutable.decision_makers.search.rays import Allowance
 from inscrutable.geometry.crossings import first_met
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
+
+
+class Judgement(NamedTuple):
+    """What is known about trials (n,U)."""
+
+    privacies: Array  # (n,): −∞ outside the feasible set or, where that matters, where no belief explains the trial
+    costs: Array  # (n,): π·s(u)
+    slopes: Array  # (n, U): gradient of the cost
+    admissible: np.ndarray  # (n,)
+
+
+class Judge:
+    """Judges trials under one belief (X,), for every problem and measure."""
+
+    def __init__(self, problem: DecisionProblem, belief: Array, measure: PrivacyMeasure) -> None:
+        self._problem, self._belief, self._measure = problem, belief, measure
+        self._far = tolerances.FEASIBILITY if measure.judges_empty else tolerances.FINITE_DIFFERENCE
+
+    def __call__(self, trials: Array) -> Judgement:
+        """Return the judgement of trials (n,U); a solver's trial that is not finite may not be played."""
+        problem, measure = self._problem, self._measure
+        is_finite = np.asarray(np.isfinite(trials).all(axis=1))
+        trials = np.where(is_finite[:, None], trials, 0.0)
+        outside = problem.constraints.violation(trials)
+        sets = consistent_sets(problem, trials)
+        values = measure.values(self._belief, sets)
+        privacies = values.privacies.copy()
+        for index in np.flatnonzero(~values.exact & (outside <= self._far)):
+            privacies[index] = measure(self._belief, sets[int(index)])
+        if not measure.judges_empty:
+            privacies[sets.dimension < 0] = -np.inf
+        return Judgement(
+            np.where(is_finite & (outside <= self._far), privacies, -np.inf),
+            np.where(is_finite, problem.state_costs(trials) @ self._belief, np.inf),
+            np.einsum("x,nxu->nu", self._belief, problem.cost_gradients(trials)),
+            is_finite & problem.constraints.is_admissible(trials),
+        )
+
 
 _TRIES_A_START = 200
 _BLOCK = 16

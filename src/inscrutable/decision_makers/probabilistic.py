@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike
 from inscrutable import tolerances, validation
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.arguments import checked_choice
-from inscrutable.decision_makers.candidates import Candidates, make_candidates
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.counter_adversarial import (
     best_decisions,
-    hidden,
     shows_nothing,
 )
 from inscrutable.decision_makers.envelope import Mixture, mixture_by_linear_programme
 from inscrutable.decision_makers.hiding import Case, HidingDecisionMaker
+from inscrutable.decision_makers.indicator_search import hidden
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
@@ -32,7 +32,7 @@ from inscrutable.decision_makers.results import (
     counted,
     stack_mixed,
 )
-from inscrutable.decision_makers.scores import Scores, score
+from inscrutable.decision_makers.scores import Scores, score, with_extra
 from inscrutable.decision_makers.search.lottery_search import best_lotteries
 from inscrutable.decision_makers.search.region_search import Best, SearchSpace, best_in_regions, farthest_corners
 from inscrutable.kernels.regions import UNKNOWN
@@ -139,7 +139,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         if envelope and case.is_quadratic_distance:
             return _searched(case, beliefs, progress)
         if envelope and is_streamed(self.measure):
-            return hidden(case, beliefs, progress).lotteries()
+            return hidden(case, beliefs, best_decisions, progress).lotteries()
         # Every lottery has the best single decision among its atoms.
         singles = best_decisions(case, beliefs, progress) if envelope else None
         mixed = [
@@ -251,18 +251,3 @@ def _as_best(space: SearchSpace, singles: Decisions) -> Best:
     polished = np.array([status is DecisionStatus.POLISHED for status in singles.status])
     nowhere = np.full(len(polished), UNKNOWN)
     return Best(actions, singles.decoy, singles.privacy, singles.regret, table.price, polished, nowhere)
-
-
-def with_extra(scores: Scores, extra: list[Decision]) -> Scores:
-    """Return the scores with further decisions of known regret and privacy behind the candidates."""
-    problem = scores.candidates.sets.problem
-    added = make_candidates(problem, np.vstack([problem.as_points(d.action) for d in extra]))
-    candidates = scores.candidates.joined(added)
-    return Scores(
-        scores.belief,
-        candidates,
-        scores.measure,
-        np.concatenate([scores.regrets, [d.regret for d in extra]]),
-        np.concatenate([scores.privacies, [d.privacy for d in extra]]),
-        np.concatenate([scores.exact, np.ones(len(extra), dtype=bool)]),
-    )

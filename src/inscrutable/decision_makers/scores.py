@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inscrutable.decision_makers.candidates import Candidates
+from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.envelope import RatedPoints
+from inscrutable.decision_makers.results import Decision
 from inscrutable.errors import InputError
 from inscrutable.privacy import PrivacyMeasure
 from inscrutable.validation import Array
@@ -53,3 +54,18 @@ def score(belief: Array, optimal_cost: float, candidates: Candidates, measure: P
             privacies = np.where(empty, -np.inf, privacies)
     privacies = np.where(candidates.usable, privacies, -np.inf)
     return Scores(belief, candidates, measure, regrets, privacies, exact | ~candidates.usable, on_empty)
+
+
+def with_extra(scores: Scores, extra: list[Decision]) -> Scores:
+    """Return the scores with further decisions of known regret and privacy behind the candidates."""
+    problem = scores.candidates.problem
+    added = make_candidates(problem, np.vstack([problem.as_points(d.action) for d in extra]))
+    candidates = scores.candidates.joined(added)
+    return Scores(
+        scores.belief,
+        candidates,
+        scores.measure,
+        np.concatenate([scores.regrets, [d.regret for d in extra]]),
+        np.concatenate([scores.privacies, [d.privacy for d in extra]]),
+        np.concatenate([scores.exact, np.ones(len(extra), dtype=bool)]),
+    )

@@ -20,7 +20,7 @@ from inscrutable.decision_makers import (
     OriginalDecisionMaker,
     ProbabilisticDecisionMaker,
 )
-from inscrutable.decision_makers.candidates import candidates_for
+from inscrutable.decision_makers.candidate_sources import candidates_for
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
 from inscrutable.experiments.backtest_aware import Beside, read_knowingly

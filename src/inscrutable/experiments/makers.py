@@ -21,7 +21,6 @@ from inscrutable.decision_makers import (
     RateDistortionDecisionMaker,
     StackelbergDecisionMaker,
 )
-from inscrutable.decision_makers.action_candidates import is_simplex
 from inscrutable.decision_makers.baselines import (
     CoinDecisionMaker,
     DirichletDecisionMaker,
@@ -29,6 +28,7 @@ from inscrutable.decision_makers.baselines import (
     RoundingDecisionMaker,
     UniformDecisionMaker,
 )
+from inscrutable.decision_makers.candidate_sources import is_simplex
 from inscrutable.errors import InputError
 from inscrutable.experiments.candidates_only import CandidateDecisionMaker
 from inscrutable.experiments.memory_rules import delayed, partly

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import tolerances, validation
-from inscrutable.decision_makers.action_candidates import random_actions
+from inscrutable.decision_makers.candidate_sources import random_actions
 from inscrutable.errors import ModelError
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array

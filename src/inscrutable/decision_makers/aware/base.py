@@ -13,7 +13,8 @@ from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers.arguments import Described
 from inscrutable.decision_makers.aware.columns import Columns, allowed_places, columns_of
 from inscrutable.decision_makers.aware.guarantees import Guarantee
-from inscrutable.decision_makers.candidates import Candidates, as_candidates
+from inscrutable.decision_makers.candidate_sources import as_candidates
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import MixedDecision, MixedDecisions, Progress
 from inscrutable.errors import InputError
 from inscrutable.mechanisms import Mechanism, Prior

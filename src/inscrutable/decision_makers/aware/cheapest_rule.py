@@ -14,7 +14,8 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.aware.columns import Columns, columns_of, lotteries, places_of
 from inscrutable.decision_makers.aware.guaranteed_programme import PlayedGame, Solved, cheapest_table, nearest_columns
 from inscrutable.decision_makers.aware.guarantees import Guarantee
-from inscrutable.decision_makers.candidates import Candidates, as_candidates, decoy_grid
+from inscrutable.decision_makers.candidate_sources import as_candidates, decoy_grid
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecision, MixedDecisions
 from inscrutable.errors import InputError, ModelError, SolverError
 from inscrutable.geometry.grids import grid_size

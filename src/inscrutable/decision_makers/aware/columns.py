@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 
 from inscrutable import tolerances
 from inscrutable.budgets import Budget
-from inscrutable.decision_makers.candidates import Candidates, make_candidates
-from inscrutable.decision_makers.distinct import Distinct, distinct_of
+from inscrutable.decision_makers.candidates import Candidates, Distinct, distinct_of, make_candidates
 from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
 from inscrutable.mechanisms.same_actions import first_same

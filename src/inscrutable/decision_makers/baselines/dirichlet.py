@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable import validation
-from inscrutable.decision_makers.action_candidates import is_simplex
 from inscrutable.decision_makers.baselines.lots import Lots
 from inscrutable.decision_makers.baselines.lottery import CandidateLottery
+from inscrutable.decision_makers.candidate_sources import is_simplex
 from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.results import DecisionStatus
 from inscrutable.errors import InputError

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from inscrutable import validation
 from inscrutable.decision_makers.arguments import Described, checked_on_empty
 from inscrutable.decision_makers.baselines.lots import Lots, cleaned
-from inscrutable.decision_makers.candidates import Candidates, as_candidates
-from inscrutable.decision_makers.distinct import distinct_of
+from inscrutable.decision_makers.candidate_sources import as_candidates
+from inscrutable.decision_makers.candidates import Candidates, distinct_of
 from inscrutable.decision_makers.results import MixedDecision, MixedDecisions
 from inscrutable.errors import InputError
 from inscrutable.problems import DecisionProblem, checked_problem

@@ -7,8 +7,8 @@ from itertools import product
 import numpy as np
 
 from inscrutable import tolerances, validation
-from inscrutable.decision_makers.action_candidates import is_simplex
 from inscrutable.decision_makers.baselines.rule import RuleDecisionMaker
+from inscrutable.decision_makers.candidate_sources import is_simplex
 from inscrutable.errors import InputError, ModelError
 from inscrutable.mechanisms.priors import rounded_to_grid
 from inscrutable.problems import DecisionProblem

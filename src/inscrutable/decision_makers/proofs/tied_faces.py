@@ -11,7 +11,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.decision_makers.candidate_set import Candidates, make_candidates
+from inscrutable.decision_makers.candidates import Candidates, make_candidates
 from inscrutable.decision_makers.proofs.subdivision import cells_of
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array

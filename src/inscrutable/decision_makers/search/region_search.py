@@ -15,8 +15,8 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.budgets import Budget
+from inscrutable.decision_makers.candidate_sources import decided_by
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.decoys import decided_by
 from inscrutable.decision_makers.results import Progress
 from inscrutable.decision_makers.search.edge_climbs import edge_decoys
 from inscrutable.decision_makers.search.partition import Partition, face_programme

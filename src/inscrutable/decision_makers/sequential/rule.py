@@ -13,7 +13,8 @@ from inscrutable import validation
 from inscrutable.budgets import Budget, as_budget
 from inscrutable.decision_makers.arguments import Described
 from inscrutable.decision_makers.aware.columns import Columns, columns_of
-from inscrutable.decision_makers.candidates import Candidates, as_candidates, decoy_grid
+from inscrutable.decision_makers.candidate_sources import as_candidates, decoy_grid
+from inscrutable.decision_makers.candidates import Candidates
 from inscrutable.decision_makers.sequential.calibration import calibrated
 from inscrutable.decision_makers.sequential.ceiling import ceiling_of
 from inscrutable.decision_makers.sequential.finite import FiniteRule, finite_rule

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from inscrutable.decision_makers import Candidates, action_grid, decoy_grid
-from inscrutable.decision_makers.candidates import as_candidates
+from inscrutable.decision_makers.candidate_sources import as_candidates
 from inscrutable.errors import ModelError
 from inscrutable.experiments.makers import behave
 from inscrutable.experiments.measures import figures_of

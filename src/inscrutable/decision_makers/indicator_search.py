@@ -1,30 +1,29 @@
-"""From goals that are met or missed to results: single decisions and lotteries, for one belief or many."""
+"""How goals that are met or missed are best met: single decisions and lotteries, for one belief or many."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import daqp
 import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.adversaries.consistent_sets import LARGER
+from inscrutable.adversaries.inverse import belief_set_of
 from inscrutable.adversaries.level_test import LevelTest
+from inscrutable.budgets import Budget
 from inscrutable.decision_makers.hiding import Case
-from inscrutable.decision_makers.indicators import Indicator, IndicatorTable, table_of
+from inscrutable.decision_makers.indicators import Block, Indicator, IndicatorTable, cheaper, table_of
+from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.result_table import ResultTable
-from inscrutable.decision_makers.results import (
-    Decision,
-    Decisions,
-    DecisionStatus,
-    MixedDecisions,
-    Progress,
-)
-from inscrutable.decision_makers.search.indicator_polish import Block, cheaper
+from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecisions, Progress, counted
+from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise
-from inscrutable.problems import DecisionProblem, LinearForm
+from inscrutable.privacy import MaximalObfuscation
+from inscrutable.problems import DecisionProblem, LinearForm, quadratic_problem
 from inscrutable.validation import Array
 
 _CHUNK = 64
@@ -194,3 +193,118 @@ def _cheapest_unexplained(form: LinearForm, belief: Array, margin: float) -> Arr
         near = np.abs(action - limit) <= tolerances.FEASIBILITY * np.maximum(1.0, np.abs(action))
         action = np.where(near, limit, action)
     return np.asarray(action) + 0.0
+
+
+Search = Callable[[Case, Array], Decisions]
+"""The best single decisions of beliefs (T,X)."""
+
+
+def hidden(case: Case, beliefs: Array, best: Search, progress: Progress | None = None) -> IndicatorResult:
+    """Return how beliefs (T,X) meet a goal that is met or missed; a distance from the belief at the least regret that `best`
+    finds."""
+    distance = case.measure.least_distance()
+    if distance is None or quadratic_problem(case.problem) is None:
+        return met(case, beliefs, progress)
+    found = met(case, beliefs)
+    for step, belief in counted(beliefs, progress):
+        if not found.is_optimal[step]:
+            most = found.regrets[step] if found.is_met[step] else case.budget.limit(found.optimal_costs[step])
+            cheaper = _cheapest_keeping_distance(case, belief, best, float(most))
+            if cheaper is not None:
+                found.improve(step, cheaper)
+    return found
+
+
+def _cheapest_keeping_distance(case: Case, belief: Array, best: Search, most: float) -> Decision | None:
+    """The decision of least regret, up to `most`, that keeps a distance; None where none is found that costs less.
+
+    Decisions that no belief explains are not among them.
+    """
+    problem, farthest = case.problem, replace(case, measure=MaximalObfuscation(), on_empty="exclude")
+
+    def search(regret: float) -> Decision:
+        return best(replace(farthest, budget=Budget.regret(regret)), belief[None])[0]
+
+    def shortened(decision: Decision) -> Decision:
+        action = shortened_on_its_face(problem, belief, decision.action)
+        if action is None or not problem.constraints.is_admissible(action):
+            return decision
+        return decision_for(problem, belief, action, farthest.measure, DecisionStatus.POLISHED)
+
+    distance = case.measure.least_distance()
+    assert distance is not None
+    wanted = max(distance * (1.0 + tolerances.SLACK_SAFETY), distance + tolerances.NO_PRIVACY)
+    found = cheapest_at_distance(search, shortened, most, wanted)
+    if found is None or not found.regret < most:
+        return None
+    return found if case.measure(belief, belief_set_of(problem, found.action)) == 0.0 else None
+
+
+_MOST_SEARCHES = 20
+_JUMPS = 0.75  # share of the gap in privacy that a smaller bracket leaves where the privacy jumps in it
+
+
+def cheapest_at_distance(
+    search: Callable[[float], Decision], shortened: Callable[[Decision], Decision], most: float, distance: float
+) -> Decision | None:
+    """Return the cheapest decision found with a privacy of at least `distance`, None where a regret of `most` affords none.
+
+    `search` gives the decision of greatest privacy P(B) for a budget B. Near the belief P is about linear in √B, as regrets
+    are quadratic; elsewhere it jumps, where a farther decision comes into reach. That one is `shortened` to the least regret
+    on its face, and a search with less tells whether that is the least of all. Otherwise P(B) = distance is bracketed by
+    secants in √B, and by halvings where those gain little.
+    """
+    found = search(most)
+    if not found.privacy >= distance:
+        return None
+    low, high, best = 0.0, float(np.sqrt(most)), found
+    below, above, left, right = -distance, np.inf, -distance, np.inf  # excess at both ends, and as the secant takes it
+    width = gap = np.inf
+    is_end, side = False, 0
+    for _ in range(_MOST_SEARCHES):
+        if found.privacy >= distance:
+            least = shortened(found)
+            is_end = least.privacy >= distance and least.regret <= found.regret * (1.0 + tolerances.LEAST_ON_FACE)
+            best = least if is_end and least.regret < found.regret else found
+            high, above = min(high, float(np.sqrt(best.regret))), best.privacy - distance
+            left, right, side = (0.5 if side > 0 else 1.0) * left, above, 1
+        inside, jumps = (
+            (tolerances.LEAST_ON_FACE if is_end else tolerances.LEAST_BUDGET) * high,
+            above - below > _JUMPS * gap,
+        )
+        width, gap = high - low, above - below
+        if width <= 1.5 * inside or above <= tolerances.LEAST_BUDGET * distance:
+            break
+        share = 0.5 if jumps else max(-left / (right - left), 0.1)
+        trial = high - inside if is_end else min(low + share * width, high - inside)
+        found = search(trial**2)
+        if found.privacy < distance:
+            low, below = trial, found.privacy - distance
+            left, right, side = below, (0.5 if side < 0 else 1.0) * right, -1
+    return best
+
+
+def shortened_on_its_face(problem: DecisionProblem, belief: Array, action: Array) -> Array | None:
+    """Return the decision (U,) of least cost under a belief (X,) with the same tight rows, the others slack by the least.
+
+    None where nothing is free, or no such decision is found. Quadratic costs; cost: a small quadratic programme.
+    """
+    form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
+    if form is None or quadratic is None:
+        return None
+    face = face_programme(quadratic, quadratic.constraints.tight_rows(form.variables(action)))
+    size = face.span.shape[1]
+    if not size:
+        return None
+    cost = np.tensordot(belief, face.curves, axes=1)
+    slacks = np.ascontiguousarray(face.rows[face.n_set_rows :, 0])
+    place, _, flag, _ = daqp.solve(
+        np.ascontiguousarray(cost[:size, :size]),
+        np.ascontiguousarray(cost[:size, size]),
+        np.ascontiguousarray(-slacks[:, :size]),
+        slacks[:, size].copy(),
+        np.full(len(slacks), -np.inf),
+        np.zeros(len(slacks), dtype=np.int32),
+        primal_tol=tolerances.LINEAR_PROGRAMME,
+    )
+    return np.asarray(form.decisions(face.action(place))) if flag >= 1 else None

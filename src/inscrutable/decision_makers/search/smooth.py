@@ -1,12 +1,16 @@
-"""From the best candidate to a local optimum: continuous search on the faces the candidates lie on.
+"""The best single decision of any smooth problem: from the best candidates to a local optimum, face by face.
 
-A face fixes the tight rows. Where a face's consistent sets are points, the decision is searched through its decoy y
-(X−1 coordinates, smooth, sensitivities in closed form); where they are larger, few coordinates of the decision are
-free, and these are searched directly, the set's distance being judged at every trial.
+A face fixes the tight rows. Where its consistent sets are points, privacy is the distance of the decision's decoy, and
+regret never falls along a ray from the true belief: one length a direction says all, and the direction is searched by
+patterns of trials that shrink around the best. Where the sets are larger, few coordinates of the decision are free, and
+these are searched directly, the set's distance being judged at every trial. SLSQP over the decoy, with slacks and budget as
+constraints, finds the same privacies for growth problems of two and three states (to 1e-6) in up to 27 times as long: it asks
+for one belief after the other, a pattern for all of them at once.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +19,92 @@ from scipy.linalg import null_space
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
 from inscrutable.decision_makers.scores import Scores
-from inscrutable.decision_makers.search.goal import Goal
-from inscrutable.decision_makers.search.ray_climb import climb_on_rays
-from inscrutable.decision_makers.search.rays import farthest_decoys
+from inscrutable.decision_makers.search.rays import Goal, Rays, best_on_rays, farthest_decoys
+from inscrutable.geometry.hulls import sum_zero_basis
 from inscrutable.validation import Array
+
+_POINTS = 7
+_ROUNDS = 10
+_FIRST_SPREAD = 0.5
+_SHRINK = 0.4
+_HOPE = 1.0
+_ROUGH = 0.01
+
+
+class _Climb:
+    """Where the climb from one decoy stands."""
+
+    def __init__(self, goal: Goal, tight: np.ndarray, decoy: Array, basis: Array) -> None:
+        self.tight, self.length = tight, float(np.linalg.norm(decoy - goal.belief))
+        self.value, self.action = -np.inf, np.zeros(0)
+        self.direction = basis.T @ (decoy - goal.belief) / max(self.length, tolerances.SAME_BELIEF)
+        self.is_open = self.length > tolerances.SAME_BELIEF
+        self._rng = np.random.default_rng(0)  # the pattern of trial points, the same at every call
+
+    def turned(self, spread: float) -> Array:
+        """Directions (n,X−1) around the best so far."""
+        return self.direction + spread * _turns(self.direction, self._rng)
+
+    def take(self, goal: Goal, turned: Array, trial: Rays) -> None:
+        """Keep the best of some rays, if it is on the face and better than what is known."""
+        values = np.where(_is_on_face(goal, self.tight, trial.actions), trial.values, -np.inf)
+        index = int(values.argmax())
+        if values[index] > self.value:
+            self.value, self.action = float(values[index]), trial.actions[index]
+            self.direction = turned[index] / np.linalg.norm(turned[index])
+
+
+def climb_on_rays(goal: Goal, tight: Sequence[np.ndarray], decoys: Sequence[Array], known: float) -> list[Array | None]:
+    """Return, for each of some decoys, the decision on its face `tight` whose decoy is best, from the decoy's direction.
+
+    None where the face is left, or where a privacy that is `known` already is out of reach. All climb at the same time: a
+    problem solves many beliefs almost as fast as one.
+    """
+    basis = sum_zero_basis(goal.belief.size)
+    climbs = [_Climb(goal, *start, basis) for start in zip(tight, decoys, strict=True)]
+    spread, size = _FIRST_SPREAD, basis.shape[1]
+    for _ in range(_ROUNDS if size > 1 else 1):
+        # What turning still gains is of the order of the spread's square: lengths need to be no better known.
+        _turn(goal, climbs, basis, spread, max(_ROUGH * spread**2, tolerances.BUDGET_SAFETY))
+        for climb in climbs:
+            climb.is_open &= climb.value == -np.inf or climb.value + _HOPE * spread * climb.length >= known
+        spread *= _SHRINK if size == 2 else np.sqrt(_SHRINK)
+    for climb in climbs:
+        climb.is_open &= climb.value > -np.inf
+    _turn(goal, climbs, basis, 0.0, tolerances.BUDGET_SAFETY)
+    return [climb.action if climb.is_open else None for climb in climbs]
+
+
+def _turn(goal: Goal, climbs: list[_Climb], basis: Array, spread: float, accuracy: float) -> None:
+    """Try directions around the best of each climb, or these again where the spread is zero."""
+    under_way = [climb for climb in climbs if climb.is_open]
+    if not under_way:
+        return
+    turned = [climb.turned(spread) if spread else climb.direction[None] for climb in under_way]
+    trial = best_on_rays(goal, np.vstack(turned) @ basis.T, accuracy)
+    ends = np.cumsum([0, *map(len, turned)])
+    for number, climb in enumerate(under_way):
+        rows = slice(ends[number], ends[number + 1])
+        climb.take(goal, turned[number], Rays(*(column[rows] for column in trial)))
+
+
+def _is_on_face(goal: Goal, tight: np.ndarray, actions: Array) -> np.ndarray:
+    region = goal.problem.constraints
+    return np.asarray((region.tight_rows(actions) == tight).all(axis=1) & region.is_admissible(actions))
+
+
+def _turns(direction: Array, rng: np.random.Generator) -> Array:
+    """Steps across a direction (k,), the first of them none; shape (n,k)."""
+    size = direction.size
+    if size == 1:
+        return np.zeros((1, 1))
+    if size == 2:
+        return np.asarray(np.linspace(-1.0, 1.0, _POINTS)[:, None] * np.array([-direction[1], direction[0]]))
+    steps = rng.normal(size=(_POINTS * (size - 1), size))
+    steps -= (steps @ direction)[:, None] * direction
+    steps *= (rng.uniform(size=len(steps)) / np.linalg.norm(steps, axis=1))[:, None]
+    return np.vstack([np.zeros(size), steps])
+
 
 _FACES = 10
 _STARTS_A_FACE = 3
@@ -149,7 +235,7 @@ def _goes_on_rays(goal: Goal, free: Array) -> bool:
 def _improve(goal: Goal, start: Start, free: Array) -> Trial | None:
     if free.shape[1] == 0 or not np.array_equal(goal.problem.constraints.tight_rows(start.action), start.tight):
         return judge(goal, start.action)
-    return _on_face(goal, start.action, free)
+    return _zoomed(goal, start.action, free)
 
 
 def judge(goal: Goal, action: Array) -> Trial | None:
@@ -163,7 +249,7 @@ def judge(goal: Goal, action: Array) -> Trial | None:
     return Trial(action, goal.reference.sign * float(distance) + 0.0) if np.isfinite(distance) else None
 
 
-def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
+def _zoomed(goal: Goal, action: Array, free: Array) -> Trial | None:
     """A shrinking search over the few free coordinates of a decision, judging the set's distance at every trial."""
     best = judge(goal, action)
     if goal.regrets(action) > goal.limit:
@@ -173,7 +259,7 @@ def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
     centre = action
     rng = np.random.default_rng(0)  # the pattern of trial points, the same at every call
     for round_number in range(_ZOOM_ROUNDS if free.shape[1] == 1 else 4 * _ZOOM_ROUNDS):
-        steps = _pattern(free.shape[1], rng)
+        steps = _spread(free.shape[1], rng)
         offsets = reach[:, 0] + (steps + 1.0) / 2.0 * widths if round_number == 0 else steps * widths
         trials = centre + offsets @ free.T
         found = _best_of(goal, trials[goal.regrets(trials) <= goal.limit])
@@ -186,7 +272,7 @@ def _on_face(goal: Goal, action: Array, free: Array) -> Trial | None:
     return best
 
 
-def _pattern(dimension: int, rng: np.random.Generator) -> Array:
+def _spread(dimension: int, rng: np.random.Generator) -> Array:
     if dimension == 1:
         return np.linspace(-1.0, 1.0, _ZOOM_POINTS)[:, None]
     return rng.uniform(-1.0, 1.0, size=(_ZOOM_POINTS, dimension))

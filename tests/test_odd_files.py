@@ -302,7 +302,7 @@ VERBS = {
     "budgets in words": ("compare --budgets lots", 2, "expected shares of |c*|"),
     "two units of budgets in one": ("compare --budgets silence:5bp", 2, "expected shares"),
     "regimes twice": ("backtest --model M --regimes 3", 2, "the model has its own"),
-    "a backtest with turnover": ("backtest --turnover 0.2", 3, "without a limit on turnover"),
+    "a backtest with turnover": ("backtest --turnover 0.2", 3, "leave both out (--no-sequential"),
     "other assets than the returns'": ("backtest --model M", 3, "asset labels"),
     "a riskless rate of several columns": ("backtest --riskless R", 2, "expected one"),
     "a riskless rate in percent": ("backtest --riskless P", 3, "divide percentages by 100"),

@@ -11,6 +11,9 @@ gives the belief N(m, P). Its covariance P is known to all who know the model; i
 V the covariance of the assets and B the loadings of assets on signals (B = I: m holds the expected returns themselves).
 """
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import numpy as np
 import pandas as pd
 
@@ -20,10 +23,12 @@ from inscrutable import (
     FactorRisk,
     LinearGaussianWorld,
     MaximalObfuscation,
+    Study,
     box,
     implied_views,
     kalman_filter,
     obfuscated_decision,
+    run_study,
     simplex,
     steady_filter,
 )
@@ -94,3 +99,47 @@ for shown, what in ((free, "no limits"), (problem, "long-only, capped")):
 
 # %%
 # That is one decision against the naive observer. The aware observer infers more.
+#
+# What the aware observer learns
+# ------------------------------
+#
+# `AlphaDecisionMaker` spends a share of the silence regret, that of deciding by what everybody knows, so that decisions tell the
+# fewest bits, or leave the largest error. Both are the best that any rule of this regret can do. The study `studies/alphas.toml`
+# does it in random markets and lets an observer follow simulated decisions; this is a part of it. The rule of the largest error
+# tells many bits: it shows some directions nearly exactly, and others not at all.
+
+file = {
+    "kind": "alphas",
+    "name": "alphas",
+    "assets": 6,
+    "persistence": [0.9],
+    "steps": 200,
+    "repeats": 2,
+}
+with TemporaryDirectory() as folder:
+    rows = run_study(Study.of(file), Path(folder) / "study").frame()
+means = rows.groupby(["objective", "budget"]).mean(numeric_only=True)
+print(means[["bits", "error_share", "simulated_error_share"]].round(2).to_string())
+with drawing(7.0, 2.8, ncols=2) as (figure, axes):
+    for axis, figures, said in zip(
+        axes,
+        (("bits", "least_bits"), ("error_share", "most_error_share")),
+        ("bits a decision", "share of error left"),
+        strict=True,
+    ):
+        for marker, (objective, part) in zip(
+            "os", means.groupby("objective"), strict=True
+        ):
+            axis.plot(
+                part.loc[objective].index,
+                part[figures[0]],
+                marker + "-",
+                label=f"rule of {objective}",
+            )
+        best = means.loc["information"]
+        axis.plot(best.index, best[figures[1]], "k--", label="best of any rule")
+        axis.set_xlabel("share of the silence regret")
+        axis.set_ylabel(said)
+    axes[0].set_yscale("log")
+    axes[1].legend()
+    figure.savefig("alpha_study.png")

@@ -247,8 +247,12 @@ def backtest(
     with speech.progress("Decisions") as move:
         result = run_backtest(table, settings, beliefs=held, riskless=rate, beside=beside, progress=move)
     speech.log("Drawing the figures")
-    files = [*write_backtest(result, folder), *write_report(result, folder)]
-    files.append(_save_model(result, settings.train_until, folder))
+    files = write_backtest(result, folder)
+    if settings.turnover is None:
+        files = [*files, *write_report(result, folder)]
+    else:
+        speech.log("No report.html: it plays other budgets, whose paths under a limit on turnover were not walked")
+    files.append(result.investor.save(folder / "model.json"))
     files = replaced(folder, "backtest", files, speech)
     _show_backtest(result, folder, files, speech)
     return _said("; ".join(result.doubts), ModelError.exit_code, kind="doubtful") if strict and result.doubts else 0
@@ -332,17 +336,6 @@ def _own_beliefs(
     pairs = ", ".join(f"{column} is {name}" for column, name in zip(columns, names, strict=True))
     speech.log(f"Beliefs of {path}: {pairs}")
     return read_beliefs(path, names=columns).set_axis(list(names), axis=1)
-
-
-def _save_model(result: Backtest, train_until: str, folder: Path) -> Path:
-    from inscrutable.experiments.investor_model import InvestorModel
-    from inscrutable.worlds import HiddenMarkovModel
-
-    note = "; ".join([f"regimes fitted to {len(result.assets)} assets up to {train_until}", *result.doubts])
-    kept = result.world  # a public sensor of other numbers is no part of the file
-    world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
-    model = InvestorModel(world, result.problem, result.assets, result.regimes, result.budget, note)
-    return model.save(folder / "model.json")
 
 
 @app.command

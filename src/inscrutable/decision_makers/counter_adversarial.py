@@ -27,6 +27,7 @@ from inscrutable.errors import InputError
 from inscrutable.privacy import DesiredObfuscation, MaximalObfuscation, PrivacyMeasure
 from inscrutable.privacy.measures import Reference
 from inscrutable.problems import DecisionProblem, quadratic_problem
+from inscrutable.problems.magnitudes import MagnitudeRegion
 from inscrutable.validation import Array
 
 
@@ -261,7 +262,9 @@ def shows_nothing(measure: PrivacyMeasure, belief: Array, privacy: float) -> boo
 def _most_private(goal: Goal, scores: Scores, index: int | None) -> tuple[Array | None, DecisionStatus]:
     start = None if index is None else Trial(scores.candidates.actions[index], float(scores.privacies[index]))
     # Linear costs need no local search: on a face the consistent set is constant, and its cheapest vertex is a candidate.
-    found = polish(goal, scores) if goal.problem.linear_form() is None else None
+    # Limits on magnitudes have no faces of rows to search on.
+    has_faces = goal.problem.linear_form() is None and not isinstance(goal.problem.constraints, MagnitudeRegion)
+    found = polish(goal, scores) if has_faces else None
     if found is not None and (start is None or found.privacy > start.privacy):
         return found.action, DecisionStatus.POLISHED
     return (None if start is None else start.action), DecisionStatus.BEST_CANDIDATE

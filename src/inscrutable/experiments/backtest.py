@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -23,7 +23,7 @@ from inscrutable.decision_makers import (
 from inscrutable.decision_makers.candidate_sources import candidates_for
 from inscrutable.decision_makers.results import Progress
 from inscrutable.errors import InputError
-from inscrutable.experiments.backtest_aware import Beside, read_knowingly
+from inscrutable.experiments.backtest_aware import AwareReading, Beside, read_knowingly
 from inscrutable.experiments.backtest_inputs import BacktestSettings, ReturnsSample, beliefs_by_date, checked_market
 from inscrutable.experiments.backtest_public import (
     BesideReturns,
@@ -35,7 +35,9 @@ from inscrutable.experiments.backtest_public import (
 )
 from inscrutable.experiments.backtest_results import SEQUENTIAL, Backtest, SharpeComparison, resting_beliefs
 from inscrutable.experiments.backtest_sequential import play_sequentially
+from inscrutable.experiments.backtest_turnover import Maker, limited_episode
 from inscrutable.experiments.episodes import Episode, run_episode
+from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.performance import Performance, SharpeDifference, sharpe_difference, track_portfolios
 from inscrutable.experiments.silence import budget_in
 from inscrutable.filtering import filter_beliefs
@@ -63,7 +65,6 @@ _NAMES = {2: ("calm", "turbulent"), 3: ("calm", "normal", "turbulent")}
 _BASIS_POINTS = 10_000.0
 _SEEDS = 6
 """The fifth is that of the page's lotteries."""
-_KnownMaker = OriginalDecisionMaker | CounterAdversarialDecisionMaker | ProbabilisticDecisionMaker
 
 
 def run_backtest(
@@ -132,15 +133,19 @@ def run_backtest(
     symbols = public.symbols(market.decided)
     measure, budget = chosen.measure, chosen.budget_of_each
     candidates = candidates_for(problem, measure, None)
-    decision_makers: dict[str, _KnownMaker] = {
-        "ODM": OriginalDecisionMaker(problem),
-        "CDM": CounterAdversarialDecisionMaker(problem, measure, budget, candidates=candidates),
-        "PDM": ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates),
-    }
-    episode = run_episode(problem, held.to_numpy(), decision_makers, rng=draw_rng, progress=progress)
-    shown, earned_at = Disclosure.of(chosen.disclosure), market.held.to_numpy()
-    seen = Beside(shown, earned_at, symbols)
-    aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng, beside=seen)
+    aware: AwareReading | None = None
+    if chosen.turnover is None:
+        decision_makers: dict[str, Maker] = {
+            "ODM": OriginalDecisionMaker(problem),
+            "CDM": CounterAdversarialDecisionMaker(problem, measure, budget, candidates=candidates),
+            "PDM": ProbabilisticDecisionMaker(problem, measure, budget, candidates=candidates),
+        }
+        episode = run_episode(problem, held.to_numpy(), decision_makers, rng=draw_rng, progress=progress)
+        shown, earned_at = Disclosure.of(chosen.disclosure), market.held.to_numpy()
+        seen = Beside(shown, earned_at, symbols)
+        aware = read_knowingly(episode, world, decision_makers, measure, rng=aware_rng, beside=seen)
+    else:
+        episode = _near_the_last(market, chosen, fit.world, problem, held, draw_rng, progress)
     part = None
     if aware is not None and chosen.sequential:
         part = play_sequentially(world, problem, episode.beliefs, spent, rng=sequential_rng, public=symbols)
@@ -155,6 +160,33 @@ def run_backtest(
     return Backtest(
         chosen, market, fit, world, problem, candidates, held, episode, performance, comparisons, aware, part, told
     )
+
+
+def _near_the_last(
+    market: ReturnsSample,
+    settings: BacktestSettings,
+    world: HiddenMarkovModel,
+    problem: MarkowitzProblem,
+    held: pd.DataFrame,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> Episode:
+    """Decisions that turnover limits against those published before."""
+    assets, regimes = tuple(market.returns.columns), tuple(held.columns)
+    investor = InvestorModel(world, problem, assets, regimes, turnover=settings.turnover)
+    budget = settings.budget_of_each
+    rows = held.to_numpy()
+
+    def chooser(rule: type[CounterAdversarialDecisionMaker | ProbabilisticDecisionMaker]) -> Any:
+        steps = iter(range(len(rows)))
+        return lambda near: rule(near, settings.measure.at_step(next(steps)), budget)
+
+    makers: dict[str, Any] = {
+        "ODM": OriginalDecisionMaker,
+        "CDM": chooser(CounterAdversarialDecisionMaker),
+        "PDM": chooser(ProbabilisticDecisionMaker),
+    }
+    return limited_episode(investor, rows, makers, rng=rng, progress=progress)
 
 
 class FittedInvestor(NamedTuple):

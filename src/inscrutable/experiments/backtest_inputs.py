@@ -47,7 +47,7 @@ class BacktestSettings:
             amount of data.
         sequential: Whether the sequential rule (SDM) is played as well, whose prices take up to a minute to find.
         own: A model of one's own: limits on weights, and regimes that are then not fitted; its risk aversion, budget and
-            costs are for the caller to take over.
+            costs are for the caller to take over. With a limit on turnover `sequential` must be False.
         disclosure: What one more rival is shown of the weights, how often and how late, such as "every(3)|delayed(2)", in rows
             of the returns; of `portfolio_return()` it knows the returns. Steps count from the first decision.
 
@@ -85,11 +85,17 @@ class BacktestSettings:
             raise InputError(f"measure must be a privacy measure such as MaximalObfuscation(), got {self.measure!r}")
         if self.own is not None and self.own.world is not None:
             object.__setattr__(self, "regimes", self.own.world.n_states)
-        if self.own is not None and self.own.file.constraints.turnover is not None:
+        if self.turnover is not None and (self.sequential or self.disclosure != str(Disclosure())):
             raise InputError(
-                "a backtest decides every month for itself, without a limit on turnover: leave turnover out, or protect month "
-                "after month with the limit"
+                "with a limit on turnover ODM, CDM and PDM decide near the weights they published last; the sequential rule "
+                "cannot, because its prices are of one problem that stays the same every month, and a disclosure is read by "
+                "observers who know such a rule: leave both out (--no-sequential, sequential=False), or the limit"
             )
+
+    @property
+    def turnover(self) -> float | None:
+        """Most that is bought plus sold against the last published weights; None for no limit."""
+        return None if self.own is None else self.own.file.constraints.turnover
 
     @property
     def budget_of_each(self) -> Budget:

@@ -20,6 +20,7 @@ from inscrutable.experiments.backtest_public import BesideWeights
 from inscrutable.experiments.backtest_sequential import SequentialPart
 from inscrutable.experiments.episodes import Episode, Record, relative_increase
 from inscrutable.experiments.holding import estimate_quality
+from inscrutable.experiments.investor_model import InvestorModel
 from inscrutable.experiments.performance import Performance, SharpeDifference
 from inscrutable.mechanisms.disclosures import EXACT
 from inscrutable.mechanisms.joint import top_states
@@ -54,7 +55,7 @@ class Backtest:
         episode: What each decision maker published and what the rival inferred from it.
         performance: What each decision maker earned.
         comparisons: Sharpe ratios against the ODM's.
-        aware: What the aware observers read; None where a target is given per step.
+        aware: What the aware observers read; None where a target is given per step, and where turnover is limited.
         sequential: The sequential rule, which published as `SEQUENTIAL`; None where it did not.
         public: Estimates of observers who follow a public number; None in results of before there were any.
 
@@ -105,6 +106,22 @@ class Backtest:
         """(T,) dates at whose end the portfolios' returns are known: the row after each decision."""
         index = pd.DatetimeIndex(self.market.returns.index)
         return index[-len(self.beliefs) :]
+
+    def problem_at(self, name: str, step: int) -> MarkowitzProblem:
+        """Return what a decision maker could choose from at a step: with a limit on turnover, near what it published before."""
+        if self.settings.turnover is None or not step:
+            return self.problem
+        return self.investor.problem_after(self._of(name).decisions.action[step - 1])
+
+    @cached_property
+    def investor(self) -> InvestorModel:
+        """What an observer may know of the investor, as `model.json` keeps it."""
+        kept = self.world  # numbers that are no returns are no part of the file
+        world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
+        until = self.settings.train_until
+        note = "; ".join([f"regimes fitted to {len(self.assets)} assets up to {until}", *self.doubts])
+        limit = self.settings.turnover
+        return InvestorModel(world, self.problem, self.assets, self.regimes, self.budget, note, limit)
 
     def weights(self, name: str) -> pd.DataFrame:
         """Return the portfolios that a decision maker published, (T,U) by date of decision; of a lottery, the draw."""

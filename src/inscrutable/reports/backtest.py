@@ -257,6 +257,13 @@ def _limit_notes(result: Backtest) -> list[str]:
 
 
 def _aware_notes(result: Backtest) -> list[str]:
+    if result.settings.turnover is not None:
+        word = result.market.frequency.word
+        return [
+            f"Turnover is at most {result.settings.turnover:.3g} a {word}, against the weights published last, which the naive "
+            "observer knows. What a rule plays depends on them, so no aware observer is modelled: the naive one's errors say "
+            "nothing of an observer who knows the rule."
+        ]
     if result.aware is None:
         return ["The target changes from step to step, so no aware observer is modelled."]
     prior, word = result.aware.prior, result.market.frequency.word

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -211,7 +212,9 @@ def draw_privacy_and_cost(result: Backtest, folder: Path) -> list[Path]:
 def draw_frontier(result: Backtest, folder: Path, step: int) -> list[Path]:
     """Draw privacy against regret for one decision at every budget, with its price, as `frontier`."""
     measure = result.settings.measure.at_step(step)
-    frontier = privacy_frontier(result.problem, result.beliefs.to_numpy()[step], measure, candidates=result.candidates)
+    problem = result.problem_at("CDM", step)
+    candidates = result.candidates if problem is result.problem else None
+    frontier = privacy_frontier(problem, result.beliefs.to_numpy()[step], measure, candidates=candidates)
     own = abs(frontier.optimal_cost)
     limit = result.budget.limit(frontier.optimal_cost)
     reach = (
@@ -267,7 +270,8 @@ def draw_month(result: Backtest, folder: Path, step: int) -> list[Path]:
             found = record.decisions.belief_set[step]
             _draw_set(axis, found, look, _label_of(_published(result, name), found, belief))
             if record.lotteries is not None:
-                _draw_atoms(axis, record.lotteries[step], look, belief)
+                lottery = replace(record.lotteries[step], problem=result.problem_at(name, step))
+                _draw_atoms(axis, lottery, look, belief)
             if not found.is_empty and found.distance(belief) > 0:
                 ends = np.vstack([belief, found.nearest(belief)])
                 axis.plot(*ends.T, color=look.colour, linestyle="--", linewidth=0.9)

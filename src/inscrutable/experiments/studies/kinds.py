@@ -13,6 +13,7 @@ from typing import Any
 from inscrutable.datasets.matpower import load_matpower
 from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.sections import PlanFile
+from inscrutable.experiments.studies.alpha_tasks import ALPHAS
 from inscrutable.experiments.studies.comparison_tasks import COMPARISON
 from inscrutable.experiments.studies.extensions import Extension
 from inscrutable.experiments.studies.grid import StudyGrid, variants
@@ -81,6 +82,7 @@ OTHER_KINDS: Mapping[str, Kind] = {
     "reproduction": REPRODUCTION,
     "comparison": COMPARISON,
     "masked basket": MASKED_BASKET,
+    "alphas": ALPHAS,
 }
 """What the key `kind` of a file may hold; a file without it is a grid."""
 

@@ -1,0 +1,76 @@
+"""A backtest with a limit on turnover, against the same limit written out as rows, and what an observer reads of it."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from inscrutable import InputError, MarkowitzProblem, Polyhedron, consistent_beliefs
+from inscrutable.experiments.attack import attack_weights
+from inscrutable.experiments.backtest import Backtest, BacktestSettings, run_backtest
+from inscrutable.experiments.investor_model import InvestorModel
+from inscrutable.experiments.own_model import LimitsPart, OwnModel
+from inscrutable.reports.backtest import text_of
+
+LIMIT = 0.08
+
+
+@pytest.fixture(scope="module")
+def found() -> Backtest:
+    rng = np.random.default_rng(3)
+    calm = rng.random(90) < 0.5
+    means = np.where(calm[:, None], [0.03, 0.0, 0.01], [-0.03, 0.02, 0.01])
+    months = pd.date_range("2001-01", periods=90, freq="ME")
+    spread = np.where(calm, 0.03, 0.06)[:, None]
+    returns = pd.DataFrame(means + spread * rng.normal(size=(90, 3)), index=months, columns=list("ABC"))
+    own = OwnModel.of_limits(LimitsPart(turnover=LIMIT))
+    held = rng.dirichlet([1.0, 1.0], 7)
+    beliefs = pd.DataFrame(held, index=months[82:89], columns=["calm", "turbulent"])
+    settings = BacktestSettings(regimes=2, train_until="2007-11", sequential=False, own=own)
+    return run_backtest(returns, settings, beliefs=beliefs, restarts=1)
+
+
+def test_every_decision_is_the_best_near_the_one_before(found: Backtest) -> None:
+    beliefs, problem = found.beliefs.to_numpy(), found.problem
+    for name in found.names:
+        weights = found.weights(name).to_numpy()
+        moved = np.abs(np.diff(weights, axis=0)).sum(axis=1)
+        assert moved.max() <= LIMIT + 1e-8
+        assert moved.max() > 0.9 * LIMIT, name
+        signs = np.array(list(product([1.0, -1.0], repeat=3)))
+        for t in range(1, len(weights)):
+            sides = signs @ weights[t - 1] + LIMIT
+            near = Polyhedron(np.vstack([-np.eye(3), signs]), [*np.zeros(3), *sides], np.ones((1, 3)), [1.0])
+            month = MarkowitzProblem(problem.means, problem.covariances, problem.risk_aversion, near)
+            best = month.optimal_cost(beliefs[t])
+            record = found.episode.records[name]
+            assert record.decisions.optimal_cost[t] == pytest.approx(best, abs=1e-9)
+            spent = month.expected_cost(beliefs[t], weights[t]) - best
+            assert record.decisions.regret[t] == pytest.approx(spent, abs=1e-9)
+            if name == "CDM":
+                assert spent <= found.budget.limit(float(best)) + 1e-9
+                seen = consistent_beliefs(month, weights[t]).bounds()
+                np.testing.assert_allclose(record.decisions.belief_set[t].bounds(), seen, atol=1e-6)
+    assert np.allclose(found.weights("ODM").iloc[0], problem.solve(beliefs[0]))  # the first is free
+
+
+def test_an_observer_reads_it_with_the_model_that_is_kept(found: Backtest, tmp_path: Path) -> None:
+    kept = InvestorModel.load(found.investor.save(tmp_path / "model.json"))
+    assert kept.turnover == LIMIT
+    read = attack_weights(kept, found.weights("CDM"))
+    for row, seen in zip(read.bounds, found.episode.records["CDM"].decisions.belief_set, strict=True):
+        np.testing.assert_allclose(row, seen.bounds(), atol=1e-9)
+    assert found.aware is None
+    assert "no aware observer is modelled" in text_of(found)
+
+
+def test_what_a_limit_on_turnover_does_not_go_with() -> None:
+    own = OwnModel.of_limits(LimitsPart(turnover=LIMIT))
+    with pytest.raises(InputError, match="--no-sequential, sequential=False"):
+        BacktestSettings(own=own)
+    with pytest.raises(InputError, match="leave both out"):
+        BacktestSettings(own=own, sequential=False, disclosure="every(3)")

@@ -22,7 +22,7 @@ problem = KellyProblem(gross_returns=np.diag(odds)[:, None, :], probabilities=np
 
 belief = np.array([0.55, 0.30, 0.15])
 stakes = problem.solve(belief)
-print("honest stakes:", dict(zip(horses, stakes.round(3).tolist(), strict=True)))
+print("optimal stakes:", dict(zip(horses, stakes.round(3).tolist(), strict=True)))
 
 candidates = decoy_grid(problem, 40)
 bluffs = {}

@@ -1,7 +1,7 @@
 """An operator with a wind forecast
 ================================
 
-A system operator whose public schedule of power plants tells a private wind forecast, on the IEEE 30-bus network.
+A system operator whose public schedule of power plants reveals a private wind forecast, on the IEEE 30-bus network.
 
 Writes dispatch_with_wind.png into the current folder.
 """
@@ -41,7 +41,7 @@ hidden = CounterAdversarialDecisionMaker(
     problem, budget=0.03, candidates=candidates, method=GlobalSearch(certify=0.01)
 ).decide(belief)
 print("three per cent dearer:", hidden.action.round(1))
-print("what that says:", dict(zip(regimes, hidden.belief_set.center().round(3).tolist(), strict=True)))
+print("belief read from that:", dict(zip(regimes, hidden.belief_set.center().round(3).tolist(), strict=True)))
 print(f"{hidden.privacy:.3f} away; nothing affordable is farther than {hidden.privacy_bound:.3f}")
 
 frontier = privacy_frontier(problem, belief, candidates=candidates)

@@ -1,7 +1,7 @@
 """A bettor and her stakes
 =======================
 
-A bettor whose stakes tell what she knows: the best stakes are her belief itself, so what does it cost to bluff?
+A bettor whose stakes reveal her belief: the best stakes are the belief itself, and other stakes cost their divergence from it.
 
 Writes kelly_bettor.png into the current folder.
 """

@@ -29,9 +29,9 @@ bluffs = {}
 for growth in (0.01, 0.05, 0.2):  # expected logarithmic growth she gives up, in nats per race
     bluff = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(growth), candidates=candidates).decide(belief)
     divergence = float(np.sum(belief * np.log(belief / bluff.action)))
-    print(f"gives up {bluff.regret:.3f} (Kullback-Leibler {divergence:.3f}): stakes {bluff.action.round(3)}, "
+    print(f"regret {bluff.regret:.3f} (Kullback-Leibler {divergence:.3f}): stakes {bluff.action.round(3)}, "
           f"her belief looks {bluff.privacy:.3f} away")  # fmt: skip
-    bluffs[f"gives up {growth:g}"] = bluff.belief_set
+    bluffs[f"regret {growth:g}"] = bluff.belief_set
 
 lottery = ProbabilisticDecisionMaker(problem, budget=Budget.regret(0.05), candidates=candidates).decide(belief)
 print(f"a lottery for 0.05 on average: {lottery.expected_privacy:.3f} away, on average")

@@ -43,10 +43,10 @@ hider = CounterAdversarialDecisionMaker(problem, budget=budget)
 cdm = hider.decide(belief)
 pdm = ProbabilisticDecisionMaker(problem, budget=budget, candidates=hider.candidates).decide(belief)
 tight = [name for name, on in zip(region.names, region.tight_rows(odm.action), strict=False) if on]
-print("limits the honest book runs into:", "; ".join(tight))
+print("limits that are active in the optimal book:", "; ".join(tight))
 print(odm.summary(), cdm.summary(), pdm.summary(), sep="\n\n")
 
-books = {"honest": odm.action, "five basis points": cdm.action}
+books = {"optimal": odm.action, "hiding, at five basis points": cdm.action}
 with drawing(width=5.0) as (figure, axes):
     for shift, (name, book) in zip((-0.2, 0.2), books.items(), strict=True):
         axes.bar(np.arange(6) + shift, book, 0.4, label=name)

@@ -1,7 +1,7 @@
 """An operator with a wind forecast
 ================================
 
-A system operator whose public schedule of power plants tells a private wind forecast, on the IEEE 30-bus network.
+A system operator whose public schedule of power plants reveals a private wind forecast, on the IEEE 30-bus network.
 
 Writes dispatch_with_wind.png into the current folder.
 """
@@ -33,23 +33,23 @@ problem = dispatch_problem(
 
 belief = np.array([0.6, 0.2, 0.2])
 candidates = decoy_grid(problem, 40)
-honest = OriginalDecisionMaker(problem).decide(belief)
-print("cost of an hour:", round(float(honest.cost), 1), "; schedule (MW):", honest.action.round(1))
-print("what it says:", dict(zip(regimes, honest.belief_set.center().round(3).tolist(), strict=True)))
+optimal = OriginalDecisionMaker(problem).decide(belief)
+print("cost of an hour:", round(float(optimal.cost), 1), "; schedule (MW):", optimal.action.round(1))
+print("belief read from it:", dict(zip(regimes, optimal.belief_set.center().round(3).tolist(), strict=True)))
 
 hidden = CounterAdversarialDecisionMaker(
     problem, budget=0.03, candidates=candidates, method=GlobalSearch(certify=0.01)
 ).decide(belief)
 print("three per cent dearer:", hidden.action.round(1))
-print("what that says:", dict(zip(regimes, hidden.belief_set.center().round(3).tolist(), strict=True)))
+print("belief read from that:", dict(zip(regimes, hidden.belief_set.center().round(3).tolist(), strict=True)))
 print(f"{hidden.privacy:.3f} away; nothing affordable is farther than {hidden.privacy_bound:.3f}")
 
 frontier = privacy_frontier(problem, belief, candidates=candidates)
 shares = np.linspace(0.0, 0.15, 151)
-regrets = shares * abs(honest.cost)
+regrets = shares * abs(optimal.cost)
 with drawing() as (figure, axes):
     axes.plot(100 * shares, frontier.deterministic(regrets), label="one schedule")
     axes.plot(100 * shares, frontier.randomized(regrets), "--", label="lottery, in expectation")
-    axes.set(xlabel="dearer by, %", ylabel="distance of the forecast it suggests")
+    axes.set(xlabel="regret, % of the optimal cost", ylabel="distance of the forecast that it suggests")
     axes.legend()
     figure.savefig("dispatch_with_wind.png")

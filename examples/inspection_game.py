@@ -30,7 +30,7 @@ print(f"under {dict(zip(faults, belief.tolist(), strict=True))} the best routine
 for name, routine in zip(routines, range(problem.n_choices), strict=True):
     seen = consistent_beliefs(problem, routine)
     tells = "no belief explains it" if seen.is_empty else f"at least {seen.distance(belief):.2f} away"
-    print(f"  {name:12} regret {float(problem.regret(belief, routine)):.2f}, what it says: {tells}")
+    print(f"  {name:12} regret {float(problem.regret(belief, routine)):.2f}, consistent beliefs: {tells}")
 
 one = CounterAdversarialDecisionMaker(problem, budget=0.6).decide(belief)
 lottery = ProbabilisticDecisionMaker(problem, budget=0.3).decide(belief)

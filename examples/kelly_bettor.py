@@ -1,7 +1,7 @@
 """A bettor and her stakes
 =======================
 
-A bettor whose stakes tell what she knows: the best stakes are her belief itself, so what does it cost to bluff?
+A bettor whose stakes reveal her belief: the best stakes are the belief itself, and other stakes cost their divergence from it.
 
 Writes kelly_bettor.png into the current folder.
 """
@@ -22,16 +22,16 @@ problem = KellyProblem(gross_returns=np.diag(odds)[:, None, :], probabilities=np
 
 belief = np.array([0.55, 0.30, 0.15])
 stakes = problem.solve(belief)
-print("honest stakes:", dict(zip(horses, stakes.round(3).tolist(), strict=True)))
+print("optimal stakes:", dict(zip(horses, stakes.round(3).tolist(), strict=True)))
 
 candidates = decoy_grid(problem, 40)
 bluffs = {}
 for growth in (0.01, 0.05, 0.2):  # expected logarithmic growth she gives up, in nats per race
     bluff = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(growth), candidates=candidates).decide(belief)
     divergence = float(np.sum(belief * np.log(belief / bluff.action)))
-    print(f"gives up {bluff.regret:.3f} (Kullback-Leibler {divergence:.3f}): stakes {bluff.action.round(3)}, "
+    print(f"regret {bluff.regret:.3f} (Kullback-Leibler {divergence:.3f}): stakes {bluff.action.round(3)}, "
           f"her belief looks {bluff.privacy:.3f} away")  # fmt: skip
-    bluffs[f"gives up {growth:g}"] = bluff.belief_set
+    bluffs[f"regret {growth:g}"] = bluff.belief_set
 
 lottery = ProbabilisticDecisionMaker(problem, budget=Budget.regret(0.05), candidates=candidates).decide(belief)
 print(f"a lottery for 0.05 on average: {lottery.expected_privacy:.3f} away, on average")

@@ -50,5 +50,5 @@ with drawing() as (figure, axes):
         axes.semilogx(sizes[name], values[name], marker=marker, label=name)
     axes.axhline(limit.privacy_bound, color="black", linewidth=0.8, linestyle="--", label="proven bound")
     axes.set(xlabel="candidates M", ylabel="expected privacy")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     figure.savefig("limit_of_candidates.png")

@@ -31,7 +31,7 @@ alphas = law.root @ rng.standard_normal(k) + np.sqrt(law.specific) * rng.standar
 # %%
 # What the weights say
 # --------------------
-# A common shift of all alphas is left open by the dollar-neutral row; the rest is told exactly.
+# A common shift of all alphas is left open by the dollar-neutral row; the rest is revealed exactly.
 book = problem.optimum(alphas)
 read = 2.0 * problem.risk_aversion * risk.times(book)
 print(
@@ -42,8 +42,8 @@ print(
 # %%
 # What hiding costs
 # -----------------
-# Directions that cost less to hide than a common level are hidden whole; of each dearer one just enough is told to bring it
-# down to the level. Here the factors pay most for their risk: they are told first.
+# Directions that cost less to hide than a common level are hidden whole; of each dearer one just enough is revealed to bring it
+# down to the level. Here the factors pay most for their risk: they are revealed first.
 points = 1e4
 for share in (0.1, 0.25, 0.5, 0.75):
     maker = AlphaDecisionMaker(problem, share, prior_covariance=law)
@@ -70,7 +70,7 @@ print(
 # Alphas that last
 # ----------------
 # Twenty factor views, drawn afresh every month or fading by a tenth a month. An observer of the fading ones who remembers
-# all books knows most of a view before the next one, so that a book tells him less that is new. (The desk estimates them
+# all books knows most of a view before the next one, so that a book adds less information. (The desk estimates them
 # from a noisy signal, and silence costs less: its own estimates vary less than the views.)
 views = AlphaProblem(risk, 20.0, loadings=exposures)
 fading = LinearGaussianWorld(0.9 * np.eye(k), 0.19 * 0.002**2 * np.eye(k), np.eye(k), 0.001**2 * np.eye(k))

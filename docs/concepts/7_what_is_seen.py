@@ -77,8 +77,8 @@ with drawing(7.0, 3.0) as (figure, axes):
 print(table.lines())
 
 # %%
-# **Less shown never tells more**, for a fixed mechanism and the present belief: what follows from what another observer sees
-# cannot beat it. So exact tells at least as much as at_least(0.01), which tells at least as much as at_least(0.05); every(2)
+# **Less shown never leaks more**, for a fixed mechanism and the present belief: what follows from what another observer sees
+# cannot beat it. So exact leaks at least as much as at_least(0.01), which leaks at least as much as at_least(0.05); every(2)
 # as much as every(4); delayed(d) as much as delayed(d + 1). Not ordered are rounded(1) and rounded(2), every(3) and every(2),
 # and bits about all beliefs so far.
 #

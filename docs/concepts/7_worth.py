@@ -13,7 +13,7 @@ belief is the Bayes risk of its own decision problem:
 
 `SquaredError()` is the variance of its estimate, the default everywhere; `NamingError()` the probability that it names the
 wrong state; `RivalProblem(problem)` the cost of its own decision problem on the same states, in its own unit. Reading is worth
-nothing where decisions tell nothing, and never more than the secret.
+nothing where decisions reveal nothing, and never more than the secret.
 """
 
 import numpy as np

@@ -34,15 +34,15 @@ print(f"closed form: {p * (p + 1) / 2 / (1 - p + p**2):.6f}")
 
 # %%
 # All agents are rational, and still one herd in four is wrong: two equal decisions outweigh one signal. The figures are exact
-# where few public beliefs can be reached, here five; the status says so. Each agent's leakage is what its decision tells of its
-# private belief to those who saw the ones before: everything at first, nothing in a cascade.
+# where few public beliefs can be reached, here five; the status says so. Each agent's leakage is the information in its decision about its
+# private belief, for those who saw the ones before: everything at first, nothing in a cascade.
 
 print(plain.frame().head(6).round(4))
 
 # %%
 # Hiding slows herds down, and moves them. With ε-randomised response k = ⌊α/α_ε⌋ + 1 equal decisions start a cascade, where α is
 # the log-odds of a signal and α_ε that of a decision. Whenever k rises by one, less privacy makes fewer right cascades. A
-# rule whose law depends on the belief all the way, such as the exponential mechanism, has no cascades: each decision tells a
+# rule whose law depends on the belief all the way, such as the exponential mechanism, has no cascades: each decision reveals a
 # little, and in the long run the public learns more than from decisions that hide nothing.
 
 epsilons = np.linspace(0.4, 2.5, 211)

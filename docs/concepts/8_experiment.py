@@ -45,13 +45,15 @@ with drawing(6.8, 2.7, ncols=2, sharey=True) as (figure, panels):
                 look.line,
                 color=look.colour,
                 marker=look.marker,
+                zorder=3 if look.marker == "x" else 2,  # a cross on a dot
                 label=name,
             )
         axes.axhline(
             part.prior_error.iloc[0], color="#000000", linestyle=":", linewidth=0.9
         )
         axes.set(xlabel="budget, share of the silence regret", ylim=(-0.03, None))
-        axes.set_title(f"{observer} observer", loc="left")
+        known = {"bayesian": "aware"}.get(observer, observer)
+        axes.set_title(f"{known} observer", loc="left")
     panels[0].set_ylabel("error of its estimate")
     panels[0].legend()
     figure.savefig("experiment.png")

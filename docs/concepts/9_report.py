@@ -53,7 +53,7 @@ makers = {
     "PDM": ProbabilisticDecisionMaker(problem, budget=0.1, candidates=candidates),
 }
 episode = run_episode(problem, beliefs, makers, rng=np.random.default_rng(1))
-with drawing(7.0, 2.8, ncols=2) as (figure, (left, right)):
+with drawing(7.0, 3.3, ncols=2) as (figure, (left, right)):
     plot_privacy(
         left,
         {

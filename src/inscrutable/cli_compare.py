@@ -82,6 +82,6 @@ def compare(
         return
     middle = result.middle_budget
     show_table(terminal_table(result, middle), f"Expected regret of {middle:.3g} ({result.header()})")
-    speech.sentence(result.summary())
     speech.sentence(f"What the columns mean, and all other budgets: {folder / 'comparison.md'}")
     speech.files(files)
+    speech.sentence(f"\n{result.summary()}")

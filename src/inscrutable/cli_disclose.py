@@ -86,8 +86,8 @@ def disclose(
         speech.summary(summary_data(table, title))
         return
     show_table(table.lines(), f"Error of the aware observer about the present belief ({title})")
-    speech.sentence(table.summary())
     speech.files(files)
+    speech.sentence(f"\n{table.summary()}")
 
 
 def _sequential(setting: Setting, regret: float, seed: int, disclosure: Disclosure) -> SequentialDecisionMaker:

@@ -392,6 +392,10 @@ ANSWER_BARRIER = 1e-6
 step is then optimal for another loss, and has one mixture after every decision, as it has one estimate. Against cone programmes
 it falls short by up to eight of it; ten times less, and certainty is not told from what is next to it."""
 
+MISSING_ANSWER = 1e-6
+"""Share of the prior loss that an answer of a rival must save after a decision to join those that a step is solved with: a
+tenth of `STEP_GAP`."""
+
 BARRIER_GAP = 20
 """By how many barriers the bound of a step's value, made with their help, can lie above it: −log of shares down to 1e-9."""
 

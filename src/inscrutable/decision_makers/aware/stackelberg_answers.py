@@ -150,9 +150,7 @@ class _Search:
         if isinstance(game.rival, FiniteProblem) and game.rival.n_choices <= _FEW_CHOICES:
             return np.eye(game.rival.n_choices)
         mean = game.weights @ game.beliefs
-        n_states = len(mean)
-        corners = np.vstack([mean / mean.sum(), np.eye(n_states), 0.5 * np.eye(n_states) + 0.5 * mean / mean.sum()])
-        return np.unique(game.answers(corners), axis=0)
+        return np.unique(game.answers(first_means(mean / mean.sum())), axis=0)
 
     def _gains(self, points: Array) -> Array:
         """Gains of answers in units of the spread, shape (B,n)."""
@@ -307,6 +305,12 @@ class _Search:
         kept = (lack <= np.maximum(most, 0.0)[:, None]) | (rows[:, self.columns] > 0)
         kept[each, np.where(allowed, self.costs[:, self.columns], np.inf).argmin(axis=1)] = True
         self.there[:, self.columns] = kept & allowed
+
+
+def first_means(mean: Array) -> Array:
+    """Return means (n,X) to begin a rival's answers with: that of the prior, where one state is sure, and halfway there."""
+    sure = np.eye(len(mean))
+    return np.vstack([mean, sure, 0.5 * (sure + mean)])
 
 
 def least_tempting_answer(gains: Array, paid: Array) -> tuple[Array, np.ndarray]:

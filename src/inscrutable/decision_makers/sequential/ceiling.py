@@ -17,7 +17,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.decision_makers.aware.stackelberg_answers import least_tempting_answer, matrix_game
 from inscrutable.decision_makers.sequential.stakes import Stakes
-from inscrutable.decision_makers.sequential.step import Prices, StepRule, StepTable
+from inscrutable.decision_makers.sequential.step import Prices, Step, StepRule, StepTable
 from inscrutable.errors import SolverError
 from inscrutable.validation import Array
 
@@ -77,17 +77,17 @@ def _bound(table: StepTable, price: float, limit: float) -> _Bound | None:
         step = StepRule(table, Prices(price, 0.0)).step(law)
     except SolverError:
         return None
-    estimates = _all_estimates(table, step.numbers, step.estimates, price)
-    worth = table.stakes.gains(estimates) - price * table.regrets
+    estimates = _all_estimates(table, step, price)
+    worth = step.stakes.gains(estimates) - price * table.regrets
     if table.allowed is not None:
         worth = np.where(table.allowed, worth, -np.inf)
     value = float(law @ (worth.max(axis=1) + table.stakes.spare)) + price * limit
     return _Bound(price, value, limit - step.regret)
 
 
-def _all_estimates(table: StepTable, numbers: np.ndarray, estimates: Array, price: float) -> Array:
+def _all_estimates(table: StepTable, step: Step, price: float) -> Array:
     """Estimates after all decisions: of those that are not played the ones that tempt least."""
-    stakes = table.stakes
+    stakes, numbers, estimates = step.stakes, step.numbers, step.estimates
     levels = (stakes.gains(estimates) - price * table.regrets[:, numbers]).max(axis=1)
     offers = stakes.base[:, None] - price * table.regrets - levels[:, None]
     if table.allowed is not None:

@@ -63,8 +63,8 @@ class SequentialDecisionMaker(Described):
         candidates: Decisions to choose from; None is about 500 decoys and the cheapest constant decision. Where they cannot
             meet the budget or the cap, the optimal decisions of the chain's beliefs join them.
         loss: The observer's loss: the square error of its estimate of the belief, `SquaredError()` or None; or that of a
-            rival with finitely many answers, `NamingError()` or `RivalProblem(FiniteProblem(costs))`. For others
-            `path_leakage(..., loss=)` gives the worth of the rule's decisions to them.
+            rival, `NamingError()` or `RivalProblem(problem)`. Where its answers are not finitely many, each step begins with
+            a few, and its best answers to what is played join until none saves a millionth of the prior loss.
         information_price: λ, in loss per nat; infinite where information alone counts; None: the best of several. A price
             below a thousandth of the prior loss is taken as that.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
@@ -78,11 +78,12 @@ class SequentialDecisionMaker(Described):
 
     Raises:
         InputError: An argument is malformed, or the chain has another number of states.
-        InputError: At first use: the rival's answers are not finitely many, or the best one is the same under every belief.
+        InputError: At first use: the rival's best answer is the same under every belief.
         SolverError: At first use: no price was found at which the budget is met, or a step was not solved to its gap.
 
     Cost: some milliseconds a step for 500 beliefs and 500 candidates. The calibration simulates some thousand steps: half a
-    minute to a minute, or ten seconds where information alone counts. Save it, and pass it as `calibration` the next time.
+    minute to a minute, or ten seconds where information alone counts; several times as long where a rival's answers are not
+    finitely many. Save it, and pass it as `calibration` the next time.
 
     Source: Tanaka, Esfahani, Mitter, LQG control with minimum directed information (2018), and Kamenica and Gentzkow, Bayesian
     persuasion (2011), for one step.

@@ -32,7 +32,9 @@ class SequenceProblem(Saved):
     cap: Array  # (2,): amount and whether it is relative; −1 for none
     limit: float
     disclosure: str = EXACT
-    rival: Array | None = None  # (A,X): what its answers cost it; None for the square error
+    rival: Array | None = (
+        None  # what its answers cost it, (A,X), or (…,) where they are not finite; None for the square error
+    )
 
     def check(self, other: SequenceProblem) -> None:
         """Raise `InputError` where another differs by more than rounding."""
@@ -78,7 +80,10 @@ def problem_of(table: StepTable, law: ChainLaw, limit: float) -> SequenceProblem
     if law.chain.public is not None:
         moves = sparse.csr_array(sparse.hstack(list(law.chain.public)))
     # Points of beliefs follow from what they cost a rival but for what its last answer costs, which moves nothing.
-    rival = table.stakes.directions if table.stakes.width else None
+    stakes = table.stakes
+    rival = stakes.directions if stakes.width else None
+    if stakes.rival is not None:  # what it loses where the belief is known, too
+        rival = np.hstack([stakes.directions.ravel(), stakes.spare])
     return SequenceProblem(prior.beliefs, prior.weights, moves, found.points, costs, cap, limit, shown, rival)
 
 

@@ -25,6 +25,12 @@ from inscrutable.validation import Array
 _SMALL_PRICE = 0.03
 """Share of the prior loss below which a price of information is approached from above: there the rows hardly mix, and a
 Newton step from far away says little."""
+_MOST_ANSWERED = 30
+"""Rounds in which a rival's answers join: three to eight are usual."""
+_NEARER = 0.5
+"""Factor of the gap by which a round must come nearer for answers to leave."""
+_Found = tuple[np.ndarray, Array, Array, float]
+"""Decisions that are played, their law, the estimates after them, and the largest reduced cost of any other."""
 
 
 class Prices(NamedTuple):
@@ -84,11 +90,11 @@ class StepTable:
         gaps = np.abs(self.classes.values[numbers] - shown).max(axis=1)
         return int(gaps.argmin()), float(gaps.min())
 
-    def points_of(self, beliefs: Array) -> Array:
+    def points_of(self, beliefs: Array, stakes: Stakes) -> Array:
         """Return the points of beliefs (T,X), on the grid or not; those of the nearest belief where time passes until then."""
         if self.disclosure.schedule.is_immediate:
-            return np.asarray((beliefs - self.stakes.centre) @ self.stakes.directions.T)
-        return np.asarray(self.stakes.points[self._tree.query(beliefs)[1]])
+            return np.asarray((beliefs - stakes.centre) @ stakes.directions.T)
+        return np.asarray(stakes.points[self._tree.query(beliefs)[1]])
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -136,8 +142,8 @@ def _cheapest(
 class Step:
     """The mechanism under a law p of the belief: K (B,n) over the values `numbers` (n,), and its leakage.
 
-    The law q (n,) of the decisions and the estimates (n,d) say what a belief off the grid plays. The value is within `gap` of
-    the optimum, in units of the loss, or in nats where information alone counts.
+    The law q (n,) of the decisions and the estimates (n,d), in coordinates of the stakes, say what a belief off the grid plays.
+    The value is within `gap` of the optimum, in units of the loss, or in nats where information alone counts.
     """
 
     numbers: np.ndarray
@@ -149,6 +155,7 @@ class Step:
     regret: float  # Σ p K ρ
     loss: float  # what the observer loses on average
     bits: float  # I(π;u)
+    stakes: Stakes
     is_hidden: bool = False  # whether the decision is never shown, so that every belief plays its own best
 
 
@@ -158,25 +165,26 @@ class StepRule:
     def __init__(self, table: StepTable, prices: Prices) -> None:
         self.table, self.prices = table, prices
         stakes, unit = table.stakes, table.unit
-        s, asked = prices
+        asked = prices.information
         self._informs_only = bool(np.isinf(asked))
         self.price = 1.0 if self._informs_only else max(asked, tolerances.LEAST_INFORMATION_PRICE * unit)
-        self._barrier = tolerances.ANSWER_BARRIER * unit / (stakes.points.shape[1] + 1)
-        first = 1.0 if self._informs_only else _SMALL_PRICE * unit
+        self._first_price = 1.0 if self._informs_only else _SMALL_PRICE * unit
         found = self._values(table.regrets, table.allowed)
-        if not self._informs_only:
-            found = found + stakes.base[:, None]
-        slopes = s * _slopes(table)
-        n_columns = table.n_values
-        self._kernel_parts = (
-            np.ascontiguousarray(stakes.points.T) if not self._informs_only else np.empty((0, len(stakes.points))),
-            np.ascontiguousarray(found.T),
-            np.ascontiguousarray(slopes) if not self._informs_only else np.empty((n_columns, 0)),
-            float(self.price),
-            float(first),
-            0 if self._informs_only else stakes.width,
-            float(self._barrier),
-        )
+        self._offers = np.ascontiguousarray((found if self._informs_only else found + stakes.base[:, None]).T)
+        self._first_data = self._data(stakes)
+
+    def _barrier(self, stakes: Stakes) -> float:
+        return float(tolerances.ANSWER_BARRIER * self.table.unit / (stakes.points.shape[1] + 1))
+
+    def _data(self, stakes: Stakes) -> tuple[Any, ...]:
+        """What the kernel needs to know of a step with some answers."""
+        if self._informs_only:
+            points, slopes = np.empty((0, len(stakes.points))), np.empty((self.table.n_values, 0))
+        else:
+            points, slopes = stakes.points.T, self.prices.regret * _slopes(self.table, stakes)
+        width = 0 if self._informs_only else stakes.width
+        numbers = float(self.price), float(self._first_price), width, float(self._barrier(stakes))
+        return np.ascontiguousarray(points), self._offers, np.ascontiguousarray(slopes), *numbers
 
     def _values(self, regrets: Array, allowed: np.ndarray | None) -> Array:
         """−s ρ; −∞ where a cap forbids the decision. Shape (B,M)."""
@@ -191,21 +199,20 @@ class StepRule:
         table = self.table
         heard = np.where(np.asarray(law) >= tolerances.UNHEARD_BELIEF, law, 0.0)
         heard /= heard.sum()
-        most = self._largest_gap
+        answers = table.stakes.rival is not None  # those of the near step are there from the first
         is_near = (
-            near is not None and table.allowed is None and not table.stakes.width
+            near is not None and table.allowed is None and (answers or not table.stakes.width)
         )  # a barrier begins in the middle
         for start in (near, None) if is_near else (None,):
-            found = self._solved(heard, kept, start)
-            numbers, shares, estimates, _ = found
-            rows = self._rows(table.stakes.points, *self._at(numbers), (shares, estimates))
-            gap = self._gap(heard, rows, found[1:])
-            if gap <= most:
+            stakes, found, rows, gap = self._answered(heard, kept, start)
+            if gap <= self._largest_gap:
                 break
         else:
             raise SolverError(
-                f"a step was solved to {gap:g} of its value, expected {most:g} at most: take a larger information_price"
+                f"a step was solved to {gap:g} of its value, expected {self._largest_gap:g} at most: take a larger "
+                "information_price"
             )
+        numbers, shares, estimates, _ = found
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
         if (
             lost.size
@@ -214,10 +221,60 @@ class StepRule:
             rows = np.hstack([rows, np.zeros((len(rows), len(own)))])
             rows[lost, len(numbers) + which] = 1.0
             numbers, shares = np.append(numbers, own), np.append(shares, np.zeros(len(own)))
-            estimates = np.vstack(
-                [estimates, table.stakes.best(table.stakes.points[lost[first]])[:, : estimates.shape[1]]]
-            )
-        return _measured(table, law, rows, (numbers, shares, estimates, gap))
+            estimates = np.vstack([estimates, stakes.best(stakes.points[lost[first]])[:, : estimates.shape[1]]])
+        return _measured(table, law, rows, (numbers, shares, estimates, gap), stakes)
+
+    def _answered(self, law: Array, kept: int, near: Step | None) -> tuple[Stakes, _Found, Array, float]:
+        """A step with the answers of a rival that it needs: these, what was found, the rows, and the gap.
+
+        A rival whose answers are not finitely many begins with its best ones to the law itself, and those to each decision
+        join, until none saves more than a share of the prior loss. The gap counts all of its answers.
+        """
+        stakes = self.table.stakes
+        if self._informs_only or stakes.rival is None:
+            found = self._solved(law, stakes, kept, near)
+            rows = self._rows(stakes, stakes.points, *self._at(found[0]), found[1:3])
+            return stakes, found, rows, self._gap(law, stakes, rows, found[1:])
+        least = tolerances.MISSING_ANSWER * self.table.unit
+        if near is not None:
+            stakes = near.stakes.mixed(near.estimates, stakes)
+        more: Stakes | None = stakes.begun(law, least)
+        best: tuple[Stakes, _Found, Array, float] | None = None
+        for _ in range(_MOST_ANSWERED):
+            if more is None:
+                break
+            stakes = more
+            found = self._solved(law, stakes, kept, None)
+            rows = self._rows(stakes, stakes.points, *self._at(found[0]), found[1:3])
+            gap = self._gap(law, stakes, rows, found[1:])
+            is_nearer = best is None or gap < _NEARER * best[-1]
+            if best is None or gap < best[-1]:
+                best = stakes, found, rows, gap
+            # Answers leave only where the step came nearer, so that none comes back for ever.
+            more = stakes.joined(law[:, None] * rows, least, found[2] if is_nearer else None)
+        assert best is not None
+        return self._kept(law, kept, best)
+
+    def _kept(
+        self, law: Array, kept: int, solved: tuple[Stakes, _Found, Array, float]
+    ) -> tuple[Stakes, _Found, Array, float]:
+        """The same, or the decision before for certain where it is worth as much."""
+        stakes, found, rows, gap = solved
+        allowed = np.ones(len(law), dtype=bool) if self.table.allowed is None else self.table.allowed[:, kept]
+        if kept < 0 or not allowed[law > 0].all():
+            return solved
+        places, certain = np.array([kept]), allowed[:, None].astype(np.float64)
+        short = self._value(law, stakes, rows, found[0]) - self._value(law, stakes, certain, places)
+        if short > tolerances.STEP_GAP * self.table.unit:
+            return solved
+        best = stakes.best((law @ stakes.points)[None])
+        return stakes, (places, np.ones(1), best, 0.0), certain, max(short + gap, 0.0)
+
+    def _value(self, law: Array, stakes: Stakes, rows: Array, numbers: np.ndarray) -> float:
+        """E L − s E ρ − λ I of rows (B,n)."""
+        joint = law[:, None] * rows
+        spent = (joint * self.table.regrets[:, numbers]).sum()
+        return float(stakes.lost(joint).sum() - self.prices.regret * spent - self.price * _nats(joint, rows))
 
     @property
     def _largest_gap(self) -> float:
@@ -226,37 +283,33 @@ class StepRule:
         barrier = tolerances.BARRIER_GAP * tolerances.ANSWER_BARRIER if self.table.stakes.width else 0.0
         return (tolerances.STEP_GAP + barrier) * self.table.unit
 
-    def _solved(self, law: Array, kept: int, near: Step | None) -> tuple[np.ndarray, Array, Array, float]:
+    def _solved(self, law: Array, stakes: Stakes, kept: int, near: Step | None) -> _Found:
         """Decisions, their law, the estimates after them, and the largest reduced cost of any other."""
         from inscrutable.kernels.sequential_estimates import StepData
         from inscrutable.kernels.sequential_step import solved_step
 
-        if near is None:
-            begun = np.empty(0, np.int64), np.empty(0), np.empty((0, len(self._kernel_parts[0])))
-        else:
+        data = self._first_data if stakes is self.table.stakes else self._data(stakes)
+        begun: Any = np.empty(0, np.int64), np.empty(0), np.empty((0, len(data[0])))
+        if near is not None:
             begun = near.numbers, near.law, near.estimates
-        numbers, shares, estimates, excess = solved_step(law, StepData(*self._kernel_parts), int(kept), *begun)
+        numbers, shares, estimates, excess = solved_step(law, StepData(*data), int(kept), *begun)
         # The barrier is the same under all beliefs, so that the law can take it over.
-        shares = shares * np.exp(self.table.stakes.barriers(estimates, self._barrier) / self.price)
+        shares = shares * np.exp(stakes.barriers(estimates, self._barrier(stakes)) / self.price)
         return numbers, shares, estimates, float(excess)
 
-    def _gap(self, law: Array, rows: Array, found: tuple[Array, Array, float]) -> float:
+    def _gap(self, law: Array, stakes: Stakes, rows: Array, found: tuple[Array, Array, float]) -> float:
         """How far the value is from the optimum at most.
 
-        Σ_m (p_m (worth(mean_m) − 2 mean_m·μ_m + h(μ_m)) − λ p_m log(p_m/q_m)) + λ max log c.
+        Σ_m (p_m (g(μ_m) − L_m) − λ p_m log(p_m/q_m)) + λ max log c, with the loss g(μ_m) of the estimate and the least, L_m.
         """
         shares, estimates, excess = found
-        stakes = self.table.stakes
         played = law @ rows
         ratios = np.log(np.divide(played, shares, out=np.ones_like(played), where=played > 0))
         gap = self.price * (max(excess, float(ratios.max())) - float(played @ ratios))
         if not self._informs_only:
-            sums = rows.T @ (law[:, None] * stakes.points)
-            means = sums / np.where(played > 0, played, 1.0)[:, None]
-            apart = stakes.worth(means - estimates)  # a square
-            if stakes.width:
-                apart = stakes.worth(means) - 2.0 * (means * estimates).sum(axis=1)
-            gap += float(played @ apart)
+            joint = law[:, None] * rows
+            paid = (joint * (stakes.gains(estimates) + stakes.spare[:, None])).sum()
+            gap += float(paid - stakes.lost(joint).sum())
         return max(gap, 0.0)
 
     def _at(self, numbers: np.ndarray) -> tuple[Array, np.ndarray | None]:
@@ -264,11 +317,18 @@ class StepRule:
         allowed = self.table.allowed
         return self.table.regrets[:, numbers], None if allowed is None else allowed[:, numbers]
 
-    def _rows(self, points: Array, regrets: Array, allowed: np.ndarray | None, played: tuple[Array, Array]) -> Array:
+    def _rows(
+        self,
+        stakes: Stakes,
+        points: Array,
+        regrets: Array,
+        allowed: np.ndarray | None,
+        played: tuple[Array, Array],
+    ) -> Array:
         law, estimates = played
         logs = self._values(regrets, allowed) / self.price
         if not self._informs_only:
-            logs = logs + (self.table.stakes.own(estimates) - 2.0 * points @ estimates.T) / self.price
+            logs = logs + (stakes.own(estimates) - 2.0 * points @ estimates.T) / self.price
         top = np.where(law > 0, logs, -np.inf).max(axis=1, keepdims=True)
         with np.errstate(invalid="ignore", over="ignore"):
             rows = np.where(law > 0, np.exp(logs - top), 0.0) * law
@@ -295,7 +355,8 @@ class StepRule:
             values=step.numbers, place=order[np.searchsorted(step.numbers[order], table.classes.place[some])]
         )
         regrets, allowed, number = _cheapest(columns, classes, table.cap, (beliefs, costs))
-        shares = self._rows(table.points_of(beliefs), regrets, allowed, (step.law, step.estimates))
+        points = table.points_of(beliefs, step.stakes)
+        shares = self._rows(step.stakes, points, regrets, allowed, (step.law, step.estimates))
         rows = np.zeros((len(beliefs), len(columns)))
         np.put_along_axis(rows, number, shares, axis=1)
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
@@ -327,28 +388,32 @@ def hidden_step(table: StepTable, law: Array) -> Step:
     own = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
     numbers, which = np.unique(own.argmin(axis=1), return_inverse=True)
     rows = np.eye(len(numbers))[which]
-    played, estimates = law @ rows, np.zeros((len(numbers), table.stakes.points.shape[1]))
-    return Step(numbers, rows, played, estimates, 0.0, played, 0.0, table.stakes.loss_of(law), 0.0, is_hidden=True)
+    stakes = table.stakes
+    played, estimates = law @ rows, np.zeros((len(numbers), stakes.points.shape[1]))
+    return Step(numbers, rows, played, estimates, 0.0, played, 0.0, stakes.loss_of(law), 0.0, stakes, is_hidden=True)
 
 
-def _slopes(table: StepTable) -> Array:
+def _slopes(table: StepTable, stakes: Stakes) -> Array:
     """Gradients (C,d) of the regrets of values in the points' coordinates; of a value that several decisions are shown as, and
     of other points, by least squares: they are first guesses of estimates."""
-    stakes = table.stakes
     if not stakes.width and not table.disclosure.maps and table.disclosure.schedule.is_immediate:
         return np.asarray(table.columns.found.costs @ stakes.directions.T)
     return np.asarray(np.linalg.lstsq(stakes.points, table.regrets - table.regrets.mean(axis=0), rcond=None)[0].T)
 
 
-def _measured(table: StepTable, law: Array, rows: Array, found: tuple[np.ndarray, Array, Array, float]) -> Step:
+def _measured(
+    table: StepTable, law: Array, rows: Array, found: tuple[np.ndarray, Array, Array, float], stakes: Stakes
+) -> Step:
     numbers, shares, estimates, gap = found
     joint = law[:, None] * rows
-    played = joint.sum(axis=0)
-    stakes = table.stakes
-    means = (joint.T @ stakes.points) / np.where(played > 0, played, 1.0)[:, None]
-    some = joint > 0
-    ratios = np.log2(np.divide(rows, played, out=np.ones_like(rows), where=some))
-    loss = float(law @ (stakes.base + stakes.spare) - played @ stakes.worth(means))
+    loss = max(float(stakes.lost(joint).sum()), stakes.floor(law))
     regret = float((joint * table.regrets[:, numbers]).sum())
-    bits = max(float((joint * ratios).sum()), 0.0)
-    return Step(numbers, rows, shares, estimates, gap, played, regret, max(loss, stakes.floor(law)), bits)
+    bits = _nats(joint, rows) / np.log(2.0)
+    return Step(numbers, rows, shares, estimates, gap, joint.sum(axis=0), regret, loss, bits, stakes)
+
+
+def _nats(joint: Array, rows: Array) -> float:
+    """I(π;u) of a joint law with rows K."""
+    played, some = joint.sum(axis=0), joint > 0
+    ratios = np.log(np.divide(rows, played, out=np.ones_like(rows), where=some))
+    return max(float((joint * ratios).sum()), 0.0)

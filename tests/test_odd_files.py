@@ -263,13 +263,6 @@ def test_quarters_of_a_manager_with_amendments(tmp_path):
         read_13f(tmp_path, cik=77, assets=ASSETS, names=names)
 
 
-def test_amounts_with_dots_for_thousands_and_a_decimal_comma(tmp_path):
-    (tmp_path / "b.csv").write_text('symbol;value\nOil;"1.250,50"\nFood;"3.751.500,00"\nTech;749,50\n')
-    found = read_holdings(tmp_path / "b.csv", assets=ASSETS)
-    expected = np.array([1250.5, 3751500.0, 749.5])
-    np.testing.assert_allclose(found.frame.to_numpy()[0], expected / expected.sum(), rtol=1e-12)
-
-
 # Wrong calls of the verbs: arguments (M is the model, W weights, B a broker's file), exit code, what is said.
 VERBS = {
     "a cap in words": ("protect --model M --belief 0.5,0.5 --max-weight much", 2, "expected a number such as 0.25"),

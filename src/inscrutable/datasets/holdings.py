@@ -26,8 +26,6 @@ _LONG = {*_TICKERS, *_VALUES, *_SHARES, *_PRICES, "date"}
 _AMOUNT = re.compile(
     r"(?P<minus>-?)\$?(?P<number>\d{1,3}(?:,\d{3})+(?:\.\d*)?|\d+\.?\d*|\.\d+)(?P<percent>\s*%?)", re.ASCII
 )
-_DOTS_BEFORE_A_COMMA = re.compile(r"-?\$?\d{1,3}(?:\.\d{3})+,\d+\s*%?", re.ASCII)
-_EXCHANGED = str.maketrans(".,", ",.")
 _NEAR = 0.6
 _MOST_LEFT_OUT = 0.5
 """Share of the value outside the model from which on the weights would represent the portfolio badly."""
@@ -211,8 +209,6 @@ def _cell(table: TextTable, row: int, column: int) -> _Cell:
     if is_missing(text):
         return _Cell(0.0, 0.0, False)
     plain = f"-{text[1:-1]}" if text.startswith("(") and text.endswith(")") else text.replace("\u2212", "-")
-    if _DOTS_BEFORE_A_COMMA.fullmatch(plain):
-        plain = plain.translate(_EXCHANGED)
     found = _AMOUNT.fullmatch(plain)
     if found is None:
         raise InputError(

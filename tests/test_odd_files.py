@@ -266,6 +266,7 @@ def test_quarters_of_a_manager_with_amendments(tmp_path):
 # Wrong calls of the verbs: arguments (M is the model, W weights, B a broker's file), exit code, what is said.
 VERBS = {
     "a cap in words": ("protect --model M --belief 0.5,0.5 --max-weight much", 2, "expected a number such as 0.25"),
+    "turnover in percent": ("protect --model M --belief 0.5,0.5 --turnover 30 --previous W", 2, "--turnover: "),
     "a cap above one": ("protect --model M --belief 0.5,0.5 --max-weight 50", 2, "--max-weight: "),
     "a sector cap alone": ("protect --model M --belief 0.5,0.5 --sector-cap 0.4", 3, "go together"),
     "sectors that are not there": (

@@ -33,6 +33,10 @@ class Shares(MarkowitzProblem):
     def __init__(self, risk_aversion=3.0, yields=None):
         super().__init__(yields, [0.1 * np.eye(2)] * len(yields), risk_aversion)
 
+class Fixed(Shares):
+    def __init__(self, yields=None):
+        super().__init__(2.0, yields)
+
 class LastHidden(PrivacyMeasure):
     """How far the guess at the last state is off."""
     def __call__(self, belief, belief_set):
@@ -182,6 +186,25 @@ def test_a_measure_of_ones_own_is_a_goal(module, tmp_path):
     assert hidden["CDM", "LastHidden"] == pytest.approx(setting.prior.weights @ best, rel=1e-9)
     kept = Study.load(tmp_path / "study").plan.decision_makers[0]
     assert kept.goal == ("maximal", "LastHidden", "firm")
+    (said,) = Study.load(tmp_path / "study").cautions()
+    assert said.startswith("LastHidden, firm: CDM and PDM choose among the candidates alone")
+
+
+@pytest.mark.parametrize("kind", ["given", "random"])
+def test_a_problem_of_ones_own_in_worlds_of_the_library(module, tmp_path, kind):
+    given = {"means": [[0.1], [0.2]], "covariances": [[[1.0]], [[1.0]]]} if kind == "given" else {"regimes": 2}
+    plan = {
+        "name": "own problem",
+        "world": {"kind": kind, **given},
+        "problem": {"kind": "Fixed", "yields": [[0.2, 0.0], [0.0, 0.2]]},
+        "beliefs": {"kind": "grid", "resolution": 3},
+        "candidates": {"resolution": 3},
+        "decision_makers": ["ODM"],
+        "measures": ["error"],
+    }
+    own = [f"{module}:Fixed"]
+    done = run_study(Study.of(plan, extensions=own), tmp_path, extensions=own)
+    assert done.status().failed == 0, list(done.errors())
 
 
 @pytest.mark.parametrize("goal", ["LastHiden", "played"])

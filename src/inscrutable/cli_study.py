@@ -184,7 +184,7 @@ def report(
         speech.summary({"name": found.plan.name, "file": path})
         return
     speech.sentence(found.summary())
-    for line in found.protection():
+    for line in [*found.protection(), *found.cautions()]:
         speech.sentence(line)
     if known:
         speech.sentence(f"Its page is {path}, written with the results; --out names a file for another")

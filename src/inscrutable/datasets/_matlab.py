@@ -146,7 +146,9 @@ def _table(name: str, body: str, line: int, least: int, source: Path) -> CaseTab
     width = len(rows[0]) if rows else least
     for row, number in zip(rows, lines, strict=True):
         if len(row) != width:
-            raise InputError(f"{source}, line {number}: a row of {name} has {len(row)} numbers, the first one {width}")
+            raise InputError(
+                f"{source}, line {number}: a row of {name} has {len(row)} numbers, the first one {width}; fill it with zeros"
+            )
     if width < least:
         raise InputError(f"{source}, line {line}: {name} has {width} columns, expected at least {least}")
     return CaseTable(np.array(rows, dtype=np.float64).reshape(len(rows), width), tuple(lines))

@@ -116,7 +116,7 @@ class Backtest:
     @cached_property
     def investor(self) -> InvestorModel:
         """What an observer may know of the investor, as `model.json` keeps it."""
-        kept = self.world  # numbers that are no returns are no part of the file
+        kept = self.world  # a public sensor of other numbers is no part of the file
         world = HiddenMarkovModel(kept.transition, kept.emission, kept.initial, names=kept.names)
         until = self.settings.train_until
         note = "; ".join([f"regimes fitted to {len(self.assets)} assets up to {until}", *self.doubts])

@@ -43,6 +43,9 @@ class InvestorPart(Section):
     cost_bps: NonNegative | None = Field(default=None, description="cost per unit traded, in basis points; 10")
 
 
+_MOST_TURNOVER = 10.0  # more is hardly a limit: 30 for 30 %
+
+
 class LimitsPart(Section):
     """What may be held. Without `long_short` nothing is short and all is invested."""
 
@@ -61,8 +64,8 @@ class LimitsPart(Section):
     long_short: Positive | None = Field(default=None, description="most that long and short holdings add up to")
     net: float | None = Field(default=None, description="with `long_short`: what long less short holdings add up to; 1")
     shortable: list[str] | None = Field(default=None, description="with `long_short`: assets that may be short; all")
-    turnover: NonNegative | None = Field(
-        default=None, description="most that is bought plus sold against the last published weights"
+    turnover: Annotated[float, Field(ge=0.0, le=_MOST_TURNOVER)] | None = Field(
+        default=None, description="most that is bought plus sold against the last published weights, 0.3 for 30 %"
     )
 
     def region(self, assets: tuple[str, ...], folder: Path = Path()) -> Polyhedron:

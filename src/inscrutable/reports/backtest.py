@@ -262,7 +262,7 @@ def _aware_notes(result: Backtest) -> list[str]:
         return [
             f"Turnover is at most {result.settings.turnover:.3g} a {word}, against the weights published last, which the naive "
             "observer knows. What a rule plays depends on them, so no aware observer is modelled: the naive one's errors say "
-            "nothing of an observer who knows the rule."
+            "nothing of the aware observer."
         ]
     if result.aware is None:
         return ["The target changes from step to step, so no aware observer is modelled."]

@@ -183,7 +183,8 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
         )
     with source.saying(("world",)):
         regimes = given_world(world)
-    if getattr(study.problem, "network", None) is not None:  # checked where the file is looked for
+    # A network is checked where the file is looked for, a problem of a user's own where it is imported.
+    if getattr(study.problem, "network", None) is not None or hasattr(study.problem, "extension"):
         return
     for choice in variants(study.problem):
         assert choice.data is not None

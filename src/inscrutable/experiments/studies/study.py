@@ -208,6 +208,17 @@ class Study(Summarised):
         found = means_of(self.grid, self.frame())
         return protection(found, found.first_setting(), found.middle_budget)
 
+    def cautions(self) -> list[str]:
+        """Return what is to be known beside a verdict: measures of a user's own are sought among candidates alone."""
+        makers = getattr(self.plan, "decision_makers", ())
+        own = {goal for each in makers for goal in getattr(each, "goal", ()) if goal in getattr(each, "own", {})}
+        if not own:
+            return []
+        return [
+            f"{', '.join(sorted(own))}: CDM and PDM choose among the candidates alone, because no search follows a measure of "
+            "your own; a finer resolution of [candidates] may find more."
+        ]
+
     def gridded(self) -> tuple[StudyGrid, pd.DataFrame]:
         """Return its grid and its rows; raise `InputError` for a study of another kind."""
         if not isinstance(self.grid, StudyGrid):

@@ -317,6 +317,7 @@ def _verdict(study: Study, means: StudyMeans) -> list[str]:
         f"In short: {', '.join([*at, ranked])}.",
         *costs,
         *holds,
+        *study.cautions(),
         *_elsewhere(means, found[places[0]], budget, places[0]),
     ]
 

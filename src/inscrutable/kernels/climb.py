@@ -34,9 +34,7 @@ _FIRST_TURNS, _LATER_TURNS, _NO_TURNS = integer(8), integer(3), integer(0)
 _TRIALS_A_ROUND = 6
 _NEARBY = 1e-3  # a row is left out of the steps until its value has come below this
 _SHIFTS, _FIRST_SHIFT, _TINY = 60, 1e-3, 1e-300  # of the Hessian, in units of its size
-_GROWTH = 2.0
-"""Factor of the shift that makes a model convex; with 4 or 10, some eight of 840 decisions and lotteries where states outnumber
-actions differ to either side."""
+_GROWTH = 4.0  # of the shift, from one to the next
 _CONVEX = 1e-9  # least share of a pivot that may remain
 SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share, and given up below that
 
@@ -145,9 +143,9 @@ def largest_in(matrix: Any, n: int) -> float:
 
 
 @inlined
-def _convexified(matrix: Any, n_shifted: int, size: float, factor: Any) -> None:
+def _convexified(matrix: Any, bends: tuple[int, float, float], factor: Any) -> None:
     """Factor matrix + shift, with the least of a few shifts of the first coordinates that makes it positive definite."""
-    n, shift = factor.shape[0], 0.0
+    (n_shifted, size, growth), n, shift = bends, factor.shape[0], 0.0
     for _ in range(_SHIFTS):
         positive = True
         for i in range(n):
@@ -158,7 +156,7 @@ def _convexified(matrix: Any, n_shifted: int, size: float, factor: Any) -> None:
             positive = positive and factor[i, i] > 0.0
         if positive and cholesky(factor, n, _CONVEX):
             return
-        shift = max(_GROWTH * shift, _FIRST_SHIFT * size, _TINY)
+        shift = max(growth * shift, _FIRST_SHIFT * size, _TINY)
 
 
 class StepRoom(NamedTuple):
@@ -183,14 +181,14 @@ def step_room(size: int, n_rows: int) -> StepRoom:
 def quadratic_step(model: Any, lines: Any, near: float, step: Any, weights: Any, room: Any) -> bool:
     """Minimise ½d'Wd + slope·d under rows N d ≥ b: with W = LL' the projection of −L⁻¹ slope in x = L'd.
 
-    model: (W (n,n), slope (n,), how many of the first coordinates are bent where W is not convex, and the size of W there);
-    lines: (N (m,n) at unit length, b (m,), how many of the first rows are equalities). `step` (n,) and the multipliers
-    `weights` (m,), of either sign for equalities, are filled; where False is returned they say nothing.
+    model: (W (n,n), slope (n,), (in how many of the first coordinates W is bent where it is not convex, the size of W there,
+    how bends grow)); lines: (N (m,n) at unit length, b (m,), how many of the first rows are equalities). `step` (n,) and
+    the multipliers `weights` (m,), of either sign for equalities, are filled; where False is returned they say nothing.
     """
-    (hessian, slope, n_shifted, size), (units, sides, n_equal) = model, lines
+    (hessian, slope, bends), (units, sides, n_equal) = model, lines
     factor, turned, moved, lengths, projection = room
     n = step.size
-    _convexified(hessian, n_shifted, size, factor)
+    _convexified(hessian, bends, factor)
     for i in range(n):
         total = -slope[i]
         for k in range(i):
@@ -364,7 +362,7 @@ def climb(face: Any, aim: Any, rules: Any, y: Any, w: Any, rounds: int) -> tuple
             _model(curves, rows, aim, rules.basis, y, place, (weights, lines.units), (slope, hessian, curving))
             below = (lines.units, lines.sides, NO_EQUALITIES)
             if not quadratic_step(
-                (hessian, slope, n, largest_in(hessian, n)), below, 0.01 * rules.near, step, weights, memory
+                (hessian, slope, (n, largest_in(hessian, n), _GROWTH)), below, 0.01 * rules.near, step, weights, memory
             ):
                 break
             promise = 0.0

@@ -38,7 +38,7 @@ def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
             value += face.rows[first + r, 0, a] * w[a]
         sides[r], _ = at_unit_length(units[r], value)
     if quadratic_step(
-        (bend, slope, k, 0.0), (units, sides, NO_EQUALITIES), 0.01 * near, step, weights, step_room(k, m)
+        (bend, slope, (k, 0.0, 1.0)), (units, sides, NO_EQUALITIES), 0.01 * near, step, weights, step_room(k, m)
     ):
         put_shifted(w, 1.0, step, w)
 

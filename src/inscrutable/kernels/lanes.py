@@ -4,8 +4,8 @@ Compiled, a row is one value in one or a few vector registers, with the operator
 (NUMBA_DISABLE_JIT=1), it is a NumPy array and the functions below are what they say. Every lane goes through the same
 operations in the same order, so the answer in one lane does not depend on what the others hold.
 
-Plain Numba with an inner loop over the lanes takes 1.8, 2.8, 3.2 and 3.5 times as long to factor 6, 12, 20 and 40 free
-coordinates, and one programme after the other 3.0, 3.8, 3.9 and 4.2 times.
+Written in plain Numba, one belief after the other, the solver takes 2.8, 2.2 and 1.1 times as long with 20, 100 and 500 assets,
+of which 12, 21 and 38 are held; with an inner loop over the lanes factors alone take 2.8 to 3.5 times.
 """
 
 from __future__ import annotations

@@ -17,8 +17,15 @@ from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.local_search import LocalSearch, search_locally
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import MOST_CALLS, Proofs, check_provable, checked_gap
-from inscrutable.decision_makers.result_table import ResultTable
-from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, Progress, counted, stack
+from inscrutable.decision_makers.results import (
+    Decision,
+    Decisions,
+    DecisionStatus,
+    Progress,
+    ResultTable,
+    counted,
+    stack,
+)
 from inscrutable.decision_makers.scores import Scores, score
 from inscrutable.decision_makers.search.rays import Goal
 from inscrutable.decision_makers.search.region_search import best_in_regions, farthest_corners

@@ -17,8 +17,15 @@ from inscrutable.budgets import Budget
 from inscrutable.decision_makers.hiding import Case
 from inscrutable.decision_makers.indicators import Block, Indicator, IndicatorTable, cheaper, table_of
 from inscrutable.decision_makers.original import decision_for
-from inscrutable.decision_makers.result_table import ResultTable
-from inscrutable.decision_makers.results import Decision, Decisions, DecisionStatus, MixedDecisions, Progress, counted
+from inscrutable.decision_makers.results import (
+    Decision,
+    Decisions,
+    DecisionStatus,
+    MixedDecisions,
+    Progress,
+    ResultTable,
+    counted,
+)
 from inscrutable.decision_makers.search.partition import face_programme
 from inscrutable.kernels.threads import in_chunks
 from inscrutable.linear_programmes import OPTIMAL, Rows, minimise

@@ -21,7 +21,6 @@ from inscrutable.decision_makers.indicator_search import hidden
 from inscrutable.decision_makers.indicators import is_streamed
 from inscrutable.decision_makers.original import decision_for
 from inscrutable.decision_makers.proofs.certified import Proofs, check_provable, checked_gap
-from inscrutable.decision_makers.result_table import ResultTable
 from inscrutable.decision_makers.results import (
     Decision,
     Decisions,
@@ -29,6 +28,7 @@ from inscrutable.decision_makers.results import (
     MixedDecision,
     MixedDecisions,
     Progress,
+    ResultTable,
     counted,
     stack_mixed,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -12,13 +12,97 @@ import numpy as np
 
 from inscrutable import validation
 from inscrutable.adversaries.inverse import belief_set_of
-from inscrutable.decision_makers.result_table import ResultTable
+from inscrutable.decision_makers.statuses import OF_LOTTERIES, check_loaded
 from inscrutable.decision_makers.statuses import DecisionStatus as DecisionStatus
 from inscrutable.errors import InputError
 from inscrutable.geometry import BeliefSet
 from inscrutable.problems import DecisionProblem
 from inscrutable.saved import Saved
 from inscrutable.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ResultTable:
+    """T lotteries of at most k decisions; what is padded has probability 0, and a single decision is a lottery of one."""
+
+    problem: DecisionProblem | None
+    actions: Array  # (T,k,U) decisions in the problem's coordinates, or those (M,U) among which they have `places`
+    probabilities: Array  # (T,k)
+    regrets: Array  # (T,k)
+    privacies: Array  # (T,k)
+    decoys: Array  # (T,k,X)
+    optimal_cost: Array  # (T,)
+    bound: Array  # (T,) no affordable privacy is larger, nor than what is expected here
+    status: tuple[DecisionStatus, ...]
+    price: Array = None  # type: ignore[assignment]  # (T,); None becomes NaN
+    oracle_calls: np.ndarray = None  # type: ignore[assignment]  # (T,) for the proofs of the bounds; None becomes 0
+    places: np.ndarray | None = None  # (T,k)
+
+    def __post_init__(self) -> None:
+        for name, nothing in (("price", np.nan), ("oracle_calls", 0)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full(len(self.status), nothing))
+
+    @property
+    def cost(self) -> Array:
+        """Optimal cost + regret, shape (T,)."""
+        return self.optimal_cost + self.regret
+
+    @property
+    def regret(self) -> Array:
+        """Σ_l p_l ρ_l, shape (T,)."""
+        return expected(self.probabilities, self.regrets)
+
+    @cached_property
+    def privacy(self) -> Array:
+        """Σ_l p_l Ψ_l, shape (T,); what is never drawn does not count, be it infinite."""
+        return expected(self.probabilities, self.privacies)
+
+    @cached_property
+    def privacy_bound(self) -> Array:
+        """No affordable decision or lottery has more privacy, shape (T,)."""
+        return np.maximum(self.bound, self.privacy)
+
+    @cached_property
+    def points(self) -> Array:
+        """All decisions, shape (T,k,U); those of finite problems as whole numbers (T,k)."""
+        return self.shown(slice(None))
+
+    def shown(self, rows: Any) -> Array:
+        """Return the decisions of a row (k,U) or of many (n,k,U) as a reader meets them."""
+        return _as_met(self.problem, self.actions[rows if self.places is None else self.places[rows]])
+
+    def one_of_each(self, chosen: np.ndarray) -> ResultTable:
+        """Return the table of one decision of each row, which has no proof of its own."""
+        rows = np.arange(len(self.status))
+        return replace(
+            self,
+            actions=self.actions[rows, chosen, None] if self.places is None else self.actions,
+            places=None if self.places is None else self.places[rows, chosen, None],
+            probabilities=np.ones((len(rows), 1)),
+            regrets=self.regrets[rows, chosen, None],
+            privacies=self.privacies[rows, chosen, None],
+            decoys=self.decoys[rows, chosen, None],
+            optimal_cost=self.optimal_cost.copy(),
+            bound=self.privacy_bound,
+            status=tuple(drawn_status(each) for each in self.status),
+            price=np.full(len(rows), np.nan),
+        )
+
+
+def drawn_status(status: DecisionStatus) -> DecisionStatus:
+    """Return the status of one decision drawn from a lottery."""
+    return DecisionStatus.DRAWN if status in OF_LOTTERIES else status
+
+
+def expected(probabilities: Array, values: Array) -> Array:
+    """Σ_l p_l v_l of lotteries (T,k), column by column: much faster than rows of two."""
+    total = np.zeros(len(values))
+    for share, value in zip(probabilities.T, values.T, strict=True):
+        drawn = share > 0.0
+        total += np.where(drawn, share * np.where(drawn, value, 0.0), 0.0)
+    return total
+
 
 Progress = Callable[[int, int], None]
 """Called with (steps done, steps in all) in long runs."""
@@ -87,7 +171,7 @@ class Decision(Saved):
     @classmethod
     def _made(cls, parts: dict[str, Any]) -> Self:
         found = super()._made(parts)
-        stack([found], None).table.check(parts)
+        check_loaded(stack([found], None).table, parts)
         return found
 
     def __repr__(self) -> str:
@@ -188,7 +272,7 @@ class MixedDecision(Saved):
     @classmethod
     def _made(cls, parts: dict[str, Any]) -> Self:
         found = super()._made(parts)
-        stack_mixed([found], None).table.check(parts)
+        check_loaded(stack_mixed([found], None).table, parts)
         return found
 
     def __repr__(self) -> str:
@@ -376,7 +460,7 @@ def _read(parts: dict[str, Any], probabilities: Array, *atoms: Array) -> ResultT
     *columns, actions = atoms
     names = ("optimal_cost", "privacy_bound", "status", "price", "oracle_calls")
     table = ResultTable(None, actions, probabilities, *columns, *(parts.get(name) for name in names))
-    table.check(parts)
+    check_loaded(table, parts)
     return table
 
 

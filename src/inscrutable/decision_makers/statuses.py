@@ -1,9 +1,15 @@
-"""How decisions come about."""
+"""How decisions come about, and what may not be said of them together."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import Enum
+from typing import Any
 
+import numpy as np
+
+from inscrutable import tolerances
+from inscrutable.errors import InputError
 from inscrutable.saved import saved_choice
 
 
@@ -39,3 +45,46 @@ class DecisionStatus(Enum):
 
 OF_LOTTERIES = (DecisionStatus.PROVED, DecisionStatus.GAP_REACHED, DecisionStatus.BOUNDED)
 """What is proved of a lottery is not proved of one decision drawn from it."""
+
+
+def check_loaded(table: Any, written: Mapping[str, Any]) -> None:
+    """Raise `InputError` where numbers, or the sums that were `written` beside them, contradict each other.
+
+    A privacy itself cannot be judged again: neither the problem nor the true belief is kept.
+    """
+    shapes = (
+        table.regrets.shape,
+        table.privacies.shape,
+        table.decoys.shape[:2],
+        (len(table.status), table.regrets.shape[1]),
+    )
+    if any(shape != table.probabilities.shape for shape in shapes):
+        raise InputError(f"probabilities have shape {table.probabilities.shape}, the other columns {shapes}")
+    drawn, status = table.probabilities > 0, np.array(table.status, dtype=object)
+    totals, cost, gap = table.probabilities.sum(axis=1), table.optimal_cost + table.regret, table.bound - table.privacy
+    allowed = tolerances.RECOMPUTED * (np.abs(table.optimal_cost) + np.where(drawn, table.regrets, 0.0).max(axis=1))
+    costs = np.atleast_1d(written.get("cost", written.get("expected_cost")))
+    privacies = np.atleast_1d(written.get("expected_privacy", table.privacy))
+    same = (privacies == table.privacy) | (np.abs(privacies - table.privacy) <= tolerances.RECOMPUTED)
+    for wrong, said, found in (
+        (~np.isfinite(cost), "a cost that is not finite", cost),
+        ((table.probabilities < 0).any(axis=1), "a negative probability", table.probabilities.min(axis=1)),
+        (~(np.abs(totals - 1.0) <= tolerances.PROBABILITY), "probabilities that do not sum to 1", totals),
+        ((table.regrets < 0).any(axis=1), "a negative regret", table.regrets.min(axis=1)),
+        (~(np.abs(costs - cost) <= allowed), "a cost that is not the optimal cost and the regret together", costs),
+        (~same, "an expected privacy that its decisions do not have", privacies),
+        (np.isnan(table.bound) | (gap < -tolerances.RECOMPUTED), "a bound below its privacy", table.bound),
+        (
+            (status == DecisionStatus.OPTIMAL) & (table.regret > allowed),
+            "a regret, and is called optimal",
+            table.regret,
+        ),
+        (
+            (status == DecisionStatus.PROVED) & ~(gap <= tolerances.PROVED),
+            "a bound above its privacy, and is called proved; of a lottery save the lottery, not what was drawn",
+            table.bound,
+        ),
+    ):
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(f"it contradicts itself: decision {row} has {said}: {found[row]:.10g}")

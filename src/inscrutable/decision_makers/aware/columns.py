@@ -10,8 +10,7 @@ from scipy.spatial import cKDTree
 from inscrutable import tolerances
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidates import Candidates, Distinct, distinct_of, make_candidates
-from inscrutable.decision_makers.result_table import ResultTable
-from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
+from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, ResultTable
 from inscrutable.mechanisms.same_actions import first_same
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem

@@ -9,8 +9,7 @@ import numpy as np
 from inscrutable import tolerances
 from inscrutable.adversaries.consistent_sets import LARGER, ConsistentSets
 from inscrutable.decision_makers.candidates import Candidates
-from inscrutable.decision_makers.result_table import ResultTable
-from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions
+from inscrutable.decision_makers.results import DecisionStatus, MixedDecisions, ResultTable
 from inscrutable.privacy import MaximalObfuscation
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array

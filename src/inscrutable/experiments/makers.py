@@ -364,9 +364,10 @@ class PartialTrades(WithMemory):
 
 
 class Sequential(WithMemory):
-    """The sequential rule, which decides by the law of the observer who follows it; `information_price` is in loss per nat,
-    "infinite" where information alone counts, `loss` what is made large: the square error, or the loss of the section
-    [rival]."""
+    """The sequential rule, which decides by the law of the observer who follows it, for its error or its information.
+
+    `information_price` is in loss per nat, "infinite" where information alone counts; `loss` is what is made large: the square
+    error, or the loss of the section [rival]."""
 
     name: Literal["sequential"]
     information_price: Grid[NonNegative | Literal["infinite"]] | None = None

@@ -45,9 +45,11 @@ def drawn_maker(
         )
         loss = RivalProblem(problem) if own else loss
         chain = resting_chain(prior, float(rng.uniform(0.3, 0.9)) if stays is None else stays)
-        late = disclosure.schedule.lag + disclosure.schedule.period if disclosure is not None else 1
-        gains = np.linalg.matrix_power(chain.transition.toarray(), late) @ prior.beliefs @ answers_of(loss, states)
-        secret = (prior.weights @ gains).min() - prior.weights @ gains.min(axis=1)
+        schedule = every(1).schedule if disclosure is None else disclosure.schedule
+        secret = 0.0
+        for late in range(schedule.lag, schedule.lag + schedule.period):
+            gains = np.linalg.matrix_power(chain.transition.toarray(), late) @ prior.beliefs @ answers_of(loss, states)
+            secret += ((prior.weights @ gains).min() - prior.weights @ gains.min(axis=1)) / schedule.period
         regrets = prior.beliefs @ problem.costs
         silence = float((prior.weights @ (regrets - regrets.min(axis=1, keepdims=True))).min())
         if secret > 0.01 and silence > 0.02:

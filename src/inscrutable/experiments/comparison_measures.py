@@ -150,9 +150,6 @@ def measured(
     seen = observed.leakage_shown(single)
     if not disclosure.is_exact:
         of_mechanism |= {each: getattr(seen, each) for each in _LEAKED} | dict.fromkeys(_IN_FULL, np.nan)
-    if behaviour.play is not None and observed.played.expected_regret > 0:
-        for each in ("expected_regret", "cost_share", "silence_share"):
-            of_mechanism[each] *= behaviour.play.regret / observed.played.expected_regret
     readings = {
         each: observed.read_by({"name": each, "disclosure": str(single)})
         for each in ("naive", "near-optimal", "budget-aware", "bayesian")

@@ -38,6 +38,7 @@ from inscrutable.experiments.setting import Behaviour, Seed, Setting, behaviour_
 from inscrutable.privacy import (
     DesiredObfuscation,
     Infeasibility,
+    Loss,
     MaximalObfuscation,
     NonExistence,
     NonUniqueness,
@@ -192,13 +193,13 @@ class Stackelberg(MakerSection):
     def make(setting: Setting, chosen: Chosen, amount: Any, seed: Seed) -> Any:
         """Return it with a budget per belief; against the loss of the setting's rival where that is asked for."""
         prior, candidates = setting.prior, setting.candidates
-        loss = None
-        if chosen.get("loss") == "rival":
-            if setting.loss is None:
-                raise InputError('a Stackelberg maker with loss = "rival" needs the section [rival], which is missing')
-            loss = setting.loss
         return StackelbergDecisionMaker(
-            setting.problem, amount, prior=prior, candidates=candidates, gap=chosen.get("gap"), loss=loss
+            setting.problem,
+            amount,
+            prior=prior,
+            candidates=candidates,
+            gap=chosen.get("gap"),
+            loss=_loss(setting, chosen),
         )
 
 
@@ -324,8 +325,10 @@ class Rounding(MakerSection):
         return max(tried, key=lambda each: (each[1] <= regret, -abs(each[1] - regret)))[0]
 
 
-class _WithMemory(MakerSection):
+class WithMemory(MakerSection):
     """A rule that decides by what came before, and needs to be known on a belief that moves."""
+
+    name: str
 
     @classmethod
     def suits(cls, setting: Setting) -> bool:
@@ -333,7 +336,7 @@ class _WithMemory(MakerSection):
         return setting.chain is not None
 
 
-class Delay(_WithMemory):
+class Delay(WithMemory):
     """The optimal decision of some steps ago, for the most whole steps that are affordable."""
 
     name: Literal["delay"]
@@ -344,7 +347,7 @@ class Delay(_WithMemory):
         return delayed(setting, regret)
 
 
-class PartialTrades(_WithMemory):
+class PartialTrades(WithMemory):
     """A fraction of the way to the optimal decision at every step."""
 
     name: Literal["partial trades"]
@@ -360,16 +363,22 @@ class PartialTrades(_WithMemory):
         return partly(setting, regret)
 
 
-class Sequential(_WithMemory):
-    """The sequential rule, which decides by the law of the observer who follows it, for its error or its information."""
+class Sequential(WithMemory):
+    """The sequential rule, which decides by the law of the observer who follows it, for its error or its information.
+
+    `information_price` is in loss per nat, "infinite" where information alone counts; `loss` is what is made large: the square
+    error, or the loss of the section [rival]."""
 
     name: Literal["sequential"]
-    information_price: Grid[NonNegative] | None = None
+    information_price: Grid[NonNegative | Literal["infinite"]] | None = None
+    loss: Grid[Literal["squared", "rival"]] | None = None
 
     @classmethod
     def spending(cls, setting: Setting, chosen: Chosen, regret: float, seed: Seed) -> Behaviour | None:
         """Return what it does with the prices that spend an expected regret in the long run."""
-        return sequential(setting, regret, seed, chosen.get("information_price"))
+        price = chosen.get("information_price")
+        price = float("inf") if price == "infinite" else price
+        return sequential(setting, regret, seed, price, _loss(setting, chosen))
 
 
 MAKERS: Mapping[str, type[MakerSection]] = {
@@ -427,7 +436,7 @@ def behave(
     elif kind.takes is Takes.EACH:
         unit = setting.mean_cost if limit.is_relative else 1.0
         found = scaled_to(setting, lambda amount: of_budget(Budget(amount / unit, limit.is_relative)), asked)
-    elif asked <= 0 and not issubclass(kind, _WithMemory):
+    elif asked <= 0 and not issubclass(kind, WithMemory):
         found = Behaviour(setting.optimal)
     else:
         found = kind.spending(setting, chosen, asked, seed)
@@ -454,6 +463,15 @@ def goal_of(name: str) -> PrivacyMeasure:
 def reversed_belief(belief: Any) -> Any:
     """Return the belief with the regimes in the opposite order: calm for turbulent."""
     return belief[::-1]
+
+
+def _loss(setting: Setting, chosen: Chosen) -> Loss | None:
+    """What a maker makes large, by its keys: None for the square error."""
+    if chosen.get("loss") != "rival":
+        return None
+    if setting.loss is None:
+        raise InputError(f'a {chosen["name"]} maker with loss = "rival" needs the section [rival], which is missing')
+    return setting.loss
 
 
 def _has_weights(setting: Setting) -> bool:

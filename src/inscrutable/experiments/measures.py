@@ -29,7 +29,15 @@ class Measure(NamedTuple):
 
 def _cost_share(observed: Observed) -> float:
     mean = observed.setting.mean_cost
-    return observed.played.expected_regret / mean if mean > 0 else float("nan")
+    return _expected_regret(observed) / mean if mean > 0 else float("nan")
+
+
+def _expected_regret(observed: Observed) -> float:
+    return observed.played.expected_regret * observed.paid
+
+
+def _silence_share(observed: Observed) -> float:
+    return observed.played.silence_share * observed.paid
 
 
 MEASURES: Mapping[str, Measure] = {
@@ -53,7 +61,7 @@ MEASURES: Mapping[str, Measure] = {
     "expected_regret": Measure(
         "expected regret",
         "expected regret: what hiding costs on average, in the cost's unit (a portfolio's: return per period).",
-        attrgetter("played.expected_regret"),
+        _expected_regret,
     ),
     "worst_regret": Measure(
         "worst regret",
@@ -68,7 +76,7 @@ MEASURES: Mapping[str, Measure] = {
     "silence_share": Measure(
         "share of the silence regret spent",
         "share of the silence regret: the expected regret over the least at which one constant decision suffices.",
-        attrgetter("played.silence_share"),
+        _silence_share,
     ),
     "mutual_information": Measure(
         "leakage, bits",

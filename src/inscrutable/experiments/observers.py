@@ -17,7 +17,7 @@ from inscrutable.adversaries import (
     NearOptimalAdversary,
 )
 from inscrutable.budgets import Budget
-from inscrutable.errors import InputError
+from inscrutable.errors import InputError, ModelError
 from inscrutable.experiments.comparison_watchers import unwatched, watched
 from inscrutable.experiments.guesses import guess_error, guesses_of, naive_privacy, top_state_share
 from inscrutable.experiments.sections import Grid, NonNegative, Section
@@ -113,6 +113,12 @@ class Observed:
         return naive_privacy(self.setting.problem, self.behaviour.mechanism.actions, self.joint)
 
     @property
+    def paid(self) -> float:
+        """Factor of the mechanism's regret that is paid in the long run: 1, unless that was simulated for longer."""
+        play, regret = self.behaviour.play, self.played.expected_regret
+        return 1.0 if play is None or not regret > 0 else play.regret / regret
+
+    @property
     def asked(self) -> float:
         """The expected regret asked for; the one spent, where none was."""
         asked = self.behaviour.asked
@@ -146,8 +152,15 @@ class Observed:
         return guesses_of(observer, actions if disclosure.is_exact else disclosure.shown(actions), self.joint, excuses)
 
     def shown(self, chosen: Chosen) -> Disclosure:
-        """Return what an observer, by its keys, is shown of the setting's decisions."""
-        return Disclosure.of(chosen.get("disclosure")).of_problem(self.setting.problem)
+        """Return what an observer, by its keys, is shown of the setting's decisions.
+
+        Raises:
+            ModelError: Parts of decisions by a rule whose decisions are read from those before.
+        """
+        found = Disclosure.of(chosen.get("disclosure")).of_problem(self.setting.problem)
+        if self.behaviour.memory is not None and not found.is_exact:
+            raise ModelError(f"late and partial trades are read from all decisions as they are, not from {found}")
+        return found
 
     def read_by(self, chosen: Chosen, kinds: Mapping[str, Any] | None = None) -> ObserverReading:
         """Return what an observer, by name and keys, makes of single decisions; `kinds` are all there are by name."""
@@ -264,6 +277,11 @@ class SequentialObserver(ObserverSection):
             if make is None:
                 raise InputError(f"public = {public!r} needs returns that the agent observes")
             beside = setting.once(("read", public), lambda: make(public))
+        if behaviour.play is not None and (beside is not None or str(shown) != str(setting.disclosure)):
+            raise ModelError(
+                f"the sequential rule is made for an observer of {setting.disclosure} decisions who reads nothing beside: "
+                "another's law of the belief is not followed"
+            )
         single = observed.leakage_shown(Disclosure(shown.maps)).bayes_error
         found = watched(setting, behaviour, single, np.random.default_rng(_FOLLOWED_SEED), shown, beside)
         if beside is None:

@@ -27,6 +27,7 @@ from inscrutable.experiments.setting import Behaviour, Repeated, Seed, Setting, 
 from inscrutable.mechanisms import Mechanism
 from inscrutable.mechanisms.chains import BeliefChain, resting_chain
 from inscrutable.mechanisms.joint import top_states
+from inscrutable.privacy import Loss, SquaredError
 from inscrutable.validation import Array
 
 WATCHED_FIRST = 20
@@ -83,21 +84,33 @@ class SequentialPlay:
     def watched(self) -> Watched:
         """The error of the aware observer who sees every decision."""
         found = self._long_run[0]
-        prices = self.maker.calibration  # its simulation of the same observer is much longer
-        error = float(np.sqrt(prices.loss))
+        error, error_se, ceiling = self._error(found.squared[WATCHED_FIRST:].mean(axis=0))
         bits = found.bits[WATCHED_FIRST:].mean(axis=0)
         half, _ = self._followed(self.maker, staying(self._chain, 0.5), OTHER_PATHS)
         double, _ = self._followed(self.maker, staying(self._chain, 2.0), OTHER_PATHS)
         return Watched(
             error,
-            prices.loss_se / (2.0 * error) if error > 0 else 0.0,
+            error_se,
             min(float(found.named[WATCHED_FIRST:].mean()), 1.0),
             float(bits.mean()),
             float(bits.std(ddof=1) / np.sqrt(len(bits))),
-            float(np.sqrt(self.maker.ceiling)),
+            ceiling,
             float(np.sqrt(half.squared[WATCHED_FIRST:].mean())),
             float(np.sqrt(double.squared[WATCHED_FIRST:].mean())),
         )
+
+    def _error(self, squared: Array) -> tuple[float, float, float]:
+        """The error of the aware observer, its standard error and its ceiling, from square errors on D paths.
+
+        Where the rule hides the belief itself, its calibration simulated the same observer for much longer.
+        """
+        if not isinstance(self.maker.loss, SquaredError):
+            error = float(np.sqrt(squared.mean()))
+            spread, ceiling = float(squared.std(ddof=1)) / np.sqrt(len(squared)), float("nan")
+        else:
+            prices = self.maker.calibration
+            error, spread, ceiling = float(np.sqrt(prices.loss)), prices.loss_se, float(np.sqrt(self.maker.ceiling))
+        return error, spread / (2.0 * error) if error > 0 else 0.0, ceiling
 
     def repeated(self, steps: tuple[int, ...], *, told: bool) -> Repeated:
         """Return the errors on one belief that the observer knows to stay; `told`: the rule knows it too.
@@ -114,7 +127,7 @@ class SequentialPlay:
         # The error after the first decision is known, and paths say how much it falls from there. A slope fitted to a dozen
         # paths in place of one would depend on the draw.
         since, before = found.squared[at], 0.0
-        if schedule.is_immediate:
+        if schedule.is_immediate and isinstance(maker.loss, SquaredError):
             since, before = since - found.squared[0], maker.begin().expected.loss
         squared, spread = since.mean(axis=1) + before, since.std(axis=1, ddof=1) / np.sqrt(STILL_PATHS)
         errors = np.sqrt(np.maximum(squared, 0.0))
@@ -140,6 +153,7 @@ class SequentialPlay:
             maker.budget,
             chain=chain,
             candidates=self.setting.candidates,
+            loss=maker.loss,
             information_price=maker.information_price,
             disclosure=maker.disclosure,
             calibration=maker.calibration,
@@ -191,7 +205,9 @@ class SequentialPlay:
         return _Figures(*found), _averaged(last, _as_decisions(values, weighed), seen)
 
 
-def sequential(setting: Setting, regret: float, seed: Seed, information_price: float | None) -> Behaviour | None:
+def sequential(
+    setting: Setting, regret: float, seed: Seed, information_price: float | None, loss: Loss | None = None
+) -> Behaviour | None:
     """Return what the sequential rule does that spends an expected regret in the long run; None where no chain is known."""
     if setting.chain is None:
         return None
@@ -202,6 +218,7 @@ def sequential(setting: Setting, regret: float, seed: Seed, information_price: f
         Budget.regret(regret),
         chain=setting.chain,
         candidates=setting.candidates,
+        loss=loss,
         information_price=information_price,
         disclosure=setting.disclosure,
         rng=seed(),

@@ -150,8 +150,10 @@ MakerSection = (
     | makers.Rounding
     | makers.RateDistortion
     | makers.Stackelberg
+    | makers.Delay
+    | makers.PartialTrades
+    | makers.Sequential
 )
-"""Those that decide on single beliefs; rules with a memory need a law of how beliefs move, which a grid has none of."""
 
 Maker = Annotated[Annotated[MakerSection, Field(discriminator="name")], BeforeValidator(named)]
 ObserverSection = (
@@ -216,5 +218,6 @@ class StudyFile(PlanFile):
 
 
 def follows(study: StudyFile) -> bool:
-    """Whether some observer follows the belief from step to step, so that it has to be known how that moves."""
-    return any(isinstance(each, observers.SequentialObserver) for each in study.adversaries)
+    """Whether some observer or rule goes by the belief from step to step, so that it has to be known how that moves."""
+    followers: tuple[object, ...] = (*study.adversaries, *study.decision_makers)
+    return any(isinstance(each, observers.SequentialObserver | makers.WithMemory) for each in followers)

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from inscrutable.errors import InputError, ModelError
+from inscrutable.experiments.makers import WithMemory
 from inscrutable.experiments.observers import ALL, NOTHING, SequentialObserver
 from inscrutable.experiments.sections import PlanFile, expected, shortened
 from inscrutable.experiments.studies.extensions import Extension
@@ -193,7 +194,13 @@ def _check_together(study: StudyFile, source: StudySource) -> None:
 
 
 def _check_followed(study: StudyFile, source: StudySource) -> None:
-    """Refuse observers that follow beliefs which do not move, or returns that are not observed."""
+    """Refuse rules and observers that go by beliefs which do not move, or by returns that are not observed."""
+    for number, maker in enumerate(study.decision_makers):
+        if isinstance(maker, WithMemory) and not isinstance(study.beliefs, StationaryBeliefs):
+            raise InputError(
+                f'{source.at(("decision_makers", number))}: the rule "{maker.name}" needs beliefs that move; expected '
+                f'[beliefs] of kind "stationary", got "{study.beliefs.kind}"'
+            )
     for number, each in enumerate(study.adversaries):
         if not isinstance(each, SequentialObserver):
             continue

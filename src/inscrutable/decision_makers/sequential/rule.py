@@ -82,8 +82,9 @@ class SequentialDecisionMaker(Described):
         SolverError: At first use: no price was found at which the budget is met, or a step was not solved to its gap.
 
     Cost: some milliseconds a step for 500 beliefs and 500 candidates. The calibration simulates some thousand steps: half a
-    minute to a minute, or ten seconds where information alone counts; several times as long where a rival's answers are not
-    finitely many. Save it, and pass it as `calibration` the next time.
+    minute to a minute, or ten seconds where information alone counts. Where a rival's answers are not finitely many, and
+    information does not alone count, a step takes some 10 ms for ten beliefs and five decisions, and five to eight seconds
+    for 91 beliefs and 66 decisions: for small worlds. Save it, and pass it as `calibration` the next time.
 
     Source: Tanaka, Esfahani, Mitter, LQG control with minimum directed information (2018), and Kamenica and Gentzkow, Bayesian
     persuasion (2011), for one step.

@@ -392,6 +392,9 @@ ANSWER_BARRIER = 1e-6
 step is then optimal for another loss, and has one mixture after every decision, as it has one estimate. Against cone programmes
 it falls short by up to eight of it; ten times less, and certainty is not told from what is next to it."""
 
+HARDLY_MIXED = 1e-3
+"""Share of a rival's answer in a mixture of its answers below which the mixture does as well without it."""
+
 MISSING_ANSWER = 1e-6
 """Share of the prior loss that an answer of a rival must save after a decision to join those that a step is solved with: a
 tenth of `STEP_GAP`."""

@@ -17,9 +17,6 @@ from inscrutable.privacy.losses import DecisionLoss, on_simplex
 from inscrutable.problems import DecisionProblem
 from inscrutable.validation import Array
 
-_HARDLY_MIXED = 1e-3
-"""Share of an answer in a mixture below which the mixture does as well without it."""
-
 
 @dataclass(frozen=True, eq=False)
 class RivalAnswers:
@@ -83,7 +80,7 @@ class RivalAnswers:
     def mixed(self, shares: Array, first: Self) -> Self:
         """Return others' first answers, and these that joined and are mixed with shares (…,A−1)."""
         place = np.arange(self.costs.shape[1] - 1)
-        some = (place >= first.n_first) & (shares.max(axis=tuple(range(shares.ndim - 1))) > _HARDLY_MIXED)
+        some = (place >= first.n_first) & (shares.max(axis=tuple(range(shares.ndim - 1))) > tolerances.HARDLY_MIXED)
         kept = np.append(np.arange(first.n_first), -1)
         return replace(first, costs=_different(first.costs[:, kept], self.costs[:, :-1].T[some]))
 

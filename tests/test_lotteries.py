@@ -283,8 +283,7 @@ maker.decide_many(beliefs[:500])
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 mixed = maker.decide_many(beliefs)
 after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-arrays = [*vars(mixed.table).values(), *mixed.table.actions.args]
-held = {{id(a): a.nbytes for a in arrays if isinstance(a, np.ndarray)}}
+held = {{id(a): a.nbytes for a in vars(mixed.table).values() if isinstance(a, np.ndarray)}}
 assert len(mixed) == 3_000
 print(after - before, sum(held.values()) / 1024)
 """

@@ -231,7 +231,9 @@ def test_a_calibrated_rule_spends_its_budget_and_stays_below_the_ceiling(fresh_r
     path = maker.decide_path(maker.beliefs[places], rng=fresh_rng)
     least = maker.chain.prior.weights @ maker.loss.least(maker.beliefs)
     assert path.losses.min() >= maker.loss.least(maker.beliefs).min() - 1e-9
-    assert path.losses.mean() - least == pytest.approx(found.loss - least, abs=0.2 * maker.table.unit)
+    # A belief that rests half of the time: steps weigh as a third of independent ones.
+    error = path.losses.std() * np.sqrt(3.0 / len(places))
+    assert path.losses.mean() - least == pytest.approx(found.loss - least, abs=0.2 * maker.table.unit + 5.0 * error)
     np.testing.assert_allclose(  # the rival's best answers to what it holds, written out
         path.losses, (path.observer_means @ answers_of(maker.loss, maker.problem.n_states)).min(axis=1), atol=1e-9
     )

@@ -20,9 +20,9 @@ from inscrutable.kernels.compiling import MESSAGE, CompilationNotice
 
 SOLVE = """
 import numpy as np
-from inscrutable import CategoricalEmission, HiddenMarkovModel, filter_beliefs
-world = HiddenMarkovModel([[0.9, 0.1], [0.2, 0.8]], CategoricalEmission([[0.8, 0.2], [0.3, 0.7]]))
-print(filter_beliefs(world, np.array([0, 1, 1])).beliefs.sum().round(9))
+from inscrutable import MarkowitzProblem
+problem = MarkowitzProblem(0.1 * np.eye(3), [np.eye(3)] * 3, 1.0)
+print(problem.solve(np.tile(np.eye(3), (40, 1)))[:3].sum().round(9))
 """
 
 

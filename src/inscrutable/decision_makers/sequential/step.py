@@ -214,9 +214,8 @@ class StepRule:
             )
         numbers, shares, estimates, _ = found
         lost = np.flatnonzero(~(rows.sum(axis=1) > 0))
-        if (
-            lost.size
-        ):  # beliefs of next to no weight to which no played decision is allowed play their own best decision
+        if lost.size:
+            # Beliefs of next to no weight to which no played decision is allowed play their own best decision.
             own, first, which = np.unique(table.regrets[lost].argmin(axis=1), return_index=True, return_inverse=True)
             rows = np.hstack([rows, np.zeros((len(rows), len(own)))])
             rows[lost, len(numbers) + which] = 1.0

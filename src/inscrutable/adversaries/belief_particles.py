@@ -222,9 +222,8 @@ class BeliefParticles:
             observations = world.emission.sample(states, rng=rng)
         likelihoods, reported = scaled_likelihoods(world.emission, observations), self._agent.likelihoods(observations)
         joint = predicted[parents] * likelihoods
-        if (
-            not is_part and read.likelihoods is not None
-        ):  # the prediction has the observer's p(z|x), the filter needs the agent's
+        # The prediction has the observer's p(z|x), the filter needs the agent's.
+        if not is_part and read.likelihoods is not None:
             likelihoods, reported = likelihoods * read.likelihoods, reported * read.own
         elif not is_part and read.is_drawn:
             assert isinstance(world.public, Emission)

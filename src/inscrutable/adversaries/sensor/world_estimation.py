@@ -146,9 +146,8 @@ def _refined(
         if last is not None and (symbols == last).all():
             break
         last = symbols
-        if (
-            told is None and fit.noise <= tolerances.ROUGH_DISTANCE
-        ):  # all steps of a symbol tell more than the set that began
+        # All steps of a symbol say more than the set that began.
+        if told is None and fit.noise <= tolerances.ROUGH_DISTANCE:
             whole, _ = of_symbols(before, held, symbols)
             chain = chain if whole is None else np.maximum(whole, 0.0)
         chain, _ = jointly(before, held, symbols, chain, fit.groups.columns)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from inscrutable import (
+    Budget,
     CounterAdversarialDecisionMaker,
     FiniteProblem,
     LinearProblem,
@@ -14,11 +15,13 @@ from inscrutable import (
     ProbabilisticDecisionMaker,
     box,
     consistent_beliefs,
+    decoy_grid,
     dispatch_problem,
     simplex,
 )
 from oracles.large_markets import large_market
 from oracles.markets import random_market
+from test_audit import drawn_case
 
 DECOYS = 4000
 HALVINGS = 30
@@ -160,3 +163,16 @@ def test_a_climb_along_an_edge_spends_the_whole_budget():
     np.testing.assert_allclose(many.privacy, [maker.decide(belief).privacy for belief in beliefs], rtol=1e-7)
     spent = many.regret / np.abs(many.optimal_cost)
     assert 0.1 * (1 - 1e-6) <= spent[1] <= 0.1
+
+
+@pytest.mark.parametrize("drawn", [95, *range(400, 404)])
+def test_no_decision_is_below_the_best_of_its_candidates(drawn: int) -> None:
+    market, belief, budget = drawn_case(drawn)
+    problem = MarkowitzProblem(*market)
+    candidates = decoy_grid(problem, 30)
+    costs = candidates.state_costs @ belief - float(problem.optimal_cost(belief))
+    fits = candidates.usable & (costs <= budget)
+    sets = [consistent_beliefs(problem, each) for each in np.unique(candidates.actions[fits], axis=0)]
+    best = max((each.distance(belief) for each in sets if not each.is_empty), default=0.0)
+    maker = CounterAdversarialDecisionMaker(problem, budget=Budget.regret(budget), candidates=candidates)
+    assert maker.decide(belief).privacy >= best * (1.0 - 1e-6)

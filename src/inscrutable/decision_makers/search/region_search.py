@@ -14,6 +14,7 @@ import numpy as np
 
 from inscrutable import tolerances
 from inscrutable.adversaries import consistent_sets
+from inscrutable.adversaries.consistent_sets import LARGER
 from inscrutable.budgets import Budget
 from inscrutable.decision_makers.candidate_sources import decided_by
 from inscrutable.decision_makers.candidates import Candidates
@@ -105,6 +106,10 @@ class SearchSpace:
             region.reshape(-1).astype(np.int64),
             np.ascontiguousarray(decoys[chosen] @ self.axes),
         )
+        in_sets = np.isin(self.table.region, self.table.region[sets.dimension[chosen] > 0])
+        self.exact = np.flatnonzero(in_sets & (sets.dimension[chosen] < LARGER))
+        """Candidates with a point or a segment as their set, in regions with sets larger than points."""
+        self.exact_ends = sets.start[chosen[self.exact]], sets.end[chosen[self.exact]]
 
     @cached_property
     def pairs(self) -> Decided:
@@ -229,7 +234,7 @@ def best_in_regions(space: SearchSpace, aims: Aims, progress: Progress | None = 
         some = cut(aims, slice(first, min(first + _BLOCK, count)))
         seen = None if progress is None else partial(_report, progress, first, count)
         with space.partition.searched(space.patterns):
-            reached = search(space, some, starts_of(space, some, _STARTS), seen)
+            reached = search(space, some, starts_of(space, some, _STARTS, _farthest_sets(space, some)), seen)
             parts.append(read(space, some, reached, np.arange(len(some.beliefs)), values_of(reached).argmax(axis=1)))
     found = Best(*map(np.concatenate, zip(*parts, strict=True)))
     own = _optimal(space.problem, aims)
@@ -375,6 +380,28 @@ class SomeStarts(NamedTuple):
 def starts_in(steps: np.ndarray, numbers: np.ndarray, decoys: Array, actions: Array, added: float = 0.0) -> SomeStarts:
     """Return starts of beliefs `steps` (n,) in regions `numbers` (n,), at decoys (n,X) and their decisions (n,U)."""
     return SomeStarts(steps, numbers, decoys, actions, np.full(len(steps), added))
+
+
+def _farthest_sets(space: SearchSpace, aims: Aims) -> list[SomeStarts]:
+    """The affordable candidate whose set is farthest, for each belief; else one with a farther decoy stands for its region.
+
+    Without it 1 of 400 decisions over two and three states is 2.8 % below the best candidate.
+    """
+    if aims.sign < 0.0 or not space.exact.size:
+        return []
+    (first, last), costs = space.exact_ends, space.table.costs[space.exact]
+    along = last - first
+    square = np.maximum((along**2).sum(axis=1), tolerances.TINY)
+    best = np.empty(len(aims.beliefs), dtype=np.int64)
+    for t, belief in enumerate(aims.beliefs):
+        off = aims.points[t] - first
+        share = np.clip((off * along).sum(axis=1) / square, 0.0, 1.0)
+        distances = np.linalg.norm(off - share[:, None] * along, axis=1)
+        best[t] = np.where(costs @ belief - aims.optimal_costs[t] <= aims.limits[t], distances, -1.0).argmax()
+    steps, index = np.arange(len(best)), space.exact[best]
+    part = starts_in(steps, space.table.region[index], space.table.decoys[index], space.actions[index], np.inf)
+    fits = (space.table.costs[index] * aims.beliefs).sum(axis=1) - aims.optimal_costs <= aims.limits
+    return [SomeStarts(*(column[fits] for column in part))]
 
 
 def _pair_starts(space: SearchSpace, aims: Aims) -> SomeStarts:

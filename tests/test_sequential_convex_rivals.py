@@ -184,5 +184,7 @@ def test_a_calibrated_rule_spends_its_budget_and_stays_below_the_ceiling(fresh_r
     assert found.loss <= maker.ceiling + 4 * found.loss_se + 1e-3 * maker.table.unit
     places = maker.chain.paths(200, 1, rng=fresh_rng)[:, 0]
     path = maker.decide_path(maker.beliefs[places], rng=fresh_rng)
-    assert path.losses.mean() == pytest.approx(found.loss, abs=0.2 * maker.table.unit)
+    # A belief that rests half of the time: steps weigh as a third of independent ones.
+    error = path.losses.std() * np.sqrt(3.0 / len(places))
+    assert path.losses.mean() == pytest.approx(found.loss, abs=0.2 * maker.table.unit + 5.0 * error)
     np.testing.assert_allclose(path.losses, maker.loss.problem.optimal_cost(path.observer_means), atol=1e-9)

@@ -5,7 +5,7 @@ One line at level WARNING of the logger `inscrutable.kernels`, which Python writ
 raise no event and say nothing, nor do functions that a user compiles.
 
 Meanwhile the garbage collector rests: a compiler makes millions of objects that live, and looking through them again and
-again took a sixth of the time. And LLVM's costlier passes are left out where they gain nothing.
+again took a sixth of the time.
 """
 
 from __future__ import annotations
@@ -16,13 +16,10 @@ from threading import Timer
 from time import monotonic
 from typing import Any
 
-from numba.core import config as numba_config
 from numba.core import event
 
 PATIENCE = 1.0
 """Seconds of compilation before a word is said."""
-_config: Any = numba_config  # Numba is only partly typed
-_FEW_PASSES = 1  # of Numba's levels of optimisation
 MESSAGE = "inscrutable: compiling numerical kernels, once per machine; this can take a minute or two"
 
 _PACKAGE = __name__.partition(".")[0]
@@ -90,31 +87,6 @@ class CollectorPause(event.Listener):
             gc.enable()
 
 
-class CheapPasses(event.Listener):
-    """Leaves out LLVM's costlier passes, but for kernels whose sums are taken by the lane.
-
-    Every kernel is optimised again within each one that calls it. With all passes that takes a quarter longer, and decisions
-    take as long: .18 and .65 ms at three states and 15 assets either way.
-    """
-
-    def __init__(self) -> None:
-        self._before: list[tuple[Any, Any]] = []
-
-    def on_start(self, event: Any) -> None:
-        """A kernel, or one that it calls, starts to compile."""
-        self._before.append((_config.OPT, _config.LOOP_VECTORIZE))
-        if _is_ours(event):
-            asked, lanes = self._before[0]
-            is_summed = bool(event.data["dispatcher"].targetoptions.get("fastmath"))
-            _config.OPT, _config.LOOP_VECTORIZE = (
-                (asked, lanes) if is_summed else (type(asked)(min(asked, _FEW_PASSES)), 0)
-            )
-
-    def on_end(self, event: Any) -> None:
-        """It ends."""
-        _config.OPT, _config.LOOP_VECTORIZE = self._before.pop()
-
-
 def _is_ours(event: Any) -> bool:
     function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
     return getattr(function, "__module__", "").partition(".")[0] == _PACKAGE
@@ -123,6 +95,6 @@ def _is_ours(event: Any) -> bool:
 def listen() -> CompilationNotice:
     """Begin to listen; done once, when the first kernel is imported."""
     notice = CompilationNotice()
-    for listener in (notice, CollectorPause(), CheapPasses()):
+    for listener in (notice, CollectorPause()):
         event.register("numba:compile", listener)  # type: ignore[no-untyped-call]
     return notice

@@ -181,7 +181,7 @@ def test_costs_in_another_unit_change_regrets_alone(market: tuple[MarkowitzProbl
     )
     assert other.silence_regret == pytest.approx(100 * one.silence_regret)
     for first, second in zip(one.rows, other.rows, strict=True):
-        assert second.expected_regret == pytest.approx(100 * first.expected_regret, rel=CALIBRATED)
+        assert second.expected_regret == pytest.approx(100 * first.expected_regret, rel=1e-6)
         for name in ("naive_error", "bayes_error", "budget_aware_error", "mutual_information", "read_auc"):
             assert getattr(second, name) == pytest.approx(getattr(first, name), abs=1e-5), name
 
@@ -348,7 +348,7 @@ def test_calibration_comes_to_the_target_from_below_or_says_why_not(family, ends
         lambda p: CoinDecisionMaker(problem, min(max(family(p), 0.0), 1.0), [0.0, 1.0]), 0.1, prior, *ends
     )
     assert found.status.name == status
-    assert found.regret == pytest.approx(spent, rel=CALIBRATED)
+    assert found.regret == pytest.approx(spent, rel=1e-6)
     assert found.regret <= 0.1 or status == "ALL_DEARER"
     assert found.n_trials <= 80
 

@@ -40,6 +40,7 @@ EFFORT: dict[str, Any] = {
     "sample_resolutions": (2, 4),
 }
 SMALL = ReproductionSettings(steps=4, markets=3, **EFFORT)
+MOVED = ["pdm_more_private", "pdm_more_private_at_every_budget", "cdm_cheaper", "saturates_cdm"]
 FIGURES = [
     *(f"{variant}_{what}" for variant in ("paper", "global") for what in ("actions", "beliefs", "privacy", "costs")),
     "paper_tradeoff",
@@ -94,11 +95,13 @@ def test_a_worker_that_is_renewed_while_drawing_ends_nothing(
 
 
 def test_its_claims_are_those_it_had(small: Reproduction) -> None:
-    """To 1e-5; to 5e-3 with the paper's local search, which ends elsewhere where last digits of its trials differ."""
+    """To 1e-5; four figures of the paper's local search to 5e-3: it ends elsewhere where last digits of its trials differ."""
     found, wanted = claims_frame(small), golden("reproduce")
-    local = [column for column in wanted.columns if column.startswith("paper:")]
+    local = [each for each in wanted.columns if each.startswith("paper:")]
+    moved = wanted.index.isin(MOVED)
     assert_same(found.drop(columns=local), wanted.drop(columns=local), rtol=1e-5, atol=1e-6)
-    assert_same(found[local], wanted[local], rtol=5e-3, atol=1e-6)
+    assert_same(found.loc[~moved, local], wanted.loc[~moved, local], rtol=1e-5, atol=1e-6)
+    assert_same(found.loc[moved, local], wanted.loc[moved, local], rtol=5e-3, atol=1e-6)
 
 
 def test_another_seed_is_another_market(small: Reproduction) -> None:

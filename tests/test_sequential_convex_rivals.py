@@ -23,6 +23,7 @@ from inscrutable import (
     leakage,
 )
 from inscrutable.mechanisms.chains import resting_chain
+from test_sequential_losses import calibrated
 
 
 def drawn(rng: np.random.Generator, *, told: float, stays: float | None = None) -> SequentialDecisionMaker:
@@ -170,21 +171,5 @@ def test_what_is_played_depends_on_the_law_alone_and_is_gone_on_with(
 
 @pytest.mark.audit
 def test_a_calibrated_rule_spends_its_budget_and_stays_below_the_ceiling(fresh_rng: np.random.Generator) -> None:
-    given = drawn(fresh_rng, told=0.1, stays=0.5)
-    maker = SequentialDecisionMaker(
-        given.problem,
-        given.budget,
-        chain=given.chain,
-        loss=given.loss,
-        information_price=0.1 * given.table.unit,
-        rng=fresh_rng,
-    )
-    found = maker.calibration
-    assert found.regret <= maker.limit * 1.03
-    assert found.loss <= maker.ceiling + 4 * found.loss_se + 1e-3 * maker.table.unit
-    places = maker.chain.paths(200, 1, rng=fresh_rng)[:, 0]
-    path = maker.decide_path(maker.beliefs[places], rng=fresh_rng)
-    # A belief that rests half of the time: steps weigh as a third of independent ones.
-    error = path.losses.std() * np.sqrt(3.0 / len(places))
-    assert path.losses.mean() == pytest.approx(found.loss, abs=0.2 * maker.table.unit + 5.0 * error)
+    maker, path = calibrated(drawn(fresh_rng, told=0.1, stays=0.5), fresh_rng)
     np.testing.assert_allclose(path.losses, maker.loss.problem.optimal_cost(path.observer_means), atol=1e-9)

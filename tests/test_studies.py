@@ -46,7 +46,6 @@ from inscrutable.experiments.studies.executors import Chunks
 from inscrutable.experiments.studies.grid_tasks import GridRunner
 from inscrutable.experiments.studies.store import LOCK, STORE, VERSION, Store, locked, speaking
 from inscrutable.experiments.studies.tasks import DONE, FAILED, Row, Work, chunk_of_rows
-from inscrutable.tolerances import CALIBRATED
 from study_runs import SMALL, environment, killed, table, worker_processes
 
 TALKATIVE = (
@@ -129,7 +128,7 @@ def test_equal_spending_is_equal(tmp_path: Path) -> None:
     frame = run_study(study, tmp_path).frame()
     spent = frame.groupby("decision_maker")["silence_share"].first()
     equal = ["PDM", "exponential", "coin", "rate-distortion", "Stackelberg"]
-    assert_allclose(spent[equal], 0.4, rtol=1.5 * CALIBRATED)
+    assert_allclose(spent[equal], 0.4, rtol=1.5e-6)
     assert_allclose(spent["uniform"], 0.4, rtol=0.01)  # a choice more at one belief leaps
     assert np.all(spent <= 0.4 * (1.0 + 1e-12))
 

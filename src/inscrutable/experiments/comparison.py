@@ -313,8 +313,8 @@ def compare(
 ) -> Comparison:
     """Compare decision makers against observers at equal expected regret under a prior.
 
-    Every decision maker is made to spend the same expected regret under the prior, to 1e-5 of it from below; one with a budget
-    per belief has that budget scaled. One that finds nothing more private to buy spends less, and its row says so.
+    Every decision maker is made to spend the same expected regret under the prior, to a millionth from below; one with a
+    budget per belief has that budget scaled. One that finds nothing more private to buy spends less, and its row says so.
 
     Args:
         problem: The decision problem.

@@ -171,8 +171,8 @@ def notes_of(comparison: Comparison) -> list[str]:
     """Return the definitions that the table rests on."""
     per_belief = "shares of |c*|" if comparison.per_belief_unit == "|c*|" else "the same regret at every belief"
     return [
-        "All decision makers of one budget are made to spend the same expected regret under the prior, to 1e-5 of it "
-        f"from below; budgets per belief are {per_belief}, scaled until they do. A rule whose parameter moves "
+        "All decision makers of one budget are made to spend the same expected regret under the prior, to a millionth from "
+        f"below; budgets per belief are {per_belief}, scaled until they do. A rule whose parameter moves "
         "in steps, such as rounding or a delay, spends less; the first column says how much.",
         _who_is_who(comparison),
         "Errors: root mean square, Euclidean, of the observer's estimate, in units of belief. naive: takes decisions for "

@@ -107,7 +107,7 @@ def calibrate(
         high: Largest value of the parameter, above `low`.
 
     Returns:
-        A `Calibration`: the target is reached to a relative 1e-5 from below, or the status says why not.
+        A `Calibration`: the target is reached to a relative 1e-6 from below, or the status says why not.
 
     Raises:
         InputError: The target is not above 0, the range is empty, the beliefs are malformed, or a decision maker with a

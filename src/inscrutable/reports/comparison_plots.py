@@ -14,7 +14,7 @@ from inscrutable.experiments.comparison import Comparison
 from inscrutable.experiments.comparison_measures import ComparisonRow
 from inscrutable.privacy.repeated import SIDE
 from inscrutable.reports.names import spelled
-from inscrutable.reports.style import BLACK, PAGE_WIDTH, PERCENT, Look, drawing, looks_of, save_figure
+from inscrutable.reports.style import BLACK, PAGE_WIDTH, PERCENT, Look, curve_of, drawing, looks_of, save_figure
 from inscrutable.validation import Array
 
 _PANEL_HEIGHT = 2.3
@@ -172,17 +172,6 @@ def _scale(comparison: Comparison) -> tuple[float, str]:
 
 
 def _curve(axes: Any, along: Array, heights: Array, sides: Array, name: str, look: Look) -> None:
-    hollow = {} if look.marker in "x+" else {"markerfacecolor": "white"}
-    axes.plot(
-        along,
-        heights,
-        look.line,
-        color=look.colour,
-        marker=look.marker,
-        label=spelled(name),
-        zorder=4 if look.marker in "x+" else 3,  # a cross stays visible on any other mark
-        clip_on=False,
-        **hollow,
-    )
+    axes.plot(along, heights, label=spelled(name), clip_on=False, **curve_of(look, "white"))
     if sides.any():
         axes.vlines(along, heights - sides, heights + sides, color=look.colour, linewidth=0.8, alpha=0.7, zorder=2)

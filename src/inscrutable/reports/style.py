@@ -48,12 +48,26 @@ _OTHERS = (
 )
 """For names of no decision maker, in the order in which they appear."""
 
+CROSSES = "x+"
 _NAME_WIDTH = 24
 COLUMN_WIDTH = 3.5
 """Inches of one column of a two-column page."""
 PAGE_WIDTH = 7.0
 """Inches of a page\'s text."""
 PERCENT = 100.0
+
+
+def curve_of(look: Look, inside: str) -> dict[str, Any]:
+    """Return keywords of a curve whose marks are filled with a colour; a cross has no inside, and lies above other marks."""
+    is_cross = look.marker in CROSSES
+    filled = {} if is_cross else {"markerfacecolor": inside}
+    return {
+        "linestyle": look.line,
+        "color": look.colour,
+        "marker": look.marker,
+        "zorder": 4 if is_cross else 3,
+        **filled,
+    }
 
 
 def look_of(name: str) -> Look:

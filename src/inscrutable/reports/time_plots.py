@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inscrutable.reports.names import spelled
-from inscrutable.reports.style import BLACK, looks_of
+from inscrutable.reports.style import BLACK, curve_of, looks_of
 
 
 def plot_privacy(axes: Any, privacies: Mapping[str, ArrayLike], *, steps: ArrayLike | None = None) -> None:
@@ -49,20 +49,8 @@ def _lines(axes: Any, series: Mapping[str, ArrayLike], steps: ArrayLike | None) 
         look = looks[name]
         heights = np.asarray(values, dtype=float)
         along = np.arange(len(heights)) if steps is None else np.asarray(steps)
-        hollow = {} if look.marker == "x" else {"markerfacecolor": "none"}
-        order = 3.0 if look.marker == "x" else 2.0  # a cross stays visible on a ring
         mean = f"{spelled(name)}, mean {np.mean(heights):.3f}"
-        axes.plot(
-            along,
-            heights,
-            look.line,
-            color=look.colour,
-            marker=look.marker,
-            linewidth=0.8,
-            label=mean,
-            zorder=order,
-            **hollow,
-        )
+        axes.plot(along, heights, linewidth=0.8, label=mean, **curve_of(look, "none"))
 
 
 def _finish(axes: Any) -> None:

@@ -64,8 +64,9 @@ class PathLeakage(Summarised, Saved):
     Where the interpolation error is not 0, `bayes_error` is the true distance from the estimate. `added` and `cumulative` rest
     on the chances that the observer gives to decisions: too many bits on average rather than too few, as any law but the true
     one is more surprised (Gibbs), but for decisions that its grid contradicts and that are passed over, which count as none.
-    `belief_information` and `state_information` are what the observer believes to have learned. Where something is public, all
-    figures are conditional on it: information given the public observations so far.
+    `belief_information` and `state_information` are what the observer believes to have learned. What happens more rarely than
+    once in `n_draws` paths is likely to be in none of them, and then neither in the figures nor in their standard errors. Where
+    something is public, all figures are conditional on it: information given the public observations so far.
 
     Source: the chain rule for mutual information (Shannon, 1948) with the inverse filter of `SequentialAdversary`.
 

@@ -12,7 +12,7 @@ names a wrong state can lie close to the belief.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,6 +30,7 @@ NAMING_GAINED = 1.0 / 3.0
 """Share of the way from chance to always that the naming of the likeliest state may go."""
 
 _MOST_LISTED = 3
+_MOST_DIGITS = 8  # more than the usual two, where a figure misses its bound by a rounding
 
 
 class Reached(NamedTuple):
@@ -114,7 +115,7 @@ class Requirement:
         missed = [each for each in known if not self.is_met(each)]
         told = f"by {self._listed(held)}" if held else "by none"
         if missed:
-            told += f", not by {self._listed(missed)}"
+            told += f"{', not by' if held else ':'} {self._listed(missed)}"
         return f"{told} ({unread})" if blind else told
 
     def _listed(self, reached: Sequence[Reached]) -> str:
@@ -124,18 +125,28 @@ class Requirement:
         return " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
 
     def _error(self, error: float) -> str:
-        return f"error {error:.2f}" + (f" < {self.least_error:.2f}" if error < self.least_error else "")
+        if error >= self.least_error:
+            return f"error {error:.2f}"
+        return "error " + " < ".join(_told_apart(error, self.least_error, lambda digits: f".{2 + digits}f"))
 
     def _named(self, named: float) -> str:
         if math.isnan(named):
             return "naming unknown"
-        return f"named {named:.0%}" + (f" > {self.most_named:.0%}" if named > self.most_named else "")
+        if named <= self.most_named:
+            return f"named {named:.0%}"
+        return "named " + " > ".join(_told_apart(named, self.most_named, lambda digits: f".{digits}%"))
 
     def _margin(self, reached: Reached) -> float:
         """By how much the nearer of the two bounds is kept, as a share of the way that it measures."""
         error = reached.error / self.error_without - ERROR_KEPT if self.error_without > 0 else 0.0
         named = NAMING_GAINED - (reached.named - self.chance) / (1.0 - self.chance) if self.chance < 1 else 1.0
         return min(error, named)
+
+
+def _told_apart(reached: float, bound: float, form: Callable[[int], str]) -> tuple[str, str]:
+    """Both numbers with as many digits more as it takes for them to read differently."""
+    pairs = [(format(reached, form(more)), format(bound, form(more))) for more in range(_MOST_DIGITS)]
+    return next((pair for pair in pairs if pair[0] != pair[1]), pairs[-1])
 
 
 class EstimateQuality(NamedTuple):

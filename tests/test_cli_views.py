@@ -109,3 +109,11 @@ def test_bad_files_are_refused(folder: Path, capsys: pytest.CaptureFixture[str])
     (folder / "weights.csv").write_text("month,Food,Oil,Gas\nMay,0.5,,0.2\n")
     assert main(asked(folder, "--risk-aversion", "1")) == 3
     assert "has nothing in row May" in capsys.readouterr().err
+
+
+def test_percentages_are_remarked_on(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(asked(folder, "--risk-aversion", "2", "--json")) == 0
+    assert json.loads(capsys.readouterr().out)["remarks"] == []
+    pd.DataFrame([[50, 30, 20.0], [0.6, 0.4, 0.0]], ["May", "June"], ASSETS).to_csv(folder / "weights.csv")
+    assert main(asked(folder, "--risk-aversion", "2")) == 0
+    assert "The weights of May add up to 100 in size" in " ".join(capsys.readouterr().out.split())

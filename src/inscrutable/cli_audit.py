@@ -15,7 +15,7 @@ def audit(
     *,
     secrets: Annotated[Path, Parameter(group=DATA)],
     published: Annotated[Path, Parameter(group=DATA)],
-    lags: Annotated[str, Parameter(group=DATA)] = "0",
+    lags: Annotated[str, Parameter(group=DATA, allow_leading_hyphen=True)] = "0",
     embargo: Annotated[Whole | None, Parameter(group=DATA), AT_LEAST_0] = None,
     kind: Annotated[Literal["classes", "numbers"] | None, Parameter(group=DATA)] = None,
     seed: Seed = 0,

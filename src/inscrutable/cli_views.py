@@ -74,7 +74,7 @@ def views(
     allowed = None if regret is None else amount_of(regret, "--regret")
 
     from inscrutable.alphas import implied_views
-    from inscrutable.reports.views import views_frame, views_summary, write_views
+    from inscrutable.reports.views import views_frame, views_remarks, views_summary, write_views
 
     table = _numbers(weights, "--weights")
     problem = _problem(table, covariance, returns, factors, risk_aversion, held, cap)
@@ -93,6 +93,8 @@ def views(
     frame = views_frame({last: found}).set_index("asset").iloc[:_LONGEST_TABLE]
     show_table(frame.map(lambda value: f"{value:.5g}"), f"Expected return a period that {label_text(last)} says{said}")
     speech.sentence(f"{label_text(last)}: {found.status.value}.")
+    for remark in views_remarks(read):
+        speech.sentence(remark)
     if problem.n_assets > _LONGEST_TABLE or len(read) > 1:
         speech.sentence("All portfolios and assets: --out FOLDER" if folder is None else f"All: {folder / 'views.csv'}")
     speech.files(files)

@@ -16,6 +16,8 @@ from inscrutable.reports.style import BLUE, GREY, ORANGE, PAGE_WIDTH, as_written
 
 _MOST_ASSETS = 30
 _HEIGHT_OF_ASSET = 0.22
+_LARGEST_BOOK = 20.0
+"""Wealths that long and short weights add up to in size at most; more are probably percentages or money."""
 
 
 def views_frame(read: Mapping[Any, ImpliedViews]) -> pd.DataFrame:
@@ -38,7 +40,19 @@ def views_summary(read: Mapping[Any, ImpliedViews]) -> dict[str, Any]:
         }
         for label, views in read.items()
     }
-    return {"portfolios": portfolios}
+    return {"portfolios": portfolios, "remarks": views_remarks(read)}
+
+
+def views_remarks(read: Mapping[Any, ImpliedViews]) -> list[str]:
+    """Return what should be said beside the views: weights that look like percentages or money."""
+    sizes = {label_text(label): float(np.abs(views.weights).sum()) for label, views in read.items()}
+    if not sizes or max(sizes.values()) <= _LARGEST_BOOK:
+        return []
+    label = max(sizes, key=lambda each: sizes[each])
+    return [
+        f"The weights of {label} add up to {sizes[label]:,.6g} in size. They are read as shares of wealth, and the views grow "
+        "with them: divide percentages by 100, and money by the wealth."
+    ]
 
 
 def write_views(read: Mapping[Any, ImpliedViews], folder: Path) -> list[Path]:

@@ -179,7 +179,7 @@ def _target(column: pd.Series, kind: Kind | None, notes: list[str]) -> Target:
         return Target(name, "numbers", (), np.asarray(values, dtype=np.float64)[:, None])
     if len(distinct) > _MOST_CHOICES:
         raise InputError(
-            f"secrets column {name!r} has {len(distinct)} different classes, such as {distinct[0]!r}, expected at most "
+            f"secrets column {name!r} has {len(distinct)} different classes, such as {distinct[0]}, expected at most "
             f"{_MOST_CHOICES}"
         )
     indicators = (np.asarray(values)[:, None] == distinct[None]).astype(np.float64)

@@ -7,10 +7,10 @@ Block principal pivoting: guess which coordinates are free, F, and at which boun
     H_FF u_F = A_F'ν − (g_F + H_FB u_B),   A_F u_F = b − A_B u_B.
 
 If l ≤ u_F ≤ h, and the multiplier of each bound, its entry of H u + g − A'ν, is ≥ 0 at a lower and ≤ 0 at an upper
-one, u is the minimiser. Otherwise every coordinate that offends changes sides; where that does not help, the last of
-them alone does, which ends for positive definite H. The guess is what the last belief but a few held, and nothing larger
-than the free coordinates of eight neighbouring beliefs is ever factored. A coordinate that is free in another lane
-only has a row of the unit matrix in this one: it changes no digit of the answer.
+one, u is the minimiser. Otherwise every violating coordinate changes sides; where that does not help, the last of
+them alone does, which ends for positive definite H. The first guess is the active set of a belief solved shortly before.
+Only the rows of coordinates that are free for one of eight neighbouring beliefs are factored. A coordinate that is free in
+another lane only has a row of the unit matrix in this one: it changes no digit of the answer.
 
 Of H_FF = L D L', with ones on the diagonal of L, the product L D is kept row by row, n = |F| numbers to a row, with 1/D_jj
 on its diagonal; below it stand the rows A_F and −∇_F, which the same elimination turns into C = A_F L'⁻¹ and
@@ -30,7 +30,7 @@ from inscrutable.kernels.lanes import LANES, blank, entry, inverse, load, magnit
 from inscrutable.kernels.options import inlined, internal, kernel
 
 _ROUNDS = 60  # block exchanges before a belief is left to another method; three to six are usual
-_PATIENCE = 3.0  # exchanges in a row that may fail to lower the number of offenders
+_PATIENCE = 3.0  # exchanges in a row that may fail to lower the number of violations
 _ROOM = 256  # entries of the first matrices; larger ones are made when needed
 _TILE = 4  # rows or columns worked on together; arrays have room for a last tile that is not full
 _LANES = _SOUND, _SCALE, _OFFENDERS, _FEWEST, _LEFT = 0, 1, 2, 3, 4  # rows of `lanes`; _LEFT is the patience left
@@ -81,7 +81,7 @@ def _back(matrix: Any, n: int, row: int) -> None:
 def _guess(region: Any, state: Any, u: Any, free: Any, held: Any) -> Any:
     """Put u at its bounds, and at zero where free; list what is free in some lane and what is held in some."""
     lower, upper = region[0], region[1]
-    # Of the type they end with: a plain zero would have what is called with them compiled for it as well.
+    # Typed as they end: for a plain literal the functions called with them would be compiled a second time.
     n, n_held, zero = np.int64(0), np.int64(0), spread(0.0)
     for j in range(u.shape[0]):
         side = load(state, j)
@@ -237,7 +237,7 @@ def _improve(region: Any, state: Any, factors: Any, n: int, again: int, pivot: f
 
 @inlined
 def _exchange(region: Any, state: Any, near: float, room: Any) -> bool:
-    """Move what is free outside its bounds, by more than `near`, or held there against its multiplier; is there any?"""
+    """Change the side of coordinates beyond a bound by more than `near` or with a multiplier of the wrong sign; any left?"""
     u, reduced, _, moved, _, _, lanes, _, _, _ = room
     lower, upper = region[0], region[1]
     zero, one, margin = spread(0.0), spread(1.0), spread(near)
@@ -297,7 +297,7 @@ def _put_inside(region: Any, state: Any, near: float, n: int, curved: Any, base:
 
 @inlined
 def _solve_group(belief: Any, costs: Any, region: Any, limits: Any, state: Any, factors: Any, room: Any) -> Any:
-    """Exchange until no lane offends; the minimisers are then in the room, where `_SOUND` holds."""
+    """Exchange until no lane has a violation; leaves the minimisers in `room`, valid where `_SOUND` holds."""
     pivot, near = limits
     matrix, small, curved, base = factors
     u, reduced, nu, _, _, _, lanes, _, free, held = room

@@ -1,8 +1,8 @@
-"""Whether sets of beliefs {π ∈ Δ : P π = 0, Q π ≥ 0} of dimension two and more hold anything, without describing them.
+"""Whether sets of beliefs {π ∈ Δ : P π = 0, Q π ≥ 0} of dimension two and more are empty, without their vertices.
 
 On the hull π = o + D't that `belief_sets` finds, with rows N t ≥ b scaled to unit length, o is projected on N t ≥ b + depth.
-If it lands, the ball of that radius about it is a part of the set. If it does not, the rows that stopped it have weights y ≥ 0
-with y'N = 0; where y'b > 0 nothing is in the set. Between the two nothing is claimed.
+If the projection exists, the ball of radius `depth` about it lies in the set. If not, the contradicting rows have weights
+y ≥ 0 with y'N = 0; where y'b > 0 the set is empty (Farkas). Otherwise the answer is `UNKNOWN`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _REACH = 2.0  # the hull's origin is its point nearest to the middle of the simp
 
 
 class Depths(NamedTuple):
-    """How deep a member is looked for, how deep one must lie, and what rows must conflict by at least."""
+    """The depth sought for a member, the depth required of it, and the least conflict that proves a set empty."""
 
     wanted: float
     least: float
@@ -65,7 +65,7 @@ def _least_slack(normals: Any, sides: Any, count: int, size: int, place: Any) ->
 
 @internal
 def _contradict(normals: Any, sides: Any, count: int, size: int, weights: Any, touching: float) -> bool:
-    """Whether the weighted rows prove that no point satisfies all of them, loosened by what touching rows may conflict by."""
+    """Whether the weighted rows prove that no point satisfies all of them, even if each is relaxed by `touching`."""
     total, conflict = 0.0, 0.0
     for r in range(count):
         if weights[r] > 0.0:

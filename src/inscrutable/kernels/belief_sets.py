@@ -130,7 +130,7 @@ def _project(equalities: Any, n_rows: int, basis: Any, room: Any) -> None:
 
 @inlined
 def _residual(equalities: Any, n_rows: int, room: Any, rank: float) -> float:
-    """What no belief can remove: a step along a free direction removes at most σ times the simplex's size."""
+    """The least residual ‖P π‖∞: a step along a free direction lowers it by at most σ times the simplex's size."""
     worst = 0.0
     for r in range(n_rows):
         total = 0.0
@@ -198,7 +198,7 @@ def along(rows: Any, n_rows: int, r: int, vector: Any) -> float:
 
 @inlined
 def _onto_simplex(room: Any, step: float, out: Any) -> None:
-    """out = the point at `step` on the first direction, which lies on the simplex up to rounding, put on it."""
+    """out = the point at `step` along the first direction, with rounding outside the simplex removed."""
     total = 0.0
     for x in range(out.size):
         value = room.origin[x]
@@ -213,7 +213,7 @@ def _onto_simplex(room: Any, step: float, out: Any) -> None:
 
 @inlined
 def _cut_segment(rows: Any, n_rows: int, noise: float, limits: Any, room: Any) -> tuple[bool, float, float]:
-    """Whether the inequalities leave something of a line, and from where to where."""
+    """Whether some of a line satisfies the inequalities, and its first and last step."""
     low, high = band(room, 0, limits.explained)
     steepest = np.inf
     for r in range(n_rows + room.origin.size):

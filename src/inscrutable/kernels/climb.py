@@ -1,5 +1,7 @@
 """The best decoy on one face whose consistent sets are single beliefs: sequential quadratic programming, exact curvature.
 
+A *climb* is such a local search, from a start to a local optimum.
+
 With z the n = X−1 coordinates of y = z B' + const, minimise over the face
 
     −sign ½‖y − p‖²  under  ρ(y) ≤ r           (one decision), or
@@ -40,7 +42,7 @@ SHORTER, SHORTEST = 0.3, 1e-3  # a step that does not help is cut to this share,
 
 
 class Aim(NamedTuple):
-    """What is climbed: distance from `point` times `sign`, under a budget or at a price."""
+    """The objective: distance from `point` times `sign`, under a budget or at a price."""
 
     belief: Any  # (X,) the true belief
     point: Any  # (X,)
@@ -51,7 +53,7 @@ class Aim(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Numbers that decide."""
+    """Tolerances and the basis of the reduced coordinates."""
 
     pivot: float  # least share of a pivot that may remain
     near: float  # violation of a row that counts as none
@@ -65,7 +67,7 @@ class Rules(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """What is known at a decoy, k free coordinates."""
+    """Factor and derivatives at a decoy, k free coordinates."""
 
     factor: Any  # (k,k) Cholesky factor of the Hessian of its expected cost
     gradients: Any  # (X,k) of the states' costs

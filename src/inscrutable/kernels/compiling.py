@@ -1,11 +1,11 @@
-"""Says that kernels are being compiled, where that takes long: once per machine, then they come from a cache.
+"""Warns that kernels are being compiled, where that takes long: once per machine, then they come from a cache.
 
 One line at level WARNING of the logger `inscrutable.kernels`, which Python writes to stderr unless told otherwise:
 `logging.getLogger("inscrutable.kernels").setLevel(logging.ERROR)` silences it. Kernels that are loaded from the cache
-raise no event and say nothing, nor do functions that a user compiles.
+raise no event and no warning, nor do functions that a user compiles.
 
-Meanwhile the garbage collector rests: a compiler makes millions of objects that live, and looking through them again and
-again took a sixth of the time.
+Meanwhile the garbage collector is off: a compiler makes millions of lasting objects, and scanning them took a sixth of the
+time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 from numba.core import event
 
 PATIENCE = 1.0
-"""Seconds of compilation before a word is said."""
+"""Seconds of compilation before the warning."""
 MESSAGE = "inscrutable: compiling numerical kernels, once per machine; this can take a minute or two"
 
 _PACKAGE = __name__.partition(".")[0]
@@ -27,7 +27,7 @@ _LOGGER = logging.getLogger(__name__.rpartition(".")[0])
 
 
 class CompilationNotice(event.Listener):
-    """Listens to Numba and speaks once when the package's own compilations, in all, have lasted `patience` seconds."""
+    """Warns once, when the package's own compilations have taken `patience` seconds in all."""
 
     def __init__(self, patience: float = PATIENCE) -> None:
         self._left = patience
@@ -63,7 +63,7 @@ class CompilationNotice(event.Listener):
 
 
 class CollectorPause(event.Listener):
-    """Stops the collector of cyclic garbage while the package's kernels compile, if it was at work before."""
+    """Switches the garbage collector off while the package's kernels compile, if it was on before."""
 
     def __init__(self) -> None:
         self._depth = 0
@@ -79,7 +79,7 @@ class CollectorPause(event.Listener):
             gc.disable()
 
     def on_end(self, event: Any) -> None:
-        """It ends; after the outermost one the collector goes on."""
+        """It ends; after the outermost one the collector is on again."""
         if not _is_ours(event):
             return
         self._depth -= 1

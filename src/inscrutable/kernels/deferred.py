@@ -37,7 +37,7 @@ def compiled_at_once() -> Iterator[None]:
 
 
 def deferred(compile_it: Callable[[Function], Function]) -> Callable[[Function], Function]:
-    """Defer what a decorator compiles. Only Python may call the kernel, and short calls: none is given up half way."""
+    """Defer what a decorator compiles. For kernels that only Python calls, in short calls: none is interrupted."""
 
     def decorate(function: Function) -> Function:
         compiled = compile_it(function)

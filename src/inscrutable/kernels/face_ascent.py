@@ -212,7 +212,7 @@ def _model(curves: Any, rows: Any, aim: Any, basis: Any, place: Any, active: Any
 
 @inlined
 def _bend_rows(rows: Any, basis: Any, top: float, weights: Any, lines: Any, hessian: Any) -> None:
-    """Add the curvature −Σ weight ∂²F/∂v∂s of the rows, and enough across those that held to make the rest matter."""
+    """Add the curvature −Σ weight ∂²F/∂v∂s of the rows, and a large one across the active rows."""
     (units, lengths), (n_states, n) = lines, basis.shape
     k = hessian.shape[0] - n
     for r in range(lengths.size):
@@ -250,7 +250,7 @@ def _move(w: Any, z: Any, step: Any, share: float, basis: Any, trial: Any, membe
 
 @internal
 def ascend(face: Any, rows: Any, aim: Any, rules: Any, w: Any, z: Any, rounds: int, room: Any) -> tuple[float, float]:
-    """Improve the decision w, explained by z; both are replaced. Returns the value, −∞ where it is lost, and the budget's
+    """Improve the decision w, explained by z; both are replaced. Returns the value, −∞ where the search fails, and the budget's
     multiplier.
 
     `rows` begin with the k equalities, followed by the face's rows; `room` is a `DistanceRoom`.

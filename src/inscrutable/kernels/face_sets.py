@@ -1,5 +1,5 @@
 """Decisions on a face whose consistent sets are larger than points: the cheapest, and the best on the axes and diagonals of
-what the budget allows around it."""
+the ellipsoid that the budget allows around it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from inscrutable.kernels.projection import NO_EQUALITIES, at_unit_length
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 _FARTHEST = 1.5  # more than any two beliefs are apart
-_FLAT = 1e-13  # a speed that no row counts
-_LONGEST = 1e6  # of a line that nothing bounds
+_FLAT = 1e-13  # a slope that counts as zero
+_LONGEST = 1e6  # step along an unbounded line
 _TRIES = 4
 _SHRINK = 0.5
 
@@ -31,7 +31,7 @@ def move_to_cheapest(face: Any, aim: Any, near: float, w: Any) -> None:
     slope, bend, step = np.empty(k), np.empty((k, k)), np.empty(k)
     cost_model(face.curves, aim.belief, w, slope, bend)
     for r in range(m):
-        # value + row·step ≥ 0; a row that no coordinate moves holds, or nothing does.
+        # value + row·step ≥ 0; where no coordinate moves a row, it holds everywhere or nowhere.
         value = face.rows[first + r, 0, k]
         for a in range(k):
             units[r, a] = face.rows[first + r, 0, a]
@@ -128,7 +128,7 @@ def look_around(face: Any, aim: Any, rules: Any, w: Any, best: float, found: Any
     if not cholesky(factor, k, rules.pivot):
         return 0
     limit = aim.limit
-    if aim.price > 0.0:  # what costs more is worth less than what is known
+    if aim.price > 0.0:  # a larger regret costs more than any distance gains on the best value
         limit = min(limit, (_FARTHEST - best) / aim.price)
     values = np.full(found.shape[0], -np.inf)
     trial, member = w.copy(), np.empty(aim.point.size)

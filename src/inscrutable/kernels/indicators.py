@@ -1,4 +1,4 @@
-"""The cheapest decision that meets a goal, for many beliefs: one scan each, and nothing of the size of beliefs × decisions.
+"""The cheapest decision that meets a goal, for many beliefs: one scan each, without an array of beliefs × decisions.
 
 A decision's consistent set is empty, a point, a segment from `start` to `start + along`, or larger. By rule it meets the goal
 
@@ -6,7 +6,7 @@ A decision's consistent set is empty, a point, a segment from `start` to `start 
     BY_CORNERS     where max(‖start − π‖∞, ‖end − π‖∞) > least (b),
     BY_DISTANCE    where min_s ‖π − start − s·along‖ ≥ least, or it is empty (c);
 
-larger sets are passed to the caller as soon as one is the cheapest: by `start` alone, a member, where distance decides.
+of a larger set only `start`, a member, is known: the caller judges it, as soon as such a decision is the cheapest.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _njit: Any = numba.njit
 _options = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _ANY_ORDER = ("reassoc", "contract", "nnan", "nsz")
-_counting = {**_options, "_nrt": True}  # said aloud, or else it is inherited from the first caller
+_counting = {**_options, "_nrt": True}  # explicit, or else it is inherited from the first caller
 
 
 def kernel(function: Function) -> Function:
@@ -54,5 +54,5 @@ def inlined(function: Function) -> Function:
 
 
 def integer(number: int) -> int:
-    """A whole number of no type of its own: kernels are compiled anew for every plain one that they are called with."""
+    """An integer constant of type int64: for a plain literal a kernel is compiled once per value."""
     return cast(int, np.int64(number))

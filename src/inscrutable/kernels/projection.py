@@ -129,10 +129,10 @@ def _without(leaving: int, active: Any, eta: Any, n_active: int) -> int:
 def project_in(
     rows: Any, sides: Any, n_rows: int, n_equal: int, near: float, x: Any, multipliers: Any, room: Any
 ) -> bool:
-    """Move x (n,) to the nearest point of the rows, each of unit length; False where they leave nothing.
+    """Move x (n,) to the nearest point of the rows, each of unit length; False where no point satisfies them.
 
     `near` is the violation that counts as none. multipliers (m,) are filled; those of equalities have either sign. Where
-    rows contradict each other they are the proof y: y'N is zero and y'b is not; where the search gave up they are zero.
+    rows contradict each other they are the proof y: y'N = 0 and y'b ≠ 0; where the search gave up they are zero.
     """
     size = x.size
     active, entered, eta, basis, upper, across, along, normal = room

@@ -1,8 +1,8 @@
-"""The best decisions of critical regions, uphill from their starts; many climbs in one call, each by itself.
+"""The best decisions of critical regions by local search from their starts; many climbs in one call, each independent.
 
-Where the consistent sets of a region are single beliefs the decision is climbed through its decoy. Where they are larger the
-decoy's climb leads to a decision that some belief explains; from there the search goes by the set's own
-slopes, for the privacy is the least distance of all beliefs of the set. Toward a point the decoy's climb is enough: the least
+Where the consistent sets of a region are single beliefs, the search varies the decoy. Where they are larger, the search over
+decoys finds a decision that some belief explains; from there the search follows the gradient of the distance to the set, for
+the privacy is the least distance of all beliefs of the set. Toward a point the search over decoys is enough: the least
 distance to a set is the least to any of its members.
 """
 
@@ -21,14 +21,14 @@ from inscrutable.kernels.regions import face_of, locate
 from inscrutable.kernels.set_distance import NO_ROW, cost_at, distance_room, nearest_belief
 
 _ROUNDS = integer(30)  # of a climb; a few times what the slowest of the kept instances took
-_HALVINGS = 12  # to where borders cross; with 20 no privacy is larger by 1e-5 of itself
-_IMPOSSIBLE = 1e-5  # a probability that counts as zero on a border: what climbs leave of it is larger than rounding
+_HALVINGS = 12  # of a step that crosses a boundary; with 20 no privacy is larger by 1e-5 of itself
+_IMPOSSIBLE = 1e-5  # a probability that counts as zero on a boundary: climbs leave more of it than rounding
 _NO_ROUNDS = integer(0)
 _STARTS = 2  # ends of lines from which a set's slopes are followed, besides the best decision so far
 
 
 class Aims(NamedTuple):
-    """What T beliefs seek: sign·distance from a point, under a budget or at a price."""
+    """The objectives of T beliefs: sign·distance from a point, under a budget or at a price."""
 
     beliefs: Any  # (T,X)
     optimal: Any  # (T,U) decisions of least cost
@@ -49,7 +49,7 @@ class Climbs(NamedTuple):
 
 
 class Spots(NamedTuple):
-    """Where n climbs came to rest."""
+    """Where n climbs ended."""
 
     numbers: Any  # (n,5) value Ψ − μρ, privacy Ψ, regret ρ, potential: the value if the set were the one belief `far`, price μ
     nearest: Any  # (n,X) the consistent belief nearest to the aim's point
@@ -79,7 +79,7 @@ def climb_room(n_states: int, n_actions: int, n_rows: int) -> ClimbRoom:
 
 @inlined
 def aim_of(aims: Any, t: int, rules: Any) -> Aim:
-    """What belief t seeks."""
+    """The objective of belief t."""
     return Aim(
         aims.beliefs[t], aims.points[t], aims.sign, aims.optimal_costs[t], aims.limits[t] * rules.inside,
         aims.prices[t],
@@ -109,7 +109,7 @@ def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any
         return
     distance = nearest_belief(face, trial, aim.point, rules, NO_ROW, room.member, room.distance)
     regret = cost_at(face.curves, aim.belief, trial) - aim.optimal_cost
-    # Where a line ends at the budget, rounding may end it a little beyond; the aim's budget leaves room for that.
+    # Rounding may end a line a little beyond the budget; the aim's limit leaves room for that.
     if not distance < np.inf or regret > aim.limit * (1.0 + rules.near):
         return
     value = aim.sign * distance
@@ -127,7 +127,7 @@ def _keep(face: Any, aim: Any, rules: Any, trial: Any, weight: float, spots: Any
 
 @internal
 def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, spots: Any, room: Any) -> None:
-    """Fill the spots of `count` climbs from their decoys; what no decoy allows has the value −∞."""
+    """Fill the spots of `count` climbs from their decoys; the value is −∞ where no decoy is admissible."""
     n_states, y = rules.basis.shape[0], room.decoy
     for s in range(count):
         number = climbs.region[s]
@@ -139,7 +139,7 @@ def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, sp
             _keep(face, aim, rules, w, weight, spots, s, room)
             put(y, spots.far[s])
             put(w, spots.far_place[s])
-            # Where the costs of states are alike, more than the decoy explains the decision: then the set decides.
+            # Where states cost alike, other beliefs than the decoy explain the decision: the distance to the set counts.
             spots.numbers[s, 3] = spots.numbers[s, 0]
             if not regions.is_point[number]:
                 spots.numbers[s, 3] = -loss
@@ -149,9 +149,9 @@ def climb_decoys(count: int, climbs: Any, aim: Any, regions: Any, rules: Any, sp
 
 @inlined
 def _is_hopeless(spots: Any, floor: float, rules: Any, s: int) -> bool:
-    """Whether the farthest decoy found in a region is worth less than what is known: no set is farther than its members.
+    """Whether the farthest decoy found in a region is worth less than `floor`: no set is farther than its members.
 
-    Where it is worth as much it may be what is known, and the region has other peaks.
+    Where it is worth as much it may be the best known itself, and the region may have other local optima.
     """
     return bool(-np.inf < spots.numbers[s, 3] < floor - rules.near)
 
@@ -169,7 +169,7 @@ def _was_known(climbs: Any, spots: Any, s: int) -> bool:
 def _is_on_border(y: Any, k: int) -> bool:
     """Whether a belief in at most k of the states explains a decision with k free coordinates.
 
-    The decisions of such beliefs are of fewer dimensions than the region: they border on decisions that no belief explains.
+    The decisions of such beliefs have fewer dimensions than the region: they bound the decisions that some belief explains.
     """
     n_likely = 0
     for i in range(y.size):
@@ -199,8 +199,8 @@ def _directions_between(y: Any) -> Any:
 def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) -> float:
     """Improve y and its decision w with y's zero probabilities held; returns the budget's multiplier, 0 where it is not known.
 
-    On the border of the decisions that some belief explains a set is a point, and the slopes of sets are no guide. Where
-    another border crosses, nearer beliefs explain the decisions beyond it: the last one before is found by halving.
+    On the boundary of the decisions that some belief explains the set is a point, and the distance has no useful gradient.
+    Beyond another boundary nearer beliefs explain the decisions: the last decision before it is found by bisection.
     """
     for i in range(y.size):
         if y[i] <= _IMPOSSIBLE:
@@ -216,7 +216,7 @@ def _climb_border(face: Any, aim: Any, rules: Any, y: Any, w: Any, room: Any) ->
         return 0.0
     for _ in range(_HALVINGS):
         value = decision_value(face, aim, rules, there, room.member, room.distance)
-        # The climb's end may exceed the budget by rounding; the aim's budget leaves room for that.
+        # The climb's end may exceed the budget by rounding; the aim's limit leaves room for that.
         fits = cost_at(face.curves, aim.belief, there) - aim.optimal_cost <= aim.limit * (1.0 + rules.near)
         if value > best and fits and _is_admissible(face, there, rules.near):
             best, low = value, share
@@ -240,9 +240,9 @@ def search_sets(
 ) -> None:
     """Improve the spots of `count` climbs in regions with sets larger than points.
 
-    `floor` is the best value known: where no decoy of a region reaches it, its sets are not looked at. The slopes of the set
-    are followed from the best ends of lines through the cheapest decision, from the decision that the climb was given, and
-    from the best so far. The lines are the same for all climbs in a region: one looks at them.
+    `floor` is the best value known: a region in which no decoy reaches it is skipped. The ascent starts at the best ends of
+    lines through the cheapest decision, at the decision that the climb was given, and at the best so far. The lines are the
+    same for all climbs in a region: one of them tries them.
     """
     n_states = rules.basis.shape[0]
     for s in range(count):
@@ -275,7 +275,7 @@ def search_sets(
                 put(given, trial)
             # Where no belief explains the start, the climb moves it and the known member together.
             nearest_belief(face, trial, aim.point, rules, NO_ROW, y, room.distance)
-            # From the border inward, and from inside to a border and along it.
+            # From the boundary inward, and from inside to a boundary and along it.
             for _ in range(2):
                 was_on_border = _is_on_border(y, k)
                 if was_on_border:

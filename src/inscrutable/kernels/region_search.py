@@ -1,8 +1,8 @@
-"""The search over critical regions: from starts uphill, and on to the regions beyond the rows that are in reach.
+"""The search over critical regions: climbs from the starts, then in the regions beyond the nearly active rows.
 
-A search for one belief depends on nothing but its own starts. It takes turns: climbs from the most promising starts, then into
-the neighbours of the best regions; what they find is kept, and says which come next. A region whose programme is not made yet
-is asked for, and the search of that belief goes on once it is there.
+The search for a belief depends on its own starts alone. It takes turns: climbs from the most promising starts, then in the
+neighbours of the best regions; the values found decide which regions come next. Where the programme of a region is missing,
+the search of that belief waits until it is made.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from inscrutable.kernels.set_distance import NO_ROW, cost_at, nearest_belief
 
 NOT_BEGUN, ENDED = -1, -2
 _PROMISE = 1.15
-"""How much farther than its start a climb may come to rest; starts that promise less than is found are skipped."""
+"""The largest distance at a climb's end, over that at its start; starts that promise less than is found are skipped."""
 _SET_PROMISE = 1.5
-"""The same where more than the decoy explains the decision: the search leaves the decoy. With 1.25, 11 of 1,080 decisions and
+"""The same where consistent sets are larger than points: the search leaves the decoy. With 1.25, 11 of 1,080 decisions and
 lotteries over four to eight states and fewer assets lose up to 19 %; with 2.5 two gain and one loses, in 1.5 times the time."""
 _PROMISE_AT_PRICE, _SET_PROMISE_AT_PRICE = 1.015, 1.2
 """The same at a price, where starts already stand at their best budget: nothing is lost on 430 beliefs of X = 2, 3, 4. With
 1.05 for sets, 5 of 540 lotteries lose up to 6 %; with 1.5, two gain and one loses up to 2 %."""
 BEST, FAR = integer(0), integer(1)
 """Sources of climbs: an entry's best decision, and its farthest belief's; then the beliefs of freed rows."""
-_UNMET = 1e6  # below all distances: rows that no belief of a decision meets come last
+_UNMET = 1e6  # below all distances: rows that are zero at no belief of a decision come last
 _INWARD = 0.01
-"""Share of the way to the belief by which a climb beyond a row begins before the decision that asked for it: where the budget
-is spent and the row is met nothing is left to begin with."""
+"""A climb beyond a row starts this share of the way from the decision on the row to the belief: where the budget is spent and
+the row is active no feasible step is left."""
 
 
 class Table(NamedTuple):
@@ -56,7 +56,7 @@ class Table(NamedTuple):
     costs: Any  # (D,X) state costs
     decoys: Any  # (D,X) a belief that each is optimal for
     region: Any  # (D,) number of the region
-    places: Any  # (D,A) coordinates of the decoys in the directions that decisions can tell
+    places: Any  # (D,A) coordinates of the decoys in the directions that decisions identify
 
 
 class Starts(NamedTuple):
@@ -71,7 +71,7 @@ class Starts(NamedTuple):
 
 
 class Explored(NamedTuple):
-    """The best decisions of the regions that a search came across, C at most, and where it stands.
+    """The best decisions of the regions that a search visited, C at most, and its state.
 
     Where consistent sets are larger than points a region has an entry for each orthant in which climbs ended.
     """
@@ -131,17 +131,17 @@ def _turn_room(n_states: int, n_actions: int, n_rows: int, most: int) -> Turn:
 
 
 class Tolerances(NamedTuple):
-    """Numbers that decide in the search, besides those of a climb."""
+    """The search's own tolerances, besides those of a climb."""
 
     polish: float  # a start must promise this much more than is found
-    reach: float  # a row is in reach up to this slack or multiplier
-    bound: float  # a coordinate this near to a bound of its own is put on it
-    patience: int  # regions whose neighbours are searched in vain before a search ends
+    reach: float  # a row is nearly active up to this slack or multiplier
+    bound: float  # a coordinate this near to its own bound is put on it
+    patience: int  # regions whose neighbours may bring no gain before a search ends
 
 
 @uncounted
 def _top(reached: Any, t: int, what: int) -> float:
-    """The largest value (0) or potential (3) of what was reached."""
+    """The largest value (0) or potential (3) of the entries."""
     top = -np.inf
     for e in range(reached.count[t]):
         top = max(top, reached.numbers[t, e, what])
@@ -150,7 +150,7 @@ def _top(reached: Any, t: int, what: int) -> float:
 
 @uncounted
 def _orthant(belief: Any, point: Any) -> int:
-    """In which directions a belief lies from a point: a bit a state."""
+    """The signs of belief − point, a bit a state."""
     bits = 0
     for i in range(point.size):
         bits = 2 * bits + (1 if belief[i] > point[i] else 0)
@@ -159,7 +159,7 @@ def _orthant(belief: Any, point: Any) -> int:
 
 @inlined
 def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int) -> None:
-    """Keep the best decision of each region and orthant; where there is no room the worst goes."""
+    """Keep the best decision of each region and orthant; where there is no room the worst is dropped."""
     number, orthant = place_of
     numbers, nearest, place, far, far_place, is_known = spots
     value, potential = numbers[s, 0], numbers[s, 3]
@@ -195,7 +195,7 @@ def _record(reached: Any, t: int, place_of: tuple[int, int], spots: Any, s: int)
 
 @uncounted
 def _key(region: int, source: int, decoy: Any, point: Any) -> int:
-    """What is tried once: a region from the best decision of a neighbour, and from other beliefs of each orthant."""
+    """Number of what is tried only once: a region, from the best decision of a neighbour or from another belief's orthant."""
     kind = 0 if source == BEST else 1 + _orthant(decoy, point)
     return int(region * 2 ** (point.size + 1) + kind)
 
@@ -267,7 +267,7 @@ def _ask_at_corner(
 
 @inlined
 def _ask_for_freed(regions: Any, number: int, aim: Any, rules: Any, w: Any, t: int, search: Any) -> None:
-    """Where the set of a decision is larger than a point: ask for the few tight rows that, freed, lead to the best members.
+    """Where the set of a decision is larger than a point: ask for the few tight rows that lead to the best members if freed.
 
     One row a state: with three 1 of 22 decisions over eight states loses 2 %, and lotteries over six states up to 6 %; with
     six nothing is gained over three and four states, and a fifth of the time is lost. Where no member has a zero multiplier
@@ -349,7 +349,7 @@ def _ask_around(regions: Any, aim: Any, rules: Any, limits: Any, t: int, search:
 
 @inlined
 def _put_starts_in_order(starts: Any, aim: Any, regions: Any, rules: Any, t: int, room: Any) -> None:
-    """How far climbs may come from the starts of a belief, less what that costs at a price; the most promising come first."""
+    """Bound the values that climbs may reach from the starts of a belief, and sort the starts by it, the largest first."""
     n_states, first = aim.point.size, starts.first[t]
     for s in range(first, starts.first[t + 1]):
         number, decoy = starts.region[s], starts.decoys[s]
@@ -382,7 +382,7 @@ def _put_starts_in_order(starts: Any, aim: Any, regions: Any, rules: Any, t: int
 
 @inlined
 def _ask_for_starts(starts: Any, limits: Any, top: float, reached: Any, t: int, turn: Any) -> None:
-    """Ask for the next starts of those that promise more than is found: one, and then three times as many as before."""
+    """Ask for the next starts that promise more than is found: one, then three times as many as before."""
     first, last = starts.first[t], starts.first[t + 1]
     s, room = first + reached.n_begun[t], max(1, 3 * reached.n_begun[t])
     while s < last and turn.n_climbs[0] < room:
@@ -472,7 +472,7 @@ def search_regions(
 @deferred(kernel)
 def best_starts(low: int, high: int, aims: Any, table: Any, axes: Any, n_regions: int, chosen: Any, ends: Any) -> None:
     """Fill, for beliefs low..high, the candidates `chosen` (index (T,S), value (T,S), n (T,)) that are the best of their region
-    and orthant, in order, −1 behind the last; how many are affordable, or at a price worth more than nothing; and the best
+    and orthant, in order, −1 behind the last; how many are affordable, or at a price have a positive value; and the best
     `ends` (T,Q,X) of the budget, one an orthant, NaN where there is none.
 
     Distances are those in the directions `axes` (X,A), and orthants those of the first few. An end is where √ρ, taken as

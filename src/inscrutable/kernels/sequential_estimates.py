@@ -1,4 +1,4 @@
-"""What one step of a sequential rule is about, and what the observer's estimates cost by themselves: h(μ) and its slopes.
+"""Data of one step of a sequential rule, and the term h(μ) of the observer's estimates with its derivatives.
 
 h(μ) = |μ|² where a square error counts; −τ Σ log of the shares where estimates mix a rival's answers, see `sequential_saddle`.
 """
@@ -21,14 +21,14 @@ class StepData(NamedTuple):
     values: Any  # (M,B)
     slopes: Any  # (M,d): gradient of s ρ_m in the points' coordinates
     price: float  # λ
-    first_price: float  # where the way to a small λ begins; at most λ: nowhere
+    first_price: float  # first price of a continuation to a small λ; none where at most λ
     width: int  # coordinates that a mixture of answers has; 0 where estimates are means of the points
     barrier: float  # τ
 
 
 @internal
 def _last_share(data: StepData, estimate: Any, start: int) -> float:
-    """What is left for the last answer of the mixture that begins at a coordinate."""
+    """The share of the last answer of the mixture that begins at a coordinate."""
     rest = 1.0
     for i in range(start, start + data.width):
         rest -= estimate[i]
@@ -85,7 +85,7 @@ def own_curve(data: StepData, estimate: Any, curve: Any) -> None:
 
 @internal
 def longest(data: StepData, estimate: Any, step: Any) -> float:
-    """How far an estimate can go along a step, a whole one at most, and keep some of each share."""
+    """The longest share of a step, at most 1, that keeps every share of a mixture positive."""
     length = 1.0
     if data.width > 0:
         for start in range(0, estimate.size, data.width):

@@ -1,7 +1,7 @@
-"""One step of a rule that keeps account of what the observer holds: which decisions could be played, and how they are.
+"""One step of a sequential rule by column generation: which decisions have positive probability, and their law.
 
-The saddle point of `sequential_saddle` on those that are played; any other joins where log c_m > 0 for the estimate that makes
-it least.
+The saddle point of `sequential_saddle` on the active decisions; any other enters where log c_m > 0 at the estimate that
+minimises it.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from inscrutable.kernels.sequential_saddle import (
 _KEPT, _SOLVED, _RARELY = tolerances.KEPT_DECISION, tolerances.SOLVED_STEP, tolerances.RETURNING_LAW
 _RESIDUAL, _BACK = tolerances.LAW_RESIDUAL, tolerances.RETURNING_LAW
 _ROUNDS, _PRICING_STEPS = 60, integer(30)  # three to six, and three are usual
-_MOST_ADDED = 3  # decisions that join at once; a fourth one costs more in Newton's steps than it spares in rounds
-_APART = 0.01  # share of the law's variance by which estimates of decisions that join at once must differ
-_RATIO = 0.25  # from one price of information to the next on the way to a small one
+_MOST_ADDED = 3  # decisions that enter at once; a fourth one costs more in Newton's steps than it saves in rounds
+_APART = 0.01  # share of the law's variance by which the estimates of decisions that enter at once must differ
+_RATIO = 0.25  # from one price of information to the next in the continuation to a small one
 _LOWER = 0.1  # from one barrier of mixed answers to the next
-_WAYS = 4  # begun from ever larger prices of information, where Newton's steps stall: one step in a thousand small ones
+_WAYS = 4  # continuations from ever larger prices of information, where Newton's steps stall: one step in a thousand small ones
 
 
 @inlined
 def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Point, estimates: Any) -> None:
-    """Estimates after every decision, to first order from the played one of the nearest slopes.
+    """Estimates after every decision, to first order from the active one of the nearest slopes.
 
     The least log c_m is Λ(θ) + h(μ)/λ, with Λ the cumulants of p/z and θ = (2 μ + slope)/λ, so that ∇h(μ) = −2 ∇Λ(θ).
     """
@@ -86,7 +86,7 @@ def _guesses(weights: Any, data: StepData, price: float, columns: Any, point: Po
 
 @inlined
 def _joining(logs: Any, data: StepData, price: float, gains: Any, estimates: Any, apart: float) -> Any:
-    """Decisions that could be played, the most tempting first, of different estimates; `gains` is mended on the way."""
+    """Decisions that could enter, the largest gain first, with different estimates; updates `gains`."""
     added, near = np.empty(_MOST_ADDED, np.int64), np.zeros(gains.size, np.bool_)
     count = 0
     while count < _MOST_ADDED:
@@ -111,9 +111,9 @@ def _joining(logs: Any, data: StepData, price: float, gains: Any, estimates: Any
 
 @internal
 def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Point, gains: Any, estimates: Any) -> Any:
-    """log c of all decisions, to where it is known to be at most nothing, and those that join.
+    """log c of all decisions, or an upper bound of at most 0, and those that enter.
 
-    What the last look left tempting is looked at first; all are only where none of it is left.
+    Decisions with a gain in the last pricing come first; all are priced only where none of them is left.
     """
     d, count = data.points.shape
     logs, powers, mean, apart = np.empty(count), np.empty(count), np.zeros(d), 0.0
@@ -141,7 +141,7 @@ def _priced(weights: Any, data: StepData, price: float, columns: Any, point: Poi
 
 @inlined
 def _covering(weights: Any, data: StepData) -> Any:
-    """The decision of least mean regret; where caps forbid it to some beliefs, those of largest reach until each has one."""
+    """The decision of least mean regret; where caps forbid it to some beliefs, more decisions until each belief has one."""
     n_columns, count = data.values.shape
     open_rows, chosen, found = weights > 0.0, np.empty(n_columns, np.int64), 0
     while True:
@@ -168,7 +168,7 @@ def _covering(weights: Any, data: StepData) -> Any:
 
 @internal
 def _joined(columns: Any, point: Point, added: Any, gains: Any, estimates: Any) -> Any:
-    """The played decisions with those that join, and room for their law and estimates."""
+    """The active decisions with those that enter, and room for their law and estimates."""
     kept = np.flatnonzero(point.law > _RARELY)
     n = kept.size + added.size
     longer, both = room_for_point(n, point.estimates.shape[1], point.held.size), np.empty(n, np.int64)
@@ -186,9 +186,9 @@ def _joined(columns: Any, point: Point, added: Any, gains: Any, estimates: Any) 
 def _at_price(
     weights: Any, data: StepData, price: float, columns: Any, point: Point, gains: Any, estimates: Any
 ) -> Any:
-    """The optimal step at a price of information, from some decisions: which are played, how, and the largest log c.
+    """The optimal step at a price of information, from some decisions: which are active, their law, and the largest log c.
 
-    `gains` and `estimates` of all decisions say where to look first.
+    `gains` and `estimates` of all decisions tell which are priced first.
     """
     worst = np.inf
     for _ in range(_ROUNDS):
@@ -236,7 +236,7 @@ def _eased(data: StepData, barrier: float) -> StepData:
 
 @inlined
 def _begun(weights: Any, data: StepData, columns: Any) -> Point:
-    """Some decisions, equally likely, with the prior's estimate after each; of mixtures of answers, the one that is best."""
+    """Some decisions, equally likely, with the prior's estimate after each; for a rival with answers, its best mixture."""
     d, count = data.points.shape
     point = room_for_point(columns.size, d, count)
     point.law[:] = 1.0 / columns.size
@@ -259,10 +259,10 @@ def _begun(weights: Any, data: StepData, columns: Any) -> Point:
 
 @kernel
 def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: Any, near_estimates: Any) -> Any:
-    """Return the decisions (n,) that are played, their law, the estimates after them, and the largest log c.
+    """Return the decisions (n,) of positive probability, their law, the estimates after them, and the largest log c.
 
-    First whether one decision for certain is optimal: `kept`, where its mean regret is the least, or the least one. Then from
-    decisions `near` that are played in a case like this one, with their law and estimates, where there are any.
+    First it tests whether a constant decision is optimal: `kept`, where its mean regret is the least, or the least one. Then it
+    starts from the decisions `near` of a similar case, with their law and estimates, where there are any.
     """
     d, count = data.points.shape
     gains, estimates = np.full(len(data.values), -np.inf), np.empty((len(data.values), d))
@@ -298,5 +298,5 @@ def solved_step(weights: Any, data: StepData, kept: int, near: Any, near_law: An
             price, barrier = max(_RATIO * price, data.price), max(_LOWER * barrier, data.barrier)
         if worst <= _KEPT or d == 0:
             break
-        above /= _RATIO**2  # a step that was lost on the way: from farther above
+        above /= _RATIO**2  # the continuation failed: start at a larger price
     return start, begun.law / begun.law.sum(), begun.estimates, worst

@@ -1,7 +1,7 @@
-"""Compiled kernels are kept for the sources that they were made from, all of them.
+"""Deletes compiled kernels when any of the package's kernel sources has changed.
 
-Numba looks at the file of a kernel alone. It takes what it kept where a kernel of another file, copied into this one, has
-changed since: the answers are then those of the former code. And it cannot read what it kept where a named tuple is gone.
+Numba checks the file of a kernel alone. Where a function of another file, inlined into the kernel, has changed, it would load
+the old machine code and give the old answers. And it cannot load a kernel whose named tuple was deleted.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _STAMP = "kernels.stamp"
 
 
 def forget_other_sources(sources: Path = _SOURCES) -> None:
-    """Delete the kernels kept beside the sources where any source has changed since; say nothing where that cannot be."""
+    """Delete the kernels cached beside the sources where any source has changed since; errors of the disk are ignored."""
     facts = [(path.name, path.stat()) for path in sorted(sources.glob("*.py"))]
     found = "\n".join(f"{name} {fact.st_size} {fact.st_mtime_ns}" for name, fact in facts)
     kept = sources / "__pycache__"

@@ -9,8 +9,8 @@ from functools import cache
 from threading import Event, local
 
 _here = local()
-"""`_here.busy` on a thread that takes chunks beside others: chunks that start chunks of theirs do these alone, because
-helpers would only wait behind the chunks under way, and keep what they were to work on.
+"""`_here.busy` is set on a thread that takes chunks beside others: nested chunks run on their own thread, because helpers would
+only wait behind the chunks under way.
 """
 
 

@@ -1,1 +1,1 @@
-"""The search for the most private decisions: faces, climbs, many beliefs at once."""
+"""The search for the most private decisions over critical regions, for many beliefs at once."""

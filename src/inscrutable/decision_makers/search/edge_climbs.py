@@ -1,10 +1,10 @@
-"""Climbs along the edge of what the budget affords, whatever faces the decisions lie on.
+"""Projected gradient ascent of decoys along the boundary of the budget, across critical regions.
 
-What is affordable is star-shaped around the true belief, and on every ray √ρ is nearly linear, so each candidate tells how
-far the budget reaches in its direction. From the farthest of these ends, in directions apart, decoys are moved all
-at once: along the way that gains distance, projected on the directions in which the regret and the probabilities at zero
-stay; then back to the budget along the regret's slope. Forward solves do the rest: an asset that enters or leaves on the
-way is no obstacle, as it is to a climb on one face.
+The affordable decoys are star-shaped around the true belief, and on every ray √ρ is nearly linear, so each candidate tells how
+far the budget reaches in its direction. The ascent starts from the farthest of these ends, in different directions, and moves
+all decoys at once: along the gradient of the distance, projected on the directions that leave the regret and the
+probabilities at zero unchanged; then back to the budget along the regret's gradient. Each step solves for the decisions
+anew, so the active set may change on the way.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _apart(aim: Aim, ends: Array, count: int) -> Array:
 
 @dataclass(frozen=True)
 class _State:
-    """Decoys on the move, their regrets and what they are worth."""
+    """The current decoys, their regrets and values."""
 
     decoys: Array
     regrets: Array
@@ -117,7 +117,7 @@ class _Edge:
         return self.affordable(now.decoys[order], now.regrets[order])
 
     def _ways(self, decoys: Array, regrets: Array) -> tuple[Array, Array]:
-        """The ways that gain distance and stay, and the regret's slope along the faces of Δ on which they stay."""
+        """The projected gradients of the distance, and the regret's gradient along the faces of Δ on which the decoys lie."""
         away = self.aim.sign * (decoys - self.aim.point)
         away /= np.maximum(np.linalg.norm(away, axis=1), _TINY)[:, None]
         slope = self._slopes(decoys, regrets)
@@ -148,7 +148,7 @@ class _Edge:
         root = np.sqrt(self.regrets(tried))
         excess = 2.0 * root * np.maximum(root - np.sqrt(self.aim.limit), 0.0)
         steep = (slopes**2).sum(axis=1)
-        # A regret that hardly rises leads nowhere: the way back would be infinitely long.
+        # Where the regret has almost no slope, Newton's step would be infinitely long.
         rises = steep > (np.finfo(float).eps * self.aim.limit) ** 2 + _TINY / np.finfo(float).eps
         back = np.where(rises, excess / np.where(rises, steep, 1.0), 0.0)
         return self.at(_beliefs(tried - back[:, None] * slopes))

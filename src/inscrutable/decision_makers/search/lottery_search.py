@@ -1,8 +1,8 @@
-"""The lotteries of largest expected privacy: at each price the best decision, and one root in the price.
+"""The lotteries of largest expected privacy: a Lagrangian search, with the price of the budget found by chords.
 
-A lottery of two decisions A and B is best where no decision lies above their chord in the plane of regret and privacy. The
-search begins at the price of the best single decision; what it finds gives a chord, at whose slope it is searched again, until
-nothing lies above the chord.
+A lottery of two decisions A and B is optimal where no decision lies above their chord in the plane of regret and privacy. The
+search begins at the price of the best single decision. The decision found gives a chord; its slope is the next price, until
+no decision lies above the chord.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _STARTS = 12
 _NEW = 4  # decisions that a search at a price adds at most
 _ROUNDS = 8  # prices; most chords are closed after three
 _SETTLING = 3
-"""Turns of climbs that start at the two ends of a chord only, at its slope, before all is searched at that slope. Without them
+"""Turns of climbs from the two ends of a chord only, at its slope, before the whole search at that slope. Without them
 the search needs all its rounds where states outnumber actions, and 29 of 540 lotteries lose up to 2 %."""
 _KNOWN = 3 + (_NEW + 2 * _SETTLING) * _ROUNDS  # decisions kept of a belief: three known beforehand, and what is added
 _NONE = -1
@@ -74,7 +74,7 @@ def best_lotteries(space: SearchSpace, aims: Aims, singles: Best, progress: Prog
 
 
 class _Block:
-    """The chords of some beliefs and the decisions that they are drawn between."""
+    """The chords of some beliefs and the decisions known to them."""
 
     def __init__(self, space: SearchSpace, aims: Aims, singles: Best) -> None:
         self.space, self.aims = space, aims
@@ -95,7 +95,7 @@ class _Block:
             regrets = (problem.costs_of(target) * aims.beliefs).sum(axis=1) - aims.optimal_costs
             allowed = problem.constraints.is_admissible(target)
             self._keep(_TARGET, target, aims.points, np.maximum(regrets, 0.0), np.where(allowed, 0.0, -np.inf))
-        # It was found affordable: its regret, computed again, may differ by a rounding.
+        # The decision is affordable: its regret, computed again, may differ by rounding.
         regrets = np.minimum(singles.regrets, aims.limits)
         self._keep(_SINGLE, singles.actions, singles.decoys, regrets, singles.privacies)
         self.price = np.nan_to_num(singles.prices)
@@ -148,12 +148,12 @@ class _Block:
         return cut(self.aims, rows)._replace(limits=np.full(len(rows), np.inf), prices=prices)
 
     def _levels(self, steps: np.ndarray, prices: Array) -> Array:
-        """What each chord is worth at a price."""
+        """The value of each chord at a price."""
         left = self.left[steps]
         return np.asarray(self.privacies[steps, left] - prices * self.regrets[steps, left])
 
     def _take(self, best: Best, rows: np.ndarray) -> None:
-        """Keep what was found for beliefs `rows` (n,), in order: those of one belief stand together."""
+        """Keep the decisions found for beliefs `rows` (n,), which are sorted."""
         place = self.used[rows] + np.arange(len(rows)) - np.searchsorted(rows, rows)
         self.regions[rows, place] = best.regions
         self.actions[rows, place], self.decoys[rows, place] = best.actions, best.decoys
@@ -162,7 +162,7 @@ class _Block:
         self.used[rows] = place + 1
 
     def _draw(self, steps: np.ndarray) -> None:
-        """Draw the best chord at the budget between the decisions known: A affordable, B not, or A alone."""
+        """Choose the best chord at the budget among the decisions known: A affordable, B not, or A alone."""
         known, limits = int(self.used.max()), self.aims.limits[steps, None]
         regrets, privacies = self.regrets[steps, :known], self.privacies[steps, :known]
         fits, rows = regrets <= limits, np.arange(len(steps))
@@ -186,10 +186,10 @@ class _Block:
         return np.asarray(np.where(right != _NONE, rise / np.where(right != _NONE, run, 1.0), 0.0))
 
     def _next_prices(self, steps: np.ndarray, own: Array) -> Array:
-        """The slope of each chord; for a decision alone nothing where it leaves budget.
+        """The slope of each chord; for a decision alone its price, 0 where it leaves budget over.
 
-        The price of every line through a decision with no known one above it lies between the slopes to its neighbours: it is
-        the decision's own where that is such a price, and else the middle.
+        A line through a decision with no known decision above it has a slope between the slopes to its two neighbours: the
+        decision's own price where it is such a slope, else the middle.
         """
         left = (steps, self.left[steps])
         run = self.regrets[steps] - self.regrets[left][:, None]
@@ -222,7 +222,7 @@ class _Block:
         return starts_in(rows, self.regions[known], self.decoys[known], self.actions[known], added)
 
     def _ends(self, aims: Aims, steps: np.ndarray) -> list[SomeStarts]:
-        """Starts at A, at B, and where nothing is as far: at the decisions of the simplex's corners."""
+        """Starts at A and B; away from a point also at the decisions of the simplex's corners, the farthest beliefs."""
         parts = []
         if aims.sign > 0.0:
             rows, corner = (each.reshape(-1) for each in np.indices((len(steps), len(self.corners.belief))))

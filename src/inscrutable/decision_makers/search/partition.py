@@ -1,7 +1,7 @@
-"""The critical regions of a problem with quadratic costs: numbered as they are met, their programmes made when asked for.
+"""The critical regions of a problem with quadratic costs: numbered as they are found, their programmes made on demand.
 
-A region is the face of the feasible set on which the same rows are tight; its programme has costs and rows in the face's own
-coordinates, as kernels want them.
+A region is the face of the feasible set on which the same rows are tight; its programme holds costs and rows in the face's own
+coordinates, as kernels read them.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from inscrutable.problems import Polyhedron, QuadraticProblem
 from inscrutable.validation import Array
 
 _MOST_FLOATS = 1 << 26
-"""Numbers kept of programmes, half a gigabyte; beyond, a search begins again with none. Ninety actions and eight states take
-30,000 a region."""
+"""The most floating-point numbers in stored programmes, half a gigabyte; beyond, all are deleted. With 90 actions and eight
+states a region takes 30,000."""
 
 
 class Partition:
@@ -40,7 +40,7 @@ class Partition:
         self.forget()
 
     def __getstate__(self) -> dict[str, object]:
-        """Another process makes its own lock."""
+        """A lock cannot be pickled: another process makes its own."""
         return {name: value for name, value in vars(self).items() if name != "_lock"}
 
     def __setstate__(self, state: dict[str, object]) -> None:
@@ -59,8 +59,8 @@ class Partition:
 
     @contextmanager
     def searched(self, patterns: np.ndarray) -> Iterator[None]:
-        """Inside, numbers of regions stay what they are. Before, where no other thread searches and the programmes take more
-        memory than is meant for them, all are forgotten, and `patterns` (n,R) numbered anew."""
+        """Keep the numbers of regions fixed inside the block. On entry, where no other thread searches and the programmes take
+        too much memory, all are deleted and the tight rows `patterns` (n,R) numbered anew."""
         with self._lock:
             if self._searches == 0 and sum(flat.size for flat in self._flat) > _MOST_FLOATS:
                 self.forget()
@@ -260,7 +260,7 @@ def _contradict(region: Polyhedron, tight: np.ndarray, origin: Array) -> bool:
 
 
 class _Chart(NamedTuple):
-    """Coordinates of a face and what is read in them."""
+    """Coordinates of a face and the maps to them."""
 
     origin: Array  # (U,) the point of least norm among those with the held coordinates
     span: Array  # (U, k) orthonormal

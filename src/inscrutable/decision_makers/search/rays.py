@@ -1,8 +1,8 @@
 """How far the budget reaches in every direction of belief.
 
 On a ray y_t = π + t(y − π) the regret of u*(y_t) never decreases, for every cost and feasible set: ρ is the
-Bregman divergence of −V. What is affordable is therefore star-shaped around the true belief, and one number a direction
-describes it, however small it is.
+Bregman divergence of −V. The affordable decoys are therefore star-shaped around the true belief, and one length per direction
+describes them.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Allowance:
 
 @dataclass(frozen=True)
 class Goal(Allowance):
-    """The same with a distance to grow or shrink."""
+    """The same with a distance to maximise or minimise."""
 
     reference: Reference
 
@@ -112,7 +112,7 @@ def _fixed_targets(n_states: int) -> Array:
 
 
 def farthest_decoys(problem: DecisionProblem, belief: Array, limit: float) -> tuple[Array, Array]:
-    """Return decoys (D,X) at the end of what `limit` affords on rays from the belief, and their decisions (D,U)."""
+    """Return the farthest decoys (D,X) on rays from the belief whose regret is within `limit`, and their decisions (D,U)."""
     ends, optimal = ray_ends(belief), problem.solve_points(belief)
     allowed = Allowance(problem, belief, limit, float(problem.state_costs(optimal) @ belief))
     shares, decisions = allowed.along_rays(optimal, ends, tolerances.RAY_END)

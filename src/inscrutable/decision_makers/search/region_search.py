@@ -1,7 +1,7 @@
-"""The best decisions of many beliefs, each searched by itself, from critical region to critical region.
+"""The best decisions of many beliefs, each searched independently, from critical region to critical region.
 
-A search starts at the best candidates of every region and orthant, and where the budget ends on the rays to those that are too
-dear; with more than four states also where climbs along the budget's edge end.
+A search starts at the best candidates of every region and orthant, and at the ends of the budget on the rays to candidates
+beyond it; with more than four states also at the ends of `edge_climbs`.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _STARTS, _SIGNS = 24, 5  # candidates that a search starts from; directions whos
 with as many assets or fewer lose up to 37 %."""
 _MOST_REACHED, _MOST_TRIED = 64, 1024  # regions that a search keeps, and that it may climb
 _FEW, _FARTHEST = 100, 1.5
-"""Candidates, and more than any two beliefs are apart: where fewer are affordable all starts are climbed. Otherwise 5 of 60
+"""Number of candidates, and more than any two beliefs are apart: where fewer are affordable no start is skipped, else 5 of 60
 decisions over four states lose up to 44 % at a budget of a hundredth."""
 _PAIRS = 4  # beliefs in two states only
 _EDGE_STATES = 5
@@ -78,7 +78,7 @@ class Decided(NamedTuple):
 
 
 class SearchSpace:
-    """What a search is given: candidates by critical region, distinct, plausible and admissible."""
+    """The data of a search: candidates by critical region, distinct, plausible and admissible."""
 
     def __init__(self, problem: DecisionProblem, candidates: Candidates) -> None:
         form, quadratic = problem.quadratic_form(), quadratic_problem(problem)
@@ -86,7 +86,7 @@ class SearchSpace:
         assert quadratic is not None
         self.form = form
         self.stated, self.problem = quadratic, quadratic.without_common_costs
-        """The quadratic problem in the form's variables, which are what is called decisions here; no constants."""
+        """The quadratic problem in the form's variables, called decisions here; without constants."""
         sets = candidates.sets
         first = sets.distinct == np.arange(len(candidates))
         variables = self.form.variables(candidates.actions)
@@ -146,10 +146,10 @@ class SearchSpace:
         return Decided(corners, self.problem.solve_rows(corners))
 
     def aims(self, measure: PrivacyMeasure, budget: Budget, beliefs: Array) -> tuple[Aims, Array]:
-        """Return what a measure that follows ± a distance seeks under beliefs (T,X), and optimal costs.
+        """Return the objectives of a measure that follows ± a distance under beliefs (T,X), and optimal costs.
 
-        The aims' costs are those of the space's problem: what all decisions cost alike in a state is left out, and no
-        digit is lost to it.
+        The aims' costs are those of the space's problem: a constant that all decisions cost in a state is left out, so that no
+        digits are lost to it.
         """
         # Copies, all of one layout: kernels would be compiled anew for one that is read-only.
         held = np.array(beliefs, dtype=np.float64, order="C")
@@ -173,7 +173,7 @@ class SearchSpace:
 
 
 def _seen_directions(problem: QuadraticProblem) -> Array:
-    """Orthonormal directions (X,A) of beliefs that decisions can tell: where states cost alike some cannot be told."""
+    """Orthonormal directions (X,A) of beliefs that decisions identify: where states cost alike some are not identified."""
     curves = face_programme(problem, np.zeros(len(problem.constraints.b_ub), dtype=bool)).curves[:, :-1]
     basis = sum_zero_basis(problem.n_states)
     directions, sizes, _ = np.linalg.svd(basis.T @ curves.reshape(len(curves), -1), full_matrices=False)
@@ -182,7 +182,7 @@ def _seen_directions(problem: QuadraticProblem) -> Array:
 
 
 def space_of(problem: DecisionProblem, candidates: Candidates) -> SearchSpace:
-    """Return the space of candidates, made at first use and kept with them; few are joined by decoys of the search's own."""
+    """Return the space of candidates, made at first use and kept with them; where these are few, decoys of a grid are added."""
 
     def made() -> SearchSpace:
         if len(candidates) >= _ENOUGH:
@@ -206,7 +206,7 @@ class Best(NamedTuple):
 
 @cache
 def rules_for(n_states: int) -> Rules:
-    """Return the numbers that the kernels decide by."""
+    """Return the tolerances of the kernels."""
     return Rules(
         tolerances.PIVOT,
         tolerances.EXPLAINED,
@@ -260,7 +260,7 @@ def values_of(reached: Explored) -> Array:
 
 
 def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, entries: np.ndarray) -> Best:
-    """Return some entries (n,) of what beliefs `steps` (n,) reached; a privacy is −∞ where nothing was."""
+    """Return some entries (n,) of beliefs `steps` (n,); the privacy is −∞ where nothing was found."""
     privacies = values_of(reached)[steps, entries]
     actions = np.zeros((len(steps), space.actions.shape[1]))
     found = np.flatnonzero(privacies > -np.inf)
@@ -270,7 +270,7 @@ def read(space: SearchSpace, aims: Aims, reached: Explored, steps: np.ndarray, e
     decoys, numbers = np.full((len(steps), aims.beliefs.shape[1]), np.nan), np.zeros((3, len(steps)))
     decoys[found], numbers[:, found] = reached.nearest[at], reached.numbers[at][:, [1, 2, 4]].T
     privacies[found] = numbers[0, found]
-    # A belief that left the simplex by a billionth is put back: an observer finds it there.
+    # A belief outside the simplex by a billionth is projected on it, as an observer does.
     for i in np.flatnonzero((decoys < -tolerances.EXPLAINED).any(axis=1)):
         decoys[i] = np.maximum(decoys[i], 0.0) / np.maximum(decoys[i], 0.0).sum()
         privacies[i] = aims.sign * np.linalg.norm(decoys[i] - aims.points[steps[i]])
@@ -282,14 +282,14 @@ def _report(progress: Progress, before: int, count: int, done: int, _: int) -> N
 
 
 def cut(aims: Aims, rows: slice | np.ndarray) -> Aims:
-    """Return what some of the beliefs seek."""
+    """Return the objectives of some of the beliefs."""
     return Aims._make(field[rows] if isinstance(field, np.ndarray) else field for field in aims)
 
 
 def search(
     space: SearchSpace, aims: Aims, starts: Starts, progress: Progress | None = None, goes_on: bool = True
 ) -> Explored:
-    """Return what the searches of a block reach from their starts; where it does not go on, in the starts' regions alone."""
+    """Return what the searches of a block find from their starts; without `goes_on` in the starts' regions alone."""
     count, n_states = aims.beliefs.shape
     rules, partition = rules_for(n_states), space.partition
     patience = _PATIENCE if n_states > 3 else _PATIENCE_IN_PLANE
@@ -351,7 +351,7 @@ def starts_of(space: SearchSpace, aims: Aims, n_starts: int, others: list[SomeSt
     elif n_states >= _EDGE_STATES:
         parts += _edge_starts(space, aims)
     starts = together(aims, [*parts, *(others or ())])
-    # Few candidates say little of how far climbs from them come: then no start is skipped.
+    # Few candidates tell little about the value at the end of a climb: then no start is skipped.
     starts.promise[np.repeat(n_worth < _FEW, np.diff(starts.first))] += _FARTHEST
     return starts
 
@@ -437,8 +437,8 @@ def _end_starts(space: SearchSpace, aims: Aims, ends: Array) -> Iterator[SomeSta
 def _moved_to_the_budget(problem: QuadraticProblem, aims: Aims, steps: np.ndarray, decoys: Array) -> Array:
     """Move decoys (n,X) on their rays to just before the budget ends, and return their decisions (n,U).
 
-    The regret grows along a ray, and its root is linear within a region: each step takes it as linear from the belief on, and
-    halves what is left where that leads out of the shares known to be affordable and not, or back too slowly.
+    The regret grows along a ray, and its root is linear within a region: each step is a secant step from the belief, and a
+    bisection where the secant leaves the bracket or shrinks it too slowly.
     """
     beliefs, limits, best = aims.beliefs[steps], aims.limits[steps], aims.optimal_costs[steps]
     away, share = decoys - beliefs, np.ones(len(steps))

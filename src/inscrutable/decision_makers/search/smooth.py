@@ -1,9 +1,9 @@
 """The best single decision of any smooth problem: from the best candidates to a local optimum, face by face.
 
 A face fixes the tight rows. Where its consistent sets are points, privacy is the distance of the decision's decoy, and
-regret never falls along a ray from the true belief: one length a direction says all, and the direction is searched by
-patterns of trials that shrink around the best. Where the sets are larger, few coordinates of the decision are free, and
-these are searched directly, the set's distance being judged at every trial. SLSQP over the decoy, with slacks and budget as
+regret never falls along a ray from the true belief: the best decoy of a direction is the last affordable one. A pattern search
+over directions shrinks around the best. Where the sets are larger, few coordinates of the decision are free; a pattern search
+over these computes the set's distance at every trial. SLSQP over the decoy, with slacks and budget as
 constraints, finds the same privacies for growth problems of two and three states (to 1e-6) in up to 27 times as long: it asks
 for one belief after the other, a pattern for all of them at once.
 """
@@ -32,7 +32,7 @@ _ROUGH = 0.01
 
 
 class _Climb:
-    """Where the climb from one decoy stands."""
+    """The state of the search from one decoy."""
 
     def __init__(self, goal: Goal, tight: np.ndarray, decoy: Array, basis: Array) -> None:
         self.tight, self.length = tight, float(np.linalg.norm(decoy - goal.belief))
@@ -57,14 +57,14 @@ class _Climb:
 def climb_on_rays(goal: Goal, tight: Sequence[np.ndarray], decoys: Sequence[Array], known: float) -> list[Array | None]:
     """Return, for each of some decoys, the decision on its face `tight` whose decoy is best, from the decoy's direction.
 
-    None where the face is left, or where a privacy that is `known` already is out of reach. All climb at the same time: a
+    None where the face is left, or where the search cannot exceed the privacy `known`. All searches run together: a
     problem solves many beliefs almost as fast as one.
     """
     basis = sum_zero_basis(goal.belief.size)
     climbs = [_Climb(goal, *start, basis) for start in zip(tight, decoys, strict=True)]
     spread, size = _FIRST_SPREAD, basis.shape[1]
     for _ in range(_ROUNDS if size > 1 else 1):
-        # What turning still gains is of the order of the spread's square: lengths need to be no better known.
+        # The gain left in the direction is of the order of spread²: lengths need no more accuracy.
         _turn(goal, climbs, basis, spread, max(_ROUGH * spread**2, tolerances.BUDGET_SAFETY))
         for climb in climbs:
             climb.is_open &= climb.value == -np.inf or climb.value + _HOPE * spread * climb.length >= known
@@ -109,9 +109,9 @@ def _turns(direction: Array, rng: np.random.Generator) -> Array:
 _FACES = 10
 _STARTS_A_FACE = 3
 _STARTS_APART = 0.1
-_MORE = 3  # times as many starts at a time as before, beginning with one: with all at once four are searched in vain
+_MORE = 3  # times as many starts at a time as before, beginning with one: with all at once four searches are wasted
 _PROMISE = 1.15
-"""How much farther than its start a local search may come to rest; starts that promise less than is found are skipped."""
+"""The largest distance at a search's end, over that at its start; starts that promise less than is found are skipped."""
 _ZOOM_POINTS = 41
 _ZOOM_ROUNDS = 7
 
@@ -124,7 +124,7 @@ class Trial(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Where a search on a face begins: the face's tight rows, a decoy, a decision, and the most it could reach."""
+    """A start on a face: the face's tight rows, a decoy, a decision, and an estimate of the largest value reached from it."""
 
     tight: np.ndarray
     decoy: Array
@@ -144,7 +144,7 @@ def polish(goal: Goal, scores: Scores) -> Trial | None:
 
 
 def _improved(goal: Goal, starts: list[Start], best: Trial | None) -> Trial | None:
-    """The best of what searches from some starts reach and what is known."""
+    """The best decision of searches from some starts, or `best` itself."""
     known = -np.inf if best is None else best.privacy
     on_rays: list[Start] = []
     others = []
@@ -250,7 +250,7 @@ def judge(goal: Goal, action: Array) -> Trial | None:
 
 
 def _zoomed(goal: Goal, action: Array, free: Array) -> Trial | None:
-    """A shrinking search over the few free coordinates of a decision, judging the set's distance at every trial."""
+    """A pattern search over the few free coordinates of a decision, with the set's distance computed at every trial."""
     best = judge(goal, action)
     if goal.regrets(action) > goal.limit:
         return None

@@ -1,4 +1,4 @@
-"""What decision makers are given, checked, and how they show it."""
+"""Checks of the arguments of decision makers, and their `repr`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def checked_on_empty(value: Any) -> str:
 
 
 class Described:
-    """Gives a decision maker a short `repr`; `_shown` names the attributes to tell beside the problem."""
+    """Gives a decision maker a short `repr`; `_shown` names the attributes shown beside the problem."""
 
     problem: DecisionProblem
     _shown: ClassVar[tuple[str, ...]] = ()

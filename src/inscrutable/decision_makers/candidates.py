@@ -1,4 +1,4 @@
-"""The decisions to choose from, with what is known of them, solved once per problem: the paper's set {ū^(l)}."""
+"""The decisions to choose from, with state costs and consistent sets, computed once per problem: the paper's {ū^(l)}."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Candidates:
             found = search()
             if len(self.decided) >= _MOST_KEPT:
                 self.decided.pop(next(iter(self.decided)), None)
-        self.decided[key] = found  # behind all others: in front is what was used least recently
+        self.decided[key] = found  # last: the least recently used comes first
         return found
 
     def joined(self, other: Candidates) -> Candidates:
@@ -190,7 +190,7 @@ def _found(candidates: Candidates) -> Distinct:
     sets = candidates.sets
     usable = np.flatnonzero(candidates.usable)
     first = np.full(len(candidates), -1)
-    first[sets.distinct[usable][::-1]] = usable[::-1]  # of equal decisions the one that is written last, the first
+    first[sets.distinct[usable][::-1]] = usable[::-1]  # of equal decisions the first one is written last
     number = np.sort(first[first >= 0])
     costs, start, end = (np.ascontiguousarray(each[number]) for each in (candidates.state_costs, sets.start, sets.end))
     kind = np.minimum(sets.dimension[number], _LARGER).astype(np.int64)

@@ -1,4 +1,4 @@
-"""What the cheapest privacy costs: the least regret at which a goal comes into reach."""
+"""The least regret at which a given privacy is reached."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CheapestPrivacy(Summarised, Saved):
     """The decision of least regret found that reaches a privacy.
 
     Args:
-        regret: What it costs above the optimal cost, in the cost's unit; infinite where no decision found reaches it.
+        regret: Its cost above the optimal cost, in the cost's unit; infinite where no decision found reaches the privacy.
         share: The same as a share of |c*|.
         privacy: Ψ of the decision; of the optimal one where none was found.
         action: The decision, shape (U,); the optimal one where none was found.
@@ -78,8 +78,8 @@ def cheapest_privacy(
         candidates: Decisions to start from; None is about 5,000 decoys.
 
     Returns:
-        A `CheapestPrivacy`; its regret is reached, and an upper bound of the least one. A decision maker whose own
-        candidates lie farther away plays its action where that is handed over as a candidate.
+        A `CheapestPrivacy`; its regret is an upper bound of the least one. A decision maker with coarser candidates may
+        find its action only if that is among the candidates.
 
     Raises:
         InputError: The belief is not one point of the simplex, or `privacy` is not a number.
@@ -128,7 +128,7 @@ class _Search:
         return bool(self.problem.constraints.is_admissible(action)) and self.privacy(action) >= self.least
 
     def best(self) -> tuple[float, Array] | None:
-        """The cheapest candidate that reaches the privacy, and what the rays to it and its neighbours have before it."""
+        """The cheapest decision with the privacy among the candidates and on the rays to the best of them."""
         frontier = privacy_frontier(self.problem, self.belief, self.measure, candidates=self.candidates)
         index = np.flatnonzero(frontier.points[:, 1] >= self.least)
         numbers = frontier.indices[index]

@@ -43,17 +43,17 @@ class GlobalSearch:
     """Search all candidates, then polish the best ones to a local optimum among admissible decisions.
 
     Args:
-        certify: The relative gap of a proof, such as 0.01: `privacy_bound` is then proven for every affordable decision,
-            admissible or not, by branch and bound; exactly, and with mixtures of tied vertices, where all costs are linear
-            (of a finite problem choices alone count, unless candidates mix them). None asks for no proof.
+        certify: The relative gap of a proof by branch and bound, such as 0.01: `privacy_bound` then holds for every affordable
+            decision, admissible or not. For linear costs the proof is exact and covers mixtures of tied vertices; for a
+            finite problem it covers the choices alone, unless candidates mix them. None asks for no proof.
         max_oracle_calls: Beliefs solved for one proof, after which the bound stands as it is.
 
     Raises:
         InputError: The gap is not between 0 and 1, or the number of calls is not positive.
 
     Cost: the candidates and a few local searches, more above three states; a proof at one per cent takes some hundred
-    forward solves for three states, some thousand for four; for linear costs one for every corner of the cells of beliefs
-    that share a decision, once for all beliefs. Source: every plausible decision is optimal for some decoy,
+    forward solves for three states, some thousand for four; for linear costs one for every vertex of the critical
+    regions, once for all beliefs. Source: every plausible decision is optimal for some decoy,
     and a decoy's regret never falls along a ray from the true belief.
 
     Example:
@@ -163,12 +163,12 @@ class CounterAdversarialDecisionMaker(HidingDecisionMaker):
 
 
 def best_decisions(case: Case, beliefs: Array, progress: Progress | None = None) -> Decisions:
-    """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief is searched by itself."""
+    """Return the best single decisions of beliefs (T,X), none worse than the optimal one; each belief independently."""
     if case.is_quadratic_distance and case.space.problem.bends:
         return _searched(case, beliefs, progress)
     if is_streamed(case.measure):
         return hidden(case, beliefs, best_decisions, progress).decisions()
-    # A table of copies: what is kept for other decision makers is nobody's to change.
+    # Copies: a caller must not change the decisions kept for other decision makers.
     return stack([_best_at(case, step, belief) for step, belief in counted(beliefs, progress)], case.problem)
 
 
@@ -216,7 +216,7 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
     if reference is not None and case.on_empty == "exclude" and quadratic is not None:
         found = _searched(case, belief[None])[0]
         if type(case.measure) not in (MaximalObfuscation, DesiredObfuscation):
-            # It may follow a distance without being it.
+            # The measure may be a function of a distance without being equal to it.
             privacy = float(case.measure(belief, found.belief_set))
             found = replace(found, privacy=privacy, privacy_bound=max(case.measure.upper_bound(belief), privacy))
         if quadratic.bends or not _some_candidate_is_better(case, belief, found, limit):
@@ -227,7 +227,7 @@ def _search(case: Case, belief: Array, reference: Reference | None) -> Decision:
 
 
 def _some_candidate_is_better(case: Case, belief: Array, found: Decision, limit: float) -> bool:
-    """Whether the search of critical regions stayed behind a candidate, as where decisions of a region are tied."""
+    """Whether a candidate is better than the search's decision, as may be where decisions of a region are tied."""
     scores = score(belief, found.optimal_cost, case.candidates, case.measure, case.on_empty)
     index = scores.best(limit)
     return index is not None and bool(scores.privacies[index] > found.privacy + tolerances.NO_PRIVACY)
@@ -249,7 +249,7 @@ def _search_candidates(case: Case, belief: Array, optimal: Array, optimal_cost: 
     own = decision_for(problem, belief, optimal, measure, DecisionStatus.OPTIMAL)
     if action is not None:
         chosen = decision_for(problem, belief, action, measure, status)
-        # A regret of rounding size allows a distance of its square root, which is no privacy.
+        # A regret of the size of rounding allows a distance of its square root, which does not count.
         if chosen.privacy > own.privacy + (0.0 if reference is None else tolerances.NO_PRIVACY):
             return chosen
     own = replace(own, privacy_bound=measure.upper_bound(belief))

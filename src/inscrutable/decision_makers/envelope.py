@@ -96,9 +96,9 @@ def best_mixtures(regrets: Array, gains: Array, limits: Array, allowed: np.ndarr
         regrets = np.where(allowed, regrets, np.inf)
     rows = np.arange(len(limits))
     cheap = regrets.argmin(axis=1)
-    # Of equal gains the cheapest: mixing in a dearer one would spend more for nothing.
+    # Of equal gains the cheapest.
     dear = np.where(gains == gains.max(axis=1, keepdims=True), regrets, np.inf).argmin(axis=1)
-    # From the limit on: prices of points that hardly differ in regret are huge, and values at the limit are not.
+    # Regrets relative to the limit: between points of almost equal regret the price is huge, the value at the limit is not.
     beyond = np.where(np.isfinite(regrets), regrets, 0.0) - limits[:, None]
     within = regrets[rows, dear] <= limits
     cheap = np.where(within, dear, cheap)
@@ -142,7 +142,7 @@ def mixture_by_linear_programme(regrets: Array, privacies: Array, limit: float) 
 
 
 class RatedPoints(ABC):
-    """Regrets and privacies of points, the privacies upper bounds until `refine` makes them exact: only where they count."""
+    """Regrets and privacies of points; a privacy is an upper bound until `refine` makes it exact, where that can matter."""
 
     regrets: Array
     privacies: Array
@@ -153,7 +153,7 @@ class RatedPoints(ABC):
         """Make the privacy of a point exact, and that of all that are the same."""
 
     def settled(self, choose: Callable[[Array, Array], np.ndarray]) -> np.ndarray:
-        """Return the points that `choose` takes by regrets and privacies, all exact."""
+        """Return the points that `choose` selects once the privacies of all selected points are exact."""
         while True:
             chosen = choose(self.regrets, self.privacies)
             unsure = chosen[~self.exact[chosen]]

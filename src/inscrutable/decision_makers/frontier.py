@@ -29,7 +29,7 @@ class Frontier(Summarised, Saved):
     Args:
         belief: The true belief, shape (X,).
         optimal_cost: V(π), in the cost's unit; a share c_b of it is the regret c_b·|V(π)|.
-        points: Regret and privacy of the decisions no cheaper one matches, shape (K,2), by rising regret.
+        points: Regret and privacy of the undominated decisions, shape (K,2), by rising regret.
         corners: Those of them on the concave envelope, shape (H,2).
         indices: Which candidate each point is; the number of candidates itself stands for the optimal decision.
 
@@ -76,7 +76,7 @@ class Frontier(Summarised, Saved):
         return _as_given(np.where(limits < self.corners[0, 0], -np.inf, values), regret)
 
     def price(self, regret: ArrayLike) -> float | Array:
-        """Return the privacy that one more unit of expected regret buys; zero where nothing more is to be had."""
+        """Return the privacy that one more unit of expected regret buys; zero where it buys none."""
         limits = _regrets(regret)
         if len(self.corners) < 2:
             return _as_given(np.zeros(limits.shape), regret)

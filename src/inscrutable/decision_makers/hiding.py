@@ -1,4 +1,4 @@
-"""What the CDM and the PDM are given, and what is searched for both."""
+"""The arguments of the CDM and the PDM, and the case that both search."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Case:
 
     @cached_property
     def space(self) -> SearchSpace:
-        """Where kernels search; for quadratic costs."""
+        """The search space of the kernels, for quadratic costs."""
         return space_of(self.problem, self.candidates)
 
     @cached_property
@@ -56,7 +56,7 @@ class HidingDecisionMaker(Described):
         on_empty: str,
     ) -> None:
         self.problem = checked_problem(problem)
-        # The two have types that cannot be mistaken, so that either may come first.
+        # Measures and budgets differ in type, so that either may come first.
         if isinstance(measure, (Budget, float, int)) or (isinstance(measure, str) and is_budget(measure)):
             measure, budget = self._swapped(measure, budget)
         self.measure = checked_measure(measure)
@@ -80,7 +80,7 @@ class HidingDecisionMaker(Described):
 
     @cached_property
     def case(self) -> Case:
-        """What is searched."""
+        """The case to search."""
         return Case(self.problem, self.candidates, self.measure, self.budget, self.on_empty)
 
     @property

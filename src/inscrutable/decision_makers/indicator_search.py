@@ -1,4 +1,4 @@
-"""How goals that are met or missed are best met: single decisions and lotteries, for one belief or many."""
+"""The cheapest decisions and lotteries that meet an indicator measure, for one belief or many."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _OWN, _POLISHED, _CANDIDATE, _NOTHING = range(4)
 
 @dataclass(frozen=True, eq=False)
 class IndicatorResult:
-    """How T beliefs are best hidden: `source` says whether by the optimal decision, a polished one, a candidate, or not."""
+    """The cheapest decisions of T beliefs; `source` tells optimal decisions, polished ones, candidates and none."""
 
     problem: DecisionProblem
     beliefs: Array  # (T,X)
@@ -60,7 +60,7 @@ class IndicatorResult:
         return np.asarray(self.source != _NOTHING)
 
     def improve(self, step: int, decision: Decision) -> None:
-        """Let a cheaper decision meet the goal for one belief."""
+        """Replace the decision of one belief by a cheaper one."""
         self.actions[step], self.regrets[step] = self.problem.as_points(decision.action), decision.regret
         self.decoys[step], self.source[step] = _centres(self.problem, self.actions[step : step + 1])[0], _POLISHED
 
@@ -89,7 +89,7 @@ class IndicatorResult:
 
 
 def met(case: Case, beliefs: Array, progress: Progress | None = None) -> IndicatorResult:
-    """Return how beliefs (T,X) are best hidden; chunks of them in turn, on all cores."""
+    """Return the cheapest decisions of beliefs (T,X) that meet the goal, in chunks on all cores."""
     count, n_states = beliefs.shape
     table = table_of(case.problem, case.measure, case.candidates, case.on_empty)
     result = IndicatorResult(
@@ -135,7 +135,7 @@ def _fill(case: Case, table: IndicatorTable, result: IndicatorResult, part: slic
         sets, candidates = case.candidates.sets, case.candidates.actions[chosen]
         block = Block(beliefs[which], optimal[which], optimal_costs[which], sets.start[chosen],
                       sets.dimension[chosen] >= 0, candidates)  # fmt: skip
-        # Between choices there is nothing.
+        # A finite problem has no decisions between its choices.
         polished = candidates if problem.is_discrete else cheaper(goal, block, table.starts)
         costs = (problem.state_costs(polished) * beliefs[which]).sum(axis=1)
         reached = np.maximum(costs - optimal_costs[which], 0.0)
@@ -167,7 +167,7 @@ def _by_programme(
 
 
 def _centres(problem: DecisionProblem, actions: Array) -> Array:
-    """A belief in the middle of what explains each decision; NaN where nothing does."""
+    """A central member of each decision's consistent set; NaN where that is empty."""
     sets = consistent_sets(problem, actions)
     middle = 0.5 * (sets.start + sets.end)
     for i in np.flatnonzero(sets.dimension >= LARGER):
@@ -184,7 +184,7 @@ def _cheapest_unexplained(form: LinearForm, belief: Array, margin: float) -> Arr
     """
     region, costs, size = form.constraints, form.costs, form.constraints.n_actions
     scale = max(float(np.abs(costs).max()), np.finfo(float).tiny)
-    # A gap is proved only up to its accuracy.
+    # The computed gap has this error.
     wanted = margin / scale + 2.0 * tolerances.GAP_STEP * max(1.0, margin / scale)
     nothing, other = np.zeros_like(region.A_ub), np.zeros_like(region.A_eq)
     below = Rows(
@@ -207,8 +207,8 @@ Search = Callable[[Case, Array], Decisions]
 
 
 def hidden(case: Case, beliefs: Array, best: Search, progress: Progress | None = None) -> IndicatorResult:
-    """Return how beliefs (T,X) meet a goal that is met or missed; a distance from the belief at the least regret that `best`
-    finds."""
+    """Return the cheapest decisions of beliefs (T,X) that meet an indicator measure; where that asks for a distance, `best` is
+    searched at falling budgets."""
     distance = case.measure.least_distance()
     if distance is None or quadratic_problem(case.problem) is None:
         return met(case, beliefs, progress)
@@ -248,7 +248,7 @@ def _cheapest_keeping_distance(case: Case, belief: Array, best: Search, most: fl
 
 
 _MOST_SEARCHES = 20
-_JUMPS = 0.75  # share of the gap in privacy that a smaller bracket leaves where the privacy jumps in it
+_JUMPS = 0.75  # a privacy jumps within a bracket where its gap there is above this share of the former one's
 
 
 def cheapest_at_distance(
@@ -256,10 +256,10 @@ def cheapest_at_distance(
 ) -> Decision | None:
     """Return the cheapest decision found with a privacy of at least `distance`, None where a regret of `most` affords none.
 
-    `search` gives the decision of greatest privacy P(B) for a budget B. Near the belief P is about linear in √B, as regrets
-    are quadratic; elsewhere it jumps, where a farther decision comes into reach. That one is `shortened` to the least regret
-    on its face, and a search with less tells whether that is the least of all. Otherwise P(B) = distance is bracketed by
-    secants in √B, and by halvings where those gain little.
+    `search` gives the most private decision for a budget B, with privacy P(B). For small B, P is about linear in √B, as regrets
+    are quadratic; it jumps where a farther decision becomes affordable. That decision is `shortened` to the least regret on
+    its face, and a search with a smaller budget tests whether a cheaper one exists. Otherwise P(B) = distance is solved by
+    the secant method in √B, with bisections where that gains little.
     """
     found = search(most)
     if not found.privacy >= distance:

@@ -1,8 +1,8 @@
-"""Goals that are met or missed (measures a, b, c): the cheapest decision that meets one, for many beliefs in one pass.
+"""The cheapest decision that meets an indicator measure (a, b, c), a goal that is met or missed, for many beliefs in one pass.
 
-Whether a candidate meets (a) does not depend on the belief, for (b) and (c) it is read off the ends of its consistent set.
-So one scan per belief finds the cheapest candidate that does. It is made cheaper still: toward the optimal decision as far as
-the goal allows, and around the belief in the cheapest direction. All beliefs of a block take each step together.
+Whether a candidate meets (a) does not depend on the belief; for (b) and (c) the ends of its consistent set decide.
+So one scan per belief finds the cheapest candidate that does. Two searches then lower its regret: toward the optimal decision
+as far as the goal allows, and around the belief in the cheapest direction. The beliefs of a block take each step together.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from inscrutable.validation import Array
 
 
 def is_streamed(measure: PrivacyMeasure) -> bool:
-    """Whether the measure is one of the three that the scan knows; a user's own goal is judged set by set."""
+    """Whether the measure is one of the three that the scan computes; a user's own measure is called set by set."""
     return type(measure) in (Infeasibility, NonUniqueness, NonExistence)
 
 
@@ -36,7 +36,7 @@ class Cheapest(NamedTuple):
 
 
 class Indicator:
-    """A measure for a problem: which decisions meet it under which belief. A user's own judges set by set."""
+    """A measure for a problem: which decisions meet it under which belief. A user's own measure is called set by set."""
 
     def __init__(self, problem: DecisionProblem, measure: PrivacyMeasure, on_empty: str = "exclude") -> None:
         self.problem, self.measure = problem, measure
@@ -72,8 +72,8 @@ class Indicator:
         return bool(privacy == 0.0)
 
     def slack(self, costs: Array) -> Array:
-        """Return the regret up to which a belief may be a member of a decision of state costs (…,X): one of an
-        ill-conditioned set may lie beside the ends that are known of it, but it leaves no regret."""
+        """Return the regret up to which a belief counts as consistent with a decision of state costs (…,X): a member of an
+        ill-conditioned set may lie beside its computed ends, but the decision has no regret under it."""
         return np.asarray(tolerances.FEASIBILITY * np.abs(costs).max(axis=-1))
 
     def is_far(self, belief: Array, found: BeliefSet) -> bool:
@@ -133,7 +133,7 @@ class IndicatorTable:
         return answer
 
     def _holds(self, belief: Array, d: int, regret: float) -> bool:
-        """Whether a decision that the scan takes for one that meets the goal does; what is true for all beliefs is kept."""
+        """Whether a decision that passes the scan meets the goal; answers that hold for all beliefs are kept."""
         if self._proved[d]:
             return True
         if self.goal.compares_gaps:
@@ -162,7 +162,7 @@ def table_of(
 
 _NEAR = 8.0 * tolerances.POLISH
 _DIRECTIONS = 300
-"""Looked at around a belief: without them 2 of 120 decisions that keep a distance of .01 pay up to 50 % more."""
+"""Directions tried around a belief: without them 2 of 120 decisions that keep a distance of .01 pay up to 50 % more."""
 
 
 class Block(NamedTuple):
@@ -196,15 +196,15 @@ def cheaper(goal: Indicator, block: Block, members: Array | None) -> Array:
 
 
 class _Shortening:
-    """The way from the optimal decision (0) to the one that meets the goal (1): by the decoys on the ray to a member, or
-    straight on where no belief explains the decision."""
+    """The path from the optimal decision (0) to the one that meets the goal (1): the decisions of decoys on the ray to a
+    member, or a straight line where no belief explains the decision."""
 
     def __init__(self, goal: Indicator, block: Block) -> None:
         self._goal, self._block = goal, block
         self._tests = [LevelTest(goal.problem, goal.margin) for _ in block.beliefs] if goal.compares_gaps else []
 
     def best(self) -> Array:
-        """Return the decisions where the ways stop to meet the goal, or those of the block where these cost less."""
+        """Return the last decisions on the paths that meet the goal, or those of the block where these cost less."""
         block = self._block
         everyone = np.arange(len(block.beliefs))
         ends = self._bracket()
@@ -218,8 +218,8 @@ class _Shortening:
         return found
 
     def _bracket(self) -> Bracket:
-        """Where each way is first known to meet and to miss the goal; a decoy is no farther from its set than itself, so
-        nothing nearer than the goal's distance can meet it, and a little beyond it most do."""
+        """Shares of each path known to meet and to miss the goal. A set is no farther than the decoy in it, so that no decoy
+        nearer than the goal's distance meets it; a little beyond it most do."""
         block, by_corners = self._block, self._goal.rule is NonUniqueness
         ends = Bracket(np.ones(len(block.beliefs)), np.zeros(len(block.beliefs)))
         away = block.members - block.beliefs
@@ -279,7 +279,7 @@ def _cheapest_direction(goal: Indicator, block: Block, members: Array, radius: f
     decoys = block.beliefs[of] + radius * np.concatenate(directions)
     tried = goal.problem.solve_points(decoys)
     regrets = _regrets(goal, block.pick(of), tried)
-    # The optimal decision is known to miss the goal, and what costs more than the best is not wanted.
+    # The optimal decision misses the goal, and what costs more than the best is of no use.
     own = np.abs(tried - block.optimal[of]).max(axis=1) <= tolerances.SAME_ACTION
     regrets[own | (regrets > _regrets(goal, block, block.actions)[of])] = np.inf
     queues = []

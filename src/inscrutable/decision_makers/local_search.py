@@ -1,4 +1,4 @@
-"""The paper's way: a local solver on the decision itself, from random affordable starts."""
+"""The paper's method: a local solver over the decision, from random affordable starts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from inscrutable.validation import Array
 
 
 class Judgement(NamedTuple):
-    """What is known about trials (n,U)."""
+    """Privacy, cost and admissibility of trials (n,U)."""
 
     privacies: Array  # (n,): −∞ outside the feasible set or, where that matters, where no belief explains the trial
     costs: Array  # (n,): π·s(u)
@@ -36,7 +36,7 @@ class Judge:
         self._far = tolerances.FEASIBILITY if measure.judges_empty else tolerances.FINITE_DIFFERENCE
 
     def __call__(self, trials: Array) -> Judgement:
-        """Return the judgement of trials (n,U); a solver's trial that is not finite may not be played."""
+        """Return the judgement of trials (n,U); a trial that is not finite is not admissible."""
         problem, measure = self._problem, self._measure
         is_finite = np.asarray(np.isfinite(trials).all(axis=1))
         trials = np.where(is_finite[:, None], trials, 0.0)
@@ -60,10 +60,10 @@ _TRIES_A_START = 200
 _BLOCK = 16
 _UNEXPLAINED = 2.0
 _STEP = 2.0**-30
-"""Starts end on multiples of this share of the way to the budget's end: where the solver arrives may hang on the last digits
-of its start, which no change of the root finder should move."""
+"""Starts lie on multiples of this share of the way to the budget's end: the solver's answer may depend on the last digits of
+its start, and these must not depend on the root finder."""
 _ACCURACY = 2.0**-45
-"""Of these ends, so that one in thirty thousand is rounded to another multiple."""
+"""Accuracy of these ends: one in thirty thousand is rounded to another multiple."""
 _DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
 
 
@@ -111,14 +111,14 @@ class _Watched:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew, with nothing seen."""
+        """Forget all trials."""
         self.best: Array | None = None
         self.best_key = (-np.inf, -np.inf)
         self.worst = 0.0
 
     def losses(self, actions: Array) -> tuple[list[float], float, Array]:
-        """Minus the privacy of trials (n,U), of the first one the excess and the cost's gradient; remembers the best
-        admissible affordable one."""
+        """Minus the privacies of trials (n,U), and the first one's excess and cost gradient; remembers the best admissible
+        affordable one."""
         found = self.judge(actions)
         excess = [cost - self.optimal_cost - self.limit for cost in found.costs.tolist()]
         losses = (-found.privacies).tolist()
@@ -129,7 +129,7 @@ class _Watched:
             key = (-losses[index], -excess[index])
             if playable and excess[index] <= 0 and key > self.best_key:
                 self.best, self.best_key = actions[index].copy(), key
-        # Beyond the plausible set the privacy is undefined: worse than any belief could be, so the solver turns back.
+        # Where no belief explains a trial its loss is above that of every belief, so that the solver turns back.
         turned = [self.worst + _UNEXPLAINED if loss == np.inf else loss for loss in losses]
         return turned, excess[0], found.slopes[0]
 
@@ -198,8 +198,8 @@ def _cheaper(watched: _Watched, reached: Array) -> Array:
 
 
 class _Descent:
-    """What the solver asks for, found once a point: loss, constraints (≥ 0 where met) and their slopes, in coordinates
-    along the equalities, so that finite differences stay on them."""
+    """Loss, constraints (≥ 0 where met) and their gradients for the solver, computed once a point, in coordinates along the
+    equalities, so that finite differences stay on them."""
 
     def __init__(self, watched: _Watched, start: Array) -> None:
         region = watched.problem.constraints

@@ -56,7 +56,7 @@ class OriginalDecisionMaker(Described):
     def table(self, beliefs: ArrayLike) -> tuple[Array, np.ndarray, Array]:
         """Return the optimal decisions for beliefs (T,X) as points (T,U), the number of each belief's own and its share 1.
 
-        The same as `decide_many`, without what an observer makes of each decision.
+        The same as `decide_many`, without the consistent beliefs of each decision.
         """
         held = validation.many_beliefs(beliefs, self.problem.n_states, names=self.problem.state_names)
         return certain(np.atleast_2d(self.problem.solve_points(held)))
@@ -70,7 +70,7 @@ def certain(points: Array) -> tuple[Array, np.ndarray, Array]:
 def decision_for(
     problem: DecisionProblem, belief: Array, action: Array, measure: PrivacyMeasure, status: DecisionStatus
 ) -> Decision:
-    """Return an action with its cost, regret and privacy judged afresh from the action alone."""
+    """Return an action with its cost, regret and privacy, computed from the action alone."""
     action = problem.as_points(action)
     found = belief_set_of(problem, action)
     best, relative = problem.solve_points(belief), problem.without_common_costs

@@ -43,7 +43,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True)
 class Envelope:
-    """Mix on the concave envelope of all candidates, the optimal decision and the polished CDM's: exact, any budget.
+    """Lotteries on the concave envelope of all candidates, the optimal decision and the CDM's: exact at any budget.
 
     Source: the paper's eq. (12); one budget row beside Σp = 1 leaves an optimum of at most two atoms.
 
@@ -160,7 +160,7 @@ class ProbabilisticDecisionMaker(HidingDecisionMaker):
         scores.privacies[unbounded] = -np.inf
         extra = [decision_for(problem, belief, problem.solve(belief), measure, DecisionStatus.OPTIMAL)]
         if single is not None:
-            # It was found affordable: its regret, computed again, may differ by a rounding.
+            # The decision is affordable: its regret, computed again, may differ by rounding.
             extra.append(replace(single, regret=min(single.regret, limit)))
         return self._mixed(scores, extra, limit, optimal_cost)
 
@@ -220,7 +220,7 @@ _KINDS = np.array([_NOTHING, DecisionStatus.POLISHED, DecisionStatus.BEST_CANDID
 
 
 def _searched(case: Case, beliefs: Array, progress: Progress | None = None) -> MixedDecisions:
-    """Return the lotteries of beliefs (T,X), each searched by itself, the best single decision among its atoms."""
+    """Return the lotteries of beliefs (T,X), each searched independently, the best single decision among its atoms."""
     space = case.space
     aims, optimal_costs = space.aims(case.measure, case.budget, beliefs)
     singles = best_in_regions(space, aims) if space.problem.bends else _as_best(space, best_decisions(case, beliefs))

@@ -1,4 +1,4 @@
-"""What a decision maker returns: rows of one table, able to print and to check themselves."""
+"""Results of decision makers: rows of one table, with summaries and checks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from inscrutable.validation import Array
 
 @dataclass(frozen=True, eq=False)
 class ResultTable:
-    """T lotteries of at most k decisions; what is padded has probability 0, and a single decision is a lottery of one."""
+    """T lotteries of at most k decisions; padding has probability 0, and a single decision is a lottery of one."""
 
     problem: DecisionProblem | None
     actions: Array  # (T,k,U) decisions in the problem's coordinates, or those (M,U) among which they have `places`
@@ -32,10 +32,10 @@ class ResultTable:
     privacies: Array  # (T,k)
     decoys: Array  # (T,k,X)
     optimal_cost: Array  # (T,)
-    bound: Array  # (T,) no affordable privacy is larger, nor than what is expected here
+    bound: Array  # (T,) of the affordable privacy, before rounding
     status: tuple[DecisionStatus, ...]
     price: Array = None  # type: ignore[assignment]  # (T,); None becomes NaN
-    oracle_calls: np.ndarray = None  # type: ignore[assignment]  # (T,) for the proofs of the bounds; None becomes 0
+    oracle_calls: np.ndarray = None  # type: ignore[assignment]  # (T,) of the proofs; None becomes 0
     places: np.ndarray | None = None  # (T,k)
 
     def __post_init__(self) -> None:
@@ -55,7 +55,7 @@ class ResultTable:
 
     @cached_property
     def privacy(self) -> Array:
-        """Σ_l p_l Ψ_l, shape (T,); what is never drawn does not count, be it infinite."""
+        """Σ_l p_l Ψ_l, shape (T,); a privacy of probability 0 does not count, even if infinite."""
         return expected(self.probabilities, self.privacies)
 
     @cached_property
@@ -69,7 +69,7 @@ class ResultTable:
         return self.shown(slice(None))
 
     def shown(self, rows: Any) -> Array:
-        """Return the decisions of a row (k,U) or of many (n,k,U) as a reader meets them."""
+        """Return the decisions of a row (k,U) or of many (n,k,U) in the form that results have."""
         return _as_met(self.problem, self.actions[rows if self.places is None else self.places[rows]])
 
     def one_of_each(self, chosen: np.ndarray) -> ResultTable:
@@ -540,13 +540,13 @@ def _set_of(problem: DecisionProblem | None, action: Array) -> BeliefSet:
 
 
 def _own(result: object, **values: Array) -> None:
-    """Keep copies: what is done to a result changes neither another one nor what a decision maker keeps."""
+    """Keep copies: a change of a result changes neither another result nor a decision maker's own."""
     for name, value in values.items():
         object.__setattr__(result, name, value.copy() if isinstance(value, np.ndarray) else value)
 
 
 def _as_met(problem: DecisionProblem | None, actions: Array) -> Array:
-    """Decisions as a reader meets them; of a problem without coordinates, whole numbers."""
+    """Decisions in the form that results have: whole numbers for a problem without coordinates."""
     return actions if problem is None or not problem.is_discrete else problem.as_actions(np.asarray(actions))
 
 

@@ -1,4 +1,4 @@
-"""Regret and privacy of every candidate under one belief, with the expensive part done only where it can matter."""
+"""Regret and privacy of every candidate under one belief; distances to larger sets are computed only where they can matter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The common part of decision makers that hide from an aware observer: a prior, a budget, and one solve, which is kept."""
+"""The common part of decision makers against an aware observer: a prior, a budget, and one solution, which is kept."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class PriorTable(NamedTuple):
 
 
 class HasMechanism(Protocol):
-    """A solution as far as every such decision maker needs it."""
+    """The part of a solution that every such decision maker needs."""
 
     @property
     def mechanism(self) -> Mechanism:

@@ -1,4 +1,4 @@
-"""The cheapest rule that gives all of some guarantees, the price of each of them, and the ones that contradict each other."""
+"""The mechanism of least regret under some guarantees, the price of each, and the guarantees that contradict each other."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ class LeastRegret(Summarised):
         mechanism: K on the prior's beliefs with weight and the decisions that are played; None where no rule exists.
         regret: Σ_b w_b Σ_m K(u_m|π_b) ρ(π_b,u_m), in the cost's unit; infinite where no rule exists.
         bound: No rule on these candidates that gives the guarantees has a smaller expected regret. Where none exists because
-            of a budget: the least regret at which the others could be had.
+            of a budget: the least regret of a rule that gives the others.
         silence_regret: r₀ of the prior, at which the best constant decision is played.
         levels: What the rule gives of each guarantee, recomputed from K: in the guarantee's unit, for a `Budget` the regret.
         prices: Regret that one unit less of each guarantee would save, at the margin, in the cost's unit per unit of the
-            guarantee; 0 for one that costs nothing. Where the least regret has a kink it is a price between both sides'.
-        conflict: Places of guarantees that no rule gives together, while without any one of them some rule gives the others;
-            empty where a rule exists.
+            guarantee; 0 for one that does not bind. At a kink of the least regret it lies between both one-sided prices.
+        conflict: Places of an irreducible infeasible subset: no rule gives these guarantees together, and some rule gives all
+            but any one of them; empty where a rule exists.
         status: Whether regret and bound met.
 
     Source: linear programming duality; see `least_regret`.
@@ -151,8 +151,8 @@ def least_regret(
 ) -> LeastRegret:
     """Return the rule of least expected regret that gives all of some guarantees against the aware observer.
 
-    Formula: min_K Σ_b w_b Σ_m K(u_m|π_b) ρ(π_b,u_m) over tables K(u|π) that give every guarantee. n secrets alike, of which the
-    wrong one costs 1, under ε nats of pointwise maximal leakage: 1 − min(1, e^ε/n).
+    Formula: min_K Σ_b w_b Σ_m K(u_m|π_b) ρ(π_b,u_m) over tables K(u|π) that give every guarantee. Example: for n equally likely
+    secrets and a cost of 1 for a wrong guess, under ε nats of pointwise maximal leakage: 1 − min(1, e^ε/n).
 
     Args:
         problem: The decision problem.
@@ -161,9 +161,9 @@ def least_regret(
             `MeanSquaredErrorFloor`, in any number, and a `Budget` for the expected regret; a share is one of E|c*|. All of
             them hold at once.
         candidates: Decisions to choose from; None is some 60 decoys. The optimal decisions of the prior's beliefs and of its
-            mean join them.
-        gap: Asked for between regret and bound, as a share of the silence regret; only floors on square errors,
-            which are no linear rows, ever need it.
+            mean are added.
+        gap: Largest gap between regret and bound, as a share of the silence regret; used for floors on square errors, which
+            are not linear.
 
     Returns:
         A `LeastRegret`: a rule with `decide`, its regret, bound and prices; or which guarantees contradict each other.
@@ -174,7 +174,7 @@ def least_regret(
 
     Cost: a linear programme in beliefs times candidates, solved again for every round of cuts and, where guarantees contradict
     each other, for each of them: 1 s for 90 times 90 with a pointwise cap, half a minute for 66 times 67 with a floor on square
-    errors. Beyond 15,000 pairs decisions join as they are needed: 491 times 547 takes 30 s with a pointwise cap and 15 s with a
+    errors. Beyond 15,000 pairs by column generation: 491 times 547 takes 30 s with a pointwise cap and 15 s with a
     floor on the naming error. Source: mechanisms of least distortion as linear programmes, as in Saeidian et al.
     (2023); cutting planes: Kelley (J. SIAM 8, 1960).
 
@@ -242,7 +242,7 @@ class RegretSearch:
     def _irreducible(
         self, guarantees: tuple[Guarantee | Budget, ...], solved: Solved, limit: float, budget: int
     ) -> tuple[int, ...]:
-        """The budget and guarantees that exceed it together, not without any one; those without a price are dropped first."""
+        """An irreducible set of guarantees that together exceed the budget; those without a price are dropped first."""
         rules = [place for place, each in enumerate(guarantees) if isinstance(each, Guarantee)]
         prices = dict(zip(rules, solved.prices, strict=True))
         kept = sorted(rules, key=lambda place: prices[place])

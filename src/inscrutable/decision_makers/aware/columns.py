@@ -1,4 +1,4 @@
-"""The candidates of a decision maker that hides from an aware observer: distinct decisions, and their regrets."""
+"""The candidates of a decision maker against an aware observer: distinct decisions, and their regrets."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class Columns:
     def joined(self, beliefs: Array) -> Columns:
         """Return them with the optimal decisions of some beliefs (n,X) behind, but for those that are among them.
 
-        What is optimal is played whether or not it holds less than the feasible set's `min_slack` of something: no other
-        decision may meet a budget.
+        Optimal decisions are added even where a slack is below the feasible set's `min_slack`: no other decision may meet a
+        budget.
         """
         own = self.problem.solve_points(beliefs)
         first = first_same(np.vstack([self.points, own]))[len(self) :]
@@ -98,12 +98,12 @@ def places_of(known: Array, beliefs: Array) -> np.ndarray:
 
 
 def rounding_of(optimal_costs: Array) -> Array:
-    """Regret that is the rounding of costs, per belief (B,)."""
+    """Rounding error of the regrets, per belief (B,)."""
     return np.asarray(tolerances.NO_REGRET * np.maximum(np.abs(optimal_costs), tolerances.TINY))
 
 
 def without_small(rows: Array, regrets: Array, least: float = tolerances.RARELY_PLAYED) -> Array:
-    """Return rows of probabilities (T,m) without tiny atoms; what they held goes to the row's cheapest atom.
+    """Return rows of probabilities (T,m) without tiny atoms; their probability goes to the row's cheapest atom.
 
     So no row's expected regret rises by it.
     """

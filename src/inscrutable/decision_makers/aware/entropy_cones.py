@@ -1,8 +1,7 @@
-"""The table of least information under linear rows by an interior-point method, where one for exponential cones is installed.
+"""The table of least information under linear rows, by an interior-point method for exponential cones if one is installed.
 
-Cuts alone come near the least information slowly: 21 beliefs and 80 decisions under a pointwise cap leave .005 bit after 100
-programmes, 23 s; with cuts at this table a few programmes prove it. What is returned is a proposal, no more: the programme of
-`TableSearch` repairs it and bounds it.
+Cuts alone converge slowly: 21 beliefs and 80 decisions under a pointwise cap leave .005 bit after 100 programmes, 23 s; with
+cuts at this table a few programmes suffice. The table is only a start: `TableSearch` makes it feasible and bounds it.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from inscrutable.validation import Array
 def least_informing(game: PlayedGame, blocks: list[RowBlock]) -> Array | None:
     """Return a table K (B,M) of about the least Σ w K log(K/p(u)) that keeps the rows; None without a solver, or an answer.
 
-    Variables are K, what the rows need besides, p(u), and t with K e^{−t/K} ≤ p(u).
+    Variables are K, the rows' own variables, p(u), and t with K e^{−t/K} ≤ p(u).
     """
     try:
         import clarabel

@@ -1,7 +1,7 @@
-"""The aims that a decision maker with guarantees minimises beside the regret: leakage, as rows of the same programme.
+"""The objectives of a decision maker with guarantees: leakage, as rows of the same programme.
 
-Each aim is a sum over decisions of a convex function of K(u|·), of degree one, so that it is the largest of linear ones, which
-are added as tables call for them (Kelley's cuts). With any law r of the belief, or any answer a, after a decision
+Each objective is a sum over decisions of a convex, homogeneous function of K(u|·), hence the supremum of linear functions,
+which are added at the tables found (Kelley's cuts). With any law r of the belief, or any answer a, after a decision
 
     I(π;u) = Σ_m s_m,             s_m ≥ Σ_b w_b K_bm log(r_b/w_b),
     loss without decisions less loss = Σ_m s_m,  s_m ≥ Σ_b w_b K_bm (ℓ_b(a₀) − ℓ_b(a)),
@@ -31,29 +31,29 @@ from inscrutable.validation import Array
 
 
 class ToldAim(RowsAndCuts):
-    """An aim to be minimised, in a unit in which it is from 0 to 1."""
+    """An objective to be minimised, in a unit in which it lies between 0 and 1."""
 
     def __init__(self, unit: float, spread: float) -> None:
-        self.unit, self.spread = unit, spread  # the latter is the most that can leak
+        self.unit, self.spread = unit, spread  # the spread is the most that can leak
 
     @abstractmethod
     def value(self, game: PlayedGame, table: Array) -> float:
-        """Return it of a table K, in its own unit."""
+        """Return the objective of a table K, in its own unit."""
 
     @abstractmethod
     def gains(self, game: PlayedGame, table: Array, which: np.ndarray) -> Array:
-        """Return the slopes (B,n) in K of the linear functions that are right for a table's decisions `which`."""
+        """Return the gradients (B,n) in K of the linear functions that are exact at a table's decisions `which`."""
 
     @abstractmethod
     def first(self, game: PlayedGame) -> tuple[Array, np.ndarray]:
-        """Return slopes (B,n) to begin with, and the decision of each."""
+        """Return the first gradients (B,n), and the decision of each."""
 
     def rows(self, game: PlayedGame) -> RowBlock:
         """Rows that are there from the start."""
         return self._block(game, *self.first(game))
 
     def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
-        """Rows that are right for a table's decisions, for these and their neighbours."""
+        """Rows that are exact at a table's decisions, for these and their neighbours."""
         which = np.flatnonzero(game.played(table) > 0)
         near = game.near[which]
         return self._block(game, np.repeat(self.gains(game, table, which), near.shape[1], axis=1), near.ravel())
@@ -86,12 +86,12 @@ class LeastInformation(ToldAim):
         return np.asarray(game.weights[:, None] * np.log((1.0 - tolerances.LEAST_LAW) * ratios + tolerances.LEAST_LAW))
 
     def at(self, game: PlayedGame, table: Array) -> RowBlock:
-        """Return the rows that are right for a table, of all decisions."""
+        """Return the rows that are exact at a table, of all decisions."""
         every = np.arange(game.shape[1])
         return self._block(game, self.gains(game, np.maximum(table, np.finfo(float).tiny), every), every)
 
     def first(self, game: PlayedGame) -> tuple[Array, np.ndarray]:
-        """Return those of the laws to begin with, and of the prior, which is the law where nothing leaks."""
+        """Return those of the first laws, and of the prior, the law where nothing leaks."""
         every = np.arange(game.shape[1])
         slopes = self.gains(game, self._start, every)
         return np.hstack([slopes, np.zeros_like(slopes)]), np.tile(every, 2)
@@ -110,7 +110,7 @@ class LeastWorth(ToldAim):
         super().__init__(max(spread, tolerances.LEAST_SPREAD * largest) or 1.0, spread)
 
     def _lost(self, game: PlayedGame, means: Array) -> Array:
-        """The loss of the best answers to means (n,X) above that where the belief is known, shape (B,n)."""
+        """The excess loss of the best answers to means (n,X) over the answer to the known belief, shape (B,n)."""
         if isinstance(self._loss, DecisionLoss):
             rival = self._loss.precise(game.beliefs.shape[1])
             costs = rival.state_costs(rival.solve(on_simplex(means)))
@@ -128,7 +128,7 @@ class LeastWorth(ToldAim):
         return np.asarray(game.weights[:, None] * (self._before - self._lost(game, game.means(table)[which])))
 
     def first(self, game: PlayedGame) -> tuple[Array, np.ndarray]:
-        """Return those of the answers where one state is sure, and of the one before any decision."""
+        """Return those of the answers to each sure state, and of the answer before any decision."""
         slopes, n_columns = game.weights[:, None] * (self._before - self._lost(game, self._likely)), game.shape[1]
         return np.tile(slopes, (1, n_columns)), np.repeat(np.arange(n_columns), len(self._likely))
 
@@ -143,11 +143,11 @@ class Spending(RowsAndCuts):
 
     @property
     def unit(self) -> float:
-        """The unit of excess: what is from 0 to 1 is (spent − limit + largest limit)/unit."""
+        """The unit of excess: (spent − limit + largest limit)/unit lies between 0 and 1."""
         return float(self.limits.max()) + max(float(self.regrets.max()), np.finfo(float).tiny)
 
     def excess(self, table: Array) -> float:
-        """Return by how much the most exceeded budget is exceeded; below 0 where there is room."""
+        """Return the largest excess over a budget; negative where none is exceeded."""
         return float((self.spent(table) - self.limits).max())
 
     def spent(self, table: Array) -> Array:
@@ -170,7 +170,7 @@ class Spending(RowsAndCuts):
 
 
 class LeastExcess(Spending):
-    """The budgets as an aim: the most exceeded one exceeded by as little as can be."""
+    """The budgets as an objective: the least largest excess."""
 
     def value(self, game: PlayedGame, table: Array) -> float:
         """Return the largest excess plus the largest limit."""

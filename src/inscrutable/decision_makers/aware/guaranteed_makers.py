@@ -1,4 +1,4 @@
-"""Decision makers under guarantees: their own aim on the programme of the cheapest rule, within their budgets."""
+"""Decision makers under guarantees: their own objective on the programme of `least_regret`, within their budgets."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _PROPOSALS = 10
 _LINE_STEPS = 30
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _IDLE = 4
-"""Rounds that a cut of the aim stays without a price."""
+"""Rounds that a cut of the objective stays without a price."""
 
 
 class Promised(NamedTuple):
-    """A table that gives the guarantees within the budgets, its value, the bound, and what belongs to it."""
+    """A table that gives the guarantees within the budgets, with its value, bound and decisions."""
 
     columns: Columns
     game: PlayedGame
@@ -47,7 +47,7 @@ class Promised(NamedTuple):
 
 
 class AimedSearch(TableSearch):
-    """The least of an aim among tables that keep rules and budgets; `start` is one."""
+    """The least objective among tables that keep guarantees and budgets; `start` is one."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class AimedSearch(TableSearch):
         return Solved(self.best, self.value, min(self.bound, self.value), self.prices)
 
     def _begin(self) -> None:
-        """Begin with cuts at the table of an interior-point method, which may break what is no row yet."""
+        """Begin with cuts at the table of an interior-point method, which may violate guarantees that need cuts."""
         assert isinstance(self.aim, LeastInformation)
         proposed = None
         for _ in range(_PROPOSALS):
@@ -107,7 +107,7 @@ class AimedSearch(TableSearch):
             self.blocks[0].append(self.aim.at(self.game, proposed))
 
     def _without_idle(self, duals: Array, idle: Array) -> Array:
-        """Leave out cuts of the aim that have had no price for some rounds; return for how many the others had none."""
+        """Drop cuts that have had no price for some rounds; return for how many rounds the others had none."""
         first, *cuts = self.blocks[0]
         idle = np.append(idle, np.zeros(len(duals) - len(first.sides) - len(idle)))
         idle = np.where(duals[len(first.sides) :] > 0.0, 0.0, idle + 1.0)
@@ -120,7 +120,7 @@ class AimedSearch(TableSearch):
         return np.asarray(idle[kept])
 
     def _keep(self, table: Array) -> None:
-        """Go from the best table toward another one as far as the value falls."""
+        """Line search from the best table toward another one."""
         other = self._within(repaired(self.game, table, self.rules))
         low, high = 0.0, 1.0
 
@@ -141,7 +141,7 @@ class AimedSearch(TableSearch):
             self.best, self.value = best, value
 
     def _within(self, table: Array) -> Array:
-        """The table with as much of the first one in it as the budgets take."""
+        """The table mixed with the first one, as little as the budgets need."""
         if self.spending is None:
             return table
         limits = self.spending.limits
@@ -164,8 +164,8 @@ def promised(
 
     Args:
         maker: Problem, budget, prior, candidates and guarantees.
-        shares: What each budget adds up of beliefs, (k,B) for weights (B,).
-        aim: What is made least, on a game, its columns and regrets.
+        shares: The weight of each belief in each budget, (k,B), from the prior's weights (B,).
+        aim: The objective, from a game, its columns and regrets.
         goal: The gap that counts as none.
 
     Raises:
@@ -195,7 +195,7 @@ def promised(
 
 
 def _least_excess(search: RegretSearch, spending: Spending, rules: tuple[Guarantee, ...]) -> tuple[Array, float]:
-    """A table that gives the guarantees and exceeds budgets the least, and a bound of by how much any does."""
+    """A table that gives the guarantees with the least excess over budgets, and a lower bound of that excess."""
     silent = np.zeros(search.game.shape)
     silent[:, int((search.game.weights @ search.regrets).argmin())] = 1.0
     aim = LeastExcess(spending.shares, spending.limits, spending.regrets)

@@ -2,18 +2,18 @@
 linear.
 
 On arrays alone. A guarantee is linear in K, or holds where all of infinitely many rows do, which are found as they are needed.
-Playing the decision of another belief, K'(·|π) = (1 − θ) K(·|π) + θ a with a law a that looks at no belief, moves
-every posterior toward the prior; so a table that misses its guarantees by the tolerance of a solver is repaired at the cost
-of next to nothing. The bound needs no exact solution: with any prices y ≥ 0 of the rows A z ≤ b,
+A mixture K'(·|π) = (1 − θ) K(·|π) + θ a, with a law a that does not depend on the belief, moves every posterior toward the
+prior; so a table that violates its guarantees by the solver's tolerance is made feasible at almost no regret. The bound needs
+no exact solution: with any prices y ≥ 0 of the rows A z ≤ b,
 
     least regret ≥ Σ_b min_m (c + A'y)_bm + Σ_j min(0, (A'y)_j) − b'y,
 
-where z_j are what rows need beside K, each between 0 and 1.
+where z_j are the rows' own variables, each between 0 and 1.
 
-Large programmes begin with a few decisions. Others join that cost less to beliefs which play one of these; then those of
-negative reduced cost that keep the rows of their own, at the prices α_b = min_m (c + A'y)_bm of the beliefs and at those of the
-rows that all decisions share. Where the least of these programmes, each for Σ_b w_b K_b = 1, is v, the bound is by −min(0, v)
-too high at most. That is done for guarantees which need no cuts and are not compared with the optimal rule.
+Large programmes use column generation. First decisions enter that cost less to beliefs which play a present one; then those of
+negative reduced cost that keep their own rows, at the prices α_b = min_m (c + A'y)_bm of the beliefs and those of the rows
+that all decisions share. If v is the least reduced cost, each for Σ_b w_b K_b = 1, the bound is too high by at most −min(0, v).
+That is done for guarantees which need no cuts and no comparison with the optimal rule.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from inscrutable.linear_programmes import Rows, minimum
 from inscrutable.validation import Array
 
 SPARSE: Any = sparse
-"""Its stubs are too many for a type checker."""
+"""Without types: its stubs are too many for a type checker."""
 
 NO_COLUMN, SHARED = -1, -2
-"""In the place of a row's column: its guarantee gives way alike whatever is played; and it is besides one for all decisions."""
+"""In the place of a row's column: the row has no column; the row is shared by all decisions."""
 
 MOST_ROUNDS = 100
 _NEAR = 4
 _WHOLE = 15_000
 """Pairs of belief and decision up to which all decisions are there from the first: a programme takes about a second then."""
-_FIRST, _PREFERRED, _TEMPTING = 24, 6, 12  # decisions at first, and how many join at a time
-_FRESH = 3  # rounds that a decision stays in without being played, unless it was there for its prices
+_FIRST, _PREFERRED, _TEMPTING = 24, 6, 12  # decisions at first, and how many enter at a time
+_FRESH = 3  # rounds that a decision of probability 0 stays, unless it entered for its reduced cost
 
 
 @dataclass(frozen=True, eq=False)
 class PlayedGame:
-    """Beliefs with weight (B,X), their weights (B,), the law of what the optimal rule publishes (M,), and columns that are
-    near each one (M,k), itself among them: a cut is made for all of them, for mass would only move from one to the next."""
+    """Beliefs with weight (B,X), their weights (B,), the law of the optimal rule's decisions (M,), and the neighbours of each
+    column (M,k), itself included: a cut is made for all of them, or probability would only move to the next one."""
 
     beliefs: Array
     weights: Array
@@ -88,20 +88,20 @@ class RowBlock(NamedTuple):
     table: Any  # sparse (n, B·M)
     extra: Any  # sparse (n, k)
     sides: Array  # (n,)
-    slopes: Array  # (n,): how fast a row gives way where its guarantee does, times p(u) of its column
+    slopes: Array  # (n,): derivative of the row's side in the guarantee's limit, over p(u) of its column
     columns: np.ndarray  # (n,): the row's column; NO_COLUMN or SHARED where it has none
-    costs: Any = None  # (k,): what each z costs where it is aimed at; None for nothing
+    costs: Any = None  # (k,): cost of each z in the objective; None for 0
 
 
 class RowsAndCuts(ABC):
-    """What the programme reads of a guarantee, a budget or an aim: rows, and cuts that tables call for."""
+    """The programme's interface to a guarantee, a budget or an objective: rows, and cuts at a table."""
 
     is_by_decision = False
-    """Whether a decision that is left out can be priced: no cuts are to be found, and nothing is compared with another law."""
+    """Whether absent decisions can be priced: there are no cuts, and no comparison with another law."""
 
     @property
     def largest_ratio(self) -> float | None:
-        """The most that K_bm/p(u_m) may be, where that and the price of the largest K_bm are all that its rows say."""
+        """The largest K_bm/p(u_m) allowed, if the rows limit only that and the largest K_bm; else None."""
         return None
 
     @abstractmethod
@@ -109,15 +109,15 @@ class RowsAndCuts(ABC):
         """Rows of the programme that are there from the start."""
 
     def cuts(self, game: PlayedGame, table: Array) -> RowBlock | None:
-        """Rows that a table breaks; None where it breaks none."""
+        """Rows that a table violates; None where it violates none."""
         return None
 
     def toward_prior(self, game: PlayedGame, table: Array) -> Array:
-        """Least share (M,) by which each column must be mixed with one that looks at no belief."""
+        """Least share (M,) by which each column must be mixed with one that does not depend on the belief."""
         return np.zeros(game.shape[1])
 
     def toward_honest(self, game: PlayedGame, table: Array) -> float:
-        """Least share of the optimal rule's law, drawn without a look at the belief, that must be mixed in."""
+        """Least share of the optimal rule's law, drawn independently of the belief, that must be mixed in."""
         return 0.0
 
 
@@ -131,12 +131,12 @@ class Solved(NamedTuple):
 
 
 def cheapest_table(game: PlayedGame, regrets: Array, rules: tuple[RowsAndCuts, ...], goal: float) -> Solved:
-    """Return the cheapest table that gives all the guarantees; its regret and bound differ by at most `goal` if it can be."""
+    """Return the cheapest table that gives all the guarantees, with a gap between regret and bound of `goal` if reached."""
     return TableSearch(game, regrets, rules, goal).run()
 
 
 class TableSearch:
-    """The decisions and rows that are there, as they grow, and the best table so far."""
+    """The present decisions and rows, which grow, and the best table so far."""
 
     def __init__(self, game: PlayedGame, regrets: Array, rules: tuple[RowsAndCuts, ...], goal: float) -> None:
         self.game, self.regrets, self.rules, self.goal = game, regrets, rules, goal
@@ -148,7 +148,7 @@ class TableSearch:
         self.best = repaired(game, silent, rules)
         self.value, self.bound = self._worth(self.best), 0.0
         self.prices: tuple[float, ...] = (0.0,) * len(rules)
-        self.age = np.full(game.shape[1], _FRESH)  # rounds since a decision was played
+        self.age = np.full(game.shape[1], _FRESH)  # rounds since a decision had a probability above 0
         self.age[self._first()] = 0
         self.centre: Array | None = (
             None  # the prices of the best bound: of beliefs, of the largest entries, and the latter paid
@@ -196,7 +196,7 @@ class TableSearch:
             self.best, self.value = found, regret
 
     def _worth(self, table: Array) -> float:
-        """What is made least."""
+        """The objective."""
         return float(self.game.weights @ (table * self.regrets).sum(axis=1))
 
     def _bounded(self, found: _Found, least: float) -> None:
@@ -205,7 +205,7 @@ class TableSearch:
             self.prices = tuple(self.unit * price for price in found.prices)
 
     def _cut(self, table: Array) -> bool:
-        """Add the rows that a table breaks, and say whether there are any."""
+        """Add the rows that a table violates; return whether there are any."""
         added = [rule.cuts(self.game, table) for rule in self.rules]
         for block, cut in zip(self.blocks, added, strict=True):
             if cut is not None:
@@ -213,7 +213,7 @@ class TableSearch:
         return any(cut is not None for cut in added)
 
     def _preferred(self, table: Array, columns: np.ndarray) -> np.ndarray:
-        """Decisions that cost less, on average, to beliefs that play one that is there; the most first."""
+        """Absent decisions that cost less, on average, to the beliefs that play a present one; the largest saving first."""
         played = self.game.played(table)
         joint = self.game.weights[:, None] * table[:, played > 0]
         saved = (joint * self.regrets[:, played > 0]).sum(axis=0)[:, None] - joint.T @ self.regrets
@@ -223,8 +223,8 @@ class TableSearch:
         return np.asarray(order[most[order] > 0.1 * self.goal])
 
     def _tempting(self, found: _Found, columns: np.ndarray) -> tuple[np.ndarray, float]:
-        """Decisions left out of negative reduced cost at these prices, and the least of their programmes; −∞ where not all
-        were tried."""
+        """Absent decisions of negative reduced cost at these prices, and the least reduced cost; −∞ where not all were
+        tried."""
         others = np.setdiff1d(np.arange(self.game.shape[1]), columns)
         if all(rule.largest_ratio is not None for rule in self.rules):
             return self._tempting_ratios(found, others)
@@ -242,7 +242,7 @@ class TableSearch:
     def _tempting_ratios(self, found: _Found, others: np.ndarray) -> tuple[np.ndarray, float]:
         """The same by closed forms, at these prices and between them and the best so far.
 
-        Prices of many programmes are optimal alike, and leap from one to another; means of them bound the regret better
+        Optimal prices are often not unique and jump between rounds; averages of them give a better bound
         (Wentges, Weighted Dantzig–Wolfe decomposition, 1997).
         """
         ratio = min(each for each in (rule.largest_ratio for rule in self.rules) if each is not None)
@@ -256,7 +256,7 @@ class TableSearch:
             costs = self.objective - prices[:-2, None]
             least = least_of_ratios(self.game.weights, costs, ratio, float(prices[-2]))
             bound = float(prices[:-2].sum() - prices[-1] + least.min(initial=0.0))
-            if share == 0.0:  # the programme bounds the decisions that are there more tightly
+            if share == 0.0:  # the programme bounds the present decisions more tightly
                 bound = max(bound, found.low + float(least[others].min(initial=0.0)))
             if share < 1.0:
                 order = others[np.argsort(least[others])[: _TEMPTING // 2]]
@@ -267,7 +267,7 @@ class TableSearch:
         return np.unique(np.concatenate(tempting[:1] + tempting[-1:])), best - found.low
 
     def _likely(self, found: _Found, others: np.ndarray) -> Array:
-        """By how much each of the others costs more, at least, to beliefs that play one that is there."""
+        """A lower bound of the extra cost of each absent decision to the beliefs that play a present one."""
         played = self.game.played(found.table)
         laws = self.game.weights[:, None] * found.table[:, played > 0] / played[played > 0]
         own = (laws * self.regrets[:, played > 0]).sum(axis=0)[:, None]
@@ -331,7 +331,7 @@ def solved_programme(game: PlayedGame, objective: Array, blocks: list[list[RowBl
 
 
 def _on_columns(block: RowBlock, shape: tuple[int, int], columns: np.ndarray) -> tuple[RowBlock, np.ndarray]:
-    """The rows on some of the decisions, without those that have nothing to do with them, and which are left."""
+    """The rows on some of the decisions, without rows that do not involve them, and which rows are left."""
     if len(columns) == shape[1]:
         return block, np.arange(len(block.sides))
     places = (np.arange(shape[0])[:, None] * shape[1] + columns).ravel()
@@ -346,7 +346,7 @@ def _on_columns(block: RowBlock, shape: tuple[int, int], columns: np.ndarray) ->
 def _least_of(game: PlayedGame, costs: Array, known: tuple[list[RowBlock], list[Array]], column: int) -> float:
     """The least Σ_b K_b costs_b of one decision that keeps its own rows, Σ_b w_b K_b = 1, with the shared rows at their prices.
 
-    Rows that allow for something without being paid are left out, and nothing is at most 1: that lowers it, if anything.
+    Rows without a price that only allow more are left out, and own variables have no upper bound: this can only lower it.
     """
     tables, extras, added = [], [], []
     for block, duals in zip(*known, strict=True):
@@ -370,8 +370,8 @@ def _shared(group: list[RowBlock]) -> np.ndarray:
 def least_of_ratios(weights: Array, costs: Array, ratio: float, price: float) -> Array:
     """Return min Σ_b K_b costs_b + price · max_b K_b of every column (B,M), Σ_b w_b K_b = 1, 0 ≤ K_b ≤ ratio: shape (M,).
 
-    With K_b ≤ t those of least cost per weight have K_b = t, and the next one what is left. Between the t at which nothing is
-    left the value is linear in t, so that the least is at one of them or at t = ratio.
+    With K_b ≤ t, those of least cost per weight have K_b = t, and the next one the remainder. The value is piecewise linear in
+    t with breaks where the remainder is 0, so that the least is at a break or at t = ratio.
     """
     order = np.argsort(costs / weights[:, None], axis=0, kind="stable")
     share = np.cumsum(weights[order], axis=0)
@@ -390,9 +390,9 @@ def least_of_ratios(weights: Array, costs: Array, ratio: float, price: float) ->
 
 
 def lower_bound(shape: tuple[int, int], objective: Array, rows: Rows, prices: Array) -> float:
-    """Return what no table that keeps the rows is cheaper than, by any prices ≥ 0 of the rows.
+    """Return a lower bound of the cost of every table that keeps the rows, from any prices ≥ 0 of the rows.
 
-    Each row of the table is a law, so that its least entry bounds it; whatever else the rows need lies between 0 and 1.
+    Each row of the table is a law, so that its least entry bounds it; the rows' own variables lie between 0 and 1.
     """
     paid, size = np.asarray(rows.matrix.T @ prices), shape[0] * shape[1]
     paid[: objective.size] += objective
@@ -409,9 +409,9 @@ def stacked(group: list[RowBlock]) -> RowBlock:
 
 
 def repaired(game: PlayedGame, table: Array, rules: tuple[RowsAndCuts, ...]) -> Array:
-    """Return the table with as little mixed in as it takes to give every guarantee."""
+    """Return the table with the least mixture that gives every guarantee."""
     share = np.max([np.zeros(game.shape[1]), *(rule.toward_prior(game, table) for rule in rules)], axis=0)
-    if (share >= 1.0).any():  # the prior gives no more than what is asked for
+    if (share >= 1.0).any():  # the prior itself only just gives the guarantee
         table = np.tile(game.played(table), (len(table), 1))
     else:
         mixed = share / (1.0 - share) * game.played(table)

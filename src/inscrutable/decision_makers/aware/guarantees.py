@@ -49,10 +49,10 @@ class Guarantee(RowsAndCuts):
 
     @abstractmethod
     def level(self, game: PlayedGame, table: Array) -> float:
-        """Return what a table K gives, recomputed from it alone."""
+        """Return the level of a table K, from the table alone."""
 
     def reached(self, mechanism: Mechanism, prior: Prior, problem: DecisionProblem) -> float:
-        """Return what a mechanism gives, recomputed from K, in the guarantee's unit.
+        """Return the level of a mechanism, computed from K, in the guarantee's unit.
 
         Args:
             mechanism: K(u|π), of any decision maker.
@@ -70,7 +70,7 @@ class Guarantee(RowsAndCuts):
         return over <= tolerances.GUARANTEE_MET
 
     def most(self, game: PlayedGame) -> float:
-        """Return the most that a rule which looks at no belief gives: above that a floor contradicts itself."""
+        """Return the level of a rule that does not depend on the belief: no floor above it can hold."""
         return np.inf
 
 
@@ -304,7 +304,7 @@ class NamingErrorFloor(Guarantee):
         return _by_columns([SPARSE.kron(state[None], SPARSE.identity(n_columns)) for state in over.T], _scale(game))
 
     def toward_prior(self, game: PlayedGame, table: Array) -> Array:
-        """Return the share at which the largest chance of a state falls to 1 − e; it falls in a straight line."""
+        """Return the share at which the largest probability of a state falls to 1 − e; it is linear in the share."""
         means, prior = game.means(table), game.weights @ game.beliefs
         over = means - (1.0 - self.least)
         return np.asarray(_shares(over, means - prior).max(axis=1))
@@ -316,7 +316,7 @@ class NamingErrorFloor(Guarantee):
 
 @dataclass(frozen=True)
 class _SquareErrors(Guarantee):
-    """A floor on mean square errors, by cutting planes: a row for each estimate that has been met."""
+    """A floor on mean square errors, by cutting planes: a row for each estimate found so far."""
 
     least: float
     is_floor = True
@@ -481,9 +481,9 @@ def _ratios(game: PlayedGame, table: Array) -> Array:
 
 
 def _shares(missed: Array, room: Array) -> Array:
-    """What is missed as a share of what there is to gain, at most all of it; 0 where nothing but rounding is missed.
+    """The shortfall as a share of the possible gain, at most 1; 0 where the shortfall is rounding.
 
-    Rounding is more where the prior itself gives no more than what was asked for, so that mixing would have to end there.
+    Where the prior itself only just gives the guarantee, a larger shortfall counts as rounding, or the share would be 1.
     """
     edge = missed > tolerances.DEAREST_REPAIR * room
     is_missed = missed > np.where(edge, tolerances.GUARANTEE_MET, tolerances.GUARANTEE_ROUNDING)
@@ -491,7 +491,7 @@ def _shares(missed: Array, room: Array) -> Array:
 
 
 def _scale(game: PlayedGame) -> float:
-    """What rows that weigh beliefs are multiplied by, so that their largest coefficients are near one."""
+    """The factor that brings the largest coefficients of weighted rows near one."""
     return 1.0 / float(game.weights.max())
 
 

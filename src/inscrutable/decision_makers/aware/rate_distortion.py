@@ -30,8 +30,8 @@ from inscrutable.validation import Array
 class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
     """The decision maker of least mutual information between belief and decision, at an expected regret.
 
-    Formula: min_K I(π;u) with Σ_b p_b Σ_m K(u_m|π_b) ρ(π_b,u_m) ≤ r; the optimum is K(u|π) ∝ q(u) e^{−s ρ(π,u)}, and so
-    it plays for beliefs outside the prior's support, too, where nothing but `worst_regret` limits a single belief's regret.
+    Formula: min_K I(π;u) with Σ_b p_b Σ_m K(u_m|π_b) ρ(π_b,u_m) ≤ r; the optimum is K(u|π) ∝ q(u) e^{−s ρ(π,u)}, also for
+    beliefs outside the prior's support, where only `worst_regret` limits the regret.
 
     Args:
         problem: The decision problem.
@@ -39,11 +39,11 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
         prior: The law of the beliefs, known to the observer.
         candidates: Decisions to choose from; None is about 5,000 decoys and the optimal decision at the prior's mean, the
             cheapest constant one. Where they cannot meet the budget or the cap, the optimal decisions of the prior's
-            beliefs join them.
+            beliefs are added.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
         plausible_only: Whether candidates that no belief explains are left out.
         gap: Bits by which `rate` and `rate_bound` may differ.
-        guarantees: What every rule is to give besides, as for `least_regret`; None: nothing. The rule is then found by linear
+        guarantees: Guarantees of the rule, as for `least_regret`; None is none. With guarantees the rule is found by linear
             programmes with cuts, on about 60 decoys where no candidates are given, and decides for the prior's beliefs alone.
 
     Raises:
@@ -134,7 +134,7 @@ class RateDistortionDecisionMaker(AwareDecisionMaker["_Solution"]):
         if np.isinf(hidden.slope):
             lost |= regrets[:, hidden.law > 0].min(axis=1) > hidden.free + rounding_of(costs)
         shares = _rows(regrets, allowed, hidden)
-        if lost.any():  # none of the played decisions is allowed here: the optimal decision is
+        if lost.any():  # none of the played decisions is allowed: the optimal decision is played
             columns = columns.joined(held[lost])
             regrets = columns.regrets(held, costs)
             shares = np.hstack([shares, np.zeros((len(held), len(columns) - shares.shape[1]))])
@@ -236,7 +236,7 @@ def _promised(maker: RateDistortionDecisionMaker) -> _Solution:
     """The solution under guarantees."""
 
     def aim(game: PlayedGame, columns: Columns, regrets: Array) -> LeastInformation:
-        # What would be played without guarantees: its posterior laws are the first cuts.
+        # The posterior laws of the mechanism without guarantees are the first cuts.
         source = Source(game.weights, np.maximum(regrets - regrets.min(axis=1, keepdims=True), 0.0), None)
         limit = float(game.weights @ maker.budget.limits(maker.problem.optimal_cost(game.beliefs)))
         free = least_rate(source, limit, RateEffort(maker.options.gap))
@@ -289,7 +289,7 @@ def _solved_in_turn(
 
 def _solution(prior: Prior, table: PriorTable, source: Source, hidden: Hidden, limit: float) -> _Solution:
     shares = rows(source, hidden)
-    # A belief of no weight does not enter the law, and none of the played decisions may be allowed to it.
+    # A belief of weight 0 does not enter the law, and the cap may forbid it all played decisions.
     lost = np.flatnonzero(shares.sum(axis=1) <= 0)
     within = table.regrets if table.allowed is None else np.where(table.allowed, table.regrets, np.inf)
     shares[lost, within[lost].argmin(axis=1)] = 1.0

@@ -1,4 +1,4 @@
-"""The last digits of a rate: a primal–dual interior-point method on the law of few columns.
+"""The least rate to high accuracy: a primal–dual interior-point method on the law of few columns.
 
 On arrays alone. G(q) = max_{s ≥ 0} −Σ_b p_b log Σ_m q_m e^{−s d_bm} − s r is convex, and G(q) + Σ q over q ≥ 0 has its
 minimum at a law of least rate. On the central path 1 − c_m = t / q_m > 0, so that the bound holds as it is and the gap is
@@ -23,7 +23,7 @@ _TINY = np.finfo(float).tiny
 
 @dataclass(eq=False)
 class _Point:
-    """A law with the price that meets the budget there, and what Newton's step needs of it."""
+    """A law with the price that meets the budget there, and the quantities of Newton's step."""
 
     law: Array
     slope: float

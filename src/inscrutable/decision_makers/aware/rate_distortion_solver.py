@@ -2,7 +2,7 @@
 
 On arrays alone; the letters are those of `rate_distortion_steps`. Any law and price bound the rate from below:
 R(r) ≥ −Σ_b p_b log z_b − log max_m c_m − s r. Squared Blahut–Arimoto steps come first; where they slow down, an
-interior-point method on the columns that are still played does the rest, and columns that the bound asks for join them.
+interior-point method on the columns still played follows, and columns with c_m > 1 enter.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from inscrutable.validation import Array
 
 BITS = 1.0 / float(np.log(2.0))
 _TINY = np.finfo(float).tiny
-_KEPT_UNIFORM = 0.02  # of a warm start: what was dropped may come back
+_KEPT_UNIFORM = 0.02  # of a warm start: columns of probability 0 may return
 _FIRST_STEPS = 120
-_WARM_STEPS = 6  # from a neighbour's law: Newton's steps on what it plays do the rest
+_WARM_STEPS = 6  # from a neighbour's law, before Newton's steps on its columns
 _MORE_STEPS = 600
 _MOST_COLUMNS = 800
-_LEFT_OUT = 0.4  # probability of the columns that Newton's steps may begin without; the bound asks for what is missing
+_LEFT_OUT = 0.4  # probability of the columns that Newton's steps may begin without; those with c_m > 1 enter later
 _ROUNDS = 12
 
 
@@ -38,7 +38,7 @@ class Hidden:
     bound: float
     regret: float
     steps: int = 0
-    free: float = 0.0  # where the price is infinite: excess regret that counts as none
+    free: float = 0.0  # excess regret that counts as none where the price is infinite
 
     @property
     def gap(self) -> float:
@@ -86,7 +86,7 @@ def rows(source: Source, hidden: Hidden) -> Array:
 
 
 def _constant(source: Source, regret: float) -> Hidden | None:
-    """One column for all, where one is allowed everywhere and cheap enough: nothing leaks."""
+    """A constant decision, where one is allowed everywhere and affordable: its rate is 0."""
     means = source.weights @ source.excess
     if source.allowed is not None:
         held = source.weights > 0
@@ -128,7 +128,7 @@ class _Search:
 
     @property
     def few(self) -> np.ndarray | None:
-        """Columns that the best law can need, where they are few enough for Newton's steps."""
+        """Columns that the optimal law may use, where they are few enough for Newton's steps; else None."""
         kept = self.law > tolerances.SELDOM * self._target / len(self.law)
         if np.count_nonzero(kept) > _MOST_COLUMNS // 2:
             kept = self.law >= np.partition(self.law, -_MOST_COLUMNS // 2)[-_MOST_COLUMNS // 2]

@@ -1,4 +1,4 @@
-"""Blahut–Arimoto steps and the price of regret: the moves of which a least rate is made.
+"""Blahut–Arimoto steps and the price of regret.
 
 On arrays alone. With q the law of the played columns and s ≥ 0 the price of regret in nats per unit, the best rows for q
 are K_bm = q_m e^{−s d_bm} / z_b, z_b = Σ_m q_m e^{−s d_bm}; c_m = Σ_b p_b e^{−s d_bm} / z_b is how much more often column m is
@@ -21,7 +21,7 @@ _CYCLES = 8  # of three steps each, between looks at the regret
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What is to be hidden: weights p (B,), excess regrets d ≥ 0 (B,M) over each row's least, allowed places or None."""
+    """The data: weights p (B,), excess regrets d ≥ 0 (B,M) over each row's least, allowed places or None."""
 
     weights: Array
     excess: Array

@@ -42,22 +42,22 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
     """The committed mechanism that maximises the aware observer's mean square error about the belief, at an expected regret.
 
     Formula: max_K min_μ Σ_b p_b Σ_m K(u_m|π_b) ‖π_b − μ_m‖² with Σ_m K(u_m|π_b) ρ(π_b,u_m) ≤ r_b for every belief; the
-    best μ_m is the posterior mean after u_m. A belief outside the prior's support answers the fixed estimates: it plays the
-    lottery over the played decisions that is farthest from them within its own budget, and mixes in its own optimal
-    decision where none of them is affordable.
+    best μ_m is the posterior mean after u_m. A belief outside the prior's support plays a best reply to the fixed estimates:
+    the lottery over the played decisions of the largest error within its own budget, mixed with its own optimal decision
+    where none of them is affordable.
 
     Args:
         problem: The decision problem.
         budget: r_b: a share of |c*(π_b)|, or a `Budget`; it holds in expectation given the belief, as for the PDM.
         prior: The law of the beliefs, known to the observer.
         candidates: Decisions to choose from; None is about 5,000 decoys. Where they cannot meet a belief's budget, its
-            optimal decision joins them.
+            optimal decision is added.
         worst_regret: A cap on the regret of every single decision, as a share of |c*(π)| or a `Budget`; None is no cap.
         plausible_only: Whether candidates that no belief explains are left out.
-        gap: Asked for between `value` and `bound`, as a share of the bound; None is 1e-6 up to 20,000 pairs of belief
-            and candidate, and 0.01 above or with guarantees. With a loss both are above the loss where the belief is known.
-        loss: The observer's loss, in the place of the square error ‖π − μ‖²: `NamingError()`, `RivalProblem(problem)`.
-        guarantees: Guarantees of every rule, as for `least_regret`; None: nothing. The rule is then found by linear
+        gap: Largest gap between `value` and `bound`, as a share of the bound; None is 1e-6 up to 20,000 pairs of belief
+            and candidate, and 0.01 above or with guarantees. With a loss both are counted from the loss at the known belief.
+        loss: The observer's loss, instead of the square error ‖π − μ‖²: `NamingError()`, `RivalProblem(problem)`.
+        guarantees: Guarantees of the rule, as for `least_regret`; None is none. With guarantees the rule is found by linear
             programmes with cuts, on about 60 decoys where no candidates are given, and decides for the prior's beliefs alone.
 
     Raises:
@@ -111,7 +111,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
 
     @property
     def gap(self) -> float:
-        """(bound − value) / bound, both above the loss where the belief is known; zero where the bound is."""
+        """(bound − value) / bound, both counted from the loss at the known belief; zero where the bound is."""
         none = tolerances.NO_ERROR * self._found.prior_error
         short = self.bound - self.value
         return 0.0 if short <= none else short / (self.bound - self._found.least)
@@ -158,7 +158,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         return lotteries(columns, held, costs, rows, self.status)
 
     def _answered(self, beliefs: Array, costs: Array) -> tuple[Columns, Array]:
-        """Columns and rows that answer the fixed estimates, each within its budget and the cap."""
+        """Columns and rows of best replies to the fixed estimates, each within its budget and the cap."""
         columns = self._found.columns
         limits = self.budget.limits(costs)
         regrets = columns.regrets(beliefs, costs)
@@ -167,7 +167,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         poor = np.flatnonzero(least.min(axis=1) > limits + rounding_of(costs))
         n_played = len(columns)
         gains = self._gains(beliefs)
-        if poor.size:  # an own decision that was never played is taken at face value: it gains nothing
+        if poor.size:  # an optimal decision outside the mechanism is taken at face value: its error is 0
             columns = columns.joined(beliefs[poor])
             regrets = columns.regrets(beliefs, costs)
             own = np.zeros((len(beliefs), len(columns) - n_played), dtype=bool)
@@ -181,7 +181,7 @@ class StackelbergDecisionMaker(AwareDecisionMaker["_Solution"]):
         return columns, _answers(table, gains, limits)
 
     def _gains(self, beliefs: Array) -> Array:
-        """The loss of the fixed answers above the loss where the belief is known, shape (T,M)."""
+        """The excess loss of the fixed answers over the loss at the known belief, shape (T,M)."""
         answers = self._found.answers
         if answers is None:
             return np.asarray(((beliefs[:, None, :] - self.estimates[None]) ** 2).sum(axis=2))
@@ -199,10 +199,8 @@ class _Solution:
     bound: float
     prior_error: float  # beyond `least`
     goal: float
-    least: float = 0.0  # the loss where the belief is known
-    answers: Array | None = (
-        None  # what the rival's mixed answers cost in each state, where it has a decision of its own
-    )
+    least: float = 0.0  # the loss at the known belief
+    answers: Array | None = None  # state costs of the rival's mixed answers, where it has a decision of its own
 
     levels: tuple[float, ...] = ()
 
@@ -238,7 +236,7 @@ def _solved(maker: StackelbergDecisionMaker, progress: Progress | None) -> _Solu
     poor = ~(table.least <= limits + rounding_of(table.optimal_costs))
     if poor.any():
         table = maker._table(maker.columns.joined(prior.beliefs[poor]))
-    held = prior.weights > tolerances.NO_WEIGHT  # the others answer, and count in the bound
+    held = prior.weights > tolerances.NO_WEIGHT  # beliefs of weight 0 play best replies, and count in the bound
     goal = maker.asked
     if goal is None:
         small = np.count_nonzero(held) * len(table.columns) <= _SMALL

@@ -1,9 +1,10 @@
-"""The mechanism that leaves a rival with a decision of its own the largest loss: linear programmes over its answers.
+"""The mechanism of largest loss for a rival with a decision of its own: linear programmes over the rival's answers.
 
 The rival's costs are linear in the belief, so with answers a of gain g_b(a) = ℓ(π_b,a) − L(δ_b) its loss under rows K is
-Σ_m t_m, t_m = min_a Σ_b p_b K_bm g_b(a). Answers of a rival with few choices are all there; others join after the posterior
-means at which they are best (Kelley's cuts). Decisions join while the multipliers y_ma of the answers, a mixed answer for every
-decision, leave some belief tempted: any mixed answers bound the loss by every belief's best reply to them (`best_mixtures`).
+Σ_m t_m, t_m = min_a Σ_b p_b K_bm g_b(a). If the rival has few choices, all are answers from the start; else an answer enters
+that is best at a posterior mean (Kelley's cuts). The multipliers y_ma of the answers are a mixed answer to every decision. A
+decision enters while its reduced cost is negative for some belief; it is then said to *tempt* the belief. Any mixed answers
+bound the loss by every belief's best reply to them (`best_mixtures`).
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from inscrutable.validation import Array
 
 _MOST_ROUNDS = 60
 _WHOLE = 4_000
-"""Pairs of belief and decision up to which all decisions are there from the first."""
+"""Pairs of belief and decision up to which all decisions are present from the start."""
 _FIRST = 40
 _ADDED = 40
 _PAIRS = 60
-"""Decisions to which a belief is held at most beside those that it plays or is tempted by, in order of what they lack."""
+"""Most decisions of a belief beside those that it plays or that tempt it, by rising reduced cost."""
 _FEW_CHOICES = 12
-"""Choices of a rival up to which all are answers to every decision from the first."""
+"""Choices of a rival up to which all are answers to every decision from the start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,7 @@ class AnswerGame:
         )
 
     def gains(self, answers: Array) -> Array:
-        """Return g_b of answers given as what they cost in each state (n,X): shape (B,n)."""
+        """Return g_b of answers given by their state costs (n,X): shape (B,n)."""
         best = np.atleast_1d(np.asarray(self.rival.optimal_cost(self.beliefs)))
         return np.asarray(np.maximum(self.beliefs @ answers.T - best[:, None], 0.0))
 
@@ -87,7 +88,7 @@ class AnswerGame:
 
 @dataclass(frozen=True, eq=False)
 class Answered:
-    """Rows K (B,M), what the rival's mixed answers cost in each state (M,X), its loss beyond L(δ), and the bound of that."""
+    """Rows K (B,M), state costs of the rival's mixed answers (M,X), its loss beyond L(δ), and the bound of that."""
 
     rows: Array
     answers: Array
@@ -112,7 +113,7 @@ def largest_loss(game: AnswerGame, goal: float, progress: Told | None = None) ->
 
 
 def _constant(game: AnswerGame, at_mean: Array) -> Answered | None:
-    """One decision for all, where every row can afford it, or any rows where nothing can be lost."""
+    """A constant decision, where every row can afford it, or any rows where the loss is 0."""
     free, spread = np.flatnonzero((game.allowed & (game.costs <= 1.0)).all(axis=0)), game.spread
     worthless = spread <= tolerances.NO_ERROR * max(float(np.abs(at_mean).max()), tolerances.TINY)
     if not free.size and not worthless:
@@ -126,7 +127,7 @@ def _constant(game: AnswerGame, at_mean: Array) -> Answered | None:
 
 
 class _Search:
-    """The decisions that are there, and the answers to each, as they grow."""
+    """The present decisions and the answers to each, which grow."""
 
     def __init__(self, game: AnswerGame, goal: float, at_mean: Array) -> None:
         self.game, self.goal, self.spread = game, goal, game.spread
@@ -145,7 +146,7 @@ class _Search:
         self.best = Answered(np.zeros_like(game.costs), self.mixed.copy(), -np.inf, np.inf)
 
     def _first_points(self) -> Array:
-        """All of a few choices; else what is best at the prior's mean and where one state is sure."""
+        """All choices if few; else the best answers to the prior's mean and to each sure state."""
         game = self.game
         if isinstance(game.rival, FiniteProblem) and game.rival.n_choices <= _FEW_CHOICES:
             return np.eye(game.rival.n_choices)
@@ -176,7 +177,7 @@ class _Search:
         return self.best
 
     def _programme(self) -> tuple[Array, Array, Array]:
-        """Rows (B,n), what the model takes each decision's loss for (n,), and the multipliers of all replies in order."""
+        """Rows (B,n), the model's loss of each decision (n,), and the multipliers of all replies in order."""
         game, columns = self.game, self.columns
         belief, place = np.nonzero(self.there[:, columns])
         n_pairs, n = len(belief), len(columns)
@@ -210,7 +211,7 @@ class _Search:
         return self._affordable(shares), found.x[n_pairs:], np.maximum(-found.duals[: len(own)], 0.0)
 
     def _affordable(self, shares: Array) -> Array:
-        """Rows that sum to one and stay within their budgets, up to rounding: what HiGHS is off by goes to the cheapest."""
+        """Rows that sum to one and keep their budgets up to rounding: HiGHS's error goes to the cheapest decision."""
         shares = shares / shares.sum(axis=1, keepdims=True)
         costs = self.costs[:, self.columns]
         cheapest = np.where(self.there[:, self.columns], costs, np.inf).argmin(axis=1)
@@ -222,7 +223,7 @@ class _Search:
         return np.asarray(shares)
 
     def _mix(self, weights: Array) -> None:
-        """Take the multipliers of each decision's answers for a mixed answer: where decisions mix, their mean."""
+        """Normalise the multipliers of each decision's answers to a mixed answer; convex decisions mix to their mean."""
         place = 0
         for m in self.columns:
             numbers = self.replies[int(m)]
@@ -232,12 +233,12 @@ class _Search:
                 self.mixed[m] = self._costs_of(numbers, share / share.sum())
 
     def _costs_of(self, numbers: list[int] | np.ndarray, share: Array) -> Array:
-        # One decision between convex costs no more in any state than the mixture of them.
+        # Of a convex problem the mean decision costs no more in any state than the mixture.
         mixed: Array = self.game.rival.state_costs((share @ self.points[numbers])[None])[0]
         return mixed
 
     def _cut(self, shares: Array, model: Array) -> bool:
-        """Add the best answer to each posterior mean where the model takes the loss for larger than it is."""
+        """Add the best answer to each posterior mean at which the model overestimates the loss."""
         joint = self.game.weights[:, None] * shares
         played = joint.sum(axis=0)
         shown = np.flatnonzero(played > tolerances.NO_WEIGHT)
@@ -252,9 +253,9 @@ class _Search:
         return bool(off.size)
 
     def _priced(self) -> tuple[dict[int, np.ndarray], Array]:
-        """Give decisions that are left out the mixed answer that tempts least, and return those that tempt still.
+        """Give absent decisions the mixed answer that tempts least, and return those that still tempt, with its answers.
 
-        These come with the answers in it. The second is what every pair of belief and decision (B,M) lacks to tempt.
+        The second is the reduced cost of every pair of belief and decision (B,M).
         """
         game, columns = self.game, self.columns
         n_columns = game.costs.shape[1]
@@ -292,7 +293,7 @@ class _Search:
         self.best = best
 
     def _join(self, tempted: dict[int, np.ndarray], lacking: Array, rows: Array) -> None:
-        """Add decisions with their answers, and keep of all pairs those that may be played."""
+        """Add decisions with their answers, and keep only pairs that may be played."""
         first = range(self.n_first)
         for m, answers in tempted.items():
             self.replies[m] = sorted({*first, *answers.tolist()})
@@ -308,7 +309,7 @@ class _Search:
 
 
 def first_means(mean: Array) -> Array:
-    """Return means (n,X) to begin a rival's answers with: that of the prior, where one state is sure, and halfway there."""
+    """Return means (n,X) for the first answers of a rival: the prior's, each sure state, and halfway between."""
     sure = np.eye(len(mean))
     return np.vstack([mean, sure, 0.5 * (sure + mean)])
 

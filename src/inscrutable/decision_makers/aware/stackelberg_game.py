@@ -54,7 +54,7 @@ class Game:
         return self.spread - float(played @ (means**2).sum(axis=1))
 
     def bound(self, estimates: Array) -> Mixtures:
-        """Return the rows' best answers to fixed estimates: Σ p values bounds every error."""
+        """Return the rows' best replies to fixed estimates: Σ p values bounds every error."""
         return best_mixtures(self.costs, self.gains(estimates), np.ones(len(self.weights)), self.allowed)
 
 

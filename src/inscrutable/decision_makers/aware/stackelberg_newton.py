@@ -2,7 +2,7 @@
 
 On arrays alone. The dual of the largest error is min Σ_b p_b (ℓ_b + λ_b) over levels ℓ, prices λ ≥ 0 and estimates μ with
 |π_b − μ_m|² ≤ ℓ_b + λ_b c_bm for every allowed column: no column offers a row more than its level and its price. The rows
-K are its multipliers. Estimates are variables of their own, so that those of hardly played columns are sound as well: the
+K are its multipliers. Estimates are variables, so that those of columns with little probability are accurate as well: the
 spare S_bm = ℓ_b + λ_b c_bm − |π_b − μ_m|² stays positive, and every step ends with a mechanism and a bound.
 """
 
@@ -33,7 +33,7 @@ _RANGE = 10.0
 _TINY = np.finfo(float).tiny
 
 Pair = tuple[Array, Array]
-"""Something of every row and column (B,M), and of every row's budget (B,)."""
+"""A value of every row and column (B,M), and one of every row's budget (B,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Saddle:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Where the method is, or a move from there: each field changes by its like."""
+    """The iterate, or a step from it, which is added field by field."""
 
     rows: Array  # (B,M)
     unspent: Array  # (B,)
@@ -63,8 +63,8 @@ class _Point:
 class _Newton:
     """Newton's system at one point, made once for the predictor and the corrector.
 
-    Per row and per column it is diagonal by blocks; what couples them is solved in whichever are fewer, the 2 B levels
-    and prices or the M d estimates.
+    It is block diagonal per row and per column; the Schur complement is formed in the smaller of the two, the 2 B levels and
+    prices or the M d estimates.
     """
 
     def __init__(self, game: Game, costs: Array, now: _Point) -> None:
@@ -72,7 +72,7 @@ class _Newton:
         self.ratio = now.rows / now.spare
         scale = game.weights[:, None] * self.ratio
         self.by_level = scale.sum(axis=1)
-        # Costs about their mean in each row's own metric: levels and prices are then orthogonal, and nothing cancels.
+        # Costs centred in each row's own metric: levels and prices are then orthogonal, without cancellation.
         self.mean_costs = (scale * costs).sum(axis=1) / self.by_level
         self.about = costs - self.mean_costs[:, None]
         self.to_level, self.to_price = scale, scale * self.about
@@ -81,7 +81,7 @@ class _Newton:
         self.own = self._own_blocks(scale)
         self.on_rows = 2 * len(costs) < self.own.shape[0] * self.own.shape[1]
         system = self._of_rows() if self.on_rows else self._of_columns()
-        # Every unknown in its own unit: those of hardly played columns are tiny.
+        # Every unknown in its own unit: those of columns with little probability are tiny.
         self.units = 1.0 / np.sqrt(np.maximum(np.diag(system), _TINY))
         self.factors = _factored(system * self.units[:, None] * self.units)
 
@@ -96,7 +96,7 @@ class _Newton:
         return blocks
 
     def _of_columns(self) -> Array:
-        """What is left for the estimates once levels and prices are solved for."""
+        """The Schur complement in the estimates, with levels and prices eliminated."""
         n_columns, size = self.own.shape[:2]
         first = (self.to_level / np.sqrt(self.by_level)[:, None])[:, :, None] * self.away
         second = (self.to_price / np.sqrt(self.by_price)[:, None])[:, :, None] * self.away
@@ -109,7 +109,7 @@ class _Newton:
         return np.asarray(system)
 
     def _of_rows(self) -> Array:
-        """What is left for levels and prices once the estimates are solved for."""
+        """The Schur complement in levels and prices, with the estimates eliminated."""
         inverse = np.linalg.inv(np.linalg.cholesky(self.own))
         turned = np.empty_like(self.away)
         for i in range(turned.shape[2]):
@@ -183,7 +183,7 @@ def _factored(system: Array) -> tuple[Array, np.ndarray]:
 
 
 def saddle(game: Game, goal: float, progress: Callable[[int], None] | None = None) -> Saddle:
-    """Return rows and estimates whose errors are about `goal` apart, as a share of the bound, or as near as they come."""
+    """Return rows and estimates with a relative gap of about `goal`, or the smallest gap reached."""
     costs = np.where(game.allowed, game.costs, 0.0)
     rows, levels, prices = centred_start(game, game.spread / np.sqrt(costs.shape[1]) * _centres(game))
     estimates = np.zeros((costs.shape[1], game.points.shape[1]))
@@ -212,7 +212,7 @@ def _judged(game: Game, now: _Point) -> Saddle:
 
 
 def _centres(game: Game) -> Array:
-    """How large the products of each row are to be beside the others' (B,): light rows come after."""
+    """Relative size of the products of each row (B,): rows of small weight have smaller ones."""
     return np.asarray(1.0 / np.sqrt(len(game.weights) * game.weights))
 
 
@@ -234,7 +234,7 @@ def _longest(values: Array, move: Array) -> float:
 
 
 def _lengths(now: _Point, move: _Point, allowed: np.ndarray) -> tuple[float, float]:
-    """How far rows and unspent budgets, and how far the other side, may go until something is zero."""
+    """The largest primal step (rows, unspent budgets) and dual step at which nothing is negative."""
     rows = min(_longest(np.where(allowed, now.rows, 1.0), move.rows), _longest(now.unspent, move.unspent))
     # A slack is quadratic: S + t S' − t² |μ'|². Where it never falls the denominator below is zero.
     bend = (move.estimates**2).sum(axis=1)
@@ -244,7 +244,7 @@ def _lengths(now: _Point, move: _Point, allowed: np.ndarray) -> tuple[float, flo
 
 
 def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
-    """Take one step of predictor, corrector and a few centring corrections; None where it leads nowhere."""
+    """Take one step of predictor, corrector and a few centring corrections; None where it is too short."""
     newton = _Newton(game, costs, now)
     products = _products(game, now, None, (0.0, 0.0))
     move = newton.towards(*(-each for each in products))
@@ -254,7 +254,7 @@ def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
     second = move.rows * move.spare - bend, move.prices * move.unspent
     aim = share * each[:, None] - products[0] - second[0], share * each - products[1] - second[1]
     move, primal, dual = _corrected(game, newton, share * each, (np.where(game.allowed, aim[0], 0.0), aim[1]))
-    if min(primal, dual) <= _SHORT:  # products differ too much: little more than centring
+    if min(primal, dual) <= _SHORT:  # products differ too much: mostly a centring step
         centre = _MOST_CENTRED * each
         inner = np.where(game.allowed, centre[:, None] - products[0], 0.0), centre - products[1]
         back = _corrected(game, newton, centre, inner)
@@ -263,7 +263,7 @@ def _stepped(game: Game, costs: Array, now: _Point) -> _Point | None:
     if not np.isfinite(primal * dual) or max(primal, dual) < tolerances.NEWTON_STEP:
         return None
     levels, prices = now.levels + dual * move.levels, now.prices + dual * move.prices
-    # Not from levels and prices anew: of a tiny spare that would leave rounding.
+    # Updated, not recomputed from levels and prices: a tiny spare would be lost to rounding.
     reached = np.where(game.allowed, _spare_after(now, move, dual), 1.0)
     rows = now.rows + primal * move.rows
     if not (np.isfinite(rows).all() and reached.min() > 0):
@@ -302,7 +302,7 @@ def _within(products: Pair, centre: Array, width: float) -> Pair:
 
 
 def _moved(game: Game, newton: _Newton, aim: Pair) -> tuple[_Point, float, float]:
-    """A move and how far either side goes along it."""
+    """A step and its primal and dual lengths."""
     move = newton.towards(*aim)
     primal, dual = (min(1.0, _TO_BOUNDARY * each) for each in _lengths(newton.now, move, game.allowed))
     return move, primal, dual

@@ -1,8 +1,7 @@
-"""The mechanism of largest Bayes error among any number of columns: few are played, and a reduced cost shows whether others
-could be.
+"""The mechanism of largest Bayes error among any number of columns, by column generation.
 
-On arrays alone. Where a column is left out its estimate is free: the one that least tempts any belief is the centre of a
-ball in X − 1 dimensions.
+On arrays alone. The estimate of an absent column is free: the one of the largest least reduced cost is the centre of a ball
+in X − 1 dimensions. A column *tempts* a belief where its reduced cost is negative.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from inscrutable.decision_makers.aware.stackelberg_newton import MOST_STEPS, Sad
 from inscrutable.validation import Array
 
 _LARGE = 2e10
-"""Multiplications of one Newton step above which columns are left out, as long as their reduced costs allow it."""
+"""Multiplications of one Newton step above which columns are generated."""
 _FIRST_COLUMNS = 300
 _ADDED = 200
 _MOST_ROUNDS = 25
@@ -97,7 +96,7 @@ def _by_columns(game: Game, goal: float, progress: Told | None) -> Confounded:
 
 
 def _constant(game: Game) -> Confounded | None:
-    """One column for all, where every row can afford it: the observer is left with the prior."""
+    """A constant decision, where every row can afford it: the posterior is the prior."""
     free = np.flatnonzero((game.allowed & (game.costs <= 1.0)).all(axis=0))
     if not free.size:
         return None
@@ -107,12 +106,12 @@ def _constant(game: Game) -> Confounded | None:
 
 
 def first_columns(given: Array, allowed: np.ndarray, most: int) -> np.ndarray:
-    """Columns far apart in what they cost whom, and for every row one that leaves it half of its budget."""
+    """Columns whose costs differ most over the rows, and for every row one that costs at most half of its budget."""
     n_columns = given.shape[1]
     if n_columns <= most:
         return np.arange(n_columns)
     costs = np.where(allowed, given, np.inf)
-    features = np.minimum(costs, _DEAR).T  # dearer is much the same
+    features = np.minimum(costs, _DEAR).T  # costs above this are treated as equal
     chosen = [int(features.sum(axis=1).argmin())]
     squares = (features**2).sum(axis=1)
     distance = np.full(n_columns, np.inf)
@@ -122,7 +121,7 @@ def first_columns(given: Array, allowed: np.ndarray, most: int) -> np.ndarray:
         chosen.append(int(distance.argmax()))
     columns = np.unique(chosen)
     poor = np.flatnonzero(costs[:, columns].min(axis=1) > 0.5)
-    while poor.size:  # the column that helps most of them, in turn
+    while poor.size:  # greedily: the column that serves most of them
         helped = (costs[poor] <= np.maximum(0.5, costs[poor].min(axis=1))[:, None]).sum(axis=0)
         columns = np.union1d(columns, helped.argmax())
         low = np.maximum(0.5, costs.min(axis=1))
@@ -139,9 +138,9 @@ def _needed(game: Game, found: Saddle, columns: np.ndarray) -> np.ndarray:
 
 
 def _priced(game: Game, found: Saddle, columns: np.ndarray, goal: float) -> tuple[Array, Array]:
-    """Estimates of all columns, of those left out the ones that tempt least, and by how much each does still (M,).
+    """Estimates of all columns, for absent ones those that tempt least, and how much each still tempts (M,).
 
-    What tempts by less than a small share of the gap does not count.
+    A reduced cost below a small share of the gap does not count.
     """
     near = _PRICED * (goal * found.error + tolerances.NO_ERROR * game.spread)
     estimates = np.zeros((game.costs.shape[1], game.points.shape[1]))
@@ -184,7 +183,7 @@ def least_tempting(points: Array, offers: Array, near: float) -> Array:
             left, newton = left[going], newton[going]
             if not left.size:
                 break
-            # Damped as for a self-concordant function: the smooth maximum turns within a few ε.
+            # Damped as for a self-concordant function: the gradient of the smooth maximum changes within a few ε.
             length = np.sqrt(2.0 * rise[going] / smooth)
             centres[left] += newton * (1.0 / (1.0 + np.maximum(length - 1.0, 0.0)))[:, None]
         if smooth <= last:
